@@ -95,16 +95,21 @@ def make_scatterer(
     azimuths: Azimuths,
     way: int,
     run: Run,
+    table: Array | None = None,
+    path: Array | None = None,
 ) -> Scatter:
-    """Of a piece, for light reflected (way 0) or let through (1)."""
+    """Of a piece, for light reflected (way 0) or let through (1); or of another table of a phase matrix, with ``path``
+    (n_in, n_sight) in the place of gain times path."""
     layer, index = int(cut.layer[k]), media.scene.media[1 + int(cut.layer[k])]
     place = 1 + layer
-    table = _core.series_table(media.scene.layers[layer].phase_matrix.coefficients)
+    if table is None:
+        table = _core.series_table(media.scene.layers[layer].phase_matrix.coefficients)
     lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
     mu_in = np.where(lit, into[place], 1.0)
     mu_out = np.where(out, sights.cosines[place], 1.0)
-    path = integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out)[way].T * (lit[:, None] & out)
-    path *= problem.gain[layer] / (4.0 * np.pi * index**2 * mu_in[:, None])
+    if path is None:
+        path = problem.gain[layer] * integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out)[way].T
+    weighted = np.ascontiguousarray(path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None]))
     signed = -mu_out if way else mu_out
     cosine, sine = compute_cos_sin(azimuths.distinct)
 
@@ -114,7 +119,7 @@ def make_scatterer(
             run.kernels.add_single_scattering(
                 crew,
                 table=table,
-                path=np.ascontiguousarray(path[None, first:last]),
+                path=weighted[None, first:last],
                 mu0=np.ascontiguousarray(mu_in[first:last]),
                 mu=signed,
                 cos_phi=cosine,

@@ -111,11 +111,13 @@ def list_sights(media: Media, mu_out: Array) -> Sights:
 
 
 def join_pieces(joints: Joints, cut: Cut) -> Joints:
-    """The joints of a cut pile from those of its scene: nothing happens at a mere cut."""
+    """The joints of a cut pile from those of its scene: nothing happens at a mere cut. Complex where thicknesses are,
+    as derivatives take them."""
     count = joints.above.shape[1]
     nothing, all_ = np.zeros((1, count, 4, 4)), np.broadcast_to(np.eye(4), (1, count, 4, 4))
     ways = (("above", nothing), ("below", nothing), ("down", all_), ("up", all_))
-    return Joints(*(np.concatenate([getattr(joints, name), cut_])[cut.joint] for name, cut_ in ways))
+    parts = (np.concatenate([getattr(joints, name), cut_])[cut.joint] for name, cut_ in ways)
+    return Joints(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
 
 
 def find_fading_of_pieces(cut: Cut, cosines: Array) -> Array:
@@ -140,14 +142,15 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
     chosen = np.ix_(members, members)
     joints = Joints(*(part[..., chosen[0], chosen[1]] for part in vars(joints).values()))
     n_joint, n_sight, size = cut.joint.size, sights.cosines.shape[1], len(members)
-    parts = [np.zeros((n_joint, n_sight, size, len(sources), size)) for _ in range(4)]
+    kind = cut.thickness.dtype
+    parts = [np.zeros((n_joint, n_sight, size, len(sources), size), kind) for _ in range(4)]
     for source, (joint, way) in enumerate(sources.tolist()):
         parts[way][joint, :, :, source] = np.eye(size)
     rising, arriving, leaving, entering = (part.reshape(n_joint, n_sight, size, -1) for part in parts)
     found = pass_along(joints, find_fading_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising))
     shape = (n_joint, n_sight, size, len(sources), size)
     n_out = sights.place.shape[1]
-    seen = np.empty((cut.at.size, n_out, *shape[2:]))
+    seen = np.empty((cut.at.size, n_out, *shape[2:]), kind)
     for t, (joint, under) in enumerate(zip(cut.at.tolist(), media.depths.under.tolist(), strict=True)):
         up, down = (found.rising, found.entering) if under else (found.leaving, found.arriving)
         seen[t, :n_up] = up.reshape(shape)[joint, sights.place[t, :n_up]]

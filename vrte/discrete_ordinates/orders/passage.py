@@ -92,9 +92,13 @@ class Passage:
         index = self.media.scene.media[-1]
         return expand_lossless_base(base, self.of_medium(index, len(self.media.scene.media) - 1), n_order, accuracy)
 
-    def reflect_on_base(self, order: int) -> tuple[Array | None, Array]:
-        """The base's operator on all nodes (n, n), None for none, and its reflection of the beam, (n, r)."""
-        base, problem = self.base, self.problem
+    def reflect_on_base(
+        self, order: int, base: Base | None = None, arriving: Array | None = None
+    ) -> tuple[Array | None, Array]:
+        """The base's operator on all nodes (n, n), None for none, and its reflection of the beam, (n, r); or those of
+        another base, or of a beam of other power ``arriving`` (n_in, S, n_col)."""
+        base, problem = self.base if base is None else base, self.problem
+        arriving = self.arriving if arriving is None else arriving
         light = np.zeros((problem.size, problem.n_rhs))
         row = -1 if base is None else int(base.row[order])
         if base is None or row < 0:
@@ -104,14 +108,14 @@ class Passage:
         matrix[problem.size - count :, problem.size - count :] = base.matrix[row].T
         index, into = self.media.scene.media[-1], self.into[-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            flux = np.where(into[:, None, None] > 0.0, self.arriving / into[:, None, None], 0.0) / index
+            flux = np.where(into[:, None, None] > 0.0, arriving / into[:, None, None], 0.0) / index
         source = base.source[row].reshape(into.size, -1, count)  # (n_in, S, n), for unit Stokes vectors
         light[problem.size - count :] = np.einsum("ian,iac->nic", source, flux).reshape(count, -1)
         return matrix, light
 
-    def leave_base(self, order: int, arriving: Array) -> Array:
-        """What the base sends along the sights of light on the nodes, (n, r): (n_sight, S, r)."""
-        base, stokes = self.base, len(self.problem.stokes)
+    def leave_base(self, order: int, arriving: Array, base: Base | None = None) -> Array:
+        """What the base, or another one, sends along the sights of light on the nodes, (n, r): (n_sight, S, r)."""
+        base, stokes = self.base if base is None else base, len(self.problem.stokes)
         shape = self.sights.cosines.shape[1], stokes, self.problem.n_rhs
         row = -1 if base is None else int(base.row[order])
         if base is None or row < 0:
@@ -120,14 +124,15 @@ class Passage:
         found: Array = base.out[row].T @ own / self.media.scene.media[-1]
         return found.reshape(shape)
 
-    def look(self, sent: Array) -> Array:
+    def look(self, sent: Array, escapes: Array | None = None) -> Array:
         """What is seen of light ``sent`` out along the sights (source, n_sight, S, r): radiance for unit beams, (n_tau,
-        n_in, n_col, n_out, S), public frame."""
+        n_in, n_col, n_out, S), public frame. ``escapes``: other ones than those of the pile."""
+        escapes = self.escapes if escapes is None else escapes
         problem, stokes = self.problem, len(self.problem.stokes)
         light = np.empty((*self.sights.place.shape, stokes, problem.n_rhs))
         for t, row in enumerate(self.sights.place):
             seen = sent[:, row].transpose(1, 0, 2, 3).reshape(row.size, -1, problem.n_rhs)
-            light[t] = self.escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
+            light[t] = escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
         light[:, : problem.n_up] *= problem.flip[:, None]
         light /= 2.0 * np.pi
         return light.reshape(*light.shape[:3], problem.mu0.size, -1).transpose(0, 3, 4, 1, 2)

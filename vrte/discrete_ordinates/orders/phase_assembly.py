@@ -76,7 +76,9 @@ def balance_flux(problem: Problem, matrices: Assembled, order: int) -> None:
     unit /= total
     out, into = np.zeros(problem.rows_out), np.zeros(stokes * problem.mu0.size)
     out[::stokes] = into[::stokes] = 1.0 / total
-    for layer, albedo in enumerate(problem.albedo.tolist()):
+    for layer, albedo in enumerate(
+        (problem.albedo * problem.coefficients[:, 0, 0]).tolist()
+    ):  # a1[0] is 1 but of changes
         E, G, source = matrices.E[order, layer], matrices.G_E[order, layer], matrices.source_d[order, layer]
         scattered = -E
         scattered[np.arange(problem.size), np.arange(problem.size)] += np.repeat(1.0 / problem.nodes, stokes)

@@ -1,0 +1,154 @@
+"""Derivatives of slabs and piles against differences of whole solves, divided differences against ball arithmetic."""
+
+from dataclasses import replace
+
+import flint
+import numpy as np
+import pytest
+
+import vrte
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_request, find_gap
+from vrte.discrete_ordinates.derivatives.functions import Fading
+from vrte.discrete_ordinates.derivatives.slab import step_aside
+from vrte.discrete_ordinates.planning.plan import plan_request
+from vrte.methods import choose_method, make_run
+from vrte.request.request import make_brdf_request
+
+MU, PHI, NODES = [0.3, 0.9, 1.0], [0.0, 50.0, 180.0], 4
+SPHERES = vrte.spheres(1.7 + 0.02j, wavelength_um=0.5, radius_um=0.08).phase_matrix
+PEAKED = vrte.henyey_greenstein(0.6, 80)
+COAT = vrte.Interface(1.0, 1.5)
+
+
+def make_layer(phase=SPHERES, albedo=0.9, thickness=0.7):
+    return vrte.Layer(phase, albedo, thickness)
+
+
+SCENES = {
+    "one layer": vrte.Scene([make_layer()]),
+    "two over a base": vrte.Scene([make_layer(), make_layer(vrte.rayleigh(), 0.8, 1.5)], vrte.Lambertian(0.4)),
+    "endless": vrte.Scene([make_layer(thickness=0.5), make_layer(vrte.rayleigh(), 0.8, np.inf)]),
+    "peak cut off": vrte.Scene([make_layer(PEAKED, 0.9, 2.0)], vrte.Lambertian(0.3)),
+    "under a surface": vrte.Scene([make_layer()], vrte.Lambertian(0.3), [COAT, None]),
+    "plate": vrte.Scene([make_layer()], interfaces=[COAT, vrte.Interface(1.5, 1.0)]),
+    "facets": vrte.Scene([make_layer(vrte.rayleigh())], vrte.Lambertian(0.3), [replace(COAT, roughness=0.4), None]),
+    "clear": vrte.Scene([make_layer(albedo=0.0), make_layer()], vrte.Lambertian(0.5)),
+    "facets below": vrte.Scene([make_layer(vrte.rayleigh(), 0.8, 0.6)], vrte.Facets(0.4, 1.5)),
+}
+
+
+def make_request(scene, **how):
+    given = {"nodes": NODES, "accuracy": 1e-11, "phi": PHI, "mu_i": MU, "mu_o": MU, **how}
+    defaults = {
+        "threads": 1, "transmission": False, "progress": None, "algorithm": None, "verify": None, "truncation": None,
+        "backend": None, "method": "discrete-ordinates", "settings": None, "illuminate": "top", "time_limit_s": None,
+    }  # fmt: skip
+    return choose_method(make_brdf_request(scene=scene, **(defaults | given)))
+
+
+def make_variations(scene):
+    """Of each layer's thickness, albedo and coefficients, all that there is at once."""
+    rng, count = np.random.default_rng(3), len(scene.layers)
+    found = []
+    for k, layer in enumerate(scene.layers):
+        unit = np.eye(count)[k]
+        if np.isfinite(layer.thickness):
+            found.append(vrte.Variation("thickness", 1.0, unit, np.zeros(count)))
+        if layer.albedo:
+            table = layer.phase_matrix.coefficients * rng.uniform(-0.1, 0.1, (layer.phase_matrix.terms, 6))
+            table[0, 0] = 0.0
+            tables = [np.zeros((0, 6))] * count
+            tables[k] = table
+            found.append(vrte.Variation("scattering", 1.0, np.zeros(count), 0.3 * unit, tuple(tables)))
+    return found
+
+
+def move_scene(scene, variation, h):
+    layers = []
+    for k, layer in enumerate(scene.layers):
+        table = layer.phase_matrix.coefficients + 0.0
+        change = variation.coefficients[k]
+        table[: change.shape[0]] += h * change
+        albedo, thickness = layer.albedo + h * variation.albedo[k], layer.thickness + h * variation.thickness[k]
+        layers.append(replace(layer, phase_matrix=vrte.PhaseMatrix(*table.T), albedo=albedo, thickness=thickness))
+    return replace(scene, layers=layers)
+
+
+def difference(function, h):
+    """Of fourth order."""
+    far, near = function(2.0 * h) - function(-2.0 * h), function(h) - function(-h)
+    return (8.0 * near - far) / (12.0 * h)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_derivatives_are_what_differences_of_solves_tend_to(name):
+    scene, mu = SCENES[name], np.array(MU)
+    ends = name == "plate"
+    request = make_request(scene, transmission=ends)
+    variations = make_variations(scene)
+    solutions = differentiate_request(request, variations, make_run(request))
+    for variation, found in zip(variations, solutions, strict=True):
+
+        def solve(h, variation=variation):
+            how = {"mu_i": MU, "mu_o": MU, "phi": PHI, "nodes": NODES, "accuracy": 1e-11, "transmission": ends}
+            solved = vrte.brdf(move_scene(scene, variation, h), **how)
+            parts = [solved.mueller.ravel(), solved.reflectance]
+            return np.concatenate(parts + ([solved.transmission.ravel()] if ends else []))
+
+        parts = [found.parts[0][0].ravel(), found.flux_up[0, :, 0] / mu]
+        got = np.concatenate(parts + ([found.parts[1][0].ravel()] if ends else []))
+        expected = difference(solve, 3e-4)
+        assert np.abs(got - expected).max() < 1e-8 * np.abs(expected).max(), variation.name
+        assert np.abs(expected).max() > 1e-6
+
+
+def test_the_base_changes_alone():
+    scene = SCENES["two over a base"]
+    request = make_request(scene)
+    variation = vrte.Variation("base", 0.4, np.zeros(2), np.zeros(2), base=((1.0, vrte.Lambertian(1.0)),))
+    (found,) = differentiate_request(request, [variation], make_run(request))
+    how = {"mu_i": MU, "mu_o": MU, "phi": PHI, "nodes": NODES, "accuracy": 1e-11}
+    expected = difference(lambda h: vrte.brdf(replace(scene, base=vrte.Lambertian(0.4 + h)), **how).mueller, 1e-3)
+    assert np.abs(found.parts[0][0] - expected).max() < 1e-10
+
+
+@pytest.mark.parametrize("half", [1e-6, 0.3, 40.0, 5e3])
+def test_divided_differences_keep_their_digits(half):
+    points = np.array([1e-9, 1e-9 * (1.0 + 1e-7), 1e-3, 0.4, 0.4, 0.41, 0.45, 3.0, 1e3, 1.05e3])
+    f, g = Fading(half).divide(points, points)
+    flint.ctx.prec = 300
+    try:
+        for i, a in enumerate(points.tolist()):
+            for k, b in enumerate(points.tolist()):
+                x, y = flint.arb(a), flint.arb(b)
+                if a == b:
+                    y = x * (1 + flint.arb(2) ** -100)
+                values = [flint.arb.tanh(flint.arb(half) * p.sqrt()) / p.sqrt() for p in (x, y)]
+                expected = (values[0] - values[1]) / (x - y)
+                product = (x * values[0] - y * values[1]) / (x - y)
+                assert f[i, k] == pytest.approx(float(expected.mid()), rel=1e-12)
+                assert g[i, k] == pytest.approx(float(product.mid()), rel=1e-12)
+    finally:
+        flint.ctx.prec = 53
+
+
+def test_a_direction_on_a_mode_is_stepped_around():
+    lam = np.array([1.0, 4.0, 9.0])
+    aside = step_aside(np.array([0.5, 0.6]), lam, 2)
+    assert aside.rate.size == 14
+    smooth = np.exp(-aside.rate)[None]  # what is interpolated is as smooth as this
+    assert np.abs(aside.gather(smooth, 4)[0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
+    assert (np.abs(lam[:, None] - aside.rate**2) > 1e-2).all()
+
+
+def test_what_cannot_be_told_is_refused_or_named():
+    endless = vrte.Scene([make_layer(vrte.rayleigh(), 1.0, np.inf)])
+    request = make_request(endless)
+    variation = vrte.Variation("layer[1].albedo", 1.0, [0.0], [1.0])
+    with pytest.raises(vrte.SceneError, match="infinite"):
+        differentiate_request(request, [variation], make_run(request))
+    with pytest.raises(vrte.SceneError, match="no end"):
+        differentiate_request(request, [vrte.Variation("depth", 1.0, [1.0], [0.0])], make_run(request))
+    peaked = make_request(SCENES["peak cut off"], transmission=True)
+    plan = plan_request(peaked, make_run(peaked))
+    assert "small angles" in find_gap(plan, vrte.Variation("depth", 2.0, [1.0], [0.0]))

@@ -1,0 +1,1 @@
+"""Derivatives of multiply and singly scattered light: the algebra of slabs and joints, differentiated."""

@@ -1,0 +1,138 @@
+"""What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.media import Cut, find_beams, find_escapes
+from vrte.discrete_ordinates.orders.passage import Passage
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried
+from vrte.optics.truncation import expand_peak
+from vrte.scene.beams import Passing
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+
+STEP = 1e-40  # of thicknesses, into the imaginary: no difference is taken, so none loses digits
+FAR = 1e300  # stands for a layer without end there
+
+
+@dataclass(frozen=True, eq=False)
+class LayerChange:
+    """Derivatives of a truncated layer: thickness, of stretch and gain as in `vrte.optics.truncation.Truncated`, and of
+    the albedo times the coefficients, (terms, 6); ``whole`` (terms, 6): of all of its coefficients."""
+
+    thickness: float
+    stretch: float
+    gain: float
+    scattering: Array
+    whole: Array
+
+
+def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, scalar: bool) -> LayerChange:
+    """Of layer k, whose peak is taken off or not: the formulas of `vrte.optics.truncation`, differentiated."""
+    layer, table = scene.layers[k], variation.coefficients[k]
+    tau, albedo = layer.thickness, layer.albedo
+    d_tau, d_albedo = float(variation.thickness[k]), float(variation.albedo[k])
+    carried = count_terms_carried(scene, problem.nodes.size)
+    given = layer.phase_matrix.coefficients
+    whole = np.zeros((max(given.shape[0], table.shape[0]), 6))
+    whole[: table.shape[0]] = table
+    rows = problem.coefficients.shape[1]
+    cut, d_cut = np.zeros((rows, 6)), np.zeros((rows, 6))
+    kept = min(carried, rows)
+    f, d_f = float(problem.fraction[k]), 0.0
+    if f > 0.0:
+        d_f = float(whole[carried, 0]) / (2 * carried + 1) if whole.shape[0] > carried else 0.0
+    stretch = 1.0 - albedo * f
+    d_stretch = -(d_albedo * f + albedo * d_f)
+    count, d_count = min(kept, given.shape[0]), min(kept, whole.shape[0])
+    cut[:count], d_cut[:d_count] = given[:count], whole[:d_count]
+    if f > 0.0:
+        peak = np.zeros((rows, 6))
+        peak[:kept] = expand_peak(kept, scalar)
+        cut, d_cut = (
+            (cut - f * peak) / (1.0 - f),
+            (d_cut - d_f * peak) / (1.0 - f) + (cut - f * peak) * (d_f / (1.0 - f) ** 2),
+        )
+    own = albedo * (1.0 - f) / stretch
+    d_own = (d_albedo * (1.0 - f) - albedo * d_f - own * d_stretch) / stretch
+    finite = 0.0 if np.isinf(tau) else d_tau * stretch + tau * d_stretch
+    d_gain = (d_albedo - albedo / stretch * d_stretch) / stretch
+    return LayerChange(finite, d_stretch, d_gain, d_own * cut + own * d_cut, whole)
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A variation as the pile of a `Passage` meets it: its layers; the pieces' thickness (piece,); the beams, as
+    `Passing` of Mueller matrices, and escapes of all four Stokes parameters, None where no thickness changes."""
+
+    variation: Variation
+    layers: tuple[LayerChange, ...]
+    pieces: Array
+    beams: Passing | None
+
+    @property
+    def scatters(self) -> list[bool]:
+        """Whether the scattering of each layer changes."""
+        return [bool(layer.scattering.any()) for layer in self.layers]
+
+
+def find_change(passage: Passage, variation: Variation, scalar: bool) -> Change:
+    """What a variation changes of a pile."""
+    problem, scene = passage.problem, passage.media.scene
+    layers = tuple(change_layer(problem, scene, k, variation, scalar) for k in range(len(scene.layers)))
+    pieces = change_pieces(passage, variation, layers)
+    beams = None
+    if pieces.any():
+        _, moved = find_beams(passage.media, lengthen(passage.cut, pieces), problem.mu0)
+        beams = Passing(*(part.imag / STEP for part in vars(moved).values()))
+    return Change(variation, layers, pieces, beams)
+
+
+def change_pieces(passage: Passage, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
+    """Derivatives of the pieces' thickness, (piece,): a depth inside a layer stays where it is below the top of all,
+    the faces of layers move."""
+    problem, depths = passage.problem, passage.media.depths
+    true_top = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(variation.thickness), variation.thickness, 0.0))])
+    found = np.zeros(passage.cut.layer.size)
+    stretch = np.where(problem.albedo > 0.0, 1.0 - problem.fraction * find_albedo(passage), 1.0)
+    for k, layer in enumerate(layers):
+        own = np.flatnonzero(passage.cut.layer == k)
+        here = (depths.joint < 0) & (depths.layer == k)
+        levels = np.unique(problem.level[here])
+        true = levels / stretch[k]
+        moved = layer.stretch * true - stretch[k] * true_top[k]
+        inside = own.size - 1
+        edges = np.concatenate([[0.0], moved[levels > 0.0][:inside], [layer.thickness]])
+        found[own] = np.diff(edges)
+        if np.isinf(problem.thickness[k]):
+            found[own[-1]] = 0.0
+    return found
+
+
+def find_albedo(passage: Passage) -> Array:
+    """The albedos of the layers as they are, (layer,)."""
+    return np.array([layer.albedo for layer in passage.media.scene.layers])
+
+
+def lengthen(cut: Cut, pieces: Array) -> Cut:
+    """The pieces with what changes of them as an imaginary part."""
+    finite = np.where(np.isinf(cut.thickness), FAR, cut.thickness)
+    return replace(cut, thickness=finite + 1j * STEP * pieces)
+
+
+def change_escapes(passage: Passage, change: Change, sources: Array, members: list[int] | None = None) -> Array | None:
+    """Derivatives of what is seen of light that sets out along the sights, as `find_escapes` has it."""
+    if not change.pieces.any():
+        return None
+    found = find_escapes(
+        passage.media,
+        lengthen(passage.cut, change.pieces),
+        passage.sights,
+        passage.problem.n_up,
+        list(ALL) if members is None else members,
+        sources,
+    )
+    return np.asarray(found.imag / STEP)

@@ -1,0 +1,232 @@
+"""Derivatives of what a plan asks for, one for each variation: orders, light scattered once, and fluxes."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.quadrature import make_refracted_nodes
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.derivatives.changes import find_change
+from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
+from vrte.discrete_ordinates.derivatives.pile import Differentiating
+from vrte.discrete_ordinates.execution.carry_out import make_target
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
+from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_parts
+from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
+from vrte.discrete_ordinates.orders.media import Media, Sights
+from vrte.discrete_ordinates.orders.passage import Passage
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.truncating import is_scalar
+from vrte.discrete_ordinates.planning.plan import Plan, plan_request
+from vrte.request.request import Request, find_under
+from vrte.results.solution import Solution
+from vrte.scene.beams import locate_depths
+from vrte.scene.boundary import BLACK
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+
+ALLOWED = 1e-7  # gap between R + T by modes and by doubling, beyond which modes are not trusted
+
+
+def find_gap(plan: Plan, variation: Variation) -> str | None:
+    """Why the algebra of slabs does not tell this derivative of what is planned; None where it does."""
+    scene = plan.request.scene
+    if variation.is_outside:
+        return "it moves a surface or the refractive index of a medium"
+    if any(part.truncation.spread != "none" and part.problem.fraction.any() for part in plan.parts or (plan,)):
+        return "light of small angles is separated"
+    if any(boundary.keeps_beams for weight, boundary in variation.base if weight):
+        return "the base mirrors beams"
+    if variation.base and not scene.below.orders_reflected:
+        return "the base is black"
+    return None
+
+
+def check_finite(scene: Scene, variation: Variation) -> None:
+    """Raises SceneError where a derivative does not exist: the albedo of an endless layer that absorbs nothing, whose
+    light changes as the root of what is absorbed; the thickness of an endless layer."""
+    for k, layer in enumerate(scene.layers, 1):
+        if not np.isinf(layer.thickness):
+            continue
+        if variation.thickness[k - 1]:
+            raise SceneError(f"layer {k} has no end: its thickness cannot change", "derivatives", variation.name)
+        if layer.albedo == 1.0 and variation.albedo[k - 1]:
+            raise SceneError(
+                f"layer {k} has no end and absorbs nothing: there the derivative with its albedo is infinite, as light "
+                "changes with the root of what is absorbed; ask at an albedo below 1 or for a finite thickness",
+                "derivatives",
+                variation.name,
+            )
+
+
+def differentiate_request(
+    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+) -> list[Solution]:
+    """The derivatives of a request's light, as solutions of which every number is a derivative. Raises SceneError where
+    one does not exist, AccuracyError where no algorithm can vouch for it."""
+    return differentiate_plan(plan_request(request, run), variations, run, progress)
+
+
+def differentiate_plan(
+    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+) -> list[Solution]:
+    """The same of a plan that is made already."""
+    if plan.request.illuminate == "bottom":
+        variations = [turn_over(variation) for variation in variations]
+    for variation in variations:
+        check_finite(plan.request.scene, variation)
+    parts = plan.parts or (plan,)
+    found: list[Solution] | None = None
+    for part in parts:
+        own = differentiate_part(part, variations, run, progress)
+        found = own if found is None else [add_solutions(*pair) for pair in zip(found, own, strict=True)]
+    assert found is not None
+    return found
+
+
+def add_solutions(one: Solution, other: Solution) -> Solution:
+    """Both parts of polarized light together."""
+    for values, more in zip(other.parts, one.parts, strict=True):
+        values[..., : more.shape[-1]] += more
+    up, down = (
+        np.concatenate(pair, axis=-1) for pair in ((one.flux_up, other.flux_up), (one.flux_down, other.flux_down))
+    )
+    return Solution(other.parts, up, down, one.diagnostics)
+
+
+def turn_over(variation: Variation) -> Variation:
+    """The variation of a scene that stands on its head, as one lit from the bottom is solved."""
+    return replace(
+        variation,
+        thickness=variation.thickness[::-1],
+        albedo=variation.albedo[::-1],
+        coefficients=variation.coefficients[::-1],
+    )
+
+
+def differentiate_part(
+    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None
+) -> list[Solution]:
+    """Of a plan without parts."""
+    start = time.perf_counter()
+    request, scene = plan.request, plan.request.scene
+    problem, scalar = put_in_media(plan), is_scalar(scene)
+    lights: list[list[Light]] = [[] for _ in variations]
+    flux = np.zeros((len(variations), 2, request.tau.size, request.mu0.size, request.columns.shape[0]))
+    worst, done, total = 0.0, 0, sum(block.orders.size for block in plan.blocks) + len(variations)
+    with PROCESSOR.at_work():
+        for block in plan.blocks:
+            orders = block.orders[block.orders < plan.orders]
+            columns = np.ascontiguousarray(problem.columns[np.ix_(block.columns, block.stokes)])
+            own = trim_nodes(replace(problem, stokes=block.stokes, columns=columns), block.problem.nodes.size)
+            base = scene.below if block.base is not BLACK else BLACK
+            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, variations, scalar)
+            own_run, step = choose_threads(run, own, orders), route.chunk(run.threads)
+            for first in range(0, orders.size, step):
+                some = orders[first : first + step]
+                found = route.differentiate(some, own_run)
+                worst = max(worst, float(found.residual.max()))
+                for k in range(len(variations)):
+                    lights[k].append(
+                        Light(
+                            some, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), found.kernels[k]
+                        )
+                    )
+                if some[0] == 0:
+                    flux[..., list(block.columns)] += found.flux
+                done += some.size
+                if progress is not None:
+                    progress(done, total)
+        if worst > ALLOWED:
+            raise AccuracyError(f"modes and doubling differ by {worst:.2g} in R + T, allowed {ALLOWED:g}")
+        target = replace(make_target(plan), problem=problem)
+        sights, vertices = list_changed_vertices(problem, scene.below, variations, scalar, target.azimuths, run)
+        values = []
+        for k in range(len(variations)):
+            values.append(add_up(target, lights[k], sights, vertices[k], run))
+            if progress is not None:
+                progress(done + k + 1, total)
+    passage = Passage(problem, BLACK, 1, 1.0)
+    solutions = []
+    for k, variation in enumerate(variations):
+        peaks = change_peak_flux(passage, variation, scalar)
+        diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
+        solutions.append(Solution(values[k], flux[k, 0] + peaks[0], flux[k, 1] + peaks[1], diagnostics))
+    return solutions
+
+
+def put_in_media(plan: Plan) -> Problem:
+    """A plan's problem as one of several media, of which a transparent pile has only one."""
+    problem, request = plan.problem, plan.request
+    if problem.media is not None:
+        return problem
+    nodes = make_refracted_nodes(request.scene.media, problem.nodes.size)
+    depths = locate_depths(request.scene, request.tau, find_under(request))
+    return replace(problem, media=Media(request.scene, nodes, depths))
+
+
+def trim_nodes(problem: Problem, count: int) -> Problem:
+    """The problem on its first nodes, where an order sees no light along the others."""
+    media = problem.media
+    assert media is not None
+    if count == problem.nodes.size or problem.is_refracted:
+        return problem
+    kept = replace(
+        media.nodes,
+        highest=media.nodes.highest[:count],
+        depth=media.nodes.depth[:count],
+        measure=media.nodes.measure[:count],
+    )
+    return replace(
+        problem,
+        nodes=problem.nodes[:count],
+        weights=problem.weights[:count],
+        media=Media(media.scene, kept, media.depths),
+    )
+
+
+def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[Vertex], run: Run) -> list[Array]:
+    """Orders and what is scattered once, as the parts that are wanted."""
+    parts, wanted, n_up = make_parts(target), target.wanted, target.problem.n_up
+    add_orders = PROCESSOR.prepare_orders(target, lights, replace(run, threads=1))
+    for part in parts:
+        add_orders(Share(part, 0, wanted.scale.size))
+        scale = wanted.scale[:, None, None, None]
+        for t, light in show_vertices(sights, vertices, n_up, part.levels, part.rows, 0, wanted.scale.size):
+            for column, at in enumerate(wanted.place.tolist()):
+                part.values[t, ..., at] += scale * light[..., column]
+    return [part.values for part in parts]
+
+
+def change_peak_flux(passage: Passage, variation: Variation, scalar: bool) -> Array:
+    """Derivatives of the flux that forward peaks take along with the beam, (2, n_tau, n_in, n_col): that of the beam in
+    truncated layers less that of the true one."""
+    problem, media = passage.problem, passage.media
+    found = np.zeros((2, problem.level.size, problem.mu0.size, problem.columns.shape[0]))
+    if not problem.fraction.any():
+        return found
+    plain = media.scene.layers
+    true = replace(
+        problem,
+        thickness=np.array([layer.thickness for layer in plain]),
+        fraction=np.zeros(len(plain)),
+        level=problem.level
+        / np.array([1.0 - f * layer.albedo for f, layer in zip(problem.fraction, plain, strict=True)])[
+            problem.level_layer
+        ],
+    )
+    for one, sign in ((passage, 1.0), (Passage(true, BLACK, 1, 1.0), -1.0)):
+        change = find_change(one, variation, scalar)
+        if not change.pieces.any():
+            continue
+        assert change.beams is not None
+        beams = change.beams
+        for t, (joint, under) in enumerate(zip(one.cut.at.tolist(), media.depths.under.tolist(), strict=True)):
+            ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
+            light = np.stack([way[joint, :, 0] for way in ways])[..., list(ALL)] @ problem.columns.T
+            found[:, t] += sign * light * problem.mu0[:, None]
+    return found

@@ -1,0 +1,421 @@
+"""Fourier orders of a pile and how they change: every slab's change sends out light of its own, which the unchanged
+pile passes on. The pile is solved once; each derivative is one more right-hand side of its factors."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.memory import count_orders_at_once
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, find_change
+from vrte.discrete_ordinates.derivatives.slab import Blocks, SlabModes, deepen_slab
+from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.passage import expand_lossless_base
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.refracting import NodalPile, Piece, Refracting, share
+from vrte.discrete_ordinates.orders.responses import Response, respond_by_doubling
+from vrte.scene.boundary import Boundary
+from vrte.scene.variation import Variation
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedOrders:
+    """Of some Fourier orders, for each variation: kernels (variation, order, n_tau, n_in, n_col, n_out, S), as those of
+    `Orders`, and of order 0 flux (variation, 2, n_tau, n_in, n_col), up and down; residual (order,): the largest gap
+    between R + T by modes and by doubling."""
+
+    kernels: Array
+    flux: Array
+    residual: Array
+
+
+class Differentiating(Refracting):
+    """The way through a pile, transparent or refracting, for its derivatives."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        base: Boundary,
+        n_order: int,
+        accuracy: float,
+        variations: Sequence[Variation],
+        scalar: bool,
+    ) -> None:
+        def respond(one: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
+            return respond_by_doubling(one, material, thickness, orders, run)
+
+        super().__init__(respond, problem, base, n_order, accuracy)
+        self.changes = [find_change(self, variation, scalar) for variation in variations]
+        sources = np.array(self.sources)
+        members = list(problem.stokes)
+        self.changed_escapes = [change_escapes(self, change, sources, members) for change in self.changes]
+        self.changed_bases = [self.change_base(change, n_order, accuracy) for change in self.changes]
+
+    def change_base(self, change: Change, n_order: int, accuracy: float) -> Base | None:
+        """The derivative of the base's operators, None where it stays."""
+        pairs = [(weight, boundary) for weight, boundary in change.variation.base if weight]
+        if not pairs or self.base is None:
+            return None
+        index, place = self.media.scene.media[-1], len(self.media.scene.media) - 1
+        one = self.of_medium(index, place)
+        parts = [(weight, expand_lossless_base(boundary, one, n_order, accuracy)) for weight, boundary in pairs]
+        rows = max(int(part.row.max()) for _, part in parts) + 1
+        found = [np.zeros((rows, *getattr(parts[0][1], name).shape[1:])) for name in ("matrix", "source", "out")]
+        for weight, part in parts:
+            count = int(part.row.max()) + 1
+            for total, name in zip(found, ("matrix", "source", "out"), strict=True):
+                total[:count] += weight * getattr(part, name)[:count]
+        order = np.arange(n_order, dtype=np.int32)
+        return Base(np.where(order < rows, order, np.int32(-1)), found[0], found[1], found[2])
+
+    def beams_of(self, change: Change) -> tuple[Array, Array, Array] | None:
+        """Derivatives of the power of beams: falling, mirrored and arriving, as of `Passage`."""
+        if change.beams is None:
+            return None
+        members, problem = np.ix_(self.problem.stokes, self.problem.stokes), self.problem
+        lit, columns = problem.mu0[:, None, None], problem.columns.T
+        parts = change.beams.entering[:-1], change.beams.leaving[1:], change.beams.arriving[-1]
+        falling, mirrored, arriving = (lit * (part[..., members[0], members[1]] @ columns) for part in parts)
+        return falling, mirrored, arriving
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
+        return count_orders_at_once((16.0 * len(self.places.slab) + 12.0) * n * n, threads)
+
+    def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
+        """Derivatives of the given orders."""
+        problem = self.problem
+        responses = [
+            self.respond(one, material, thickness, orders, run) for _, one, material, thickness in self.places.media
+        ]
+        sheets = [make_sheets(one, orders, run) for _, one, _, _ in self.places.media]
+        scattering = any(any(change.scatters) for change in self.changes)
+        modes = [
+            find_modes(one, orders, sheet, run, True) if scattering else None
+            for (_, one, _, _), sheet in zip(self.places.media, sheets, strict=True)
+        ]
+        turned = self.assemble_changes(orders, run)
+        shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
+        kernels = np.zeros((len(self.changes), orders.size, *shape, len(problem.stokes)))
+        flux = np.zeros((len(self.changes), 2, problem.level.size, problem.n_rhs))
+        residual = np.zeros(orders.size)
+
+        def solve(place: int) -> None:
+            order = OrderOfPile(self, place, int(orders[place]), responses, sheets, modes)
+            for k, change in enumerate(self.changes):
+                kernels[k, place], fluxes = order.change(change, k, turned[k])
+                if problem.conserves and orders[place] == 0:
+                    flux[k] = fluxes
+            residual[place] = order.residual
+
+        with run.booked("derivatives"):
+            if run.threads > 1 and orders.size > 1:
+                with ThreadPoolExecutor(run.threads) as pool:
+                    list(pool.map(solve, range(orders.size)))
+            else:
+                for place in range(orders.size):
+                    solve(place)
+        return ChangedOrders(kernels, flux.reshape(*flux.shape[:3], *shape[1:3]), residual)
+
+    def assemble_changes(self, orders: IntArray, run: Run) -> list[dict[int, Assembled]]:
+        """For each change, by layer: what the phase matrix's change makes of E and F, less the rates of the nodes."""
+        found: list[dict[int, Assembled]] = []
+        for change in self.changes:
+            mine: dict[int, Assembled] = {}
+            for k, scatters in enumerate(change.scatters):
+                if not scatters:
+                    continue
+                medium = self.media.scene.indices[k]
+                one = next(one for index, one, _, _ in self.places.media if index == medium)
+                table = np.ascontiguousarray(change.layers[k].scattering[None])
+                own = replace(one, coefficients=table, terms=np.array([table.shape[1]], np.int32), albedo=np.ones(1))
+                matrices = assemble(own, orders, run)
+                if own.conserves and 0 in orders and not own.is_refracted:  # to the last digit, where little is lost
+                    balance_flux(own, matrices, int(np.argmax(orders == 0)))
+                rates = np.repeat(1.0 / own.nodes, len(own.stokes))
+                for part in (matrices.E, matrices.F):
+                    part[..., np.arange(own.size), np.arange(own.size)] -= rates
+                mine[k] = matrices
+            found.append(mine)
+        return found
+
+
+def make_sheets(one: Problem, orders: IntArray, run: Run) -> Assembled:
+    """E and F of the materials of one medium."""
+    return assemble(one, orders, run)
+
+
+def take_blocks(one: Problem, matrices: Assembled, place: int, layer: int) -> tuple[Blocks, Blocks]:
+    """E and F on nodes and directions off them, as core/extended.pxi has them."""
+    rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
+    corner = np.zeros((rows.size, matrices.source_d.shape[2]))
+    E = Blocks(
+        matrices.E[place, layer].T, -matrices.source_d[place, layer].T, -matrices.G_E[place, layer].T / rows, corner
+    )
+    F = Blocks(
+        matrices.F[place, layer].T, -matrices.source_s[place, layer].T, -matrices.G_F[place, layer].T / rows, corner
+    )
+    return E, F
+
+
+def take_modes(modes: Modes, place: int, layer: int) -> tuple[Array, Array, Array]:
+    """lambda (n,), X and Y (n, n) of one order and layer, complex where pairs are."""
+    X, Y = modes.X[place, layer].T, modes.Y[place, layer].T
+    lam, swing = modes.lam_re[place, layer], modes.lam_im[place, layer]
+    if not swing.any():
+        return lam, X, Y
+    first = np.flatnonzero(swing > 0.0)
+    both = []
+    for part in (X, Y):
+        whole = part.astype(complex)
+        whole[:, first] += 1j * part[:, first + 1]
+        whole[:, first + 1] = whole[:, first].conj()
+        both.append(whole)
+    # real columns of a pair are its real and its imaginary part
+    return lam + 1j * swing, both[0], both[1]
+
+
+class OrderOfPile:
+    """One order of a pile, solved, and its slabs' modes where they are asked for."""
+
+    def __init__(
+        self,
+        route: Differentiating,
+        place: int,
+        order: int,
+        responses: list[list[Response]],
+        sheets: list[Assembled],
+        modes: list[Modes | None],
+    ) -> None:
+        self.route, self.place, self.order, self.sheets, self.modes = route, place, order, sheets, modes
+        self.slabs = [responses[medium][own] for medium, own in route.places.slab]
+        self.pieces = [
+            Piece(self.slabs[which], place, route.media.scene.media[1 + layer], route.into[1 + layer])
+            for which, layer in zip(route.places.of.tolist(), route.cut.layer.tolist(), strict=True)
+        ]
+        self.pile = NodalPile(route, order, self.pieces)
+        self.pile.rise()
+        self.pile.fall()
+        self.known: dict[int, SlabModes] = {}
+        self.residual = 0.0
+        self.sent: Array | None = None
+
+    def slab_of(self, piece: int) -> tuple[Problem, int, int, float]:
+        """A piece's problem, medium, material and thickness."""
+        medium, own = self.route.places.slab[int(self.route.places.of[piece])]
+        _, one, material, thickness = self.route.places.media[medium]
+        return one, medium, int(material[own]), float(thickness[own])
+
+    def response_blocks(self, piece: int) -> tuple[Blocks, Blocks]:
+        """R and T of a piece."""
+        response, k = self.pieces[piece].response, self.place
+        n = response.nodes.shape[-1]
+        r, o = int(np.prod(response.entering.shape[-2:])), int(np.prod(response.leaving.shape[2:4]))
+        R, T = (
+            Blocks(
+                response.nodes[k, way],
+                response.entering[k, way].reshape(n, r),
+                response.leaving[k, way].reshape(o, n),
+                response.passing[k, way].reshape(o, r),
+            )
+            for way in (0, 1)
+        )
+        return R, T
+
+    def modes_of(self, piece: int) -> SlabModes:
+        """A piece's slab by its modes, found once."""
+        which = int(self.route.places.of[piece])
+        if which not in self.known:
+            one, medium, material, thickness = self.slab_of(piece)
+            E, F = take_blocks(one, self.sheets[medium], self.place, material)
+            modes = self.modes[medium]
+            assert modes is not None
+            found = SlabModes(E, F, *take_modes(modes, self.place, material), one.mu0, one.mu_out, thickness)
+            R, T = self.response_blocks(piece)
+            both = 2.0 * (found.X @ found.even.nodes).real - np.eye(one.size)
+            self.residual = max(self.residual, float(np.abs(both - R.N - T.N).max()))
+            self.known[which] = found
+        return self.known[which]
+
+    def change_slab(self, piece: int, change: Change, turned: dict[int, Assembled]) -> Piece | None:
+        """How a piece's R and T change, None where they do not."""
+        layer = int(self.route.cut.layer[piece])
+        deeper = float(change.pieces[piece])
+        if layer not in turned and deeper == 0.0:
+            return None
+        one, medium, material, thickness = self.slab_of(piece)
+        R, T = self.response_blocks(piece)
+        dR, dT = R.times(0.0), T.times(0.0)
+        if layer in turned:
+            dR, dT = self.modes_of(piece).differentiate(*take_blocks(one, turned[layer], self.place, 0))
+        if deeper:
+            stokes = len(one.stokes)
+            into, out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
+            E, F = take_blocks(one, self.sheets[medium], self.place, material)
+            fades = np.exp(-thickness / into), np.exp(-thickness / out)
+            more = deepen_slab(E, F, R, T, out, *fades)
+            dR, dT = dR.plus(more[0], deeper), dT.plus(more[1], deeper)
+        old = self.pieces[piece]
+        shapes = old.response
+        changed = Response(
+            np.stack([dR.N, dT.N])[None],
+            np.stack([dR.NI, dT.NI]).reshape(1, *shapes.entering.shape[1:]),
+            np.stack([dR.ON, dT.ON]).reshape(1, *shapes.leaving.shape[1:]),
+            np.stack([dR.OI, dT.OI]).reshape(1, *shapes.passing.shape[1:]),
+            {},
+        )
+        return Piece(changed, 0, old.index, old.into)
+
+    def change(self, change: Change, number: int, turned: dict[int, Assembled]) -> tuple[Array, Array]:
+        """Derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau, r)."""
+        route, pile = self.route, self.pile
+        base, beams = route.changed_bases[number], route.beams_of(change)
+        moved = [self.change_slab(k, change, turned) for k in range(len(self.pieces))]
+        sources = []
+        for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
+            up, down = np.zeros((pile.n, pile.r)), np.zeros((pile.n, pile.r))
+            if own is not None:
+                above, below = pile.entering[k], pile.leaving[k + 1]
+                up, down = own.send_to_nodes(pile.n, route.falling[k], route.mirrored[k])
+                up = up + own.scatter(above, 0) + own.scatter(below, 1)
+                down = down + own.scatter(above, 1) + own.scatter(below, 0)
+            if beams is not None:
+                more = piece.send_to_nodes(pile.n, beams[0][k], beams[1][k])
+                up, down = up + more[0], down + more[1]
+            sources.append((up, down))
+        below = self.change_below(base, beams)
+        tangent = TangentPile(pile, sources, below, self.change_rough(change))
+        tangent.rise()
+        tangent.fall()
+        sent = self.see(tangent, moved, beams, base, change)
+        light = route.look(sent)
+        escapes = route.changed_escapes[number]
+        if escapes is not None:
+            light = light + route.look(self.value_sent(), escapes)
+        flux = route.sum_fluxes(tangent.arriving, tangent.leaving, tangent.entering, tangent.rising)
+        return light, flux
+
+    def change_rough(self, change: Change) -> dict[int, tuple[Array, Array]]:
+        """What changed beams send to the nodes at rough joints, going up above and down below, by joint."""
+        route = self.route
+        found: dict[int, tuple[Array, Array]] = {}
+        if change.beams is None:
+            return found
+        members, problem = np.ix_(route.problem.stokes, route.problem.stokes), route.problem
+        for place, rough in route.rough_joints.items():
+            falls, rises = (
+                problem.mu0[:, None, None] * (part[place][..., members[0], members[1]] @ problem.columns.T)
+                for part in (change.beams.arriving, change.beams.rising)
+            )
+            order = self.order
+            found[place] = (
+                rough.above.collect(order, falls) + rough.up.collect(order, rises),
+                rough.down.collect(order, falls) + rough.below.collect(order, rises),
+            )
+        return found
+
+    def change_below(self, base: Base | None, beams: tuple[Array, Array, Array] | None) -> Array:
+        """What the base sends up of changed beams, and, itself changed, of all light, (n, r)."""
+        route, pile = self.route, self.pile
+        found = np.zeros((pile.n, pile.r))
+        if base is not None:
+            matrix, light = route.reflect_on_base(self.order, base)
+            found += light if matrix is None else light + matrix @ pile.arriving[-1]
+        if beams is not None and route.base is not None:
+            found += route.reflect_on_base(self.order, arriving=beams[2])[1]
+        return found
+
+    def value_sent(self) -> Array:
+        """All light that is sent out along the sights, (source, n_sight, S, r), unchanged."""
+        if self.sent is None:
+            self.sent = self.see(
+                self.pile, self.pieces, (self.route.falling, self.route.mirrored, self.route.arriving), None, None
+            )
+        return self.sent
+
+    def see(
+        self,
+        tangent: "NodalPile",
+        moved: Sequence[Piece | None],
+        beams: tuple[Array, Array, Array] | None,
+        base: Base | None,
+        change: Change | None,
+    ) -> Array:
+        """Light along the sights, (source, n_sight, S, r), from changed light and from changed pieces; without a
+        change, from all light."""
+        route, pile, problem = self.route, self.pile, self.route.problem
+        sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], len(problem.stokes), problem.n_rhs))
+        for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
+            dark = np.zeros_like(route.falling[k]), np.zeros_like(route.mirrored[k])
+            falling, mirrored = dark if beams is None else (beams[0][k], beams[1][k])
+            up, down = piece.send(tangent.entering[k], tangent.leaving[k + 1], falling, mirrored)
+            sent[2 * k], sent[2 * k + 1] = up, down
+            if change is not None and own is not None:
+                up, down = own.send(pile.entering[k], pile.leaving[k + 1], route.falling[k], route.mirrored[k])
+                sent[2 * k] += up
+                sent[2 * k + 1] += down
+        for k, (place, rough) in enumerate(route.rough_joints.items(), len(self.pieces)):
+            arriving, rising = tangent.arriving[place], tangent.rising[place]
+            sent[2 * k] = rough.above.send(self.order, arriving) + rough.up.send(self.order, rising)
+            sent[2 * k + 1] = rough.below.send(self.order, rising) + rough.down.send(self.order, arriving)
+        if route.base is not None:
+            sent[-1] = route.leave_base(self.order, tangent.arriving[-1])
+            if base is not None:
+                sent[-1] += route.leave_base(self.order, pile.arriving[-1], base)
+        return sent
+
+
+class TangentPile(NodalPile):
+    """Light that changes send out, passed on by a pile that is solved already."""
+
+    def __init__(
+        self,
+        pile: NodalPile,
+        sources: list[tuple[Array, Array]],
+        below: Array,
+        rough: dict[int, tuple[Array, Array]],
+    ) -> None:
+        self.route, self.order, self.pieces, self.n, self.r = pile.route, pile.order, pile.pieces, pile.n, pile.r
+        self.residual, self.sharings, self.beams, self.below = 0.0, pile.sharings, sources, below
+        self.seen, self.seen_below, self.at_joint, self.in_slab = (
+            pile.seen,
+            pile.seen_below,
+            pile.at_joint,
+            pile.in_slab,
+        )
+        dark, count = np.zeros((self.n, self.r)), len(pile.pieces) + 1
+        self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
+        self.own, self.own_below = [dark] * count, [dark] * count
+        self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
+        for place, (leaving, entering) in rough.items():
+            self.leaving_beams[place], self.entering_beams[place] = leaving, entering
+
+    def put_slab(self, k: int) -> None:
+        """Its own light and that from below, up at the top of slab k."""
+        piece, (up, down), factors, seen = self.pieces[k], self.beams[k], self.in_slab[k], self.seen[k + 1]
+        own = self.own[k + 1]
+        if seen is not None:
+            assert factors is not None
+            own = factors.solve(seen @ down + own)
+        self.own_below[k] = up + piece.scatter(own, 1)
+
+    def put_joint(self, k: int, last: int) -> None:
+        """What goes up above joint k."""
+        sharing, seen, own = self.sharings[k], self.seen_below[k], self.own_below[k]
+        if k == last and self.route.base is not None:
+            self.own[k] = self.below
+            return
+        if sharing is None:
+            self.own[k] = own
+            return
+        if seen is not None:
+            own = own + seen @ self.entering_beams[k]
+            factors = self.at_joint[k]
+            own = own if factors is None else factors.solve(own)
+        self.own[k] = share(sharing.up, own) + self.leaving_beams[k]

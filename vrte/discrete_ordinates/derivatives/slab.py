@@ -1,0 +1,220 @@
+"""How R and T of a homogeneous slab change with its matrices E and F, by modes, and with its thickness, by invariance.
+
+With X and Y of core/homogeneous.pxi, F Y = X and E X = Y lambda, the impedances are Ze = Y g(lambda) X^-1 and
+Zo = X f(lambda) Y^-1. A change dE, dF has e = Y^-1 dE X and p = X^-1 dF Y, and to first order, element by element with
+divided differences (Daletskii and Krein's formula, docs/explanation/derivatives.md),
+
+    dZe = Y (g[a, b] e + a b f[a, b] p) X^-1,    dZo = X (f[a, b] e + g[a, b] p) Y^-1,
+
+which is as exact where eigenvalues coincide or are zero. R = So - Se, T = 1 - So - Se with S = Z (1 + Z)^-1, so
+dS = (1 + Z)^-1 dZ (1 + Z)^-1. Directions off the nodes are nodes without weight, as in core/extended.pxi: matrices of
+(incident, nodes, outgoing) are block triangular, with rates 1/mu that have eigenvalues 1/mu^2 of their own. Where one
+of these is close to a mode's, eigenvectors grow without bound and the sum of them loses digits: there the rate is moved
+to either side and what it would be in between is interpolated, as smooth a function as it is.
+
+A thin sheet more at the bottom, b = (F - E)/2, c = (F + E)/2, tells the thickness: dR = T b T, dT = -(c - R b) T.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.derivatives.functions import Fading
+
+APART = 2e-3  # of an eigenvalue: closer to one of a direction's it is stepped around
+STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
+ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A matrix on nodes and directions off them, one direction's Stokes parameters side by side: N (n, n), NI (n, r),
+    ON (o, n), OI (o, r)."""
+
+    N: Array
+    NI: Array
+    ON: Array
+    OI: Array
+
+    def plus(self, other: "Blocks", factor: float = 1.0) -> "Blocks":
+        """The sum, ``factor`` times the other."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Blocks(*(one + factor * more for one, more in pairs))
+
+    def times(self, factor: float) -> "Blocks":
+        """All of it times a factor."""
+        return Blocks(*(factor * part for part in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Aside:
+    """Rates of directions, some of them stepped around: rate (k,), share (k,), and the direction (k,) of each."""
+
+    rate: Array
+    share: Array
+    of: Array
+
+    def gather(self, values: Array, count: int) -> Array:
+        """Values (..., k) added up direction by direction, (..., count)."""
+        if self.of.size == count:
+            return values
+        found = np.zeros((*values.shape[:-1], count), values.dtype)
+        for k, (direction, share) in enumerate(zip(self.of.tolist(), self.share.tolist(), strict=True)):
+            found[..., direction] += share * values[..., k]
+        return found
+
+
+def step_aside(mu: Array, lam: Array, stokes: int) -> Aside:
+    """The rates 1/mu of directions (d,), each for its Stokes parameters, or six around those near a mode's."""
+    rate, share, of = [], [], []
+    for direction, own in enumerate((1.0 / mu).tolist()):
+        points, weights = np.array([own]), np.ones(1)
+        if measure_gap(points, lam) < APART:
+            around = [own * (1.0 + step * ASIDE) for step in STEPS]
+            points, weights = max(around, key=lambda each: measure_gap(each, lam)), SHARES
+        for a in range(stokes):
+            rate.append(points)
+            share.append(weights)
+            of.append(np.full(points.size, stokes * direction + a))
+    return Aside(np.concatenate(rate), np.concatenate(share), np.concatenate(of))
+
+
+def measure_gap(rate: Array, lam: Array) -> float:
+    """The least distance of the rates' squares from the eigenvalues, relative."""
+    square = rate[:, None] ** 2
+    return float(np.abs(lam / square - 1.0).min(initial=1.0))
+
+
+class SlabModes:
+    """One order of a slab by its modes: what all of its derivatives share."""
+
+    def __init__(
+        self, E: Blocks, F: Blocks, lam: Array, X: Array, Y: Array, mu_in: Array, mu_out: Array, thickness: float
+    ) -> None:
+        self.r, self.o, stokes = E.NI.shape[1], E.ON.shape[0], E.NI.shape[1] // max(1, mu_in.size)
+        self.fading = fading = Fading(0.5 * thickness)
+        self.lam, self.X, self.Y = lam, X, Y
+        self.X_inverse, self.Y_inverse = np.linalg.inv(X), np.linalg.inv(Y)
+        self.into, self.out = step_aside(mu_in, lam, stokes), step_aside(mu_out, lam, stokes)
+        rate, rate_out = self.into.rate, self.out.rate[:, None]
+        f, g = fading.find_f(lam), fading.find_g(lam)
+        # eigenvectors that lead in (columns) and out (rows), with what F makes of them
+        f_in, e_in = (self.X_inverse @ F.NI)[:, self.into.of], (self.Y_inverse @ E.NI)[:, self.into.of]
+        self.x_in = -(rate * f_in + e_in) / (lam[:, None] - rate**2)
+        self.y_in = self.x_in - f_in / rate
+        e_out, f_out = (E.ON @ X)[self.out.of], (F.ON @ Y)[self.out.of]
+        self.x_out = (rate_out * e_out + f_out * lam) / (lam - rate_out**2)
+        self.y_out = (self.x_out - f_out) / rate_out
+        # (1 + Z)^-1 to the right, from the light that comes in to modes, and to the left
+        t_in = np.tanh(fading.half * rate)
+        t_out = np.tanh(fading.half * rate_out)
+        f_in, g_in = t_in / rate, t_in * rate
+        even = np.linalg.inv(X + Y * g)
+        even_in: Array = 1.0 / (1.0 + t_in)
+        even_from_in = -even @ (X @ self.x_in + (Y @ self.y_in) * g_in) * even_in
+        even_left = X @ even @ Y
+        impedance = (self.y_out * g - t_out * self.x_out) @ self.X_inverse
+        even_out = (self.y_out - impedance @ even_left) / (1.0 + t_out)
+        self.even = Side(np.asarray(even), even_in, even_from_in, even_left, even_out, 1.0 / (rate_out * (1.0 + t_out)))
+        self.odd = None
+        if not fading.is_endless:
+            odd = np.linalg.inv(Y + X * f)
+            odd_in: Array = rate / (1.0 + t_in)
+            odd_from_in = -odd @ (Y @ self.y_in + (X @ self.x_in) * f_in) * odd_in
+            odd_left = Y @ odd @ X
+            impedance = (self.x_out * f - t_out * self.y_out) @ self.Y_inverse
+            odd_out = (self.x_out - impedance @ odd_left) / (1.0 + t_out)
+            self.odd = Side(np.asarray(odd), odd_in, odd_from_in, odd_left, odd_out, 1.0 / (1.0 + t_out))
+        square, square_out = rate**2, self.out.rate**2
+        self.tables = self.make_tables(lam, square, square_out)
+
+    def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, Array, Array]]:
+        """f[a, b], g[a, b] and a b f[a, b] for each block."""
+        found = {}
+        for name, a, b in (("N", lam, lam), ("NI", lam, square), ("ON", square_out, lam), ("OI", square_out, square)):
+            kinds_a, at_a = np.unique(a, return_inverse=True)
+            kinds_b, at_b = np.unique(b, return_inverse=True)
+            f, g = (part[at_a][:, at_b] for part in self.fading.divide(kinds_a, kinds_b))
+            with np.errstate(invalid="ignore"):
+                product = a[:, None] * b * f
+            found[name] = f, g, np.where((a[:, None] == 0.0) | (b == 0.0), 0.0, product)
+        return found
+
+    def differentiate(self, dE: Blocks, dF: Blocks) -> tuple[Blocks, Blocks]:
+        """dR and dT."""
+        into, out = self.into.of, self.out.of
+        rate, rate_out = self.into.rate, self.out.rate[:, None]
+        on_nodes = self.Y_inverse @ dE.N @ self.X
+        in_ = (self.Y_inverse @ dE.NI)[:, into] + on_nodes @ self.x_in
+        row = (dE.ON @ self.X)[out]
+        outward = row - self.y_out @ on_nodes, row @ self.x_in - self.y_out @ in_
+        e = Blocks(on_nodes, in_, rate_out * outward[0], rate_out * outward[1])
+        on_nodes = self.X_inverse @ dF.N @ self.Y
+        in_ = (self.X_inverse @ dF.NI)[:, into] / rate + on_nodes @ self.y_in
+        row = (dF.ON @ self.Y)[out]
+        p = Blocks(on_nodes, in_, row - self.x_out @ on_nodes, row @ self.y_in - self.x_out @ in_)
+        even: dict[str, Array] = {}
+        odd: dict[str, Array] = {}
+        for name, (f, g, product) in self.tables.items():
+            one, other = getattr(e, name), getattr(p, name)
+            with np.errstate(invalid="ignore"):
+                first = np.where(one == 0.0, 0.0, g * one)  # an endless slab that absorbs nothing: 0 times inf
+            even[name] = first + product * other
+            if self.odd is not None:
+                odd[name] = f * one + g * other
+        count = self.r, self.o
+        dSe = self.even.enclose(Blocks(**even), self.into, self.out, *count)
+        if self.odd is None:
+            return dSe.times(-2.0), dSe.times(0.0)
+        dSo = self.odd.enclose(Blocks(**odd), self.into, self.out, *count)
+        return dSo.plus(dSe, -1.0), dSo.plus(dSe).times(-1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """(1 + Z)^-1 of even or odd light on both sides of what a change does to modes: to the right from nodes (n, n),
+    from beams to themselves (k,) and to the nodes' modes (n, k); to the left onto the nodes (n, n), from these and
+    from directions onto directions (q, n), (q, 1)."""
+
+    nodes: Array
+    into: Array
+    from_in: Array
+    left: Array
+    out_left: Array
+    out: Array
+
+    def enclose(self, middle: Blocks, into: Aside, out: Aside, r: int, o: int) -> Blocks:
+        """dS of a change between modes, what was stepped around put together again."""
+        in_ = into.gather(middle.NI * self.into + middle.N @ self.from_in, r)
+        nodes = middle.N @ self.nodes
+        rows = self.out_left @ nodes + self.out * (middle.ON @ self.nodes)
+        both = into.gather(middle.OI * self.into + middle.ON @ self.from_in, r)
+        corner = self.out_left @ in_ + self.out * both
+        found = self.left @ nodes, self.left @ in_, out.gather(rows.T, o).T, out.gather(corner.T, o).T
+        return Blocks(*(part.real for part in found))
+
+
+def deepen_slab(
+    E: Blocks, F: Blocks, R: Blocks, T: Blocks, mu_out: Array, fade_in: Array, fade_out: Array
+) -> tuple[Blocks, Blocks]:
+    """dR and dT with optical thickness, from both; mu_out (o,), and e^(-thickness/mu) of beams (r,) and of directions
+    (o,)."""
+    b, c = F.plus(E, -1.0).times(0.5), F.plus(E).times(0.5)
+    # T behind a beam and on the nodes, what b makes of it, and T of that
+    b_in = b.NI * fade_in + b.N @ T.NI
+    b_nodes = b.N @ T.N
+    fade = fade_out[:, None]
+    dR = Blocks(
+        T.N @ b_nodes,
+        T.N @ b_in,
+        T.ON @ b_nodes + fade * (b.ON @ T.N),
+        T.ON @ b_in + fade * (b.ON @ T.NI),
+    )
+    dT = Blocks(
+        R.N @ b_nodes - c.N @ T.N,
+        R.N @ b_in - c.NI * fade_in - c.N @ T.NI,
+        R.ON @ b_nodes - c.ON @ T.N - T.ON / mu_out[:, None],
+        R.ON @ b_in - c.ON @ T.NI - T.OI / mu_out[:, None],
+    )
+    return dR, dT
