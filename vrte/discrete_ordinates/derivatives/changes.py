@@ -86,7 +86,7 @@ def find_change(passage: Passage, variation: Variation, scalar: bool) -> Change:
     pieces = change_pieces(passage, variation, layers)
     beams = None
     if pieces.any():
-        _, moved = find_beams(passage.media, lengthen(passage.cut, pieces), problem.mu0)
+        _, moved = find_beams(passage.media, stretch_pieces(passage.cut, pieces), problem.mu0)
         beams = Passing(*(part.imag / STEP for part in vars(moved).values()))
     return Change(variation, layers, pieces, beams)
 
@@ -117,7 +117,7 @@ def find_albedo(passage: Passage) -> Array:
     return np.array([layer.albedo for layer in passage.media.scene.layers])
 
 
-def lengthen(cut: Cut, pieces: Array) -> Cut:
+def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
     """The pieces with what changes of them as an imaginary part."""
     finite = np.where(np.isinf(cut.thickness), FAR, cut.thickness)
     return replace(cut, thickness=finite + 1j * STEP * pieces)
@@ -129,7 +129,7 @@ def change_escapes(passage: Passage, change: Change, sources: Array, members: li
         return None
     found = find_escapes(
         passage.media,
-        lengthen(passage.cut, change.pieces),
+        stretch_pieces(passage.cut, change.pieces),
         passage.sights,
         passage.problem.n_up,
         list(ALL) if members is None else members,
