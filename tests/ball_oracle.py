@@ -27,8 +27,10 @@ COLUMNS = ((1.0, 0.3, 0.0, 0.0), (0.0, 0.0, 0.2, 0.1))  # incident Stokes vector
 FLIP = (1, 1, -1, -1)
 
 
-def exact(value: float) -> arb:
-    """The double itself, not a rounding of it."""
+def exact(value: float | arb) -> arb:
+    """The double itself, not a rounding of it; a ball as it is."""
+    if isinstance(value, arb):
+        return value
     numerator, denominator = float(value).as_integer_ratio()
     return arb(fmpq(numerator, denominator))
 
@@ -79,7 +81,7 @@ def coefficient_matrix(row: Sequence[float]) -> arb_mat:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Expansion coefficients (terms, 6), albedo, optical thickness."""
+    """Expansion coefficients (terms, 6), albedo, optical thickness: doubles, or balls (tests/derivative_oracle.py)."""
 
     coefficients: np.ndarray
     albedo: float
@@ -353,11 +355,12 @@ def base_operator(directions: Directions, request: Request) -> arb_mat:
     n = directions.size
     result = arb_mat(n, n)
     white = sum((2 * w * mu for w, mu in zip(directions.weight, directions.mu, strict=False)), arb(0))
-    if request.base is None or (isinstance(request.base, float) and request.order > 0):
+    is_grey = isinstance(request.base, float | arb)
+    if request.base is None or (is_grey and request.order > 0):
         return result
     for i, mu_out in enumerate(directions.mu):
         for j, mu_in in enumerate([*directions.mu[: directions.nodes], *directions.mu0]):
-            if isinstance(request.base, float):
+            if is_grey:
                 block = arb_mat(4, 4)
                 block[0, 0] = 2 * exact(request.base)
                 if request.is_refracted and min(i, j) < directions.nodes:  # exact for the nodes as for a sphere
@@ -455,6 +458,11 @@ def with_bits(request: Request, bits: int) -> Answer:
     """The field of one Fourier order. Raises DoubtfulError where the balls leave 20 digits in doubt."""
     ctx.prec = bits
     directions = Directions(request)
+    return collect(request, directions, find_fields(request, directions))
+
+
+def find_fields(request: Request, directions: Directions) -> list[tuple[arb_mat, arb_mat]]:
+    """Light down and up at each level, as balls."""
     groups, boundary = cut(request)
     pile = Pile(directions, request)
     parts = [pile.sequence(group) for group in groups]
@@ -477,7 +485,7 @@ def with_bits(request: Request, bits: int) -> Answer:
     for through, lower in zip(reversed(passing), reversed(reflected[:-1]), strict=True):
         down = through * down
         fields.append((down, lower * down))
-    return collect(request, directions, [above if place < 0 else fields[place] for place in boundary])
+    return [above if place < 0 else fields[place] for place in boundary]
 
 
 def leaving(directions: Directions, index: arb) -> arb_mat:
