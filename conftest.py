@@ -65,6 +65,15 @@ def painted() -> Any:
     return vrte.paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
 
 
+@pytest.fixture(scope="session")
+def fitted() -> Any:
+    """The fit of the example of `vrte.fit`, for the examples that stand on one."""
+    rows = vrte.Measurement("total_reflectance", 0.0, 0.001, theta_i_deg=[0.0, 30.0, 60.0])
+    layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    measured = rows.measure(rows.predict({"layer": [layer]}, nodes=4))
+    return vrte.fit(measured, {"layer": [{**layer, "thickness": 0.3}]}, ["layer[1].thickness"], nodes=4)
+
+
 @pytest.fixture(autouse=True)
 def folder_of_the_examples(
     request: pytest.FixtureRequest, doctest_namespace: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -85,3 +94,5 @@ def folder_of_the_examples(
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")
     if "painted." in request.node.dtest.examples[0].source:
         doctest_namespace["painted"] = request.getfixturevalue("painted")
+    if "fitted." in request.node.dtest.examples[0].source:
+        doctest_namespace["fitted"] = request.getfixturevalue("fitted")

@@ -21,7 +21,7 @@ import vrte
 ROOT = Path(vrte.__file__).parents[1]
 PAGES = sorted((ROOT / "docs/reference/api").glob("*.md"))
 LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text("utf-8"), re.MULTILINE)]
-FIXTURES = "brdf", "painted"  # of conftest.py; the pages say what they are
+FIXTURES = "brdf", "painted", "fitted"  # of conftest.py; the pages say what they are
 PROPERTIES = property | cached_property
 CORE = "vrte._core."  # compiled: its docstrings are read from its sources
 

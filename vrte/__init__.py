@@ -24,6 +24,7 @@ from vrte.basics.errors import (
     AccuracyWarning,
     DeviceError,
     FittedRangeWarning,
+    IndistinguishableWarning,
     LongSolveWarning,
     MissingExtraError,
     SceneError,
@@ -40,6 +41,7 @@ from vrte.calls.spectrum import spectrum
 from vrte.calls.versions import show_versions
 from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.fit import Fit, Measurement, fit, read_measurement
 from vrte.formats import load
 from vrte.formats.base_file import read_base
 from vrte.formats.index_table import read_index
@@ -91,16 +93,19 @@ __all__ = [
     "DeviceError",
     "Facets",
     "Field",
+    "Fit",
     "FittedRangeWarning",
     "Gamma",
     "Hapke",
     "IndependentScatteringWarning",
     "IndexTable",
+    "IndistinguishableWarning",
     "Interface",
     "Lambertian",
     "Layer",
     "Lognormal",
     "LongSolveWarning",
+    "Measurement",
     "Mirror",
     "MissingExtraError",
     "Monodisperse",
@@ -128,6 +133,7 @@ __all__ = [
     "coated_spheres",
     "cox_munk",
     "cylinders",
+    "fit",
     "hemisphere",
     "henyey_greenstein",
     "interpolate",
@@ -145,6 +151,7 @@ __all__ = [
     "rayleigh",
     "read_base",
     "read_index",
+    "read_measurement",
     "read_scattering",
     "read_sizes",
     "recognise_convention",

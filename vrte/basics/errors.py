@@ -96,6 +96,10 @@ class FittedRangeWarning(UserWarning):
     """A formula that was fitted to measurements is used beyond them: where, and what is done there."""
 
 
+class IndistinguishableWarning(UserWarning):
+    """A fit cannot tell two numbers apart, or one from its data at all: which, and what would help."""
+
+
 class LongSolveWarning(UserWarning):
     """A solve will take more than 20 seconds: how long, what takes it, and what to change.
 

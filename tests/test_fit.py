@@ -1,0 +1,143 @@
+"""Fits: numbers come back from what they made, with honest errors, and what the data cannot tell is said."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.fit.run import Step
+
+RAYLEIGH = vrte.rayleigh()
+SCENE = vrte.Scene([vrte.Layer(RAYLEIGH, 0.95, 1.0)], vrte.Lambertian(0.3))
+ANGLES = [-60.0, -30.0, 0.0, 30.0, 60.0]
+ROWS = vrte.Measurement("f00", 0.0, theta_i_deg=40.0, theta_o_deg=ANGLES)
+
+
+def measure(scene: Any, rows: vrte.Measurement = ROWS, noise: float = 0.0, seed: int = 1, **more: Any) -> Any:
+    """What a scene shows, with noise relative to it, or sigmas as if there were some."""
+    exact = rows.predict(scene, nodes=4, **more)
+    drawn = np.random.default_rng(seed).standard_normal(exact.size)
+    return rows.measure(exact * (1.0 + noise * drawn), np.abs(exact) * (noise or 0.01))
+
+
+def test_numbers_come_back_from_what_they_made() -> None:
+    free = {"layer[1].albedo": {"start": 0.8}, "layer[1].thickness": {"start": 0.6, "spacing": "log"}}
+    found = vrte.fit(measure(SCENE), SCENE, free, nodes=4)
+    np.testing.assert_allclose(found.values, [0.95, 1.0], rtol=1e-5)
+    assert found.chi2 < 1e-8
+    assert found.degrees_of_freedom == 3
+    assert found.scene().layers[0].thickness == pytest.approx(1.0, rel=1e-5)
+    assert not found.interrupted
+    assert "layer[1].albedo" in str(found)
+
+
+def test_errors_are_those_of_the_linear_problem() -> None:
+    found = vrte.fit(measure(SCENE, noise=0.01), SCENE, ["layer[1].thickness", "base.albedo"], nodes=4)
+    weighed = found.slopes / found.sigma[:, None]
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(weighed.T @ weighed), rtol=1e-9)
+    np.testing.assert_allclose(weighed.T @ found.residuals, 0.0, atol=1e-3 * np.abs(weighed).max())
+    np.testing.assert_allclose(found.errors, np.sqrt(np.diag(found.covariance)))
+    assert found.chi2 == pytest.approx((found.residuals**2).sum())
+
+
+def test_without_sigma_errors_are_scaled_by_the_fit() -> None:
+    known = measure(SCENE, noise=0.01)
+    found = vrte.fit(known.measure(known.value, np.nan), SCENE, ["layer[1].thickness"], nodes=4)
+    assert (found.residuals**2).sum() / found.degrees_of_freedom == pytest.approx(1.0)
+    weighed = found.slopes / found.sigma[:, None]
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(weighed.T @ weighed), rtol=1e-9)
+    assert "no sigma" in found.notes[0]
+
+
+def test_a_prior_counts_like_a_row() -> None:
+    loose = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], nodes=4)
+    tight = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], {"base.albedo": (0.5, loose.errors.item())}, nodes=4)
+    assert tight.values.item() == pytest.approx(0.4, abs=0.01)  # half way: both know it equally well
+    weighed = tight.slopes[:, 0] / tight.sigma
+    expected = (weighed @ weighed + loose.errors.item() ** -2) ** -0.5
+    assert tight.errors.item() == pytest.approx(expected)
+
+
+def test_what_cannot_be_told_apart_is_said() -> None:
+    layers = [vrte.Layer(RAYLEIGH, 0.95, 0.5), vrte.Layer(RAYLEIGH, 0.95, 0.5)]
+    scene = vrte.Scene(layers, vrte.Lambertian(0.3))
+    with pytest.warns(vrte.IndistinguishableWarning, match=r"layer\[1\].thickness.*layer\[2\].thickness"):
+        found = vrte.fit(measure(scene), scene, ["layer[1].thickness", "layer[2].thickness"], nodes=4)
+    assert found.singular_values[1] < 1e-3 * found.singular_values[0]
+    assert re.search(r"layer\[1\].thickness up \d+ % with layer\[2\].thickness down \d+ %", found.blind_spots[0])
+
+
+def test_an_outlier_moves_a_robust_fit_less() -> None:
+    given = measure(SCENE)
+    value = given.value.copy()
+    value[2] *= 1.5
+    spoilt = given.measure(value)
+    far, near = (
+        vrte.fit(spoilt, SCENE, ["base.albedo"], nodes=4, loss=loss).values.item() for loss in ("linear", "soft_l1")
+    )
+    assert abs(near - 0.3) < 0.3 * abs(far - 0.3)
+
+
+def test_the_best_of_several_starts_is_kept_and_all_are_told() -> None:
+    free = {"layer[1].thickness": {"start": 3.0, "low": 0.1, "high": 5.0, "spacing": "log"}}
+    found = vrte.fit(measure(SCENE), SCENE, free, nodes=4, starts=3, seed=2)
+    assert [len(one.values) for one in found.starts] == [1, 1, 1]
+    assert [one.chi2 for one in found.starts] == sorted(one.chi2 for one in found.starts)
+    assert found.starts[0].found == pytest.approx(found.values)
+    again = vrte.fit(measure(SCENE), SCENE, free, nodes=4, starts=3, seed=2)
+    assert again.values.tolist() == found.values.tolist()
+
+
+def test_a_bound_that_is_reached_is_told() -> None:
+    found = vrte.fit(measure(SCENE), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
+    assert any("base.albedo is at its upper bound 0.2" in one for one in found.notes)
+
+
+def test_stopped_it_keeps_the_best_so_far() -> None:
+    def stop(step: Step) -> None:
+        if step.step == 2:
+            raise KeyboardInterrupt
+
+    free = {"layer[1].thickness": {"start": 4.0}}
+    found = vrte.fit(measure(SCENE), SCENE, free, nodes=4, watch=stop)
+    assert found.interrupted
+    assert found.chi2 < 0.5 * (vrte.fit(measure(SCENE), SCENE, free, nodes=4, most_steps=1).chi2)
+    assert "interrupted" in found.notes[-1]
+
+
+ENDLESS = vrte.Scene([vrte.Layer(RAYLEIGH, 0.95, np.inf)], vrte.Lambertian(0.3))
+THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 60.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"scene": ENDLESS, "free": ["base.albedo"]}, "free: base.albedo does nothing to these data"),
+        ({"scene": ENDLESS, "rows": THROUGH, "free": ["layer[1].albedo"]}, "nothing comes out below a layer without"),
+        ({"free": {"base.albedo": {"start": 0.5, "high": 0.4}}}, "starts at 0.5, outside its bounds 0 and 0.4"),
+        ({"free": {"base.albedo": {"low": 0.5, "high": 0.4}}}, "needs low below high"),
+        ({"free": {"base.albedo": {"strat": 0.5}}}, "takes a table of start, low, high, spacing"),
+        ({"free": ["layer[1].thickness", "layer[1].albedo", "base.albedo"], "rows": ROWS.pick([0, 1])}, "too few"),
+        ({"free": []}, "free must be one or more names"),
+        ({"free": ["base.albedo"], "priors": {"base.albedo": (0.3, 0.0)}}, "a standard deviation above 0"),
+        ({"free": ["base.albedo"], "priors": {"base": (0.3, 0.1)}}, "priors: base is not free"),
+        ({"free": ["base.albedo"], "bounds": {"base": (0.3, 0.5)}}, "bounds: base is not free"),
+        ({"free": ["layer[1].thickness"], "starts": 3}, "needs finite bounds"),
+        ({"free": ["base.albedo"], "loss": "huber"}, "loss must be"),
+        ({"free": ["base.albedo"], "wavelengths_um": [0.5]}, "wavelengths_um are of colours"),
+    ],
+)
+def test_what_makes_no_fit_is_refused_in_one_sentence(given: dict[str, Any], words: str) -> None:
+    given = dict(given)
+    rows, scene = given.pop("rows", ROWS), given.pop("scene", SCENE)
+    with pytest.raises(vrte.SceneError, match=re.escape(words)) as caught:
+        vrte.fit(rows.measure(0.1, 0.01), scene, nodes=4, **given)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_scene_without_wavelength_is_not_measured_at_one() -> None:
+    rows = vrte.Measurement("reflectance", 0.1, geometry="8:di", wavelength_um=[0.5, 0.6])
+    with pytest.raises(vrte.SceneError, match="knows no wavelength"):
+        vrte.fit(rows, SCENE, ["base.albedo"], nodes=4)

@@ -1,0 +1,347 @@
+"""vrte.Measurement: what was measured, where, and how well."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from vrte.appearance.geometries import read_geometry
+from vrte.appearance.lights import check_light
+from vrte.basics.arrays import Array, check_numbers, settle_array, show_value
+from vrte.basics.errors import SceneError
+from vrte.fit.quantities import LOOK, QUANTITIES, Quantity
+from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns, write_table
+from vrte.formats.toml_table import suggest_nearest
+
+DEFAULTS: dict[str, Any] = {"illuminant": "D65", "observer": 10.0, "phi_deg": 0.0}  # where a place is left empty
+OPTIONAL = ("wavelength_um",)
+OUTSIDE = 5.0  # sigmas that a value may lie beyond what its quantity can be
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement:
+    """Numbers that were measured, one a row: which quantity, where, its value and its standard deviation.
+
+    Every column is one number or word for all rows, or one a row. What a quantity does not need stays empty, NaN or "";
+    which quantities there are, and what each needs, is listed in docs/how_to/fitting.md.
+
+    Parameters
+    ----------
+    quantity : str or sequence of str
+        Names of quantities, such as "f00", "total_reflectance" or "degree_of_linear_polarization".
+    value : float or array_like (n,)
+        What was measured, in the unit of the quantity.
+    sigma : float or array_like (n,), optional
+        Standard deviations, above 0, in the same unit; without them all rows of a quantity count alike, and errors are
+        scaled by how well the model fits.
+    theta_i_deg : float or array_like (n,), optional
+        Angles of incidence from the normal [degrees], from 0 to below 90.
+    theta_o_deg : float or array_like (n,), optional
+        Angles of exit from the normal [degrees], below 90; those below 0 lie on the other side: phi_deg + 180.
+    phi_deg : float or array_like (n,), optional
+        Azimuths as `vrte.brdf` counts them [degrees]: 0 is forward, 180 turns back; 0 where left out.
+    wavelength_um : float or array_like (n,), optional
+        Wavelengths in vacuum [um]; the scene's own where left out.
+    geometry : str or sequence of str, optional
+        An instrument's geometry, "8:di", of reflectances and colours.
+    illuminant : str or sequence of str, optional
+        The light of colours; "D65" where left out.
+    observer : int or sequence of int, optional
+        Degrees of the observer of colours, 2 or 10; 10 where left out.
+
+    Raises
+    ------
+    SceneError
+        Naming the row, from 1, for an unknown quantity, for what it needs and is not there, or is there and not needed,
+        for angles beyond the horizon, for what is no finite number, and for values that no light has.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> vrte.Measurement("total_reflectance", [0.52, 0.48], sigma=0.01, theta_i_deg=[8.0, 45.0])
+    Measurement(2 rows: total_reflectance)
+    """
+
+    quantity: Any
+    value: Any
+    sigma: Any = None
+    theta_i_deg: Any = None
+    theta_o_deg: Any = None
+    phi_deg: Any = None
+    wavelength_um: Any = None
+    geometry: Any = None
+    illuminant: Any = None
+    observer: Any = None
+
+    def __post_init__(self) -> None:
+        columns = {name: make_column(name, getattr(self, name)) for name in COLUMNS}
+        count = max(column.size for column in columns.values())
+        if count > MOST_ROWS:
+            raise SceneError(f"a measurement must have at most {MOST_ROWS} rows, not {count}")
+        for name, column in columns.items():
+            if column.size not in (1, count):
+                raise SceneError.of(name, f"must be one for all, or one a row, {count}, not {column.size}")
+            object.__setattr__(self, name, np.broadcast_to(column, (count,)).copy())
+        check_quantities(self.quantity)
+        for name in QUANTITIES:
+            rows = np.flatnonzero(self.quantity == name)
+            if rows.size:
+                self._settle(QUANTITIES[name], rows)
+        if np.isnan(self.sigma).any() and not np.isnan(self.sigma).all():
+            row = int(np.flatnonzero(np.isnan(self.sigma))[0])
+            raise SceneError(f"row {row + 1}: sigma is missing; it must be there for all rows, or for none", "sigma")
+        for name in COLUMNS:
+            settle_array(getattr(self, name))
+
+    def _settle(self, known: Quantity, rows: Any) -> None:
+        """Checks the rows of a quantity, and fills in what may be left out. Raises SceneError."""
+        for name in (*COORDINATES,):
+            column = getattr(self, name)
+            empty = column[rows] == "" if name in WORDS else np.isnan(column[rows])
+            takes = name in known.needs or (name in OPTIONAL and known.needs != LOOK)
+            if not takes and not empty.all():
+                self._refuse(rows[~empty][0], name, f"must be empty: {self.quantity[rows[0]]} has none")
+            if takes and empty.any() and name not in OPTIONAL:
+                if name not in DEFAULTS:
+                    self._refuse(rows[empty][0], name, f"is missing: {self.quantity[rows[0]]} needs it")
+                column[rows[empty]] = DEFAULTS[name]
+            if takes:
+                self._check_column(name, rows)
+        self._check_values(known, rows)
+
+    def _check_column(self, name: str, rows: Any) -> None:
+        """Whether what says where something was measured is allowed. Raises SceneError."""
+        column = getattr(self, name)
+        low, high, words = ALLOWED.get(name, (-np.inf, np.inf, ""))
+        if words:
+            given = column[rows]
+            bad = ~((given >= low) & (given < high)) & ~np.isnan(given)
+            if bad.any():
+                self._refuse(rows[bad][0], name, f"must be {words}, not {given[bad][0]:g}")
+        if name == "geometry":
+            for one in {*column[rows].tolist()}:
+                read_geometry(one)
+        if name == "illuminant":
+            for one, degrees in {*zip(column[rows].tolist(), self.observer[rows].tolist(), strict=True)}:
+                check_light(one, 10 if np.isnan(degrees) else int(degrees))
+        if name == "observer" and not np.isin(column[rows], (2.0, 10.0)).all():
+            self._refuse(rows[~np.isin(column[rows], (2.0, 10.0))][0], name, "must be 2 or 10 (degrees)")
+
+    def _check_values(self, known: Quantity, rows: Any) -> None:
+        """Whether values are finite and what the quantity can be, give or take the noise. Raises SceneError."""
+        value, sigma = self.value[rows], self.sigma[rows]
+        for name, bad, words in (
+            ("value", ~np.isfinite(value), "must be a finite number, not {:g}"),
+            ("sigma", ~np.isnan(sigma) & ~((sigma > 0.0) & np.isfinite(sigma)), "must be above 0 and finite, not {:g}"),
+        ):
+            if bad.any():
+                given = getattr(self, name)[rows[bad][0]]
+                self._refuse(rows[bad][0], name, words.format(given))
+        low, high = known.bounds
+        slack = np.where(np.isnan(sigma), 0.05 * np.abs(value).max(), OUTSIDE * sigma)
+        for bad, words in (
+            (value < low - slack, f"is below {low:g}, which {self.quantity[rows[0]]} cannot be"),
+            (value > high + slack, f"is above {high:g}, which {self.quantity[rows[0]]} cannot be"),
+        ):
+            if bad.any():
+                row = rows[bad][0]
+                noise = "by more than noise" if np.isnan(sigma).any() else f"by more than {OUTSIDE:g} sigma"
+                self._refuse(row, "value", f"{self.value[row]:g} {words}, {noise}")
+
+    def _refuse(self, row: int, name: str, words: str) -> None:
+        raise SceneError(f"row {row + 1}: {name} {words}", name)
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+    def __repr__(self) -> str:
+        return f"Measurement({len(self)} rows: {', '.join(self.names)})"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantities that there are, each once, in the order of the rows."""
+        return tuple(dict.fromkeys(self.quantity.tolist()))
+
+    @property
+    def has_sigma(self) -> bool:
+        """Whether standard deviations are known."""
+        return not bool(np.isnan(self.sigma).any())
+
+    def pick(self, rows: Any) -> "Measurement":
+        """Some of the rows.
+
+        Parameters
+        ----------
+        rows : sequence of int or of bool
+            Which, from 0 on, or whether.
+
+        Returns
+        -------
+        Measurement
+            Of these alone.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> vrte.Measurement("f00", [0.1, 0.2], theta_i_deg=0.0, theta_o_deg=[10.0, 20.0]).pick([1]).value.tolist()
+        [0.2]
+        """
+        return Measurement(**{name: getattr(self, name)[rows] for name in COLUMNS})
+
+    def measure(self, value: Any, sigma: Any = None) -> "Measurement":
+        """The same rows with other values: what another panel, or a model, shows there.
+
+        Parameters
+        ----------
+        value : float or array_like (n,)
+            As for a measurement.
+        sigma : float or array_like (n,), optional
+            Standard deviations; default: as they are.
+
+        Returns
+        -------
+        Measurement
+            Otherwise the same.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> vrte.Measurement("total_reflectance", [0.5], theta_i_deg=8.0).measure([0.4]).value.tolist()
+        [0.4]
+        """
+        return replace(self, value=value, sigma=self.sigma if sigma is None else sigma)
+
+    def predict(self, scene: Any, **asked: Any) -> Array:
+        """What a scene would show in every row.
+
+        Parameters
+        ----------
+        scene : path, mapping, Scene or SceneFamily
+            As for `vrte.fit`.
+        **asked
+            nodes, accuracy, folder and wavelengths_um as for `vrte.fit`.
+
+        Returns
+        -------
+        ndarray (n,)
+            In the units of the quantities.
+
+        Raises
+        ------
+        SceneError
+            As `vrte.fit`.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
+        >>> rows = vrte.Measurement("total_reflectance", 0.0, theta_i_deg=[8.0, 45.0])
+        >>> rows.predict(white, nodes=4).round(9).tolist()
+        [0.25, 0.25]
+        """
+        from vrte.fit.model import make_model
+
+        return make_model(self, scene, (), **asked).predict(np.zeros(0))
+
+    def save(self, path: str | os.PathLike[str], comment: str = "") -> None:
+        """Writes the rows as CSV, which `vrte.read_measurement` brings back.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .csv.
+        comment : str, optional
+            Lines that stand above, behind a #.
+
+        Raises
+        ------
+        SceneError
+            For another suffix.
+        OSError
+            Where it cannot be written.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> vrte.Measurement("total_reflectance", [0.5], theta_i_deg=8.0).save("panel.csv")
+        >>> vrte.read_measurement("panel.csv").value.tolist()
+        [0.5]
+        """
+        if os.path.splitext(os.fspath(path))[1].lower() != ".csv":
+            raise SceneError(f"the measurement {os.fspath(path)} must end in .csv")
+        kept = {name: getattr(self, name).tolist() for name in COLUMNS}
+        is_empty = {name: all(one == "" or one != one for one in column) for name, column in kept.items()}
+        write_table({name: column for name, column in kept.items() if not is_empty[name]}, path, comment)
+
+
+COLUMNS = tuple(field.name for field in fields(Measurement))
+COORDINATES = tuple(name for name in COLUMNS if name not in ("quantity", "value", "sigma"))
+ALLOWED = {
+    "theta_i_deg": (0.0, 90.0, "degrees from the normal, from 0 to below 90, where the horizon is"),
+    "theta_o_deg": (np.nextafter(-90.0, 0.0), 90.0, "degrees from the normal, above -90 and below 90: the horizon"),
+    "phi_deg": (-3600.0, 3600.0, "degrees"),
+    "wavelength_um": (1e-6, 1e6, "a wavelength in um, above 0"),
+}
+
+
+def make_column(name: str, given: Any) -> Any:
+    """A column as an array (1,) or (n,); empty places are NaN or "". Raises SceneError."""
+    if name in WORDS:
+        words = [""] if given is None else [given] if isinstance(given, str) else list(given)
+        if not words or not all(isinstance(one, str) for one in words):
+            raise SceneError.of(name, f"must be a text, or one a row, not {show_value(given)}")
+        return np.array(words, dtype=object)
+    found = np.atleast_1d(check_numbers(name, np.nan if given is None else given))
+    if found.ndim != 1 or not found.size:
+        raise SceneError.of(name, f"must be a number, or one a row, not of shape {found.shape}")
+    return found.astype(float)
+
+
+def check_quantities(given: Sequence[str]) -> None:
+    """Whether all quantities are known. Raises SceneError."""
+    for row, name in enumerate(given):
+        if name not in QUANTITIES:
+            hint = suggest_nearest(name, QUANTITIES) or f"; there are {', '.join(QUANTITIES)}"
+            raise SceneError(f"row {row + 1}: there is no quantity {show_value(name)}{hint}", "quantity")
+
+
+def read_measurement(path: str | os.PathLike[str]) -> Measurement:
+    """A measurement from a file.
+
+    Parameters
+    ----------
+    path : path
+        A CSV file with a line of column names, quantity and value among them and any of sigma, theta_i_deg,
+        theta_o_deg, phi_deg, wavelength_um, geometry, illuminant, observer, and a row a number; lines that start with #
+        are comments. Or a NetCDF file with such columns, or with quantities as variables over such coordinates and
+        their standard deviations as variables that end in _sigma.
+
+    Returns
+    -------
+    Measurement
+        All rows.
+
+    Raises
+    ------
+    SceneError
+        Naming the line or the row, from 1 without header and comments.
+    MissingExtraError
+        For NetCDF without the extra "files".
+    OSError
+        Where the file cannot be read.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> with open("slab.csv", "w") as file:
+    ...     _ = file.write("quantity,theta_i_deg,value,sigma\\ntotal_reflectance,8,0.52,0.01\\n")
+    >>> vrte.read_measurement("slab.csv")
+    Measurement(1 rows: total_reflectance)
+    """
+    columns = read_columns(path, COLUMNS)
+    try:
+        return Measurement(**columns)
+    except SceneError as error:
+        raise error.behind(os.fspath(path)) from error

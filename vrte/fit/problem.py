@@ -1,0 +1,109 @@
+"""Residuals of a model over a measurement, as least squares take them: coordinates in, numbers of sigmas out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.fit.model import Model
+from vrte.fit.parameters import Parameter
+
+KEPT = 4  # points whose solves are remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """What is known at one set of values: what the model shows (rows,), and its derivatives (rows, n) or None."""
+
+    values: Array
+    predicted: Array
+    slopes: Array | None
+
+
+@dataclass(eq=False)
+class Problem:
+    """A measurement, a model, its free numbers, priors (n, 2), and the sigmas (rows,) that count.
+
+    ``refused``: why the model did not take the last values that it refused.
+    """
+
+    model: Model
+    parameters: Sequence[Parameter]
+    priors: Array
+    sigma: Array
+    refused: str = ""
+    _kept: dict[bytes, Point] = field(default_factory=dict)
+
+    @property
+    def known(self) -> Array:
+        """Which free numbers have a prior (n,)."""
+        return ~np.isnan(self.priors[:, 0])
+
+    def find_values(self, steps: Array) -> Array:
+        """Numbers of the scene at coordinates."""
+        pairs = zip(self.parameters, steps.tolist(), strict=True)
+        return np.array([one.convert_to_value(step) for one, step in pairs])
+
+    def find_steps(self, values: Array) -> Array:
+        """Coordinates of numbers of the scene."""
+        pairs = zip(self.parameters, values.tolist(), strict=True)
+        return np.array([one.convert_to_step(value) for one, value in pairs])
+
+    def find_point(self, values: Array, with_slopes: bool) -> Point:
+        """What the model shows there, remembered. Raises SceneError, AccuracyError."""
+        key = values.tobytes()
+        found = self._kept.get(key)
+        if found is None or (with_slopes and found.slopes is None):
+            if with_slopes or self.model.slopes_come_along:
+                found = Point(values, *self.model.linearize(values))
+            else:
+                found = Point(values, self.model.predict(values), None)
+            self._kept.pop(key, None)
+            self._kept[key] = found
+            while len(self._kept) > KEPT:
+                self._kept.pop(next(iter(self._kept)))
+        return found
+
+    def forget(self) -> None:
+        """Drops what is remembered: the model has changed."""
+        self._kept.clear()
+
+    def join(self, point: Point) -> Array:
+        """Residuals in sigmas of rows and of priors."""
+        mean, sigma = self.priors[self.known].T
+        rows = (point.predicted - self.model.measurement.value) / self.sigma
+        return np.concatenate([rows, (point.values[self.known] - mean) / sigma])
+
+    def join_slopes(self, point: Point) -> Array:
+        """Their derivatives by the numbers of the scene."""
+        assert point.slopes is not None
+        priors = np.diag(1.0 / np.where(self.known, self.priors[:, 1], 1.0))[self.known]
+        return np.concatenate([point.slopes / self.sigma[:, None], priors])
+
+    def find_residuals(self, steps: Array) -> Array:
+        """At coordinates; NaN where the model takes no such values, so that steps become shorter."""
+        try:
+            return self.join(self.find_point(self.find_values(steps), False))
+        except (SceneError, AccuracyError) as error:
+            self.refused = str(error)
+            return np.full(self.sigma.size + int(self.known.sum()), np.nan)
+
+    def find_slopes(self, steps: Array) -> Array:
+        """Derivatives of residuals by coordinates."""
+        values = self.find_values(steps)
+        scale = [one.find_slope(value) for one, value in zip(self.parameters, values.tolist(), strict=True)]
+        return self.join_slopes(self.find_point(values, True)) * np.array(scale)
+
+
+def choose_sigma(model: Model) -> Array:
+    """The sigmas of a measurement; where it has none, the root mean square of each quantity's values."""
+    given = model.measurement
+    if given.has_sigma:
+        return np.asarray(given.sigma)
+    found = np.empty(len(given))
+    for name in given.names:
+        rows = given.quantity == name
+        found[rows] = np.sqrt(np.mean(given.value[rows] ** 2)) or 1.0
+    return found

@@ -1,0 +1,250 @@
+"""vrte.Fit: the numbers of a scene that a measurement tells, and how well."""
+
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, settle_array
+from vrte.basics.errors import SceneError
+from vrte.fit.identify import find_correlations
+from vrte.fit.measurement import Measurement
+from vrte.formats.scene_writer import write_toml
+
+if TYPE_CHECKING:
+    from vrte.fit.problem import Problem
+    from vrte.scene.scene import Scene
+
+ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit began, and what came of it.
+
+    Attributes
+    ----------
+    values
+        The numbers of the scene at the beginning, in the order of ``names``.
+    found
+        The numbers at the end.
+    chi2
+        The sum of squares at the end.
+    solves
+        How many solves it took.
+    ended
+        Why it ended, in words.
+
+    Examples
+    --------
+    >>> from vrte.fit.result import Start
+    >>> Start((1.0,), (1.2,), 3.5, 12, "converged").found
+    (1.2,)
+    """
+
+    values: tuple[float, ...]
+    found: tuple[float, ...]
+    chi2: float
+    solves: int
+    ended: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """What `vrte.fit` found: numbers of a scene, their errors, and how they came about. All arrays are read-only.
+
+    ``fitted`` in the examples is what the example of `vrte.fit` finds.
+
+    Attributes
+    ----------
+    names
+        The free numbers, n.
+    values
+        Where they fit best, (n,).
+    errors
+        One standard deviation of each, (n,): the root of the covariance's diagonal, from the derivatives at the best.
+    covariance
+        (n, n); inf where the data do not tell a number at all.
+    measurement
+        What was measured, (rows,) in its columns.
+    predicted
+        What the scene shows with ``values``, (rows,).
+    sigma
+        Standard deviations that counted, (rows,): the measurement's, or where it has none such that the reduced
+        chi-square is 1.
+    slopes
+        Derivatives of ``predicted``, (rows, n).
+    chi2
+        Sum of squares of ``residuals`` and of the priors' in their standard deviations, with the measurement's sigma;
+        without it, with one that is the root mean square of each quantity.
+    degrees_of_freedom
+        Rows and priors less free numbers.
+    singular_values
+        Of the derivatives in sigmas by relative changes, (n,): a direction whose singular value is s is known to 1/s.
+    blind_spots
+        What the data cannot tell, in sentences.
+    notes
+        What else is to be known: bounds that were reached, errors that were scaled, nodes.
+    starts
+        All starts, the best first.
+    nodes
+        Nodes in each hemisphere of all solves.
+    interrupted
+        Whether it was stopped before it had converged.
+
+    Examples
+    --------
+    >>> fitted.names
+    ('layer[1].thickness',)
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    errors: Array
+    covariance: Array
+    measurement: Measurement
+    predicted: Array
+    sigma: Array
+    slopes: Array
+    chi2: float
+    degrees_of_freedom: int
+    singular_values: Array
+    blind_spots: tuple[str, ...]
+    notes: tuple[str, ...]
+    starts: tuple[Start, ...]
+    nodes: int | None
+    interrupted: bool = False
+    problem: "Problem | None" = field(default=None)
+
+    def __post_init__(self) -> None:
+        for name in ARRAYS:
+            object.__setattr__(self, name, settle_array(np.array(getattr(self, name), float)))
+
+    @property
+    def correlations(self) -> Array:
+        """Of the errors, (n, n)."""
+        return find_correlations(self.covariance)
+
+    @property
+    def measured(self) -> Array:
+        """The values that were measured, (rows,)."""
+        found: Array = self.measurement.value
+        return found
+
+    @property
+    def residuals(self) -> Array:
+        """Measured less predicted in sigmas, (rows,)."""
+        return (self.measured - self.predicted) / self.sigma
+
+    @property
+    def reduced_chi2(self) -> float:
+        """chi2 over the degrees of freedom; NaN where there are none."""
+        return self.chi2 / self.degrees_of_freedom if self.degrees_of_freedom else float("nan")
+
+    def __repr__(self) -> str:
+        pairs = ", ".join(f"{name} = {told}" for name, told in self._list_numbers())
+        return f"Fit({pairs}{', interrupted' if self.interrupted else ''})"
+
+    def __str__(self) -> str:
+        head = f"{len(self.names)} numbers from {len(self.measurement)} rows, chi2 {self.chi2:.4g}"
+        lines = [f"{head} with {self.degrees_of_freedom} degrees of freedom"]
+        width = max(map(len, self.names))
+        lines += [f"  {name:{width}}  {told}" for name, told in self._list_numbers()]
+        return "\n".join([*lines, *(f"  {one}" for one in (*self.blind_spots, *self.notes))])
+
+    def _list_numbers(self) -> list[tuple[str, str]]:
+        """Names, and values with errors as they are written."""
+        pairs = zip(self.names, self.values.tolist(), self.errors.tolist(), strict=True)
+        return [(name, f"{value:.6g} +- {error:.2g}") for name, value, error in pairs]
+
+    def scene(self, wavelength_um: float | None = None) -> "Scene":
+        """The scene that fits best.
+
+        Parameters
+        ----------
+        wavelength_um : float, optional
+            Wavelength in vacuum [um], one of the measurement's; default: the scene's own, or the first.
+
+        Returns
+        -------
+        Scene
+            With ``values`` in it.
+
+        Raises
+        ------
+        SceneError
+            For another wavelength, and for a fit from a file that did not keep its scene.
+
+        Examples
+        --------
+        >>> round(fitted.scene().thickness, 3)
+        0.5
+        """
+        families = self._problem().model.families
+        wanted = next(iter(families)) if wavelength_um is None else wavelength_um
+        if wanted not in families:
+            known = ", ".join(f"{one:g}" for one in families if one is not None) or "only the scene's own"
+            raise SceneError.of("wavelength_um", f"must be one of the fit's, {known}, not {wavelength_um}")
+        found: Scene = families[wanted].at(np.array(self.values))
+        return found
+
+    def write_scene(self, path: str | os.PathLike[str]) -> None:
+        """Writes the scene file with ``values`` in it, otherwise as it was but for comments.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .toml.
+
+        Raises
+        ------
+        SceneError
+            For another suffix, and where a `vrte.Scene` was fitted, of which there is no file.
+        OSError
+            Where it cannot be written.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.3}
+        >>> rows = vrte.Measurement("total_reflectance", [0.2, 0.3], 0.01, theta_i_deg=[0.0, 60.0])
+        >>> found = vrte.fit(rows, {"layer": [layer]}, ["layer[1].thickness"], nodes=4)
+        >>> found.write_scene("fitted.toml")
+        """
+        from vrte.formats.atomic import write_atomically
+
+        if not os.fspath(path).lower().endswith(".toml"):
+            raise SceneError(f"the scene file {os.fspath(path)} must end in .toml")
+        text = write_toml(self.content())
+        with write_atomically(path) as part:
+            part.write_text(text, encoding="utf-8", newline="")
+
+    def content(self) -> dict[str, Any]:
+        """The content of the scene file with ``values`` in it.
+
+        Returns
+        -------
+        dict
+            As TOML has it.
+
+        Raises
+        ------
+        SceneError
+            Where a `vrte.Scene` was fitted, of which there is no file.
+
+        Examples
+        --------
+        >>> sorted(fitted.content())
+        ['layer']
+        """
+        family = self._problem().model.source
+        if not hasattr(family, "content_at"):
+            raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
+        found: dict[str, Any] = family.content_at(np.array(self.values))
+        return found
+
+    def _problem(self) -> "Problem":
+        if self.problem is None:
+            raise SceneError("this fit was read from a file that does not hold its scene")
+        return self.problem

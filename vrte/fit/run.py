@@ -1,0 +1,379 @@
+"""vrte.fit: the numbers of a scene that fit a measurement best, by least squares with the scene's own derivatives."""
+
+import math
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_whole, settle_array
+from vrte.basics.errors import IndistinguishableWarning, SceneError
+from vrte.basics.running import Progress, share_progress
+from vrte.fit.identify import (
+    find_blind_spots,
+    find_correlations,
+    find_covariance,
+    find_scales,
+    list_alike,
+)
+from vrte.fit.measurement import Measurement
+from vrte.fit.model import make_model
+from vrte.fit.parameters import Parameter, read_parameters, read_priors
+from vrte.fit.problem import Point, Problem, choose_sigma
+from vrte.fit.result import Fit, Start
+from vrte.request.how import check_choice
+
+LOSSES = ("linear", "soft_l1")
+JACOBIANS = ("differences",)
+MOST_STARTS = 1000
+ENOUGH = 1e-9  # relative change of chi2 or values that ends a fit
+NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
+NODES_MATTER = 0.1  # sigma by which more nodes may move a row
+NEAR_A_BOUND = 1e-4  # of the range, or of the value
+
+
+class Step(NamedTuple):
+    """Where a fit is after a step, as ``watch`` is told.
+
+    Attributes
+    ----------
+    start
+        Which start, from 0 on.
+    step
+        How many steps it has made.
+    values
+        The free numbers by name.
+    chi2
+        The sum of squares.
+    predicted
+        What the scene shows there, (rows,).
+
+    Examples
+    --------
+    >>> from vrte.fit.run import Step
+    >>> Step(0, 3, {"layer[1].thickness": 0.5}, 12.0, [0.2]).chi2
+    12.0
+    """
+
+    start: int
+    step: int
+    values: dict[str, float]
+    chi2: float
+    predicted: Any
+
+
+Watch = Callable[[Step], None]
+
+
+def fit(
+    measurement: Measurement,
+    scene: Any,
+    free: Sequence[str] | Mapping[str, Any],
+    priors: Mapping[str, Any] | None = None,
+    bounds: Mapping[str, Any] | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    loss: str = "linear",
+    jacobian: str = "differences",
+    nodes: int | None = None,
+    accuracy: float | None = None,
+    wavelengths_um: Any = None,
+    most_steps: int = 100,
+    threads: int | None = None,
+    folder: str | os.PathLike[str] = ".",
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+) -> Fit:
+    """The numbers of a scene that fit a measurement best, with error bars and what the data cannot tell.
+
+    Least squares within bounds (trust region reflective). Ctrl-C ends it with the best so far, marked ``interrupted``.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        What was measured, as `vrte.read_measurement` reads it.
+    scene : path, mapping, Scene or SceneFamily
+        A scene file, its content, or a scene; where wavelengths were measured a file or its content, whose
+        ``wavelength_um`` is set to each. What is asked in it, [brdf] and [field], plays no part.
+    free : sequence of str, or mapping
+        Names of the numbers that change, as in sweeps, "layer[1].thickness", "particles.gold.radius_um"; or by each
+        name a table of ``start``, ``low``, ``high`` and ``spacing`` ("linear", or "log" for steps in the logarithm).
+        What is left out is as the scene has it, and bounded by 0 below, shares such as albedo by 1 above.
+    priors : mapping, optional
+        By names a mean and a standard deviation that are known beforehand: each counts like one more row.
+    bounds : mapping, optional
+        By names (low, high), in place of those in ``free``.
+    starts : int, optional
+        How many starts: the given one, and others spread over the bounds (a Latin hypercube), which must then be
+        finite; the best is kept, all are told.
+    seed : int, optional
+        Of these.
+    loss : {'linear', 'soft_l1'}, optional
+        Sum of squares, or the robust 2 (sqrt(1 + r^2) - 1), which minds outliers less.
+    jacobian : {'differences'}, optional
+        How derivatives are found.
+    nodes : int, optional
+        Nodes in each hemisphere; default: the scene file's, or as many as the accuracy takes at the start, the same all
+        through; whether they are enough at the end is looked at.
+    accuracy : float, optional
+        Of the solves, relative to the largest radiance; default: the scene file's, or 1e-5.
+    wavelengths_um : sequence of float, optional
+        At which colours are worked out, ascending [um]; default: 16 from 0.40 to 0.70.
+    most_steps : int, optional
+        How many trials each start has at most.
+    threads : int, optional
+        How many; default: all CPUs that may be used.
+    folder : path, optional
+        Where the tables that a parsed content names lie.
+    progress : callable, optional
+        Called with (steps done, steps at most).
+    watch : callable, optional
+        Called with a `vrte.fit.run.Step` after each step: numbers, chi2, and what the scene shows there.
+
+    Returns
+    -------
+    Fit
+        Values, errors, covariance, residuals and what the data cannot tell; ``print`` shows the main ones.
+
+    Raises
+    ------
+    SceneError
+        For bad input: data outside the model, a number that does nothing to the data, fewer rows than free numbers,
+        bounds that exclude the start.
+    OSError
+        Where a file cannot be read.
+
+    Warns
+    -----
+    IndistinguishableWarning
+        Where two numbers cannot be told apart, or a combination of them from these data.
+
+    References
+    ----------
+    Branch, Coleman and Li, SIAM J. Sci. Comput. 21 (1999), 1, by `scipy.optimize.least_squares`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import vrte
+    >>> rows = vrte.Measurement("total_reflectance", 0.0, 0.001, theta_i_deg=[0.0, 30.0, 60.0])
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> measured = rows.measure(rows.predict({"layer": [layer]}, nodes=4))
+    >>> guess = {"layer": [{**layer, "thickness": 0.3}]}
+    >>> found = vrte.fit(measured, guess, ["layer[1].thickness"], nodes=4)
+    >>> round(found.values.item(), 6), round(found.errors.item(), 4)
+    (0.5, 0.0015)
+    """
+    check_choice("loss", loss, LOSSES)
+    check_choice("jacobian", jacobian, JACOBIANS)
+    count = check_whole("starts", starts, 1, MOST_STARTS)
+    most = check_whole("most_steps", most_steps, 1, 100_000)
+    names = list(free)
+    if isinstance(free, str) or not names or len(set(names)) < len(names):
+        raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
+    model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
+    parameters = read_parameters(free, bounds, dict(zip(names, model.start.tolist(), strict=True)))
+    problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model))
+    first = np.array([one.start for one in parameters])
+    check_count(problem)
+    model.settle_nodes(first)
+    check_slopes(problem, first)
+    search = Search(problem, loss, most, watch)
+    found: list[Start] = []
+    interrupted = False
+    try:
+        for place, begin in enumerate(spread_starts(parameters, count, seed)):
+            found.append(search.descend(place, begin, share_progress(progress, place, count)))
+        search.refine(isinstance(nodes, int) or "nodes" in model.options)
+    except KeyboardInterrupt:
+        if search.best is None:
+            raise
+        interrupted = True
+    return make_fit(problem, search, found, interrupted)
+
+
+def check_count(problem: Problem) -> None:
+    """Whether there are enough rows. Raises SceneError."""
+    rows, priors, free = len(problem.model.measurement), int(problem.known.sum()), len(problem.parameters)
+    if rows + priors < free:
+        words = f"{rows} row{'s'[: rows != 1]}" + (f" and {priors} priors" if priors else "")
+        raise SceneError(f"measurement has {words}, too few for {free} free numbers: at least as many are needed")
+
+
+def check_slopes(problem: Problem, values: Array) -> None:
+    """Whether each free number does something to the data, or has a prior. Raises SceneError."""
+    point = problem.find_point(values, True)
+    assert point.slopes is not None
+    ranges = np.array([one.high - one.low for one in problem.parameters])
+    effect = np.abs(point.slopes / problem.sigma[:, None]).max(axis=0) * find_scales(values, ranges)
+    for one, moved in zip(problem.parameters, effect.tolist(), strict=True):
+        if not moved > NOTHING:
+            raise SceneError(f"free: {one.name} does nothing to these data", "free", one.name)
+
+
+def spread_starts(parameters: Sequence[Parameter], count: int, seed: int) -> list[Array]:
+    """The given start, and others that share the bounds evenly between them, in coordinates. Raises SceneError."""
+    first = np.array([one.convert_to_step(one.start) for one in parameters])
+    if count == 1:
+        return [first]
+    ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one in parameters])
+    for one, pair in zip(parameters, ends, strict=True):
+        if not np.isfinite(pair).all():
+            above = " above 0" if one.is_log else ""
+            raise SceneError(f"starts: {one.name} needs finite bounds{above} for several starts", "starts")
+    generator = np.random.default_rng(seed)  # of every number, each of the shares of its range once
+    order = np.stack([generator.permutation(count - 1) for _ in parameters], axis=1)
+    spread = (order + generator.random(order.shape)) / (count - 1)
+    return [first, *(ends[:, 0] + spread * (ends[:, 1] - ends[:, 0]))]
+
+
+class Search:
+    """Least squares from several starts; ``best``: the point of the least chi2 so far, whose derivatives are known."""
+
+    def __init__(self, problem: Problem, loss: str, most_steps: int, watch: Watch | None) -> None:
+        self.problem, self.loss, self.most_steps, self.watch = problem, loss, most_steps, watch
+        self.best: Point | None = None
+        self.cost = math.inf
+
+    def measure(self, residuals: Array) -> float:
+        """The sum that is made least."""
+        square = residuals**2
+        return float(square.sum() if self.loss == "linear" else (2.0 * (np.sqrt(1.0 + square) - 1.0)).sum())
+
+    def descend(self, place: int, begin: Array, progress: Progress | None) -> Start:
+        """One start to its end. Raises SceneError where the model does not take its beginning."""
+        from scipy.optimize import least_squares
+
+        problem, step, before = self.problem, 0, self.problem.model.solves
+        ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one in problem.parameters]).T
+        start = problem.find_values(begin)
+        problem.find_point(start, True)
+
+        def find_slopes(steps: Array) -> Array:
+            nonlocal step
+            found = problem.find_slopes(steps)
+            point = problem.find_point(problem.find_values(steps), True)
+            self.keep(point)
+            if self.watch is not None:
+                told = dict(zip(problem.model.names, point.values.tolist(), strict=True))
+                chi2 = self.measure(problem.join(point))
+                self.watch(Step(place, step, told, chi2, settle_array(point.predicted.copy())))
+            step += 1
+            if progress is not None:
+                progress(min(step, self.most_steps), self.most_steps)
+            return found
+
+        found = least_squares(
+            problem.find_residuals,
+            begin,
+            find_slopes,
+            tuple(ends),
+            x_scale="jac",
+            loss=self.loss,  # type: ignore[arg-type]  # one of LOSSES
+            ftol=ENOUGH,
+            xtol=ENOUGH,
+            gtol=ENOUGH,
+            max_nfev=self.most_steps,
+        )
+        values = problem.find_values(found.x)
+        self.keep(problem.find_point(values, True))
+        ended = "converged" if found.status > 0 else f"stopped after {self.most_steps} trials"
+        if progress is not None:
+            progress(self.most_steps, self.most_steps)
+        chi2 = 2.0 * float(found.cost)
+        return Start(tuple(start.tolist()), tuple(values.tolist()), chi2, problem.model.solves - before, ended)
+
+    def keep(self, point: Point) -> None:
+        """Remembers a point that is better than all before."""
+        cost = self.measure(self.problem.join(point))
+        if cost < self.cost:
+            self.best, self.cost = point, cost
+
+    def refine(self, fixed: bool) -> None:
+        """More nodes, and some more steps, where those that were chosen at the start are too few at the end."""
+        model = self.problem.model
+        if fixed or self.best is None or model.nodes is None:
+            return
+        needed = model.find_nodes(self.best.values)
+        if needed is None or needed <= model.nodes:
+            return
+        before, model.nodes = model.nodes, needed
+        values, old = self.best.values, self.best.predicted
+        self.problem.forget()
+        moved = float(np.abs((model.predict(values) - old) / self.problem.sigma).max())
+        model.notes.append(f"{before} nodes were chosen at the start; {needed} at the end, which move no row by more "
+                           f"than {moved:.2g} sigma")  # fmt: skip
+        self.best, self.cost = None, math.inf
+        if moved > NODES_MATTER:
+            self.descend(0, self.problem.find_steps(values), None)
+        else:
+            self.keep(self.problem.find_point(values, True))
+
+
+def make_fit(problem: Problem, search: Search, starts: Sequence[Start], interrupted: bool) -> Fit:
+    """The result, with errors and what the data cannot tell. Warns (IndistinguishableWarning)."""
+    best, model, given = search.best, problem.model, problem.model.measurement
+    assert best is not None
+    assert best.slopes is not None
+    residuals, slopes = problem.join(best), problem.join_slopes(best)
+    chi2, freedom = float(residuals @ residuals), residuals.size - len(problem.parameters)
+    notes = [*model.notes]
+    scale = 1.0
+    if not given.has_sigma:
+        scale = math.sqrt(chi2 / freedom) if freedom and chi2 else math.nan
+        notes.append(
+            "the measurement has no sigma: rows of a quantity count alike, and errors are scaled by the root of the "
+            f"reduced chi-square{'' if freedom else ', which needs more rows than free numbers'}"
+        )
+    if search.loss != "linear":  # what outliers count for
+        slopes = slopes * ((1.0 + residuals**2) ** -0.25)[:, None]
+    rows = len(given)
+    unit = scale if math.isfinite(scale) else 1.0
+    slopes = np.concatenate([slopes[:rows] / unit, slopes[rows:]])
+    ranges = np.array([one.high - one.low for one in problem.parameters])
+    scales = find_scales(best.values, ranges)
+    covariance = find_covariance(slopes, scales) * (scale / unit)
+    singular, blind = find_blind_spots(model.names, slopes, best.values, scales)
+    notes += list_bounds(problem.parameters, best.values)
+    if interrupted:
+        notes.append("interrupted: the best so far, which need not be the best there is")
+    alike = list_alike(model.names, find_correlations(covariance))
+    for one, other, correlation in alike:
+        told = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
+        warnings.warn(f"{told}: fix one, or give it a prior", IndistinguishableWarning, stacklevel=3)
+        blind.append(told)
+    if blind and not alike:
+        warnings.warn(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning, stacklevel=3)
+    return Fit(
+        names=tuple(model.names),
+        values=best.values,
+        errors=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        measurement=given,
+        predicted=best.predicted,
+        sigma=problem.sigma * unit,
+        slopes=best.slopes,
+        chi2=chi2,
+        degrees_of_freedom=freedom,
+        singular_values=singular,
+        blind_spots=tuple(blind),
+        notes=tuple(notes),
+        starts=tuple(sorted(starts, key=lambda one: one.chi2)),
+        nodes=model.nodes,
+        interrupted=interrupted,
+        problem=problem,
+    )
+
+
+def list_bounds(parameters: Sequence[Parameter], values: Array) -> list[str]:
+    """Which numbers have reached a bound, in words."""
+    told = []
+    for one, value in zip(parameters, values.tolist(), strict=True):
+        span = one.high - one.low
+        near = NEAR_A_BOUND * (span if math.isfinite(span) else abs(one.start))
+        for end, side in ((one.low, "lower"), (one.high, "upper")):
+            if abs(value - end) <= near:
+                told.append(f"{one.name} is at its {side} bound {end:g}: its error knows nothing of the bound")
+    return told
