@@ -1,19 +1,23 @@
 """The light that rows of a measurement are read off: which solves find it, as few as will do, and what they find."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array, settle_array
 from vrte.basics.errors import SceneError
+from vrte.basics.stencils import STEP, sample_around
 from vrte.fit.quantities import Shares
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+from vrte.scene.vary import move_scene
 
 MOST_TOGETHER = 200_000  # pairs of directions of a solve; where there are more, each incidence has a solve of its own
 
@@ -102,6 +106,11 @@ class Group:
         down = found.flux_down[1, places, 0] / mu if self.through else np.zeros_like(up)
         return matrices, up, down
 
+    def make_beam_jets(self, scene: Scene, variations: Sequence[Variation]) -> Array:
+        """Jets (1 + n, 2, beam) of the shares that are mirrored, and get through, as beams; ``scene`` and
+        ``variations`` as they are lit from above."""
+        return make_scene_jet(lambda given: np.stack(self.follow_beams(given)), scene, variations, self.mu_i.min())
+
     def follow_beams(self, scene: Scene) -> tuple[Array, Array]:
         """Shares (beam,) that are mirrored, and get through, as beams; ``scene`` as it is lit from above."""
         mu = np.array(self.beams)
@@ -114,15 +123,46 @@ class Group:
         return direct[0, :, 0, 0, 0], direct[1, :, 1, 0, 0] if ends.size > 1 else np.zeros_like(mu)
 
 
+def make_scene_jet(
+    find: Callable[[Scene], Array], scene: Scene, variations: Sequence[Variation], lowest: float
+) -> Array:
+    """Jets (1 + n, ...) of what depends on a scene in closed form, by differences of five points; ``lowest``: the
+    cosine of the flattest direction."""
+    thickness = np.array([layer.thickness for layer in scene.layers])
+    value = find(scene)
+    found = [value]
+    for one in variations:
+        rate = float((np.abs(one.thickness) / (np.minimum(thickness, 1e300) + lowest)).max())
+        if one.is_outside and one.scene_at is not None:
+            points = sample_around(one.scene_at, one.value, STEP * (abs(one.value) or 1.0))
+        elif rate:
+            along = replace(one, albedo=0.0 * one.albedo, coefficients=(), base=())  # all that beams meet
+            points = sample_around(partial(move_scene, scene, along), 0.0, STEP / rate)
+        else:
+            points = []
+        found.append(sum((weight * find(point) for weight, point in points), np.zeros_like(value)))
+    return np.stack(found)
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Jets (vrte/fit/jets.py) of what a `Sight` looks at: Mueller matrices (1 + n, triple, 4, 4), shares of beams."""
+    """Jets (vrte/fit/jets.py) of what a `Sight` looks at: Mueller matrices (1 + n, triple, 4, 4), shares of beams; and
+    the scene, how it changes with each number, and the flattest direction's cosine."""
 
     matrices: Array
     shares: Shares
+    scene: Scene
+    variations: Sequence[Variation]
+    lowest: float
 
 
-def join_groups(sight: Sight, groups: Sequence[Group], found: Sequence[tuple[Array, Shares]]) -> Seen:
+def join_groups(
+    sight: Sight,
+    groups: Sequence[Group],
+    found: Sequence[tuple[Array, Shares]],
+    scene: Scene,
+    variations: Sequence[Variation],
+) -> Seen:
     """What the solves of a sight found, at the places that rows know."""
     first = found[0][0].shape[0]
     matrices = np.zeros((first, len(sight.triples), 4, 4))
@@ -132,4 +172,4 @@ def join_groups(sight: Sight, groups: Sequence[Group], found: Sequence[tuple[Arr
         places = [sight.beams[one] for one in group.beams]
         for whole, one in zip(shares, some, strict=True):
             whole[:, places] = one
-    return Seen(matrices, shares)
+    return Seen(matrices, shares, scene, variations, min(float(group.mu_i.min()) for group in groups))

@@ -2,9 +2,11 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,23 +16,27 @@ from vrte.appearance.geometries import NODES, PORT_DEG, Geometry, read_geometry
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
+from vrte.basics.stencils import STEP, sample_around
+from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.side_by_side import run_side_by_side
-from vrte.fit.families import FileFamily, make_family
-from vrte.fit.light import Group, Seen, Sight, join_groups
+from vrte.fit.light import Group, Seen, Sight, join_groups, make_scene_jet
 from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import BEAM, DIRECTIONS, INSTRUMENT, LOOK, QUANTITIES, Shares, find_tristimulus
-from vrte.methods import choose_method, make_run, solve_request
+from vrte.formats.scene_family import SceneFamily
+from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
+from vrte.methods import choose_method, make_run
 from vrte.request.request import Request
 from vrte.results.solution import Solution
 from vrte.results.spectrum import check_ascending
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+from vrte.scene.vary import turn_variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
 VISIBLE_UM = np.linspace(0.40, 0.70, 16)  # of colours, where nobody says which
-OTHERS = ("brdf", "field", "render", "fit", "appearance", "axes")  # what a scene file asks of others
-STEP = 1e-4  # of central differences, relative
 Wavelength = float | None
+Solved = tuple[Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +68,11 @@ class Model:
     def __init__(
         self,
         measurement: Measurement,
-        families: Mapping[Wavelength, Any],
+        families: Mapping[Wavelength, SceneFamily],
         options: Mapping[str, Any],
         colours_um: Array,
-        jacobian: str = "differences",
-        source: Any = None,
+        jacobian: str = "exact",
+        source: SceneFamily | None = None,
     ) -> None:
         self.measurement, self.families, self.options = measurement, dict(families), dict(options)
         self.colours_um, self.jacobian, self.solves = colours_um, jacobian, 0
@@ -143,117 +149,110 @@ class Model:
 
     def predict(self, values: Array) -> Array:
         """What the scene with these numbers shows, (rows,). Raises SceneError."""
-        return self._read(self._solve(values, derivatives=False), values)[0]
+        return self._find_jets(values, with_slopes=False)[0]
 
     def linearize(self, values: Array) -> tuple[Array, Array]:
         """The same, and its derivatives (rows, n). Raises SceneError."""
-        found = [self.predict(values)]
-        for place in range(values.size):
-            found.append(self._differentiate(values, place))
-        return found[0], np.array(found[1:]).reshape(values.size, -1).T
+        if self.jacobian == "exact":
+            jets = self._find_jets(values, with_slopes=True)
+            return jets[0], jets[1:].T
+        return self.predict(values), np.stack([self._differentiate(values, k) for k in range(values.size)], axis=1)
 
     def _differentiate(self, values: Array, place: int) -> Array:
-        """Central differences by one number (rows,), of one side where the scene does not have the other."""
-        step = STEP * (abs(values[place]) or 1.0)
-        sides, heights = [], []
-        for sign in (1.0, -1.0):
+        """Differences of the model by one number (rows,), of five points."""
+
+        def predict_at(value: float) -> Array:
             there = values.copy()
-            there[place] += sign * step
-            try:
-                heights.append(self.predict(there))
-                sides.append(there[place])
-            except SceneError:
-                continue
-        if not sides:
-            raise SceneError(f"{self.names[place]} cannot be changed from {values[place]:g} by {step:g} either way")
-        if len(sides) == 1:
-            heights.append(self.predict(values))
-            sides.append(values[place])
-        return (heights[0] - heights[1]) / (sides[0] - sides[1])
+            there[place] = value
+            return self.predict(there)
+
+        step = STEP * (abs(values[place]) or 1.0)
+        return np.sum([weight * found for weight, found in sample_around(predict_at, values[place], step)], axis=0)
 
     def settle_nodes(self, values: Array) -> None:
         """Chooses how many nodes all solves take, by the first, a middle and the last wavelength at these numbers."""
-        if self.nodes is not None or not self.sights:
-            return
-        self.nodes = self.find_nodes(values)
+        if self.nodes is None:
+            self.nodes = self.find_nodes(values)
 
     def find_nodes(self, values: Array) -> int | None:
         """The most nodes that the accuracy takes; None for a method that has none."""
         order = sorted(self.sights, key=lambda one: one or 0.0)
-        looked_at = {order[0], order[len(order) // 2], order[-1]}
-        found = self._solve(values, False, None, looked_at)
-        most = max((int(one.diagnostics.get("nodes", 0)) for _, some in found.items() for _, one, _ in some), default=0)
+        looked_at = [*dict.fromkeys((order[0], order[len(order) // 2], order[-1]))]
+        options = {key: one for key, one in self.options.items() if key != "nodes"}
+        found = self._solve(values, looked_at, {"accuracy": ACCURACY} | options, False)
+        most = max(int(one.diagnostics.get("nodes", 0)) for some in found.values() for _, one, *_ in some)
         return most or None
 
+    def _find_jets(self, values: Array, with_slopes: bool) -> Array:
+        """Jets of all rows (1 + n, rows)."""
+        options = {key: one for key, one in self.options.items() if key != "accuracy" or self.nodes is None}
+        options |= {"accuracy": ACCURACY, **options} if self.nodes is None else {"nodes": self.nodes}
+        return self._read(self._solve(values, [*self.sights], options, with_slopes))
+
     def _solve(
-        self, values: Array, derivatives: bool, nodes: int | None = -1, only: Any = None
-    ) -> dict[Wavelength, list[tuple[Request, Solution, list[Solution]]]]:
-        """All solves at these numbers, side by side where there are several."""
-        nodes = self.nodes if nodes == -1 else nodes
-        options = {"accuracy": ACCURACY} | {key: one for key, one in self.options.items() if key != "nodes"}
-        if nodes is not None:
-            options = {key: one for key, one in options.items() if key != "accuracy"} | {"nodes": nodes}
-        places = [(one, group) for one in self.sights if only is None or one in only for group in self.groups[one]]
+        self, values: Array, wavelengths: Sequence[Wavelength], options: dict[str, Any], with_slopes: bool
+    ) -> dict[Wavelength, list[Solved]]:
+        """The solves of some wavelengths at these numbers, side by side where there are several."""
+        places = [(one, group) for one in wavelengths for group in self.groups[one]]
         alone = len(places) == 1
-        scenes: dict[Wavelength, Scene] = {}
+        how = options if alone else options | {"threads": 1}
 
-        def make(wavelength: Wavelength) -> None:
-            try:
-                scenes[wavelength] = self.families[wavelength].at(values)
-            except SceneError as error:
-                raise error.behind(f"at {wavelength:g} um") if wavelength else error from error
+        def make(wavelength: Wavelength) -> tuple[Scene, list[Variation]]:
+            family = self.families[wavelength]
+            with name_wavelength(wavelength):
+                scene = family.at(values)
+                return scene, read_derivatives(scene, family.variations(values)) if with_slopes else []
 
-        run_side_by_side([partial(make, one) for one in dict(places)])
-
-        def solve(wavelength: Wavelength, group: Group) -> tuple[Request, Solution, list[Solution]]:
-            try:
-                request = choose_method(group.ask(scenes[wavelength], options | ({} if alone else {"threads": 1})))
+        def solve(wavelength: Wavelength, group: Group) -> Solved:
+            scene, variations = scenes[wavelength]
+            with name_wavelength(wavelength):
+                request = choose_method(group.ask(scene, how))
                 run = make_run(request)
                 run.told = True
-                if alone:
-                    return request, run_interruptible(run, lambda: solve_request(request, run))[1], []
-                return request, solve_request(request, run)[1], []
-            except SceneError as error:
-                raise error.behind(f"at {wavelength:g} um") if wavelength else error from error
+
+                def work() -> Any:
+                    return solve_with_derivatives(request, variations, run)
+
+                _, solution, found = run_interruptible(run, work) if alone else work()
+            return request, solution, [one.solution for one in found], variations
 
         self.solves += len(places)
-        if alone:
-            return {places[0][0]: [solve(*places[0])]}
-        found: dict[Wavelength, list[Any]] = {}
-        for (one, _), made in zip(places, run_side_by_side([partial(solve, *one) for one in places]), strict=True):
+        scenes = dict(zip(wavelengths, run_side_by_side([partial(make, one) for one in wavelengths]), strict=True))
+        tasks = [partial(solve, *one) for one in places]
+        solved = [tasks[0]()] if alone else run_side_by_side(tasks)
+        found: dict[Wavelength, list[Solved]] = {}
+        for (one, _), made in zip(places, solved, strict=True):
             found.setdefault(one, []).append(made)
         return found
 
-    def _read(self, solved: Mapping[Wavelength, Any], values: Array) -> Array:
+    def _read(self, solved: Mapping[Wavelength, list[Solved]]) -> Array:
         """Jets of all rows (1 + n, rows)."""
         seen = {one: self._see(one, some) for one, some in solved.items()}
-        scenes = {one: some[0][0].scene for one, some in solved.items()}
-        first = next(iter(seen.values())).matrices.shape[0]
-        out = np.zeros((first, len(self.measurement)))
+        out = np.zeros((next(iter(seen.values())).matrices.shape[0], len(self.measurement)))
         for one in self.readings:
             known, light = QUANTITIES[one.quantity], seen[one.wavelength]
-            what = (
-                light.matrices[:, one.places]
-                if known.needs == DIRECTIONS
-                else Shares(*(part[:, one.places] for part in light.shares))
-            )
-            out[:, one.rows] = known.read(what)
+            if known.needs == DIRECTIONS:
+                out[:, one.rows] = known.read(light.matrices[:, one.places])
+            else:
+                out[:, one.rows] = known.read(Shares(*(part[:, one.places] for part in light.shares)))
         for row, wavelength, made in self.instruments:
-            out[:, row] = read_instrument(made, seen[wavelength], scenes[wavelength])
+            out[:, row] = read_instrument(made, seen[wavelength])
         for name, row, parts, conditions in self.colours:
-            spectrum = np.stack([read_instrument(made, seen[at], scenes[at]) for at, made in parts], axis=1)
+            spectrum = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
             out[:, row] = QUANTITIES[name].read(*find_tristimulus(self.colours_um, spectrum, *conditions))
         return out
 
-    def _see(self, wavelength: Wavelength, solved: Sequence[tuple[Request, Solution, list[Solution]]]) -> Seen:
+    def _see(self, wavelength: Wavelength, solved: Sequence[Solved]) -> Seen:
         """What a wavelength's solves found, as jets."""
         found = []
-        for group, (request, value, slopes) in zip(self.groups[wavelength], solved, strict=True):
+        turn = turn_variation if solved[0][0].illuminate == "bottom" else lambda one: one
+        variations = [turn(one) for one in solved[0][3]]
+        for group, (request, value, slopes, _) in zip(self.groups[wavelength], solved, strict=True):
             parts = [group.read(request, one) for one in (value, *slopes)]
             matrices, up, down = (np.stack([part[k] for part in parts]) for k in range(3))
-            mirrored, passed = (part[None] for part in group.follow_beams(request.scene))
-            found.append((matrices, Shares(up, down, mirrored, passed)))
-        return join_groups(self.sights[wavelength], self.groups[wavelength], found)
+            beams = group.make_beam_jets(request.scene, variations)
+            found.append((matrices, Shares(up, down, beams[:, 0], beams[:, 1])))
+        return join_groups(self.sights[wavelength], self.groups[wavelength], found, solved[0][0].scene, variations)
 
 
 def find_cosine(theta_deg: float) -> float:
@@ -261,7 +260,7 @@ def find_cosine(theta_deg: float) -> float:
     return math.cos(math.radians(abs(theta_deg)))
 
 
-def read_instrument(made: Instrument, seen: Seen, scene: Scene) -> Array:
+def read_instrument(made: Instrument, seen: Seen) -> Array:
     """An instrument's reflectance factor (1 + n,), as vrte/appearance/geometries.py defines it."""
     geometry, shares = made.geometry, seen.shares
     if geometry.angle_o is not None:
@@ -275,13 +274,29 @@ def read_instrument(made: Instrument, seen: Seen, scene: Scene) -> Array:
         return total[:, 0]
     port, mu_i = Round(PORT_DEG), find_cosine(geometry.angle_i)
     angle = project_solid_angle(port, geometry.angle_i)
-    inside = seen.matrices[:, made.triple, 0, 0].copy()
-    reflected = shares.reflected[:, beams[0]].copy()
-    surface = scene.interfaces[0]
-    if surface is not None and not surface.is_smooth:
-        inside[0] -= float(surface.facets.reflect(*np.array([[mu_i], [mu_i], [0.0]]))[0, 0, 0])
-        reflected[0] -= collect_mirrored(surface, mu_i, port)
-    return (reflected - inside * angle) / (1.0 - angle / np.pi)
+
+    def find_surface(scene: Scene) -> Array:
+        """What a rough surface sends back itself: there (1/sr), and through the port."""
+        surface = scene.interfaces[0]
+        if surface is None or surface.is_smooth:
+            return np.zeros(2)
+        there = surface.facets.reflect(*np.array([[mu_i], [mu_i], [0.0]]))[0, 0, 0]
+        return np.array([float(there), collect_mirrored(surface, mu_i, port)])
+
+    own = make_scene_jet(find_surface, seen.scene, seen.variations, mu_i)
+    inside = seen.matrices[:, made.triple, 0, 0] - own[:, 0]
+    return (shares.reflected[:, beams[0]] - own[:, 1] - inside * angle) / (1.0 - angle / np.pi)
+
+
+@contextmanager
+def name_wavelength(wavelength: Wavelength) -> Iterator[None]:
+    """Puts a wavelength in front of complaints."""
+    try:
+        yield
+    except SceneError as error:
+        if wavelength is None:
+            raise
+        raise error.behind(f"at {wavelength:g} um") from error
 
 
 def make_model(
@@ -293,7 +308,7 @@ def make_model(
     wavelengths_um: Any = None,
     folder: str | os.PathLike[str] = ".",
     threads: int | None = None,
-    jacobian: str = "differences",
+    jacobian: str = "exact",
 ) -> Model:
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
     if not isinstance(measurement, Measurement):
@@ -311,17 +326,20 @@ def make_model(
         raise SceneError(
             f"the measurement is at {wave:g} um, and a vrte.Scene knows no wavelength: give a scene file or its content"
         )
-    family = make_family(scene, names, folder)
-    if not isinstance(family, FileFamily):
-        return Model(measurement, {None: family}, asked, colours_um, jacobian)
-    content = {key: one for key, one in family.content.items() if key not in OTHERS}
-    content["brdf"] = {"mu_i": 1.0, "mu_o": 1.0}
+    if isinstance(scene, SceneFamily):
+        scene, folder = scene.source, scene.folder or folder
+    if isinstance(scene, Scene):
+        return Model(measurement, {None: SceneFamily(scene, names)}, asked, colours_um, jacobian)
+    if isinstance(scene, Mapping):
+        content = dict(scene)
+    else:
+        content, folder = read_content(scene), Path(scene).parent
+    content.pop("fit", None)
+    bare = {key: one for key, one in content.items() if key not in REQUESTS}
     families = {
-        one: FileFamily(content if one is None else {**content, "wavelength_um": one}, names, family.folder)
-        for one in at
+        one: SceneFamily(bare if one is None else {**bare, "wavelength_um": one}, names, Path(folder)) for one in at
     }
-    first = families[next(iter(at))]
-    options = dict(first.file_at(first.values).options) | asked
+    options = {key: content[key] for key in OPTION_KEYS if key in content} | asked
     if "nodes" in asked:
         options.pop("accuracy", None)
-    return Model(measurement, families, options, colours_um, jacobian, family)
+    return Model(measurement, families, options, colours_um, jacobian, SceneFamily(content, names, Path(folder)))

@@ -11,10 +11,10 @@ from vrte.basics.errors import SceneError
 from vrte.fit.identify import find_correlations
 from vrte.fit.measurement import Measurement
 from vrte.formats.scene_writer import write_toml
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from vrte.fit.problem import Problem
-    from vrte.scene.scene import Scene
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
 
@@ -158,7 +158,7 @@ class Fit:
         pairs = zip(self.names, self.values.tolist(), self.errors.tolist(), strict=True)
         return [(name, f"{value:.6g} +- {error:.2g}") for name, value, error in pairs]
 
-    def scene(self, wavelength_um: float | None = None) -> "Scene":
+    def scene(self, wavelength_um: float | None = None) -> Scene:
         """The scene that fits best.
 
         Parameters
@@ -186,8 +186,7 @@ class Fit:
         if wanted not in families:
             known = ", ".join(f"{one:g}" for one in families if one is not None) or "only the scene's own"
             raise SceneError.of("wavelength_um", f"must be one of the fit's, {known}, not {wavelength_um}")
-        found: Scene = families[wanted].at(np.array(self.values))
-        return found
+        return families[wanted].at(np.array(self.values))
 
     def write_scene(self, path: str | os.PathLike[str]) -> None:
         """Writes the scene file with ``values`` in it, otherwise as it was but for comments.
@@ -239,10 +238,9 @@ class Fit:
         ['layer']
         """
         family = self._problem().model.source
-        if not hasattr(family, "content_at"):
+        if isinstance(family.source, Scene):
             raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
-        found: dict[str, Any] = family.content_at(np.array(self.values))
-        return found
+        return family.content_at(np.array(self.values))
 
     def _problem(self) -> "Problem":
         if self.problem is None:

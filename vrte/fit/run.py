@@ -26,7 +26,7 @@ from vrte.fit.result import Fit, Start
 from vrte.request.how import check_choice
 
 LOSSES = ("linear", "soft_l1")
-JACOBIANS = ("differences",)
+JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
 ENOUGH = 1e-9  # relative change of chi2 or values that ends a fit
 NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
@@ -76,7 +76,7 @@ def fit(
     starts: int = 1,
     seed: int = 0,
     loss: str = "linear",
-    jacobian: str = "differences",
+    jacobian: str = "exact",
     nodes: int | None = None,
     accuracy: float | None = None,
     wavelengths_um: Any = None,
@@ -112,8 +112,8 @@ def fit(
         Of these.
     loss : {'linear', 'soft_l1'}, optional
         Sum of squares, or the robust 2 (sqrt(1 + r^2) - 1), which minds outliers less.
-    jacobian : {'differences'}, optional
-        How derivatives are found.
+    jacobian : {'exact', 'differences'}, optional
+        How derivatives are found: those of `vrte.brdf`, or by differences of all that the model does, to check them.
     nodes : int, optional
         Nodes in each hemisphere; default: the scene file's, or as many as the accuracy takes at the start, the same all
         through; whether they are enough at the end is looked at.
