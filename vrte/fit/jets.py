@@ -36,6 +36,6 @@ def find_length(one: Array, other: Array) -> Array:
     return np.concatenate([length, slope])
 
 
-def apply_function(jet: Array, value: Array, slope: Array) -> Array:
+def follow_chain(jet: Array, value: Array, slope: Array) -> Array:
     """A function of a jet, of which its value and its slope there are known, by the chain rule."""
     return np.concatenate([value[None], slope * jet[1:]])

@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte.appearance.lights import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
-from vrte.fit.jets import apply_function, divide_jets, find_length
+from vrte.fit.jets import follow_chain, divide_jets, find_length
 from vrte.results.quantities import MUELLER
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")
@@ -125,7 +125,7 @@ def find_lightness(light: Array, white: Array) -> tuple[Array, ...]:
         low = value <= KNEE
         root = np.cbrt(max(float(value), KNEE))
         made, slope = (841.0 / 108.0 * value + 4.0 / 29.0, 841.0 / 108.0) if low else (root, 1.0 / (3.0 * root**2))
-        found.append(apply_function(share, np.asarray(made), np.asarray(slope)))
+        found.append(follow_chain(share, np.asarray(made), np.asarray(slope)))
     return tuple(found)
 
 

@@ -92,6 +92,8 @@ class Fit:
         Nodes in each hemisphere of all solves.
     interrupted
         Whether it was stopped before it had converged.
+    problem
+        Model, free numbers and priors, for what is asked of the fit later; None where it was read from a file.
 
     Examples
     --------

@@ -99,7 +99,7 @@ def read_netcdf(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str,
         raise SceneError(f"not a NetCDF-4 file that can be read ({put_in_one_line(str(error), 100)})") from error
     if "quantity" in data.variables:
         check_names([str(name) for name in data.variables], names)
-        return {str(name): listed(values.values, str(name)) for name, values in data.variables.items()}
+        return {str(name): list_values(values.values, str(name)) for name, values in data.variables.items()}
     return spread_quantities(data, names)
 
 
@@ -120,7 +120,9 @@ def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str,
         flat = np.asarray(values.values).ravel()
         there = ~np.isnan(np.asarray(flat, float))
         sigma = data.get(f"{name}{SIGMA}")
-        columns = {one: listed(part.transpose(*values.dims).values.ravel()[there], one) for one, part in spread.items()}
+        columns = {
+            one: list_values(part.transpose(*values.dims).values.ravel()[there], one) for one, part in spread.items()
+        }
         found["quantity"] += [str(name)] * int(there.sum())
         found["value"] += flat[there].tolist()
         found["sigma"] += (
@@ -133,7 +135,7 @@ def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str,
     return found
 
 
-def listed(values: Any, name: str) -> list[Any]:
+def list_values(values: Any, name: str) -> list[Any]:
     """A variable as a list of words or numbers. Raises SceneError."""
     flat = np.atleast_1d(np.asarray(values)).ravel().tolist()
     if name in WORDS:
