@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte.appearance.lights import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
-from vrte.fit.jets import follow_chain, divide_jets, find_length
+from vrte.fit.jets import divide_jets, find_length, follow_chain
 from vrte.results.quantities import MUELLER
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")

@@ -112,24 +112,21 @@ def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str,
         raise SceneError(f"{words}: quantities are variables over coordinates among {', '.join(names)}")
     found: dict[str, list[Any]] = {name: [] for name in ("quantity", *coordinates, "value", "sigma")}
     for name, values in data.data_vars.items():
+        dims = values.dims
         if str(name).endswith(SIGMA):
             if str(name).removesuffix(SIGMA) not in data.data_vars:
                 raise SceneError(f"{name} belongs to no quantity of the file")
             continue
-        spread = {one: data[one].broadcast_like(values) for one in coordinates if set(data[one].dims) <= {*values.dims}}
-        flat = np.asarray(values.values).ravel()
-        there = ~np.isnan(np.asarray(flat, float))
-        sigma = data.get(f"{name}{SIGMA}")
-        columns = {
-            one: list_values(part.transpose(*values.dims).values.ravel()[there], one) for one, part in spread.items()
-        }
+        there = ~np.isnan(np.asarray(values.values, float))
         found["quantity"] += [str(name)] * int(there.sum())
-        found["value"] += flat[there].tolist()
-        found["sigma"] += (
-            [np.nan] * int(there.sum())
-            if sigma is None
-            else sigma.broadcast_like(values).transpose(*values.dims).values.ravel()[there].tolist()
-        )
+        found["value"] += values.values[there].tolist()
+        sigma, none = data.get(f"{name}{SIGMA}"), [np.nan] * int(there.sum())
+        spread = {one: data[one] for one in coordinates if {*data[one].dims} <= {*dims}}
+        whole = {one: part.broadcast_like(values).transpose(*dims).values[there] for one, part in spread.items()}
+        columns = {one: list_values(part, one) for one, part in whole.items()}
+        if sigma is not None:
+            none = sigma.broadcast_like(values).transpose(*dims).values[there].tolist()
+        found["sigma"] += none
         for one in coordinates:
             found[one] += columns.get(one, ["" if one in WORDS else np.nan] * int(there.sum()))
     return found
