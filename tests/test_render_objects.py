@@ -14,7 +14,7 @@ from vrte.optics.fresnel import reflect_smooth
 from vrte.render import objects, picture
 from vrte.render.gallery import describe_layers
 from vrte.render.geometry import Camera, compute_normals, place_camera
-from vrte.render.objects import Light, Stage, draw_background, draw_object
+from vrte.render.objects import Stage, draw_background, draw_object
 from vrte.render.picture import DPI, Sheet
 from vrte.render.rays import Lens, Rays, place_lens
 from vrte.render.rendering import find_facets
@@ -22,6 +22,7 @@ from vrte.render.setting import read
 from vrte.render.shapes import SHAPES, Body, find_shape, make_ball, make_body
 from vrte.render.sky import Sky, make_sky
 from vrte.render.spheres import MARGIN, Resolution, Table, View, tabulate_brdf
+from vrte.render.surfaces import Light
 
 COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
 GREY = np.ones((3, 1))

@@ -11,12 +11,13 @@ from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour
 from vrte.render.geometry import UP, Camera, place_camera
-from vrte.render.objects import Light, Stage, draw_background, draw_object
+from vrte.render.objects import Stage, draw_background, draw_object
 from vrte.render.rays import place_lens
 from vrte.render.setting import SPHERE, Material, Setting
 from vrte.render.shapes import find_shape
 from vrte.render.sky import Sky, make_sky
 from vrte.render.spheres import Resolution, Table, View, compute_irradiance, leave_out_facets, tabulate_brdf
+from vrte.render.surfaces import Light
 from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
