@@ -190,3 +190,148 @@ def test_what_has_no_derivative_is_refused_in_a_sentence(scene, asked, said):
 def test_other_methods_and_devices_have_no_derivatives(how):
     with pytest.raises(vrte.SceneError, match="derivatives are"):
         vrte.brdf(HAZE, MU_I, MU_O, derivatives=[BASE], **how)
+
+
+CONTENT = {
+    "nodes": 4,
+    "layer": [{"phase": "rayleigh", "albedo": 0.9, "thickness": 0.5}],
+    "base": {"kind": "lambertian", "albedo": 0.3},
+    "brdf": {"mu_i": [0.2, 0.9], "mu_o": [0.3, 0.7], "phi_deg": [0.0, 70.0]},
+}
+
+
+def test_fields_have_derivatives_of_light_and_fluxes():
+    names, depths = [DEPTH, BASE], [0.0, 0.2, 0.5]
+    found = vrte.radiance(HAZE, [0.4, 0.8], mu=[-0.5, 0.5], tau=depths, nodes=4, derivatives=names)
+    above, below = (
+        vrte.radiance(
+            vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)], HAZE.base),
+            [0.4, 0.8],
+            mu=[-0.5, 0.5],
+            tau=[0.0, 0.4 * thickness, thickness],
+            nodes=4,
+            accuracy=1e-14,
+        )
+        for thickness in (0.5 + 1e-4, 0.5 - 1e-4)
+    )
+    for name in ("stokes", "flux_up", "flux_down", "direct"):
+        by_hand = (getattr(above, name) - getattr(below, name)) / 2e-4
+        exact = getattr(found, "jacobian" if name == "stokes" else f"{name}_jacobian")[DEPTH]
+        np.testing.assert_allclose(exact, by_hand, atol=1e-7 * np.abs(by_hand).max())
+    assert not found.direct_jacobian[BASE].any()
+    one = found.beam(1)
+    assert (one.jacobian[DEPTH] == found.jacobian[DEPTH][1]).all()
+    assert "2 derivatives" in repr(one)
+    fluxes = vrte.radiance(HAZE, 0.8, mu=[], tau=depths, nodes=4, derivatives=names)
+    assert fluxes.jacobian[BASE].shape == (3, 0, 1, 4)
+    np.testing.assert_allclose(fluxes.flux_up_jacobian[BASE], one.flux_up_jacobian[BASE], rtol=1e-9)
+
+
+def test_energy_of_a_field_is_conserved_at_every_value():
+    """At omega = 1 the net flux is the same at every depth, and so are its derivatives."""
+    white = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=2.0)], vrte.Lambertian(0.3))
+    found = vrte.radiance(white, 0.6, mu=[], tau=[0.0, 0.7, 2.0], nodes=4, derivatives=[DEPTH])
+    net = found.flux_up_jacobian[DEPTH] - found.flux_down_jacobian[DEPTH] - found.direct_jacobian[DEPTH]
+    assert np.abs(net - net[0]).max() < 1e-10
+
+
+def test_what_surfaces_mirror_has_derivatives_too():
+    found = differentiate(GLOSSY, "layer[2].thickness", transmission=True)
+    ratio = lambda n: ((n - 1.0) / (n + 1.0)) ** 2  # noqa: E731  # at normal incidence
+    straight = vrte.brdf(GLOSSY, 1.0, 0.5, nodes=4, derivatives=["interface[1].index"])
+    slope = (ratio(1.5 + 1e-5) - ratio(1.5 - 1e-5)) / 2e-5
+    assert straight.specular_jacobian["interface[1].index"][0, 0, 0] == pytest.approx(slope, rel=1e-9)
+    inside = np.sqrt(1.0 - (1.0 - MU_I**2) / 1.5**2)
+    by_depth = found.direct_transmittance_jacobian["layer[2].thickness"]
+    np.testing.assert_allclose(by_depth, -found.direct_transmittance / inside, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "suffix"),
+    [
+        *(("spectrum", suffix) for suffix in (".nc", ".csv")),
+        ("brdf", ".csv"),
+        ("field", ".csv"),
+        ("fields", ".nc"),
+        *(pytest.param(kind, ".zarr", marks=pytest.mark.slow) for kind in ("brdf", "spectrum", "fields")),
+        pytest.param("fields", ".csv", marks=pytest.mark.slow),
+        pytest.param("brdf", ".nc", marks=pytest.mark.slow),
+    ],
+)
+def test_files_keep_every_digit_of_derivatives(tmp_path, kind, suffix):
+    names = [DEPTH, BASE]
+    if kind == "brdf":
+        result = differentiate(GLOSSY, "layer[2].thickness", BASE, transmission=True)
+    elif kind == "spectrum":
+        result = vrte.spectrum(CONTENT, [0.45, 0.6, 0.7], derivatives=names)
+    else:
+        beams = 0.4 if kind == "field" else [0.4, 0.8]
+        result = vrte.radiance(HAZE, beams, mu=[-0.5, 0.5], tau=[0.0, 0.2], nodes=4, derivatives=names)
+    path = tmp_path / f"result{suffix}"
+    result.save(path)
+    again = vrte.load(path)
+    of = vrte.results.brdf.BRDF_DERIVATIVES if kind in ("brdf", "spectrum") else vrte.results.field.FIELD_DERIVATIVES
+    assert result.jacobian
+    for name in of:
+        before, after = getattr(result, name), getattr(again, name)
+        assert (before is None) == (after is None)
+        for key, values in (before or {}).items():
+            assert (values == after[key]).all()
+            assert list(before) == list(after)
+    labelled = result.to_xarray()
+    first = next(iter(result.jacobian))
+    assert labelled.jacobian.dims[0] == "parameter"
+    assert (labelled.jacobian.sel(parameter=first).values == result.jacobian[first]).all()
+
+
+@pytest.mark.slow
+def test_derivatives_with_particles_are_those_of_spectra_by_hand():
+    def gold(radius):
+        return CONTENT | {
+            "particles": {"gold": {"index": "gold", "radius_um": radius}},
+            "layer": [{"particles": "gold", "thickness_um": 1.0, "volume_fraction": 0.01}],
+        }
+
+    name = "particles.gold.radius_um"
+    found = vrte.spectrum(gold(0.05), [0.45, 0.6], derivatives=[name])
+    above, below = (vrte.spectrum(gold(radius), [0.45, 0.6], accuracy=1e-14) for radius in (0.05 + 1e-5, 0.05 - 1e-5))
+    by_hand = (above.mueller - below.mueller) / 2e-5
+    np.testing.assert_allclose(found.jacobian[name], by_hand, atol=2e-6 * np.abs(by_hand).max())
+
+
+def test_a_spectrum_has_the_same_derivatives_everywhere():
+    found = vrte.spectrum(CONTENT, [0.45, 0.6], derivatives=BASE)
+    plain = vrte.spectrum(CONTENT, [0.6])
+    assert found.jacobian[BASE].shape == (2, 2, 2, 2, 4, 4)
+    assert found.at([0.6]).jacobian[BASE].shape[0] == 1
+    with pytest.raises(vrte.SceneError, match="must all have the same derivatives"):
+        vrte.Spectrum([0.45, 0.6], [found[0], plain[0]])
+    with pytest.raises(vrte.SceneError, match=r"derivatives at 0.45 um: "):
+        vrte.spectrum(CONTENT, [0.45], derivatives=["layer[2].albedo"])
+
+
+def test_calls_that_would_lose_derivatives_refuse_them():
+    with pytest.raises(vrte.SceneError, match="not for single geometries"):
+        vrte.views(HAZE, 0.5, 0.5, nodes=4, derivatives=[BASE])
+    with pytest.raises(vrte.SceneError, match="derivatives is not asked for here"):
+        vrte.solve_base(HAZE, derivatives=[BASE])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"base.albedo"]', '"layer[1].thickness"]', "different names"),
+        ('# derivatives = ["layer[1].thickness", "base.albedo"]', "# derivatives = 3", "different names"),
+        ('# derivatives = ["layer[1].thickness", "base.albedo"]\n', "", "columns must be"),
+        ('["layer[1].thickness", "base.albedo"]', '["base.albedo"]', "columns must be"),
+    ],
+)
+def test_a_table_with_other_derivatives_than_it_lists_is_refused(tmp_path, old, new, said):
+    path = tmp_path / "result.csv"
+    differentiate(HAZE, DEPTH, BASE).save(path)
+    text = path.read_text()
+    line = next(one for one in text.splitlines(keepends=True) if one.startswith("# derivatives"))
+    assert old in line
+    path.write_text(text.replace(line, line.replace(old, new)))
+    with pytest.raises(vrte.SceneError, match=said):
+        vrte.load(path)

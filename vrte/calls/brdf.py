@@ -8,6 +8,7 @@ import numpy as np
 from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible, start_run
 from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
+from vrte.calls.differences import differentiate_beams
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -109,16 +110,13 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
     matrices = gather_matrices(request, solution)
     changes = {one.name: gather_matrices(request, one.solution) for one in derivatives}
     fluxes = {one.name: freeze_copy(one.solution.flux_up[0, :, 0] / into) for one in derivatives}
-    specular, through, share = None, None, np.exp(-request.scene.thickness / into)
-    if request.scene.keeps_beams:
-        faces, lower = np.array([0.0, request.scene.thickness]), np.array([False, True])
-        ends = slice(1 + bool(np.isfinite(faces[1])))
-        direct = find_direct_light(request.scene, into, locate_depths(request.scene, faces[ends], lower[ends]))
-        if request.illuminate == "bottom":
-            direct = mirror_mueller(direct)
-        specular = direct[0, :, 0] if direct[0, :, 0].any() else None
-        share = direct[1, :, 1, 0, 0] if direct.shape[0] > 1 else np.zeros_like(into)
-        through = direct[1, :, 1] if share.any() else None
+    specular, through, share = find_beams(request)
+    by_beams: dict[str, dict[str, Array]] = {"direct_transmittance_jacobian": {}, "specular_jacobian": {}}
+    for one in derivatives:
+        changed = differentiate_beams(request, one.variation, join_beams)
+        by_beams["direct_transmittance_jacobian"][one.name] = freeze_copy(changed[:, 0])
+        if specular.any():
+            by_beams["specular_jacobian"][one.name] = freeze_copy(changed[:, 1:].reshape(-1, 4, 4))
     surface = None
     if request.scene.is_rough:
         surface = find_rough_reflection(request.scene, into, directions[directions > 0.0], request.phi, start_run(1))
@@ -135,15 +133,36 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
         mu_o=directions[directions > 0.0],
         phi=request.phi,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate, "index_outside": outside},
-        specular=None if specular is None else freeze_copy(specular),
+        specular=freeze_copy(specular) if specular.any() else None,
         surface=None if surface is None else freeze_copy(surface),
-        specular_transmission=None if through is None else freeze_copy(through),
-        jacobian={name: found[0] for name, found in changes.items()} if changes else None,
-        reflectance_jacobian=fluxes or None,
-        transmission_jacobian={name: found[1] for name, found in changes.items()}
-        if changes and len(matrices) > 1
-        else None,
+        specular_transmission=freeze_copy(through) if through.any() else None,
+        jacobian={name: found[0] for name, found in changes.items()},
+        reflectance_jacobian=fluxes,
+        transmission_jacobian={name: found[1] for name, found in changes.items()} if len(matrices) > 1 else None,
+        **by_beams,
     )
+
+
+def find_beams(request: Request) -> tuple[Array, Array, Array]:
+    """Mueller matrices (n_in, 4, 4) of the beams that are mirrored, of those that get through where light is turned on
+    its way, 0 elsewhere, and the share (n_in,) of light that gets through as a beam."""
+    scene, into = request.scene, request.mu0
+    nothing = np.zeros((into.size, 4, 4))
+    if not scene.keeps_beams:
+        return nothing, nothing, np.exp(-scene.thickness / into)
+    faces, lower = np.array([0.0, scene.thickness]), np.array([False, True])
+    ends = slice(1 + bool(np.isfinite(faces[1])))
+    direct = find_direct_light(scene, into, locate_depths(scene, faces[ends], lower[ends]))
+    if request.illuminate == "bottom":
+        direct = mirror_mueller(direct)
+    through = direct[1, :, 1] if direct.shape[0] > 1 else nothing
+    return direct[0, :, 0], through, through[:, 0, 0]
+
+
+def join_beams(request: Request) -> Array:
+    """The share of each beam that gets through, and the elements of what is mirrored of it, (n_in, 17)."""
+    specular, _, share = find_beams(request)
+    return np.concatenate([share[:, None], specular.reshape(-1, 16)], axis=1)
 
 
 def gather_matrices(request: Request, solution: Solution) -> list[Array]:

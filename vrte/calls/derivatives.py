@@ -17,18 +17,23 @@ from vrte.request.request import Request
 from vrte.results.solution import Solution
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary import turn_variation, vary_scene
+from vrte.scene.vary import vary_scene
 
 MOST_DERIVATIVES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """The derivative of a solution with the number of a name, and how it was found."""
+    """The derivative of a solution with the number of a variation, and how it was found."""
 
-    name: str
+    variation: Variation
     solution: Solution
     how: str
+
+    @property
+    def name(self) -> str:
+        """Of the number."""
+        return self.variation.name
 
 
 def read_derivatives(scene: Scene, derivatives: Any) -> list[Variation]:
@@ -83,8 +88,6 @@ def solve_with_derivatives(
     check_differentiable(request)
     parts = 1 + len(variations)
     directions, solution = solve_request(request, run, share_progress(progress, 0, parts))
-    if request.illuminate == "bottom":
-        variations = [turn_variation(one) for one in variations]
 
     def told(done: int, total: int) -> None:
         assert progress is not None
@@ -109,4 +112,4 @@ def differentiate(
     """The derivatives of a request's solution, each by the best way there is to it."""
     how = "differences of the solve"
     found = differentiate_by_differences(request, variations, run, progress)
-    return [Derivative(one.name, solution, how) for one, solution in zip(variations, found, strict=True)]
+    return [Derivative(one, solution, how) for one, solution in zip(variations, found, strict=True)]

@@ -1,6 +1,6 @@
 """Derivatives of solves by differences of solves, all on the nodes and with the truncation of the one in the middle."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from vrte.request.request import Request
 from vrte.results.solution import Solution
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary import measure_base_rate, move_scene
+from vrte.scene.vary import measure_base_rate, move_scene, turn_variation
 
 FINEST = 1e-14  # accuracy of each solve: what is left out, and iterates, would show in the differences
 MOST_NEGATIVE = 0.1  # of the mean of F11, that a step may take off phase matrices
@@ -31,7 +31,7 @@ def differentiate_by_differences(
 
     Each solve has the nodes and the truncation of the request's own plan, and leaves nothing out that is not lost in
     rounding. Depths stay where they are in their layers: those at a face stay there. Raises SceneError where there is
-    no derivative: a bound on either side of the number, or a layer without end and without absorption.
+    no derivative: a bound on either side of the number.
     """
     plan = plan_request(request, run)
     solutions = []
@@ -43,24 +43,39 @@ def differentiate_by_differences(
 
 def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None) -> Solution:
     """The derivative with one variation."""
-    request, scene = plan.request, plan.request.scene
-    if is_along_whole_scenes(variation):
-        assert variation.scene_at is not None
-        size = abs(variation.value) or 1.0
-        points = sample_around(variation.scene_at, variation.value, STEP * size)
-    else:
-        step = find_step(request, variation)
-        points = sample_around(lambda at: move_scene(scene, variation, at), 0.0, step)
-    plans = [plan_alike(plan, point, run) for _, point in points]
+    request = plan.request
+    scenes = sample_scenes(request, variation)
+    plans = [plan_alike(plan, scene, run) for _, scene in scenes]
     seconds = sum(map(predict_total_seconds, plans)) / run.threads
     why = f" for the derivative with {variation.name} by differences of {len(plans)} solves"
     cost.foretell(seconds, request.time_limit_s, why, "fewer nodes take less", run.told)
     total: Solution | None = None
-    for place, ((weight, _), each) in enumerate(zip(points, plans, strict=True)):
+    for place, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
         (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))
         total = add_weighted(total, weight, found)
     assert total is not None
     return total
+
+
+def differentiate_beams(request: Request, variation: Variation, find: Callable[[Request], Array]) -> Array:
+    """The derivative of light that meets no particle, which ``find`` tells of a request of another scene."""
+    here = find(request)  # what does not change then cancels to the last digit
+    total = np.zeros_like(here)
+    for weight, scene in sample_scenes(request, variation):
+        total = total + weight * (find(place_request(request, scene)) - here)
+    return total
+
+
+def sample_scenes(request: Request, variation: Variation) -> list[tuple[float, Scene]]:
+    """Weights and scenes, as the request's light meets them, whose weighted light is the derivative. Raises SceneError
+    where a bound is on either side."""
+    if request.illuminate == "bottom":
+        variation = turn_variation(variation)
+    if is_along_whole_scenes(variation):
+        assert variation.scene_at is not None
+        size = abs(variation.value) or 1.0
+        return sample_around(variation.scene_at, variation.value, STEP * size)
+    return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation))
 
 
 def is_along_whole_scenes(variation: Variation) -> bool:
@@ -83,9 +98,13 @@ def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solu
 def plan_alike(plan: Plan, scene: Scene, run: Run) -> Plan:
     """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
     parts = tuple(plan_alike(part, scene, run) for part in plan.parts)
-    request = replace(plan.request, scene=scene, tau=follow_depths(plan.request, scene), verify=False)
-    known = plan.choice, FINEST
+    known, request = (plan.choice, FINEST), place_request(plan.request, scene)
     return replace(make_plan(request, run, known=known, truncation=plan.truncation), parts=parts)
+
+
+def place_request(request: Request, scene: Scene) -> Request:
+    """The same asked of another scene, whose layers may have other thicknesses."""
+    return replace(request, scene=scene, tau=follow_depths(request, scene), verify=False)
 
 
 def follow_depths(request: Request, scene: Scene) -> Array:

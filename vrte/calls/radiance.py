@@ -1,16 +1,18 @@
 """vrte.radiance: the field of one beam, or of several."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible
-from vrte.methods import choose_method, make_run, solve_request
+from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
+from vrte.calls.differences import differentiate_beams
+from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, find_under, make_radiance_request
+from vrte.request.request import Request, check_scene, find_under, make_radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
@@ -39,6 +41,7 @@ def radiance(
     illuminate: str = "top",
     time_limit_s: float | None = None,
     side: str = "above",
+    derivatives: Any = None,
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
@@ -63,6 +66,10 @@ def radiance(
     {options}
     side : {'above', 'below'}, optional
         Of an interface, for depths that lie at one: tau = 0 is outside by default.
+    derivatives : sequence of str or Variation, optional
+        Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and directions of one's own: how light
+        and fluxes change with them is then in ``jacobian``, ``flux_up_jacobian``, ``flux_down_jacobian`` and
+        ``direct_jacobian``.
 
     Returns
     -------
@@ -86,10 +93,14 @@ def radiance(
     >>> vrte.radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    request = choose_method(make_radiance_request(**locals()))
+    asked = locals()
+    variations = read_derivatives(check_scene(scene), asked.pop("derivatives"))
+    request = choose_method(make_radiance_request(**asked))
+    if variations:
+        check_differentiable(request)
     run = make_run(request)
-    directions, solution = run_interruptible(run, lambda: solve_request(request, run, progress))
-    found = make_field(request, directions, solution)
+    found_all = run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
+    found = make_field(request, *found_all)
     return found.beam(0) if is_one_number(mu0) else found
 
 
@@ -98,44 +109,69 @@ def is_one_number(value: Any) -> bool:
     return type(value) is float or np.ndim(value) == 0
 
 
-def make_field(request: Request, directions: Array, solution: Solution) -> Field:
+def make_field(
+    request: Request, directions: Array, solution: Solution, derivatives: Sequence[Derivative] = ()
+) -> Field:
     """What was found, as a result of as many beams as were asked for."""
     tau, incident = request.asked_tau, request.incident
     assert tau is not None
     assert incident is not None
-    seen = np.moveaxis(settle_array(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
-    warn_of_negative(request, seen[..., 0], solution.diagnostics)
-    beams = request.mu0[:, None]
-    direct = beams * incident[0] * np.exp(-request.tau / beams)
-    fluxes = [np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down)]
-    direct_up, index = None, None
+    warn_of_negative(request, np.moveaxis(solution.parts[0], 1, 0)[..., 0, 0], solution.diagnostics)
+    index = None
     if request.scene.keeps_beams:
-        depths = locate_depths(request.scene, request.tau, find_under(request))
-        passing = np.moveaxis(find_direct_light(request.scene, request.mu0, depths)[..., 0, :], 1, 0)
-        light = mirror_stokes(incident) if request.illuminate == "bottom" else incident
-        direct_up, direct = np.moveaxis(request.mu0[:, None, None] * (passing @ light), 2, 0)
-        index = depths.medium(request.scene.media)
-        if request.illuminate == "bottom":
-            direct_up, direct = direct, direct_up
-    if request.illuminate == "bottom":
-        seen, fluxes = mirror_stokes(seen), fluxes[::-1]
-        if request.mu is None:  # the nodes, up and down, the other way round
-            seen = np.roll(seen, directions.size // 2, axis=2)
-        else:
-            directions = -directions
+        index = locate_depths(request.scene, request.tau, find_under(request)).medium(request.scene.media)
+    seen, *fluxes = gather_light(request, solution)
+    beams = list(find_beams(request))
+    changes = {one.name: gather_light(request, one.solution) for one in derivatives}
+    by_beams = {one.name: differentiate_beams(request, one.variation, find_beams) for one in derivatives}
+    if request.illuminate == "bottom" and request.mu is not None:
+        directions = -directions
     if request.fluxes_only:
         directions = directions[:0]
+    shown = slice(directions.size)
     return Field(
-        stokes=seen[:, :, : directions.size],
+        stokes=seen[:, :, shown],
         flux_up=freeze_copy(fluxes[0]),
         flux_down=freeze_copy(fluxes[1]),
-        direct=freeze_copy(direct),
+        direct=freeze_copy(beams[0]),
         tau=tau,
         mu=directions,
         phi=request.phi,
         mu0=request.mu0,
         incident_stokes=incident,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
-        direct_up=None if direct_up is None else freeze_copy(direct_up),
+        direct_up=freeze_copy(beams[1]) if request.scene.keeps_beams else None,
         index=None if index is None else freeze_copy(index),
+        jacobian={name: found[0][:, :, shown] for name, found in changes.items()},
+        flux_up_jacobian={name: found[1] for name, found in changes.items()},
+        flux_down_jacobian={name: found[2] for name, found in changes.items()},
+        direct_jacobian={name: found[0] for name, found in by_beams.items()},
+        direct_up_jacobian={name: found[1] for name, found in by_beams.items()} if request.scene.keeps_beams else None,
     )
+
+
+def gather_light(request: Request, solution: Solution) -> tuple[Array, Array, Array]:
+    """Stokes vectors (n_in, n_tau, n_mu, n_phi, 4) and fluxes up and down, (n_in, n_tau), as seen from the side that is
+    lit."""
+    seen = np.moveaxis(settle_array(solution.parts[0])[..., 0], 1, 0)
+    up, down = (np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down))
+    if request.illuminate == "top":
+        return seen, up, down
+    seen = mirror_stokes(seen)
+    if request.mu is None:  # the nodes, up and down, the other way round
+        seen = np.roll(seen, seen.shape[2] // 2, axis=2)
+    return seen, down, up
+
+
+def find_beams(request: Request) -> Array:
+    """Fluxes of beams that go on from the lit side, and that come back, (2, n_in, n_tau)."""
+    incident, beams = request.incident, request.mu0[:, None]
+    assert incident is not None
+    if not request.scene.keeps_beams:
+        down = beams * incident[0] * np.exp(-request.tau / beams)
+        return np.stack([down, np.zeros_like(down)])
+    depths = locate_depths(request.scene, request.tau, find_under(request))
+    passing = np.moveaxis(find_direct_light(request.scene, request.mu0, depths)[..., 0, :], 1, 0)
+    light = mirror_stokes(incident) if request.illuminate == "bottom" else incident
+    up, down = np.moveaxis(request.mu0[:, None, None] * (passing @ light), 2, 0)
+    return np.stack([up, down] if request.illuminate == "bottom" else [down, up])

@@ -14,6 +14,7 @@ from vrte.calls.forecast import foretell_all
 from vrte.calls.plan import make_request
 from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
+from vrte.scene.variation import Variation
 
 if TYPE_CHECKING:
     from vrte.formats.scene_file import SceneFile
@@ -26,6 +27,7 @@ def spectrum(
     wavelengths_um: Any = None,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
+    derivatives: Any = None,
     **asked: Any,
 ) -> Spectrum:
     """The Mueller BRDFs of a scene file at several wavelengths, particles worked out anew at each.
@@ -43,6 +45,9 @@ def spectrum(
         Called with (steps done, steps).
     folder : path, optional
         Where the tables that a parsed content names lie.
+    derivatives : sequence of str, optional
+        Numbers of the file, as keys of sweeps name them, "particles.gold.radius_um" (docs/how_to/derivatives.md): how
+        the BRDF at each wavelength changes with them is then in ``jacobian`` and its like.
     **asked
         All keywords of `vrte.brdf` but its scene; they win over the file's, ``mu_i``, ``mu_o`` and ``phi`` included.
 
@@ -73,7 +78,29 @@ def spectrum(
     wavelengths = check_ascending(list_wavelengths(scene) if wavelengths_um is None else wavelengths_um)
     first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
     files, told = prepare_scenes(scene, wavelengths, folder, first, asked)
-    return solve_spectrum(files, wavelengths, second, told, **asked)
+    variations = vary_files(scene, wavelengths, derivatives, folder)
+    return solve_spectrum(files, wavelengths, second, told, variations, **asked)
+
+
+def vary_files(
+    scene: Source, wavelengths: Array, derivatives: Any, folder: str | os.PathLike[str] = "."
+) -> list[list[Variation]]:
+    """How the scene of a file changes with numbers of these names at each wavelength; nothing where there are none.
+    Raises SceneError, which names the wavelength."""
+    if derivatives is None:
+        return []
+    from vrte.formats.scene_family import SceneFamily
+    from vrte.formats.scene_file import read_content
+
+    names = [derivatives] if isinstance(derivatives, str) else derivatives
+    content = scene if isinstance(scene, Mapping) else read_content(scene)
+    place, found = Path(folder) if isinstance(scene, Mapping) else Path(scene).parent, []
+    for wavelength in wavelengths.tolist():
+        try:
+            found.append(SceneFamily({**content, "wavelength_um": wavelength}, names, place).variations())
+        except SceneError as error:
+            raise SceneError(f"derivatives at {wavelength:g} um: {error}", "derivatives") from error
+    return found
 
 
 def list_wavelengths(scene: Source) -> list[float]:
@@ -129,11 +156,12 @@ def solve_spectrum(
     wavelengths: Array,
     progress: Progress | None = None,
     told: bool | None = None,
+    variations: Sequence[Sequence[Variation]] = (),
     **asked: Any,
 ) -> Spectrum:
     """The spectrum of what `prepare_scenes` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all
-    takes long, None where nobody looked."""
+    takes long, None where nobody looked; ``variations`` of each, to differentiate with."""
     with files[0].located():
         requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
-        found = solve_brdfs(requests, progress, "wavelengths", told)
+        found = solve_brdfs(requests, progress, "wavelengths", told, variations)
     return Spectrum(wavelengths, tuple(add_scene_text(one, files[0].text) for one in found))

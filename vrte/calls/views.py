@@ -61,6 +61,8 @@ def views(
     >>> vrte.views(scene, mu0=[0.6, 0.61, 0.62], mu=[0.9, 0.8, 0.7], phi=30.0, nodes=8).stokes.shape
     (3, 4)
     """
+    if how.get("derivatives") is not None:
+        raise SceneError.of("derivatives", "are not for single geometries: ask vrte.radiance for them")
     given = [check_vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
     depth = check_number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
     try:

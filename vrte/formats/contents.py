@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.results.brdf import Brdf
-from vrte.results.field import Field
+from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
+from vrte.results.field import FIELD_DERIVATIVES, Field
 from vrte.results.spectrum import SCENE, Spectrum
 
 Result = Brdf | Field | Spectrum
@@ -56,7 +58,30 @@ class Kind:
 
 PAIRS = ("mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
 BEAMS = ("mu_i", "stokes_out", "stokes_in")
+PARAMETER = "parameter"  # the dimension of derivatives, labelled by the names of the numbers
+NAMES = "derivatives"  # the attribute that lists these names, as JSON
 DERIVED = ("specular_reflectance", "total_reflectance")  # from other variables: in files for who reads them elsewhere
+
+
+def add_derivatives(variables: dict[str, Described], derivatives: Mapping[str, str]) -> dict[str, Described]:
+    """Variables with their derivatives among them."""
+    found = dict(variables)
+    for name, value in derivatives.items():
+        about = variables[value]
+        words = f"derivatives of {value} by each number of {PARAMETER}, per unit of the number"
+        found[name] = Described((PARAMETER, *about.dims), about.units, words)
+    return found
+
+
+def put_in_front(axis: str, dims: tuple[str, ...]) -> tuple[str, ...]:
+    """One more dimension in front of all others but that of derivatives.
+
+    >>> put_in_front("mu0", ("parameter", "tau"))
+    ('parameter', 'mu0', 'tau')
+    """
+    return (PARAMETER, axis, *dims[1:]) if dims[:1] == (PARAMETER,) else (axis, *dims)
+
+
 BRDF = Kind(
     "brdf",
     "BRDF of a particulate layer",
@@ -67,25 +92,34 @@ BRDF = Kind(
             ("phi_deg",), "degree", "azimuth, outgoing minus incident, both along the direction of travel"
         ),
     },
-    {
-        "mueller": Described(PAIRS, "sr-1", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
-        "reflectance": Described(("mu_i",), "1", "directional-hemispherical diffuse reflectance, unpolarized light"),
-        "transmission": Described(
-            PAIRS, "sr-1", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
-        ),
-        "direct_transmittance": Described(
-            ("mu_i",), "1", "share of unpolarized light that leaves the other face as a beam, unscattered"
-        ),
-        "specular": Described(BEAMS, "1", "Mueller matrix of the share of a beam's power that comes back as a beam"),
-        "specular_transmission": Described(
-            BEAMS, "1", "Mueller matrix of the share of a beam's power that leaves the other face as a beam"
-        ),
-        "surface": Described(
-            PAIRS, "sr-1", "the part of mueller that rough surfaces send back without any particle: radiance/irradiance"
-        ),
-        "specular_reflectance": Described(("mu_i",), "1", "share of unpolarized light that comes back as a beam"),
-        "total_reflectance": Described(("mu_i",), "1", "reflectance and specular_reflectance together"),
-    },
+    add_derivatives(
+        {
+            "mueller": Described(PAIRS, "sr-1", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
+            "reflectance": Described(
+                ("mu_i",), "1", "directional-hemispherical diffuse reflectance, unpolarized light"
+            ),
+            "transmission": Described(
+                PAIRS, "sr-1", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
+            ),
+            "direct_transmittance": Described(
+                ("mu_i",), "1", "share of unpolarized light that leaves the other face as a beam, unscattered"
+            ),
+            "specular": Described(
+                BEAMS, "1", "Mueller matrix of the share of a beam's power that comes back as a beam"
+            ),
+            "specular_transmission": Described(
+                BEAMS, "1", "Mueller matrix of the share of a beam's power that leaves the other face as a beam"
+            ),
+            "surface": Described(
+                PAIRS,
+                "sr-1",
+                "the part of mueller that rough surfaces send back without any particle: radiance/irradiance",
+            ),
+            "specular_reflectance": Described(("mu_i",), "1", "share of unpolarized light that comes back as a beam"),
+            "total_reflectance": Described(("mu_i",), "1", "reflectance and specular_reflectance together"),
+        },
+        BRDF_DERIVATIVES,
+    ),
 )
 WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", "radiation_wavelength")
 SPECTRUM = Kind(
@@ -93,7 +127,7 @@ SPECTRUM = Kind(
     "BRDF of a particulate layer at several wavelengths",
     {"wavelength_um": WAVELENGTH, **BRDF.coordinates},
     {
-        name: Described(("wavelength_um", *variable.dims), variable.units, variable.long_name)
+        name: Described(put_in_front("wavelength_um", variable.dims), variable.units, variable.long_name)
         for name, variable in BRDF.variables.items()
     },
 )
@@ -106,30 +140,36 @@ FIELD = Kind(
         "mu": Described(("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
         "phi_deg": Described(("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
     },
-    {
-        "stokes": Described(("tau", "mu", "phi_deg", STOKES_AXIS), RADIANCE, "radiance I, Q, U, V, diffuse light only"),
-        "flux_up": Described(("tau",), IRRADIANCE, "diffuse flux going up through a horizontal plane"),
-        "flux_down": Described(("tau",), IRRADIANCE, "diffuse flux going down through a horizontal plane"),
-        "direct": Described(
-            ("tau",),
-            IRRADIANCE,
-            "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go down",
-        ),
-        "direct_up": Described(("tau",), IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
-        "index": Described(("tau",), "1", "refractive index of the medium that the depth lies in"),
-        "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
-        "incident_stokes": Described(
-            (STOKES_AXIS,), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
-        ),
-    },
+    add_derivatives(
+        {
+            "stokes": Described(
+                ("tau", "mu", "phi_deg", STOKES_AXIS), RADIANCE, "radiance I, Q, U, V, diffuse light only"
+            ),
+            "flux_up": Described(("tau",), IRRADIANCE, "diffuse flux going up through a horizontal plane"),
+            "flux_down": Described(("tau",), IRRADIANCE, "diffuse flux going down through a horizontal plane"),
+            "direct": Described(
+                ("tau",),
+                IRRADIANCE,
+                "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go "
+                "down",
+            ),
+            "direct_up": Described(("tau",), IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
+            "index": Described(("tau",), "1", "refractive index of the medium that the depth lies in"),
+            "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
+            "incident_stokes": Described(
+                (STOKES_AXIS,), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
+            ),
+        },
+        FIELD_DERIVATIVES,
+    ),
 )
-BY_BEAM = ("stokes", "flux_up", "flux_down", "direct", "direct_up")
+BY_BEAM = ("stokes", "flux_up", "flux_down", "direct", "direct_up", *FIELD_DERIVATIVES)
 FIELDS = Kind(
     "fields",
     "radiance field of a particulate layer, for several beams",
     {"mu0": Described(("mu0",), "1", "cosine of each beam's angle of incidence"), **FIELD.coordinates},
     {
-        name: replace(variable, dims=("mu0", *variable.dims)) if name in BY_BEAM else variable
+        name: replace(variable, dims=put_in_front("mu0", variable.dims)) if name in BY_BEAM else variable
         for name, variable in FIELD.variables.items()
         if name != "mu0"
     },
@@ -153,13 +193,29 @@ def collect_arrays(result: Result) -> dict[str, Any]:
     kind = find_kind(result)
     found = {name: getattr(result, name.removesuffix("_deg")) for name in (*kind.coordinates, *kind.variables)}
     left_out = DERIVED if found.get("specular") is None else ()
-    return {name: values for name, values in found.items() if values is not None and name not in left_out}
+    return {
+        name: np.stack([*values.values()]) if isinstance(values, dict) else values
+        for name, values in found.items()
+        if values is not None and name not in left_out
+    }
 
 
-def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
-    """The result that has these arrays, and what `described` said of it. Raises SceneError where they do not fit
-    together, another of MEANINGLESS where something is missing or not what it should be."""
+def list_derivatives(result: Result) -> list[str]:
+    """The names of a result's derivatives, in their order in files."""
+    return list(result.jacobian or ())
+
+
+def restore_result(
+    kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None, derivatives: Any = None
+) -> Result:
+    """The result that has these arrays, what `describe_result` said of it, and these names of derivatives. Raises
+    SceneError where they do not fit together, another of MEANINGLESS where something is missing or not what it should
+    be."""
     named: dict[str, Any] = {name.removesuffix("_deg"): array for name, array in arrays.items() if name not in DERIVED}
+    names = check_names(derivatives)
+    for name, about in kind.variables.items():
+        if name in named and about.dims[:1] == (PARAMETER,):
+            named[name] = dict(zip(names, named[name], strict=True))
     also = {} if scene is None else {SCENE: scene}
     if kind is SPECTRUM:
         directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}
@@ -167,7 +223,7 @@ def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, sc
         if len(diagnostics) != len(named["wavelength_um"]):
             raise SceneError("there must be diagnostics for each wavelength")
         brdfs = (
-            Brdf(diagnostics=one | also, **directions, **{name: values[place] for name, values in found.items()})
+            Brdf(diagnostics=one | also, **directions, **{name: take_place(found[name], place) for name in found})
             for place, one in enumerate(diagnostics)
         )
         return Spectrum(named["wavelength_um"], tuple(brdfs))
@@ -175,6 +231,19 @@ def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, sc
         return Brdf(diagnostics=diagnostics | also, **named)
     mu0 = named.pop("mu0")
     return Field(diagnostics=diagnostics | also, mu0=float(mu0.item()) if kind is FIELD else mu0, **named)
+
+
+def check_names(derivatives: Any) -> list[str]:
+    """The names of derivatives as a file lists them, all different. Raises SceneError."""
+    names = [] if derivatives is None else derivatives
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len({*names}) == len(names)):
+        raise SceneError(f"its {NAMES} must be a list of different names")
+    return names
+
+
+def take_place(values: Any, place: int) -> Any:
+    """What an array over wavelengths has at one of them, or each one of a dictionary of arrays."""
+    return {name: one[place] for name, one in values.items()} if isinstance(values, dict) else values[place]
 
 
 def describe_result(result: Result) -> dict[str, str]:
@@ -190,6 +259,8 @@ def describe_result(result: Result) -> dict[str, str]:
         "comment": CONVENTIONS,
         "kind": find_kind(result).name,
     }
+    if names := list_derivatives(result):
+        told[NAMES] = convert_to_json(names)
     if isinstance(scene, str) and all(one.get(SCENE) == scene for one in every):
         told[SCENE] = scene
         every = [{name: value for name, value in one.items() if name != SCENE} for one in every]

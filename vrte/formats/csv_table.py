@@ -4,7 +4,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,13 +16,16 @@ from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import (
     KINDS,
     MEANINGLESS,
+    NAMES,
     Kind,
     Result,
+    check_names,
     collect_arrays,
     convert_to_json,
     describe_result,
     explain_error,
     find_kind,
+    list_derivatives,
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
@@ -31,7 +34,7 @@ from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE
 
 LARGEST_HEADER = 50_000_000  # bytes
-LONGEST_ROW = 10_000  # bytes
+LONGEST_ROW, LONGEST_NUMBER = 10_000, 500  # bytes
 BLOCK = 4096  # rows that are text in memory at a time
 TABLES = {  # the arrays that are rows of the table, and the columns of each
     "mueller": list(MUELLER),
@@ -39,6 +42,10 @@ TABLES = {  # the arrays that are rows of the table, and the columns of each
     "surface": [name.replace("f", "s") for name in MUELLER],
     "stokes": list(STOKES),
 }
+CHANGES = {
+    "jacobian": ("mueller", "stokes"),
+    "transmission_jacobian": ("transmission",),
+}  # tables of derivatives, of what
 FIRST = "# vrte result, format 1"
 VALUE = re.compile(r"# ([a-z0-9_]+) = (.*)")
 
@@ -48,17 +55,19 @@ def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
 
     A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed and
     s00 .. s33 of rough surfaces; a spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V,
-    with mu0 before them for several beams. All else is in lines before them that start with # (docs/how_to/exports.md).
+    with mu0 before them for several beams. Of the first of the derivatives that the header lists columns begin with
+    d1_. All else is in lines before them that start with # (docs/how_to/exports.md).
     Raises OSError.
 
     >>> write_csv(brdf, "result.csv")
     """
     kind, arrays = find_kind(result), collect_arrays(result)
+    tables = _list_tables(kind, arrays, len(list_derivatives(result)))
     header = _format_header(kind, arrays, describe_result(result))
     with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
         file.writelines(f"{line}\n" for line in header)
-        file.write(",".join(_list_columns(kind, arrays)) + "\n")
-        file.writelines(_format_lines(kind, arrays))
+        file.write(",".join(_list_columns(kind, tables)) + "\n")
+        file.writelines(_format_lines(kind, arrays, tables))
 
 
 def _format_header(kind: Kind, arrays: dict[str, Any], told: dict[str, str]) -> Iterator[str]:
@@ -67,24 +76,43 @@ def _format_header(kind: Kind, arrays: dict[str, Any], told: dict[str, str]) -> 
     yield FIRST
     yield "# The columns below, and the values in these lines:"
     for name, values in arrays.items():
-        columns = f", columns {TABLES[name][0]} .. {TABLES[name][-1]}" if name in TABLES else ""
+        listed = _name_columns(kind, name, np.shape(values)[0] if name in CHANGES else 0)
+        columns = f", columns {listed[0]} .. {listed[-1]}" if listed else ""
         size = " x ".join(map(str, np.shape(values))) or "1"
         yield f"#   {name} ({size}) [{about[name].units}]: {about[name].long_name}{columns}"
     for name, text in told.items():
-        yield f"# {name} = {text if name == 'diagnostics' else convert_to_json(text)}"
+        yield f"# {name} = {text if name in ('diagnostics', NAMES) else convert_to_json(text)}"
     for name, values in arrays.items():
-        if name not in TABLES:
+        if name not in TABLES and name not in CHANGES:
             yield f"# {name} = {convert_to_json(np.asarray(values).tolist())}"
 
 
-def _list_columns(kind: Kind, arrays: dict[str, Any]) -> list[str]:
-    return [*kind.coordinates, *(column for name in TABLES if name in arrays for column in TABLES[name])]
+def _name_columns(kind: Kind, name: str, derivatives: int) -> list[str]:
+    """The columns of an array that is rows of the table, none of any other; d1_ before those of a first derivative."""
+    if name not in CHANGES:
+        return TABLES.get(name, [])
+    (value,) = (one for one in CHANGES[name] if one in kind.variables)
+    return [f"d{number}_{column}" for number in range(1, derivatives + 1) for column in TABLES[value]]
 
 
-def _format_lines(kind: Kind, arrays: dict[str, Any]) -> Iterator[str]:
-    tables = [arrays[name].reshape(-1, len(TABLES[name])) for name in TABLES if name in arrays]
-    for place, directions in enumerate(_list_directions(kind, arrays)):
-        numbers = np.concatenate([directions, *(table[place] for table in tables)])
+def _list_tables(kind: Kind, given: Iterable[str], derivatives: int) -> dict[str, list[str]]:
+    """The arrays ``given`` that are rows of the table, in its order, and the columns of each."""
+    there = {*given} & kind.variables.keys()
+    return {name: _name_columns(kind, name, derivatives) for name in (*TABLES, *CHANGES) if name in there}
+
+
+def _list_columns(kind: Kind, tables: dict[str, list[str]]) -> list[str]:
+    return [*kind.coordinates, *(column for columns in tables.values() for column in columns)]
+
+
+def _format_lines(kind: Kind, arrays: dict[str, Any], listed: dict[str, list[str]]) -> Iterator[str]:
+    directions = _list_directions(kind, arrays)
+    tables = []
+    for name, columns in listed.items():
+        by_row = np.moveaxis(arrays[name], 0, len(kind.coordinates)) if name in CHANGES else arrays[name]
+        tables.append(by_row.reshape(len(directions), len(columns)))
+    for place, direction in enumerate(directions):
+        numbers = np.concatenate([direction, *(table[place] for table in tables)])
         yield ",".join(map(repr, numbers.tolist())) + "\n"
 
 
@@ -156,9 +184,13 @@ def _read_result(lines: Lines, most_bytes: float) -> Result:
         raise SceneError(f"the header must say its kind, one of {', '.join(KINDS)}")
     names = [name for name in (*kind.coordinates, *kind.variables) if name in header]
     arrays = {name: _convert_to_array(name, header[name]) for name in names}
-    arrays |= _read_tables(kind, arrays, columns, lines, most_bytes)
     try:
-        return restore_result(kind, arrays, header["diagnostics"], header.get(SCENE))
+        names = check_names(header.get(NAMES))
+    except SceneError as error:
+        raise SceneError(f"the header does not fit the rows: {error}") from error
+    arrays |= _read_tables(kind, arrays, columns, lines, most_bytes, len(names))
+    try:
+        return restore_result(kind, arrays, header["diagnostics"], header.get(SCENE), names)
     except KeyError as error:
         raise SceneError(f"the header has no line for {error}") from error
     except MEANINGLESS as error:
@@ -204,23 +236,24 @@ def _convert_to_array(name: str, value: Any) -> Array:
 
 
 def _read_tables(
-    kind: Kind, arrays: dict[str, Array], given: list[str], lines: Lines, most_bytes: float
+    kind: Kind, arrays: dict[str, Array], given: list[str], lines: Lines, most_bytes: float, derivatives: int
 ) -> dict[str, Array]:
-    """The tables below the header, whose last line names the columns ``given``."""
+    """The tables below the header, whose last line names the columns ``given``, of so many derivatives."""
     missing = [name for name in kind.coordinates if name not in arrays or arrays[name].ndim != 1]
     if missing:
         raise SceneError(f"the header has no list for {missing[0]}")
     shape = tuple(arrays[name].size for name in kind.coordinates)
     count, first = math.prod(shape), lines.place + 1
-    tables = [name for name in TABLES if name in kind.variables and TABLES[name][0] in given]
-    wanted = _list_columns(kind, dict.fromkeys(tables))
+    every = _list_tables(kind, kind.variables, derivatives)
+    tables = {name: columns for name, columns in every.items() if columns and columns[0] in given}
+    wanted = _list_columns(kind, tables)
     if not tables or given != wanted:
         raise SceneError(f"line {first - 1}: the columns must be {','.join(wanted)}")
     check_size(8.0 * count * (len(wanted) - len(shape)), most_bytes)
     left = lines.left()
     if left != count:
         raise SceneError(f"there must be {count} rows, one a direction, not {left}")
-    found = {name: np.empty((count, len(TABLES[name]))) for name in tables}
+    found = {name: np.empty((count, len(columns))) for name, columns in tables.items()}
     for start in range(0, count, BLOCK):
         end = min(start + BLOCK, count)
         rows = np.array([_read_row(lines, len(wanted)) for _ in range(start, end)])
@@ -229,13 +262,19 @@ def _read_tables(
         _check_directions(rows[:, : len(shape)], np.stack(directions, axis=1), first + start)
         column = len(shape)
         for name, table in found.items():
-            table[start:end] = rows[:, column : (column := column + len(TABLES[name]))]
-    return {name: table.reshape(*shape, *((4,) if name == "stokes" else (4, 4))) for name, table in found.items()}
+            table[start:end] = rows[:, column : (column := column + len(tables[name]))]
+    each = (4,) if "stokes" in kind.variables else (4, 4)
+    return {
+        name: np.moveaxis(table.reshape(*shape, derivatives, *each), len(shape), 0)
+        if name in CHANGES
+        else table.reshape(*shape, *each)
+        for name, table in found.items()
+    }
 
 
 def _read_row(lines: Lines, count: int) -> list[float]:
     """The numbers in the next line."""
-    line, place = lines.next(), lines.place
+    line, place = lines.next(max(LONGEST_ROW, count * LONGEST_NUMBER)), lines.place
     try:
         values = [float(item) for item in line.split(",")]
     except ValueError:

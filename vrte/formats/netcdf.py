@@ -20,12 +20,15 @@ from vrte.formats.contents import (
     FIELD,
     KINDS,
     MEANINGLESS,
+    NAMES,
+    PARAMETER,
     STOKES_AXIS,
     Result,
     collect_arrays,
     describe_result,
     explain_error,
     find_kind,
+    list_derivatives,
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, open_dataset, read_arrays, read_text
@@ -53,7 +56,7 @@ def to_xarray(result: Result) -> "xarray.Dataset":
 
     ``mueller`` has the dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front for a spectrum;
     ``stokes`` has (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several beams; labels are "I", "Q", "U"
-    and "V". Raises MissingExtraError without xarray.
+    and "V". Derivatives have parameter in front, labelled by names. Raises MissingExtraError without xarray.
 
     >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I").dims
     ('mu_i', 'mu_o', 'phi_deg')
@@ -68,6 +71,8 @@ def to_xarray(result: Result) -> "xarray.Dataset":
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.coordinates.items()
     }
     coords |= {axis: (axis, list(STOKES), {"long_name": "Stokes parameter"}) for axis in labels}
+    if names := list_derivatives(result):
+        coords[PARAMETER] = PARAMETER, names, {"long_name": "number of the scene that derivatives are by"}
     return xarray.Dataset(data, coords, _name_conventions(arrays, kind.coordinates) | describe_result(result)).copy(
         deep=True
     )
@@ -190,7 +195,8 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
     except SceneError as error:
         raise SceneError(f"{name} {error}") from error
     try:
-        return restore_result(KINDS[told["kind"]], arrays, json.loads(told["diagnostics"]), told.get(SCENE))
+        names = json.loads(told[NAMES]) if NAMES in told else None
+        return restore_result(KINDS[told["kind"]], arrays, json.loads(told["diagnostics"]), told.get(SCENE), names)
     except MEANINGLESS as error:
         raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {explain_error(error)}") from error
 
@@ -221,7 +227,8 @@ def read_stored(name: str, most_bytes: float) -> Stored:
 
     try:
         with h5py.File(name, "r") as file:
-            told = {key: text for key in ("kind", "diagnostics", SCENE) if (text := read_text(file, key)) is not None}
+            texts = {key: read_text(file, key) for key in ("kind", "diagnostics", SCENE, NAMES)}
+            told = {key: text for key, text in texts.items() if text is not None}
             # files of version 0.1 do not say their kind
             kind = told.setdefault("kind", BRDF.name if has_array(file, "mueller") else FIELD.name)
             known = KINDS.get(kind, BRDF)

@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_folder_atomically
-from vrte.formats.contents import KINDS, MEANINGLESS, Result, explain_error, restore_result
+from vrte.formats.contents import KINDS, MEANINGLESS, NAMES, Result, explain_error, restore_result
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
 from vrte.formats.text_file import check_file_name
@@ -65,7 +65,8 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
         check_size(sum(_count_declared_bytes(folder, name) for name in names), most_bytes)
         group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
         arrays = {name: np.asarray(group[name][...]) for name in names}
-        return restore_result(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE))
+        listed = json.loads(attributes[NAMES]) if NAMES in attributes else None
+        return restore_result(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE), listed)
     except SceneError as error:
         raise SceneError(f"{folder}: {error}") from error
     except (*MEANINGLESS, OSError) as error:

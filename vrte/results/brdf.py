@@ -7,9 +7,17 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.results.result import Result
+from vrte.results.result import Result, tell_derivatives
 from vrte.scene.illumination import check_azimuths, choose_weights, sample_incident_light, sum_outgoing_light
 from vrte.scene.tabulated_base import TabulatedBase
+
+BRDF_DERIVATIVES = {  # dictionaries by names of numbers, and what they are the derivatives of
+    "jacobian": "mueller",
+    "reflectance_jacobian": "reflectance",
+    "transmission_jacobian": "transmission",
+    "direct_transmittance_jacobian": "direct_transmittance",
+    "specular_jacobian": "specular",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,8 +60,8 @@ class Brdf(Result):
         where none was.
     reflectance_jacobian
         The same of ``reflectance``, each (n_in,).
-    transmission_jacobian
-        The same of ``transmission``; None without it.
+    transmission_jacobian, direct_transmittance_jacobian, specular_jacobian
+        The same of ``transmission``, ``direct_transmittance`` and ``specular``; None where these are.
 
     Raises
     ------
@@ -82,6 +90,8 @@ class Brdf(Result):
     jacobian: dict[str, Array] | None = None
     reflectance_jacobian: dict[str, Array] | None = None
     transmission_jacobian: dict[str, Array] | None = None
+    direct_transmittance_jacobian: dict[str, Array] | None = None
+    specular_jacobian: dict[str, Array] | None = None
 
     def __post_init__(self) -> None:
         incident = (len(self.mu_i),)
@@ -90,13 +100,13 @@ class Brdf(Result):
         shapes |= dict.fromkeys(("reflectance", "mu_i", "direct_transmittance"), incident)
         shapes |= dict.fromkeys(("specular", "specular_transmission"), (*incident, 4, 4))
         shapes |= {"mu_o": (len(self.mu_o),), "phi": (len(self.phi),)}
-        self._freeze({name: shape for name, shape in shapes.items() if getattr(self, name) is not None})
-        for name in ("mueller", "reflectance", "transmission"):
-            self._freeze_jacobian("jacobian" if name == "mueller" else f"{name}_jacobian", shapes[name])
+        there = {name: shape for name, shape in shapes.items() if getattr(self, name) is not None}
+        self._freeze(there)
+        self._freeze_derivatives(BRDF_DERIVATIVES, there)
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
-        extra += f", {len(self.jacobian)} derivatives" if self.jacobian else ""
+        extra += tell_derivatives(self.jacobian)
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     @property

@@ -7,7 +7,15 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.results.result import Result
+from vrte.results.result import Result, tell_derivatives
+
+FIELD_DERIVATIVES = {  # dictionaries by names of numbers, and what they are the derivatives of
+    "jacobian": "stokes",
+    "flux_up_jacobian": "flux_up",
+    "flux_down_jacobian": "flux_down",
+    "direct_jacobian": "direct",
+    "direct_up_jacobian": "direct_up",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +54,11 @@ class Field(Result):
         Flux of all beams that go up, (n_tau,) [W m-2], where light is refracted; else None.
     index
         Refractive index of the medium of each depth, (n_tau,), where light is refracted; else None.
+    jacobian
+        Derivatives of ``stokes`` by the names that were asked for, each of its shape, per unit of the number; None
+        where none was. A depth stays at its place in its layer, whose thickness may change.
+    flux_up_jacobian, flux_down_jacobian, direct_jacobian, direct_up_jacobian
+        The same of the fluxes.
 
     Raises
     ------
@@ -73,6 +86,11 @@ class Field(Result):
     diagnostics: dict[str, Any]
     direct_up: Array | None = None
     index: Array | None = None
+    jacobian: dict[str, Array] | None = None
+    flux_up_jacobian: dict[str, Array] | None = None
+    flux_down_jacobian: dict[str, Array] | None = None
+    direct_jacobian: dict[str, Array] | None = None
+    direct_up_jacobian: dict[str, Array] | None = None
 
     def __post_init__(self) -> None:
         beams = np.shape(self.mu0)
@@ -85,6 +103,7 @@ class Field(Result):
         if len(beams) > 1:
             raise SceneError(f"mu0 must be a number or a 1-D list, not of shape {beams}")
         self._freeze(shapes | ({"mu0": beams} if beams else {}))
+        self._freeze_derivatives(FIELD_DERIVATIVES, shapes)
         if not beams:
             object.__setattr__(self, "mu0", float(self.mu0))
 
@@ -92,7 +111,7 @@ class Field(Result):
         beams = f"mu0={self.mu0:g}" if isinstance(self.mu0, float) else f"{self.mu0.size} mu0"
         return (
             f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, {beams}, "
-            f"incident_stokes={self.incident_stokes.tolist()})"
+            f"incident_stokes={self.incident_stokes.tolist()}{tell_derivatives(self.jacobian)})"
         )
 
     def beam(self, place: int) -> "Field":
@@ -125,7 +144,10 @@ class Field(Result):
         if not -self.mu0.size <= place < self.mu0.size:
             raise SceneError(f"there are {self.mu0.size} beams, from 0 on, none at {place}")
         names = ("stokes", "flux_up", "flux_down", "direct", *(("direct_up",) if self.direct_up is not None else ()))
-        shares = {name: getattr(self, name)[place] for name in names}
+        shares: dict[str, Any] = {name: getattr(self, name)[place] for name in names}
+        for name in FIELD_DERIVATIVES:
+            if (found := getattr(self, name)) is not None:
+                shares[name] = {key: array[place] for key, array in found.items()}
         return replace(self, mu0=float(self.mu0[place]), **shares)
 
 

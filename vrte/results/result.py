@@ -34,23 +34,35 @@ class Labelled:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
 
-    def _freeze_jacobian(self, name: str, shape: tuple[int, ...]) -> None:
-        """Replaces a dictionary of derivatives, or None, by one of read-only arrays. Raises SceneError."""
-        given = getattr(self, name)
-        if given is None:
-            return
-        found = {key: array if is_settled(array) else freeze_copy(array) for key, array in given.items()}
-        for key, array in found.items():
-            if array.shape != shape:
-                raise SceneError(f"{name} of {key} must have the shape {shape}, not {array.shape}", name, key)
-        object.__setattr__(self, name, found)
+    def _freeze_derivatives(self, of: dict[str, str], shapes: dict[str, tuple[int, ...]]) -> None:
+        """Replaces dictionaries of derivatives, each ``of`` an array with a shape, by ones of read-only arrays; None
+        for an empty one. Raises SceneError where a shape or the names do not fit, or what is differentiated is not
+        there."""
+        names: list[str] | None = None
+        for attribute, value in of.items():
+            given = getattr(self, attribute)
+            if not given:
+                object.__setattr__(self, attribute, None)
+                continue
+            if names is not None and list(given) != names:
+                raise SceneError(f"{attribute} must have the names {', '.join(names)}, in that order", attribute)
+            names = list(given)
+            found = {name: array if is_settled(array) else freeze_copy(array) for name, array in given.items()}
+            for name, array in found.items():
+                if value not in shapes:
+                    raise SceneError(f"{attribute} is of {value}, which is not there", attribute)
+                if array.shape != shapes[value]:
+                    words = f"must have the shape {shapes[value]} of {value}, not {array.shape}"
+                    raise SceneError(f"{attribute} of {name} {words}", attribute, name)
+            object.__setattr__(self, attribute, found)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The result as an xarray.Dataset, labelled by its directions, every variable with ``units`` and ``long_name``.
 
         Dimensions: of a BRDF's ``mueller`` (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front
         for a spectrum; of a field's ``stokes`` (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several
-        beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V".
+        beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V". Derivatives have the
+        dimension ``parameter`` in front, labelled by their names.
 
         Returns
         -------
@@ -127,3 +139,13 @@ class Result(Labelled):
         True
         """
         return view(self, "save", path)
+
+
+def tell_derivatives(jacobian: dict[str, Any] | None) -> str:
+    """How many there are, to go on what a result is.
+
+    >>> tell_derivatives({"base.albedo": 1.0})
+    ', 1 derivative'
+    """
+    count = len(jacobian or {})
+    return f", {count} derivative{'s'[: count > 1]}" if count else ""

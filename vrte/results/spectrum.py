@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_vector, put_in_one_line, settle_array
 from vrte.basics.errors import SceneError
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
 from vrte.results.field import Field
 from vrte.results.result import Result
 
@@ -132,6 +132,38 @@ class Spectrum(Result):
         """The shares of unpolarized light that come back, as beams and diffuse, (n, n_in)."""
         return self._stacked("total_reflectance")
 
+    @property
+    def jacobian(self) -> dict[str, Array] | None:
+        """Derivatives of ``mueller`` by the names of numbers, each of its shape, or None."""
+        return self._stacked_by_name("jacobian")
+
+    @property
+    def reflectance_jacobian(self) -> dict[str, Array] | None:
+        """Derivatives of ``reflectance`` by the names of numbers, each (n, n_in), or None."""
+        return self._stacked_by_name("reflectance_jacobian")
+
+    @property
+    def transmission_jacobian(self) -> dict[str, Array] | None:
+        """Derivatives of ``transmission`` by the names of numbers, each of its shape, or None."""
+        return self._stacked_by_name("transmission_jacobian")
+
+    @property
+    def direct_transmittance_jacobian(self) -> dict[str, Array] | None:
+        """Derivatives of ``direct_transmittance`` by the names of numbers, each (n, n_in), or None."""
+        return self._stacked_by_name("direct_transmittance_jacobian")
+
+    @property
+    def specular_jacobian(self) -> dict[str, Array] | None:
+        """Derivatives of ``specular`` by the names of numbers, each (n, n_in, 4, 4), or None."""
+        return self._stacked_by_name("specular_jacobian")
+
+    def _stacked_by_name(self, name: str) -> dict[str, Array] | None:
+        """Derivatives of all BRDFs as one array a name, read-only; None where they have none."""
+        first = getattr(self.brdfs[0], name)
+        if first is None:
+            return None
+        return {key: settle_array(np.stack([getattr(one, name)[key] for one in self.brdfs])) for key in first}
+
     def _stacked(self, name: str) -> Any:
         """An array of all BRDFs as one, read-only; None where they have none."""
         if getattr(self.brdfs[0], name) is None:
@@ -196,6 +228,9 @@ def fill_shares(brdfs: tuple[Brdf, ...]) -> tuple[Brdf, ...]:
     missing: list[dict[str, Any]] = [
         {name: np.zeros(shapes[name](one)) for name in there if getattr(one, name) is None} for one in brdfs
     ]
+    for one, dark in zip(brdfs, missing, strict=True):
+        if "specular" in dark and one.jacobian:
+            dark["specular_jacobian"] = dict.fromkeys(one.jacobian, dark["specular"])
     return tuple(replace(one, **dark) if dark else one for one, dark in zip(brdfs, missing, strict=True))
 
 
@@ -204,6 +239,9 @@ def check_alike(first: Brdf, other: Brdf) -> None:
     for name in ("mu_i", "mu_o", "phi"):
         if not np.array_equal(getattr(first, name), getattr(other, name)):
             raise SceneError(f"brdfs must be for the same directions: {name} differs")
+    for name in BRDF_DERIVATIVES:
+        if list(getattr(first, name) or ()) != list(getattr(other, name) or ()):
+            raise SceneError(f"brdfs must all have the same derivatives, in the same order: {name} differs")
     for name in ("transmission", "direct_transmittance"):
         if (getattr(first, name) is None) != (getattr(other, name) is None):
             raise SceneError(f"brdfs must all have {name}, or none of them")

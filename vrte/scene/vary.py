@@ -16,16 +16,17 @@ import numpy as np
 
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
-from vrte.basics.stencils import STEP, sample_around
 from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
 from vrte.scene.base_checks import CHECKED_COSINES
-from vrte.scene.boundary import BLACK, Boundary, Lambertian
+from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
+from vrte.scene.vary_base import vary_base
 from vrte.scene.weighted_base import WeightedBase
 
+BASE_STEP = 2.0**-8  # of a number of a base, differences of sixth order
 LEAST_SCALE = 0.01  # of a number of a base that is near 0: what it changes by is no smaller
 LEAST_DEGREE = {"a1": 1, "a2": 2, "a3": 2, "a4": 0, "b1": 2, "b2": 2}  # below, nothing changes, or a1 its norm
 KNOWN = (
@@ -55,7 +56,7 @@ def vary_scene(scene: Scene, name: str) -> Variation:
             return vary_layer(scene, name, place, found[2])
         return vary_coefficient(scene, name, place, int(found[3]), found[4])
     if found := BASE.fullmatch(name):
-        return vary_base(scene, name, found[1], found[2])
+        return vary_base_number(scene, name, found[1], found[2])
     if found := INTERFACE.fullmatch(name):
         places = [k for k, one in enumerate(scene.interfaces) if one is not None]
         if not 1 <= int(found[1]) <= len(places):
@@ -126,7 +127,7 @@ def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: s
     )
 
 
-def vary_base(scene: Scene, name: str, key: str, part: str | None) -> Variation:
+def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Variation:
     """With a number of the base: in closed form of an even one, else by differences of what it reflects."""
     base = scene.base
     if base is None:
@@ -148,13 +149,12 @@ def vary_base(scene: Scene, name: str, key: str, part: str | None) -> Variation:
             warnings.simplefilter("ignore")  # what is to be said of the base was said
             return replace(base, **{key: given})  # type: ignore[type-var]  # a dataclass: it has fields
 
-    pairs: list[tuple[float, Boundary]]
-    if isinstance(base, Lambertian):
-        pairs = [(1.0, Lambertian(1.0))]
-    else:
-        pairs = sample_around(base_at, value, STEP * max(abs(value), LEAST_SCALE))
+    try:
+        pairs = vary_base(base_at, value, BASE_STEP * max(abs(value), LEAST_SCALE))
+    except SceneError as error:
+        raise complain_of(name, f"it cannot change by a little: {error}") from error
     none = np.zeros(len(scene.layers))
-    return Variation(name, value, none, none, base=tuple(pairs), scene_at=lambda now: replace(scene, base=base_at(now)))
+    return Variation(name, value, none, none, base=pairs, scene_at=lambda now: replace(scene, base=base_at(now)))
 
 
 def list_numbers(base: Boundary) -> dict[str, float]:
