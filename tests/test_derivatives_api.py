@@ -10,7 +10,7 @@ import vrte
 from vrte.basics.stencils import sample_around
 from vrte.calls.differences import differentiate_by_differences
 from vrte.methods import make_run, solve_request
-from vrte.request.request import make_brdf_request
+from vrte.request.request import make_brdf_request, make_radiance_request
 from vrte.scene.vary import move_scene, vary_scene
 
 MU_I, MU_O = np.array([0.2, 0.9]), np.array([0.3, 0.7])
@@ -144,6 +144,24 @@ def test_solutions_are_of_the_shapes_of_the_value():
     assert move_scene(HAZE, vary_scene(HAZE, BASE), 0.1).base.even_albedo == pytest.approx(0.4)
 
 
+@pytest.mark.parametrize("scene", [HAZE, GLOSSY])
+def test_differences_agree_with_the_algebra(scene):
+    """At depths inside and at faces, of all Stokes parameters; each name tells how it was found."""
+    depth = "layer[2].thickness" if scene is GLOSSY else DEPTH
+    names = [depth, BASE, "interface[1].index"][: 2 + (scene is GLOSSY)]
+    asked = scene, 0.4, [1.0, 0.2, 0.1, 0.3], [-0.5, 0.5], 30.0, [0.0, 0.2, 0.5]
+    found = vrte.radiance(*asked, nodes=4, accuracy=1e-13, derivatives=names)
+    request = make_radiance_request(*asked, nodes=4, accuracy=1e-13)
+    variations = [vary_scene(scene, name) for name in names[:2]]
+    for name, other in zip(names, differentiate_by_differences(request, variations, make_run(request)), strict=False):
+        assert found.diagnostics["derivatives"][name] == "algebra"
+        expected, exact = other.parts[0][:, 0, ..., 0], found.jacobian[name]
+        np.testing.assert_allclose(exact, expected, atol=1e-9 * np.abs(expected).max())
+    if scene is GLOSSY:
+        told = found.diagnostics["derivatives"]["interface[1].index"]
+        assert told.startswith("differences of the solve (it moves a surface")
+
+
 def test_results_keep_derivatives_read_only_and_checked():
     found = differentiate(HAZE, BASE)
     again = pickle.loads(pickle.dumps(found))
@@ -208,7 +226,7 @@ def test_fields_have_derivatives_of_light_and_fluxes():
             vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)], HAZE.base),
             [0.4, 0.8],
             mu=[-0.5, 0.5],
-            tau=[0.0, 0.4 * thickness, thickness],
+            tau=[0.0, 0.2, thickness],
             nodes=4,
             accuracy=1e-14,
         )

@@ -9,8 +9,10 @@ import numpy as np
 from vrte.basics.arrays import check_list
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
-from vrte.calls.differences import differentiate_by_differences
+from vrte.calls.differences import differentiate_once
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE
+from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import solve_request
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -20,6 +22,7 @@ from vrte.scene.variation import Variation
 from vrte.scene.vary import vary_scene
 
 MOST_DERIVATIVES = 10_000
+ALGEBRA, DIFFERENCES = "algebra", "differences of the solve"  # how derivatives are found
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,14 @@ def settle_nodes(request: Request, solution: Solution) -> Request:
 def differentiate(
     request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
 ) -> list[Derivative]:
-    """The derivatives of a request's solution, each by the best way there is to it."""
-    how = "differences of the solve"
-    found = differentiate_by_differences(request, variations, run, progress)
-    return [Derivative(one, solution, how) for one, solution in zip(variations, found, strict=True)]
+    """The derivatives of a request's solution, by the algebra of slabs where it tells them, else by differences."""
+    plan = plan_request(request, run)
+    gaps = [find_gap(plan, one) for one in variations]
+    exact = [one for one, gap in zip(variations, gaps, strict=True) if gap is None]
+    others = [one for one, gap in zip(variations, gaps, strict=True) if gap is not None]
+    together = share_progress(progress, 0, 1 + len(others))
+    found = dict(zip(exact, differentiate_plan(plan, exact, run, together), strict=True)) if exact else {}
+    for place, one in enumerate(others, 1):
+        found[one] = differentiate_once(plan, one, run, share_progress(progress, place, 1 + len(others)))
+    ways = (ALGEBRA if gap is None else f"{DIFFERENCES} ({gap})" for gap in gaps)
+    return [Derivative(one, found[one], how) for one, how in zip(variations, ways, strict=True)]

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Progress, Run, share_progress
-from vrte.basics.stencils import STEP, sample_around
+from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
 from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
@@ -30,8 +30,8 @@ def differentiate_by_differences(
     """The derivative of a request's solution with each variation, as a solution: by five points, four solves or five.
 
     Each solve has the nodes and the truncation of the request's own plan, and leaves nothing out that is not lost in
-    rounding. Depths stay where they are in their layers: those at a face stay there. Raises SceneError where there is
-    no derivative: a bound on either side of the number.
+    rounding. Depths at the faces of layers stay there, others where they are below the top of all. Raises SceneError
+    where there is no derivative: a bound on either side of the number.
     """
     plan = plan_request(request, run)
     solutions = []
@@ -108,19 +108,24 @@ def place_request(request: Request, scene: Scene) -> Request:
 
 
 def follow_depths(request: Request, scene: Scene) -> Array:
-    """The request's depths (n_tau,) in a scene whose layers have other thicknesses: each at its place in its layer."""
-    before, total = request.scene, request.scene.thickness
-    if request.kind == "brdf":
-        return np.array([0.0, scene.thickness])[: request.tau.size]
-    given, now = (np.array([layer.thickness for layer in one.layers]) for one in (before, scene))
+    """The request's depths (n_tau,) in a scene whose layers have other thicknesses: those at faces of layers stay
+    there, all others stay where they are below the top of all."""
+    given, now = (np.array([layer.thickness for layer in one.layers]) for one in (request.scene, scene))
     if np.array_equal(given, now):
         return request.tau
-    level, at = place_levels(request.tau, find_layer_tops(given), given, total)
-    grown = np.isfinite(given[at]) & (given[at] > 0.0)
-    ratio = np.divide(now[at], given[at], out=np.ones(at.size), where=grown)
-    moved = find_layer_tops(now)[at] + level * ratio
-    found: Array = np.where(request.tau >= total, scene.thickness, np.minimum(moved, scene.thickness))
-    return np.where(request.tau == 0.0, 0.0, found)
+    if request.kind == "brdf":
+        return np.array([0.0, scene.thickness])[: request.tau.size]
+    at, upper, lower = find_faces(request)
+    faces = np.concatenate([[0.0], np.cumsum(now)])
+    found: Array = np.where(upper, faces[at], np.where(lower, faces[at + 1], request.tau))
+    return np.where(request.tau >= request.scene.thickness, scene.thickness, np.where(found > 0.0, found, 0.0))
+
+
+def find_faces(request: Request) -> tuple[IntArray, BoolArray, BoolArray]:
+    """The layer that each depth lies in, and whether it lies at its upper face, and at its lower one, (n_tau,)."""
+    thickness = np.array([layer.thickness for layer in request.scene.layers])
+    level, at = place_levels(request.tau, find_layer_tops(thickness), thickness, request.scene.thickness)
+    return at, level == 0.0, level == thickness[at]
 
 
 def find_step(request: Request, variation: Variation) -> float:
@@ -145,4 +150,13 @@ def find_step(request: Request, variation: Variation) -> float:
     even = max(1.0 - scene.below.even_albedo, 0.0) + 1.0 / (1.0 + total)
     rate += measure_base_rate(scene, variation) / min(1.0, even)
     taken_off = max(float(np.abs(table).sum()) for table in variation.coefficients)
-    return min(STEP / rate, MOST_NEGATIVE / taken_off if taken_off else np.inf)
+    moved = float(np.abs(variation.thickness).sum())
+    _, upper, lower = find_faces(request)
+    inside = request.tau[~(upper | lower)]
+    faces = np.concatenate([[0.0], np.cumsum(thickness[np.isfinite(thickness)])])
+    room = float(np.abs(inside[:, None] - faces).min(initial=np.inf)) if request.kind != "brdf" else np.inf
+    return min(
+        STEP / rate,
+        MOST_NEGATIVE / taken_off if taken_off else np.inf,
+        room / (2.0 * FARTHEST * moved) if moved else np.inf,  # no face passes a depth
+    )

@@ -60,8 +60,12 @@ class Brdf(Result):
         where none was.
     reflectance_jacobian
         The same of ``reflectance``, each (n_in,).
-    transmission_jacobian, direct_transmittance_jacobian, specular_jacobian
-        The same of ``transmission``, ``direct_transmittance`` and ``specular``; None where these are.
+    transmission_jacobian
+        The same of ``transmission``; None where that is.
+    direct_transmittance_jacobian
+        The same of ``direct_transmittance``, each (n_in,).
+    specular_jacobian
+        The same of ``specular``; None where that is.
 
     Raises
     ------

@@ -56,9 +56,15 @@ class Field(Result):
         Refractive index of the medium of each depth, (n_tau,), where light is refracted; else None.
     jacobian
         Derivatives of ``stokes`` by the names that were asked for, each of its shape, per unit of the number; None
-        where none was. A depth stays at its place in its layer, whose thickness may change.
-    flux_up_jacobian, flux_down_jacobian, direct_jacobian, direct_up_jacobian
-        The same of the fluxes.
+        where none was. Depths at the faces of layers stay there, others where they are below the top of all.
+    flux_up_jacobian
+        The same of ``flux_up``.
+    flux_down_jacobian
+        The same of ``flux_down``.
+    direct_jacobian
+        The same of ``direct``.
+    direct_up_jacobian
+        The same of ``direct_up``; None where that is.
 
     Raises
     ------

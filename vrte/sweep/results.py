@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import make_brdf
 from vrte.calls.radiance import make_field
-from vrte.formats.contents import BRDF, DERIVED, FIELDS, STOKES_AXIS, Kind
+from vrte.formats.contents import BRDF, DERIVED, FIELDS, PARAMETER, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import show_toml
 from vrte.request.how import EXACT
@@ -115,7 +115,7 @@ def lay_out_results(
     lengths = {name: values.size for name, values in coordinates.items()} | dict.fromkeys(labels, 4)
     variables = {}
     for name, about in kind.variables.items():
-        if name not in left_out:
+        if name not in left_out and PARAMETER not in about.dims:  # of derivatives there are none
             variables[name] = about.dims, tuple(lengths[dim] for dim in about.dims)
     return Results(kind, coordinates, variables, labels, constants)
 
