@@ -369,7 +369,8 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     expected = (
         "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|"
         "add a layer|add a surface|add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|"
-        "incident light|Lobe|Cuts|Reflectance|Appearance|begin with a paint|Inside|Scattering|Plan"
+        "incident light|Lobe|Cuts|Reflectance|Appearance|begin with a paint|Measurement|Open a measurement|Inside|"
+        "Scattering|Plan"
     )
     missing = [name for name in expected.split("|") if name not in " ".join(clicked)]
     assert missing == [], f"not clicked, of {sorted(clicked)}"
@@ -619,3 +620,54 @@ def test_a_surface_is_added_and_its_beam_is_an_arrow(tab: Tab) -> None:
     assert "without the mirrored beam" in tab.figure()["title"]
     tab.page.get_by_role("tab", name="Reflectance").click()
     tab.says("without what is mirrored as a beam")
+
+
+HAZE = """nodes = 4
+[[layer]]
+phase = "rayleigh"
+albedo = 0.9
+thickness = 0.4
+[base]
+kind = "lambertian"
+albedo = 0.3
+"""
+
+
+@pytest.mark.slow
+def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path: Path) -> None:
+    rows = vrte.Measurement("f00", 0.0, 0.001, theta_i_deg=30.0, theta_o_deg=np.arange(-60.0, 61.0, 20.0))
+    there = HAZE.replace("0.4", "0.7")
+    rows.measure(rows.predict(tomllib.loads(there))).save(tmp_path / "panel.csv")
+    tab.page.locator(".vrte-header input[type=file]").set_input_files(
+        {"name": "haze.toml", "mimeType": "text/plain", "buffer": HAZE.encode()}
+    )
+    tab.waits_for("""() => document.querySelector('[aria-label="optical thickness"]').value == '0.4'""")
+    start = tab.wait_for_figure()
+    tab.page.evaluate(DROP, ["quantity,value\nf00,bright\n", "bad.csv"])
+    tab.says("line 2: value must be a number, not 'bright'")
+    tab.page.evaluate(DROP, [(tmp_path / "panel.csv").read_text(), "panel.csv"])
+    first = tab.wait_for_figure(different=start)
+    assert first["title"].startswith("Measured f00; points: measured")
+    tab.says("-60 to 60° (7)", exact=True)
+    tab.button("Fit").click()
+    tab.says("tick at least one number that the fit may change")
+    tab.page.get_by_role("checkbox", name="layer 1: optical thickness").click()
+    tab.fill("layer 1: optical thickness, to", "0.3")
+    tab.button("Fit").click()
+    tab.says("layer 1: optical thickness is 0.4 now, which is not between 0.04 and 0.3")
+    tab.fill("layer 1: optical thickness, to", "5")
+    tab.page.wait_for_timeout(300)
+    tab.button("Fit").click()
+    tab.says("What fits best")
+    with tab.page.expect_download() as waiting:
+        tab.button("Fitted scene, TOML").click()
+    waiting.value.save_as(tmp_path / "fitted.toml")
+    content = tomllib.loads((tmp_path / "fitted.toml").read_text())
+    assert content["layer"][0]["thickness"] == pytest.approx(0.7, rel=1e-4)
+    assert content["base"] == {"kind": "lambertian", "albedo": 0.3}
+    tab.button("Take these values").click()
+    tab.waits_for("""() => document.querySelector('[aria-label="optical thickness"]').value.startsWith('0.7')""")
+    tab.button("Back to those before").click()
+    tab.waits_for("""() => document.querySelector('[aria-label="optical thickness"]').value == '0.4'""")
+    tab.page.reload()  # the measurement and what was found stay
+    tab.says("What fits best")

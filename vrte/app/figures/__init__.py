@@ -5,6 +5,17 @@ The light is inside the host medium, before any refraction at its surface: title
 
 from vrte.app.figures.lines import coefficients, reflectance, scattering_matrix, spectra
 from vrte.app.figures.lobe import lobe
+from vrte.app.figures.measurement import SCENE, measurement
 from vrte.app.figures.polar import cuts, field_polar
 
-__all__ = ["coefficients", "cuts", "field_polar", "lobe", "reflectance", "scattering_matrix", "spectra"]
+__all__ = [
+    "SCENE",
+    "coefficients",
+    "cuts",
+    "field_polar",
+    "lobe",
+    "measurement",
+    "reflectance",
+    "scattering_matrix",
+    "spectra",
+]

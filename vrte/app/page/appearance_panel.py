@@ -19,7 +19,6 @@ from vrte.app.solving.appearance import (
     ILLUMINANTS,
     OBSERVERS,
     Appeared,
-    Reply,
     Shade,
     Viewing,
 )
@@ -51,7 +50,7 @@ class AppearancePanel:
         self.view.setdefault("viewing", Viewing())
         self.sliders: dict[Place, tuple[Slider, Any, Any]] = {}
         self.missing = ""
-        self.shown: Reply | None = None
+        self.shown: Any = None
         self.moved: Place | None = None
         with ui.row().classes("w-full gap-2 pt-3 items-start"):
             self.paint = select([*list_paint_starts()], None, "begin with a paint", self.begin_with, 230)

@@ -21,7 +21,8 @@ from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.job import find_memory_share
-from vrte.app.solving.messages import Outcome, Read, Tensor, Written
+from vrte.app.solving.measuring import is_measurement
+from vrte.app.solving.messages import Fitted, Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
@@ -192,7 +193,7 @@ class Page:
             self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
-    def take(self, outcome: Outcome | Written | Said | None) -> None:
+    def take(self, outcome: Outcome | Written | Said | Fitted | None) -> None:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
@@ -224,6 +225,9 @@ class Page:
             if suffix == ".toml":
                 about = self.bench.shelf.folder, self.bench.shelf.names, True
                 self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
+            elif is_measurement(data, suffix, wanted=self.bench.view["tab"] == "measurement"):
+                self.results.tabs.set_value("measurement")
+                self.results.measurement.take(name, data)
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, find_memory_share()))
             else:

@@ -12,6 +12,7 @@ from vrte.app import figures
 from vrte.app.figures.style import convert_to_dark
 from vrte.app.form.fields import parse_field_text
 from vrte.app.page.appearance_panel import AppearancePanel
+from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome
@@ -36,6 +37,7 @@ TABS = {
     "cuts": ("Cuts", "pie_chart_outline"),
     "reflectance": ("Reflectance", "show_chart"),
     "appearance": ("Appearance", "palette"),
+    "measurement": ("Measurement", "insights"),
     "inside": ("Inside", "vertical_align_center"),
     "scattering": ("Scattering", "grain"),
     "plan": ("Plan", "rule"),
@@ -73,6 +75,7 @@ LEGEND = {  # beside the figure it takes room that a phone has not
     "yanchor": "bottom",
     "font": {"size": 12},
 }
+LIVE = ("appearance", "measurement")  # tabs of the form's scene, whether it is solved or not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
 SYMBOLS = {"<sub>i</sub>": "ᵢ", "<sub>o</sub>": "ₒ", "<sub>0</sub>": "₀", "<br>": "\n"}
@@ -163,6 +166,12 @@ class ResultPanel:
         plot, draw = partial(self._plot, "appearance"), partial(self._draw, "appearance")
         self.appearance = AppearancePanel(self.bench, self.write, self.fill, plot, draw)
 
+    def _measurement(self) -> None:
+        plot, draw = partial(self._plot, "measurement"), partial(self._draw, "measurement")
+        self.measurement = MeasurementPanel(
+            self.bench, self.fill, lambda name, data: ui.download.content(data, name), plot, draw
+        )
+
     def _inside(self) -> None:
         with ui.row().classes("w-full items-center gap-3 pt-2"):
             self._quantity("inside", "quantity", FIELD_QUANTITIES)
@@ -249,13 +258,13 @@ class ResultPanel:
     def draw(self) -> None:
         """The open tab."""
         tab, outcome = self.view["tab"], self.bench.outcome
-        live = tab == "appearance"  # of the form's scene, whether it is solved or not
+        live = tab in LIVE
         for name, area in self.areas.items():
             area.set_visibility(name == tab and (live or outcome is not None))
         self._tell(outcome)
         try:
             if live:
-                self.appearance.refresh()
+                getattr(self, tab).refresh()
             elif outcome is not None:
                 self._show(tab, outcome)
             text = "" if outcome or live else NOTHING
@@ -268,7 +277,7 @@ class ResultPanel:
     def _tell(self, outcome: Outcome | None) -> None:
         """Beside the sliders, and which of them there are."""
         tab = self.view["tab"]
-        live = tab == "appearance"
+        live = tab in LIVE
         self.mark_stale()
         self.notes.set_text("; ".join(outcome.notes) if outcome and not live else "")
         self.notes.set_visibility(bool(self.notes.text))
@@ -346,13 +355,13 @@ class ResultPanel:
         outcome = self.bench.outcome
         solved = outcome.content if outcome else None
         changed = solved is not None and not self.bench.busy and solved != self.bench.content
-        self.stale.set_visibility(changed and self.view["tab"] != "appearance")
+        self.stale.set_visibility(changed and self.view["tab"] not in LIVE)
 
     def follow_form(self) -> None:
         """After a change of the form."""
         self.mark_stale()
-        if self.view["tab"] == "appearance":
-            self.appearance.refresh()
+        if self.view["tab"] in LIVE:
+            getattr(self, self.view["tab"]).refresh()
 
     def has_figure(self) -> bool:
         """Whether the open tab shows one."""

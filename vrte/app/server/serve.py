@@ -99,8 +99,7 @@ def leave_bench(bench: Bench) -> None:
     """A page has gone for good: nobody waits for what it solves, unless its tab has another."""
     bench.pages -= 1
     if bench.pages == 0:
-        bench.cancel()
-        bench.live.close()
+        bench.rest()
 
 
 @contextmanager

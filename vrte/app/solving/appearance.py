@@ -1,21 +1,22 @@
 """What a paint looks like over black and over white, worked out again and again as somebody moves its sliders."""
 
-import os
 import pickle
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vrte.app.solving.questions import NewerError, Refused, explain_failure
 from vrte.appearance.colours import Colour, find_colour, find_difference
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
-from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.errors import AccuracyError, DeviceError, LongSolveWarning, MissingExtraError, SceneError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import LongSolveWarning
 from vrte.basics.running import Progress
 from vrte.formats.particle_sources import make_particles
 from vrte.optics.particles import Particles
@@ -98,21 +99,9 @@ class Appeared:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Refused:
-    """Why there is no answer, in a sentence."""
-
-    number: int
-    message: str
-
-
 Reply = Appeared | Refused
 Tell = Callable[[Reply], None]
 Caught = Sequence[warnings.WarningMessage]
-
-
-class NewerError(Exception):
-    """There is a newer question."""
 
 
 class Studio:
@@ -126,19 +115,15 @@ class Studio:
 
     def answer(self, question: Question, tell: Tell, is_old: Callable[[], bool]) -> None:
         """Tells an answer, a coarse one before where that takes long; none once the question ``is_old``."""
-        try:
+
+        def work() -> None:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", UserWarning)
                 self._answer(question, tell, is_old, caught)
-        except NewerError:
-            return
-        except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
-            text = str(error).replace(f"{question.folder}{os.sep}", "")  # where it lies is nobody's business
-            tell(Refused(question.number, put_in_one_line(text, 1000)))
-        except MemoryError:
-            tell(Refused(question.number, "not enough memory for this scene: smaller particles need less"))
-        except Exception as error:  # never seen; a page must not wait for ever
-            tell(Refused(question.number, put_in_one_line(f"{type(error).__name__}: {error}", 1000)))
+
+        with suppress(NewerError):
+            if message := explain_failure(work, question.folder):
+                tell(Refused(question.number, message))
 
     def _answer(self, question: Question, tell: Tell, is_old: Callable[[], bool], caught: Caught) -> None:
         begin = time.perf_counter()

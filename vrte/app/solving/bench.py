@@ -10,8 +10,8 @@ from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said, list_parts, name_part
 from vrte.app.solving.job import Job, find_memory_share
-from vrte.app.solving.live import Live
-from vrte.app.solving.messages import Look, Outcome, Solve, Task
+from vrte.app.solving.live import COMPARER, Live
+from vrte.app.solving.messages import Fit, Fitted, Look, Outcome, Solve, Task, keep_step
 from vrte.app.solving.shelf import Shelf
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
@@ -26,7 +26,8 @@ class Bench:
     """A tab's: the form's ``content``, which may name the tables of its ``shelf``, the ``job`` that runs, the last
     ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, the first
     field that is ``wrong``: its message, and its place; and what has been ``said`` of parts that are made from files,
-    of which ``looked`` is the one that a job ``looks`` at; ``live`` answers what it looks like."""
+    of which ``looked`` is the one that a job ``looks`` at; ``live`` answers what it looks like, ``beside`` what it
+    shows beside a measurement, to which a job ``fits`` it; ``fitted`` is what that found."""
 
     content: Content
     shelf: Shelf = field(default_factory=Shelf)
@@ -39,6 +40,9 @@ class Bench:
     said: dict[str, Said] = field(default_factory=dict)
     looks: Job | None = None
     live: Live = field(default_factory=Live)
+    beside: Live = field(default_factory=lambda: Live(COMPARER))
+    fits: Job | None = None
+    fitted: Fitted | None = None
     looked: tuple[str, Place] = ("", ())
 
     @property
@@ -58,6 +62,35 @@ class Bench:
     def cancel(self) -> None:
         if self.job is not None:
             self.job.cancel()
+
+    def start_fit(self, task: Fit) -> None:
+        """A fit in place of the one that runs, beside whatever is solved."""
+        self.end_fit()
+        self.fits = Job(task)
+
+    def end_fit(self) -> None:
+        """Ends the fit, and forgets what it found."""
+        if self.fits is not None:
+            self.fits.cancel()
+        self.fits = self.fitted = None
+
+    def take_fit(self) -> None:
+        """What a fit brought once it has ended: its last step where it died, nothing where it has made none."""
+        job = self.fits
+        if self.fitted is not None or job is None or not job.ended:
+            return
+        if isinstance(job.outcome, Fitted):
+            self.fitted = job.outcome
+        elif job.step is not None and isinstance(job.task, Fit):
+            self.fitted = keep_step(job.task, job.step, job.message)
+
+    def rest(self) -> None:
+        """Ends what nobody waits for."""
+        self.cancel()
+        if self.fits is not None:
+            self.fits.cancel()
+        self.live.close()
+        self.beside.close()
 
     def find_problems(self) -> dict[Place, str]:
         """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
@@ -83,10 +116,9 @@ class Bench:
 
     def close(self) -> None:
         """Ends whatever runs, and removes its files."""
-        for job in (self.job, self.looks):
-            if job is not None:
-                job.cancel()
-        self.live.close()
+        if self.looks is not None:
+            self.looks.cancel()
+        self.rest()
         self.shelf.close()
 
 

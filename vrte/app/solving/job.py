@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import IO
 
 from vrte.app.form.parts import Said
-from vrte.app.solving.messages import Look, Outcome, Progress, Task, Written
+from vrte.app.solving.messages import Fitted, Look, Outcome, Progress, Step, Task, Written
 from vrte.basics.memory import find_available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.{module} import main; main()"
@@ -28,15 +28,17 @@ def find_memory_share() -> float:
 class Job:
     """A task on its way. What it says may be read at any time; ``ended`` is the last thing to change.
 
-    ``share`` from 0 to 1 and ``stage`` tell how far it is; at the end there is an ``outcome``, or a ``message`` that
-    says why not.
+    ``share`` from 0 to 1 and ``stage`` tell how far it is, ``step`` where a fit is; at the end there is an ``outcome``,
+    or a ``message`` that says why not.
     """
 
     def __init__(self, task: Task) -> None:
+        self.task = task
         self.share, self.stage = 0.0, "waiting for other solves to end"
-        self.outcome: Outcome | Written | Said | None = None
+        self.step: Step | None = None
+        self.outcome: Outcome | Written | Said | Fitted | None = None
         self.message, self.ended = "", False
-        self._cancelled = threading.Event()
+        self._cancelled, self._sent = threading.Event(), threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
         threading.Thread(target=self._run, args=(task,), name="vrte-view-job", daemon=True).start()
@@ -47,6 +49,16 @@ class Job:
             self._cancelled.set()
             if self._process is not None:
                 self._process.kill()
+
+    def stop(self) -> None:
+        """Asks for the best so far, of a fit; ends it where it has not begun."""
+        with self._lock, suppress(OSError, ValueError):  # it has gone, or its pipe is closed
+            if self._sent.is_set() and self._process is not None and self._process.stdin is not None:
+                self._process.stdin.write(b"\n")
+                self._process.stdin.flush()
+                return
+        if not self._sent.is_set():
+            self.cancel()
 
     def _run(self, task: Task) -> None:
         try:
@@ -79,8 +91,10 @@ class Job:
                 with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has gone: its code says why
                     pickle.dump(task, process.stdin)
                     process.stdin.flush()
+                    self._sent.set()
                     while isinstance(message := pickle.load(process.stdout), Progress):
                         self.share, self.stage = message.share, message.stage
+                        self.step = message if isinstance(message, Step) else self.step
                     if isinstance(message, str):
                         self.message = message
                     else:

@@ -1,4 +1,4 @@
-"""A warm process for a tab's sliders, seen from the viewer: it stays, the newest question wins, and it may die."""
+"""A warm process for a tab's questions, seen from the viewer: it stays, the newest question wins, and it may die."""
 
 import copy
 import pickle
@@ -8,30 +8,44 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vrte.app.solving.appearance import Appeared, Question, Refused, Reply, Shares, Viewing
+from vrte.app.solving.appearance import Appeared, Question, Shares, Viewing
 from vrte.app.solving.job import end_process, explain_end, find_memory_share, start_process
+from vrte.app.solving.measuring import Compared, Comparison
+from vrte.app.solving.questions import Refused
 
 MOST_WARM = 3  # processes of all tabs; the one that was not asked for longest ends when one more is needed
+SLIDERS, COMPARER = "live_worker", "measurement_worker"  # what such a process runs
 STUCK = 4.0  # seconds that a question waits behind an older one before it gets a process of its own
 
 
-class Warm:
-    """A process, questions to it and what it ``hear``s: each reply, and why it has ended unless it was killed."""
+Asked = Question | Comparison
+Reply = Appeared | Compared | Refused
 
-    def __init__(self, hear: Callable[["Warm", Reply], None]) -> None:
-        self.ended = False
+
+def is_last(reply: Reply) -> bool:
+    """Whether no other reply to the same question follows."""
+    return isinstance(reply, Refused) or not reply.coarse
+
+
+class Warm:
+    """A process of a ``worker``, questions to it and what it ``hear``s: each reply, and why it has ended unless it was
+    killed."""
+
+    def __init__(self, worker: str, hear: Callable[["Warm", Reply], None]) -> None:
+        self.ended, self.worker = False, worker
         self.process: subprocess.Popen[bytes] | None = None
         self._hear = hear
-        self._newest: Question | None = None
+        self._newest: Asked | None = None
         self._asked, self._told = 0, 0  # numbers of questions
         self._waits_since: float | None = None  # behind an older question
         self._changed = threading.Condition()
         threading.Thread(target=self._run, name="vrte-view-live", daemon=True).start()
 
-    def put(self, question: Question) -> None:
+    def put(self, question: Asked) -> None:
         """A question in place of the one that waits."""
         with self._changed:
             if self._asked > self._told:
@@ -58,7 +72,7 @@ class Warm:
             with self._changed:
                 if self.ended:
                     return
-                self.process = process = start_process("live_worker", said)
+                self.process = process = start_process(self.worker, said)
             threading.Thread(target=self._send, args=(process,), name="vrte-view-ask", daemon=True).start()
             assert process.stdout is not None
             try:
@@ -77,7 +91,7 @@ class Warm:
         with self._changed:
             if self._waits_since is not None:  # it goes on: to the newest question, or nearer to it
                 self._waits_since = None if reply.number == self._asked else time.monotonic()
-            if not (isinstance(reply, Appeared) and reply.coarse):
+            if is_last(reply):
                 self._told = reply.number
         self._hear(self, reply)
 
@@ -97,15 +111,16 @@ class Warm:
 
 
 class Live:
-    """The questions of one tab. ``answer`` is the last that came, to the question of its ``number``; ``asked`` is the
-    last question."""
+    """The questions of one tab to a ``worker``. ``answer`` is the last that came, to the question of its ``number``;
+    ``asked`` is the last question."""
 
     _in_use: list["Live"] = []  # noqa: RUF012 - of the whole server: those with a process, the last asked last
     _lock = threading.Lock()
 
-    def __init__(self) -> None:
+    def __init__(self, worker: str = SLIDERS) -> None:
+        self.worker = worker
         self.answer: Reply | None = None
-        self.asked: Question | None = None
+        self.asked: Asked | None = None
         self._warm: Warm | None = None
         self._count = 0
 
@@ -115,20 +130,20 @@ class Live:
         answer, asked = self.answer, self.asked
         if asked is None or self._warm is None:
             return False
-        return answer is None or answer.number < asked.number or (isinstance(answer, Appeared) and answer.coarse)
+        return answer is None or answer.number < asked.number or not is_last(answer)
 
     def ask(self, content: dict[str, Any], folder: Path, viewing: Viewing, before: Shares | None = None) -> None:
+        """What a scene looks like."""
+        self.put(Question(0, content, folder, viewing, before))
+
+    def put(self, question: Asked) -> None:
         """A question in place of the one that waits; nothing where it was asked last."""
         last = self.asked
-        if last is not None and (last.content, last.folder, last.viewing, last.before) == (
-            content,
-            folder,
-            viewing,
-            before,
-        ):
+        if last is not None and replace(question, number=last.number) == last:
             return
         self._count += 1
-        self.asked = Question(self._count, copy.deepcopy(content), folder, viewing, before)
+        content: Any = copy.deepcopy(question.content)  # the page changes it
+        self.asked = replace(question, number=self._count, content=content)
         self._put(self.asked)
 
     def refresh(self) -> None:
@@ -148,7 +163,7 @@ class Live:
             self._warm.kill()
             self._warm = None
 
-    def _put(self, question: Question) -> None:
+    def _put(self, question: Asked) -> None:
         with Live._lock:
             if self in Live._in_use:
                 Live._in_use.remove(self)
@@ -157,7 +172,7 @@ class Live:
         for other in others:
             other.close()
         if self._warm is None or self._warm.ended:
-            self._warm = Warm(self._hear)
+            self._warm = Warm(self.worker, self._hear)
         self._warm.put(question)
 
     def _hear(self, warm: Warm, reply: Reply) -> None:

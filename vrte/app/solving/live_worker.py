@@ -1,4 +1,4 @@
-"""The process that answers a tab's questions while somebody moves its sliders: it stays, and the newest question wins.
+"""The process that answers a tab's questions while somebody changes its scene: it stays, and the newest question wins.
 
 It ends when its input does, also in the middle of an answer, so that none is left when the viewer is gone.
 """
@@ -7,9 +7,10 @@ import os
 import pickle
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
-from vrte.app.solving.appearance import Question, Reply, Studio
+from vrte.app.solving.appearance import Studio
 from vrte.app.solving.worker import open_output
 from vrte.appearance.colours import import_colour_science
 from vrte.basics.errors import MissingExtraError
@@ -20,16 +21,16 @@ class Inbox:
     """The newest question; those that nobody took in time are gone."""
 
     def __init__(self) -> None:
-        self._newest: Question | None = None
+        self._newest: Any = None
         self._changed = threading.Condition()
 
-    def put(self, question: Question) -> None:
+    def put(self, question: Any) -> None:
         """In place of the one that waits."""
         with self._changed:
             self._newest = question
             self._changed.notify()
 
-    def take(self) -> Question:
+    def take(self) -> Any:
         """The newest question, once there is one."""
         with self._changed:
             self._changed.wait_for(self.has_newer)
@@ -43,19 +44,26 @@ class Inbox:
 
 
 def main() -> None:
-    """Reads how much memory it may take, then answers questions until its input ends."""
+    """What a scene looks like, again and again."""
+    answer_questions(Studio().answer, load_colours)
+
+
+def answer_questions(
+    answer: Callable[[Any, Callable[[Any], None], Callable[[], bool]], None], begin: Callable[[], None] = lambda: None
+) -> None:
+    """Reads how much memory it may take, does what it begins with, then answers questions until its input ends."""
     output = open_output()
     limit_memory(pickle.load(sys.stdin.buffer))
-    inbox, studio = Inbox(), Studio()
+    inbox = Inbox()
     threading.Thread(target=fill_inbox, args=(inbox,), daemon=True).start()
 
-    def tell(reply: Reply) -> None:
+    def tell(reply: Any) -> None:
         pickle.dump(reply, output, protocol=pickle.HIGHEST_PROTOCOL)
         output.flush()
 
-    load_colours()
+    begin()
     while True:
-        studio.answer(inbox.take(), tell, inbox.has_newer)
+        answer(inbox.take(), tell, inbox.has_newer)
 
 
 def fill_inbox(inbox: Inbox) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from vrte.app.form.parts import Said
 from vrte.app.solving.reflectance import Reflectances
+from vrte.basics.arrays import Array
 from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.results.brdf import Brdf
@@ -45,11 +46,46 @@ class Look(Solve):
 
 
 @dataclass(frozen=True)
+class Fit(Solve):
+    """Numbers of a scene to be fitted to a measurement: its file's bytes, and start, low and high by each key."""
+
+    data: bytes
+    suffix: str
+    free: dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
 class Progress:
     """How far it is, from 0 to 1, and with what."""
 
     share: float
     stage: str
+
+
+@dataclass(frozen=True, eq=False)
+class Step(Progress):
+    """A step that a fit has accepted: its values (n,), their chi2, and what the scene shows with them, (rows,)."""
+
+    values: Array
+    chi2: float
+    predicted: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where nothing tells them,
+    correlations (n, n), chi2, what the scene then shows (rows,); and in sentences what the data cannot tell, and what
+    else is to be known."""
+
+    content: dict[str, Any]
+    names: tuple[str, ...]
+    values: Array
+    errors: Array
+    correlations: Array
+    chi2: float
+    predicted: Array
+    sentences: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,4 +148,12 @@ class Outcome:
 
 
 Task = Solve | Read
-Answer = Outcome | Written | Said | str  # in one sentence, why there is none
+Answer = Outcome | Written | Said | Fitted | str  # in one sentence, why there is none
+
+
+def keep_step(task: Fit, step: Step, why: str) -> Fitted:
+    """What is left of a fit that ended without a result: its last step, without errors."""
+    n = len(task.free)
+    unknown = np.full(n, np.nan), np.full((n, n), np.nan)
+    notes = (f"{why}: these are the values of the last step, without errors",)
+    return Fitted(task.content, (*task.free,), step.values, *unknown, step.chi2, step.predicted, notes=notes)

@@ -3,6 +3,7 @@
 Also in the middle of a solve it ends when its input does, so that none is left when the viewer is gone.
 """
 
+import _thread
 import os
 import pickle
 import sys
@@ -28,6 +29,7 @@ from vrte.app.form.parts import Said, select_part
 from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import (
     Answer,
+    Fit,
     Inside,
     Look,
     Outcome,
@@ -91,8 +93,9 @@ def open_output() -> IO[bytes]:
 
 
 def end_with_input() -> None:
-    """Ends the process when nobody waits for it any more."""
-    sys.stdin.buffer.read()
+    """Ends the process when nobody waits for it any more; whatever comes before interrupts it, as Ctrl-C does."""
+    while sys.stdin.buffer.read(1):
+        _thread.interrupt_main()
     os._exit(1)
 
 
@@ -105,11 +108,17 @@ def answer(task: Task, tell: Tell) -> Answer:
                 return write_tensor(task, tell)
             if isinstance(task, Look):
                 return add_warnings(look_at_part(task), caught)
+            if isinstance(task, Fit):
+                from vrte.app.solving.fitting import fit_scene
+
+                return fit_scene(task, tell, caught)
             found = solve(task, tell) if isinstance(task, Solve) else read(task)
     except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return put_in_one_line(str(error), 1000)
     except MemoryError:
         return "not enough memory for this scene: fewer directions, nodes or wavelengths need less"
+    except KeyboardInterrupt:
+        return "stopped before there was anything to keep"
     except Exception as error:  # never seen; a page must not wait for ever
         return put_in_one_line(f"{type(error).__name__}: {error}", 1000)
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))

@@ -1,0 +1,268 @@
+"""The viewer's Measurement tab: what it reads, draws beside the form's scene, fits, and puts into the form."""
+
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from tests.test_app_solving import until
+from vrte.app import figures
+from vrte.app.form.content import START, Content
+from vrte.app.form.free_numbers import list_free_numbers, put_values, write_shares_out
+from vrte.app.page.measurement_panel import choose_free, find_places
+from vrte.app.server.serve import leave_bench
+from vrte.app.solving.bench import Bench
+from vrte.app.solving.fitting import fit_scene
+from vrte.app.solving.live import COMPARER, Live
+from vrte.app.solving.measured import COLOURS, NUMBERS, describe_measured, list_shown, name_bars, split_curves
+from vrte.app.solving.measuring import Compared, Comparer, Comparison, is_measurement
+from vrte.app.solving.messages import Fit, Fitted, Progress, Step, keep_step
+from vrte.app.solving.questions import Refused
+from vrte.basics.errors import SceneError
+
+HAZE: Content = {
+    "nodes": 4,
+    "layer": [{"phase": "rayleigh", "albedo": 0.9, "thickness": 0.7}],
+    "base": {"kind": "lambertian", "albedo": 0.3},
+}
+THICKNESS = "layer[1].thickness"
+FREE = {THICKNESS: {"start": 0.4, "low": 0.01, "high": 5.0}}
+ROWS = vrte.Measurement(
+    ["f00"] * 4 + ["total_reflectance"] * 2,
+    0.0,
+    0.001,
+    theta_i_deg=[30.0] * 4 + [0.0, 60.0],
+    theta_o_deg=[-60.0, 0.0, 40.0, 60.0, np.nan, np.nan],
+    phi_deg=[0.0] * 4 + [np.nan] * 2,
+)
+
+
+def change(**layer: Any) -> Content:
+    return {**HAZE, "layer": [{**HAZE["layer"][0], **layer}]}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A measurement of HAZE without noise, as a file."""
+    path = tmp_path_factory.mktemp("panel") / "panel.csv"
+    ROWS.measure(ROWS.predict(HAZE)).save(path, "a panel")
+    return path.read_bytes()
+
+
+def answer(content: Content | None, data: bytes, comparer: Comparer | None = None) -> list[Any]:
+    told: list[Any] = []
+    (comparer or Comparer()).answer(Comparison(1, content, Path(), data, ".csv"), told.append, lambda: False)
+    return told
+
+
+def test_a_measurement_is_told_first_and_then_what_the_scene_shows(data: bytes) -> None:
+    comparer, thin = Comparer(), change(thickness=0.2)
+    first, second = answer(thin, data, comparer)
+    assert (first.coarse, first.predicted, second.coarse, second.message) == (True, None, False, "")
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.2)], vrte.Lambertian(0.3))
+    mu_i, mu_o = np.cos(np.radians([30.0])), np.cos(np.radians([0.0, 40.0, 60.0]))
+    expected = vrte.brdf(scene, mu_i, mu_o, [0.0, 180.0], nodes=4)
+    f00 = expected.mueller[0, :, :, 0, 0]
+    np.testing.assert_allclose(second.predicted[:4], [f00[2, 1], f00[0, 0], f00[1, 0], f00[2, 0]], rtol=1e-9)
+    np.testing.assert_allclose(second.predicted[5], vrte.brdf(scene, 0.5, 1.0, nodes=4).reflectance[0], rtol=1e-9)
+    fine, values = second.fine
+    (curve,) = split_curves(fine, "f00")[1]
+    np.testing.assert_allclose(
+        np.interp([-60, 0, 40, 60], curve.x, values[curve.rows]), second.predicted[:4], rtol=1e-9
+    )
+    assert curve.x.size > 60
+    (again,) = answer(HAZE, data, comparer)  # not read again
+    np.testing.assert_allclose(again.predicted, again.measured.value, rtol=1e-9)
+
+
+def test_a_scene_that_shows_nothing_leaves_the_measurement(data: bytes) -> None:
+    assert [one.message for one in answer(None, data)] == ["", ""]
+    _, found = answer(change(albedo=2.0), data)
+    assert isinstance(found, Compared)
+    assert "albedo" in found.message
+    assert found.predicted is None
+    (_, found) = answer({**HAZE, "wavelength_um": [0.5, 0.6]}, data)
+    assert found.notes == ("the measurement names no wavelength: the first of the form, 0.5 µm, is taken",)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("mu_i,mu_o\n0.5,0.5\n", "column 'mu_i' is unknown"),
+        ("quantity,value,theta_i_deg\ntotal_reflectance,high,8\n", "line 2: value must be a number"),
+        ("quantity,value,theta_i_deg\ntotal_reflectance,nan,8\n", "value must be a finite number"),
+        ("quantity,value,theta_i_deg\ntotal_reflectance,0.5,91\n", "below 90"),
+        ("quantity,value\ngloss,0.5\n", "gloss"),
+    ],
+)
+def test_a_bad_file_is_one_sentence(text: str, words: str) -> None:
+    (found,) = answer(HAZE, text.encode())
+    assert isinstance(found, Refused)
+    assert words in found.message
+    assert "\n" not in found.message
+    assert "vrte-view-" not in found.message  # where it lies is nobody's business
+
+
+def test_which_files_are_measurements(data: bytes) -> None:
+    result = b"# vrte result, format 1\n# \nmu_i,mu_o\n"
+    assert [is_measurement(one, ".csv", wanted=False) for one in (data, result, b"a,b\n")] == [True, False, False]
+    assert [is_measurement(one, ".csv", wanted=True) for one in (data, result, b"a,b\n")] == [True, False, True]
+    assert [is_measurement(b"", ".nc", wanted=one) for one in (True, False)] == [True, False]
+
+
+def test_what_was_read_is_told() -> None:
+    assert list(describe_measured(ROWS)) == [
+        ("f00", "4", "30°", "-60 to 60° (4)", "0°", "–", "yes"),
+        ("total_reflectance", "2", "0 to 60° (2)", "–", "–", "–", "yes"),
+    ]
+    alone = vrte.Measurement(["total_reflectance", "total_transmittance"], [0.4, 0.5], theta_i_deg=8.0)
+    assert list_shown(alone) == [NUMBERS]
+    assert (name_bars("L"), name_bars("reflectance")) == (COLOURS, NUMBERS)
+
+
+def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
+    predicted = np.linspace(0.1, 0.6, 6)
+    measured = ROWS.measure(predicted + 0.002)
+    points, line, left = figures.measurement(measured, "f00", predicted).data
+    assert points.x.tolist() == [-60.0, 0.0, 40.0, 60.0]
+    np.testing.assert_allclose(points.error_y.array, 0.001, rtol=1e-6)
+    np.testing.assert_allclose(line.y, predicted[:4], rtol=1e-6)
+    np.testing.assert_allclose(left.y, 2.0, rtol=1e-6)
+    assert left.yaxis == "y2"
+    spectrum = vrte.Measurement("total_reflectance", [0.2, 0.3], wavelength_um=[0.6, 0.5], theta_i_deg=8.0)
+    (only,) = figures.measurement(spectrum, "total_reflectance").data
+    assert (only.x.tolist(), only.error_y.array) == ([500.0, 600.0], None)
+    alone = vrte.Measurement(["total_reflectance", "total_transmittance"], [0.4, 0.5], theta_i_deg=8.0)
+    figure = figures.measurement(alone, NUMBERS, np.array([0.3, 0.5]))
+    assert [one.type for one in figure.data] == ["bar", "bar", "scatter"]
+    assert list(figure.layout.xaxis.ticktext) == ["total reflectance", "total transmittance"]
+
+
+def test_azimuths_and_incidences_part_curves() -> None:
+    both = vrte.Measurement(
+        "f00", 0.1, theta_i_deg=[0, 0, 0, 40, 40, 40], theta_o_deg=[10, 20, 30] * 2, phi_deg=[0, 180, 0, 90, 270, 90]
+    )
+    axis, (first, second) = split_curves(both, "f00")
+    assert axis == "theta_o_deg"
+    assert (first.name, first.x.tolist()) == ("φ = 0°, θᵢ = 0°", [-20.0, 10.0, 30.0])
+    assert (second.name, second.rows.tolist()) == ("φ = 90°, θᵢ = 40°", [4, 3, 5])
+
+
+def test_the_form_offers_its_numbers_and_takes_values() -> None:
+    film = {"particles": "dust", "thickness_um": 50.0, "volume_fraction": "15 %"}
+    content = {
+        "particles": {"dust": {"index": [1.5, 0.0], "size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}}},
+        "layer": [{"interface": {"above": 1.0, "below": "alkyd"}}, film],
+        "base": {"kind": "lambertian", "albedo": 0.5},
+        "brdf": START["brdf"],
+        "nodes": 8,
+    }
+    listed = list_free_numbers(content)
+    assert [one.key for one in listed] == [
+        "layer[1].interface.above",
+        "layer[2].thickness_um",
+        "layer[2].volume_fraction",
+        "particles.dust.index[1]",
+        "particles.dust.index[2]",
+        "particles.dust.size.lognormal.median_um",
+        "particles.dust.size.lognormal.sigma",
+        "base.albedo",
+    ]
+    assert all(one.low <= one.start <= one.high and one.low < one.high and one.label for one in listed)
+    assert write_shares_out(content)["layer"][1]["volume_fraction"] == 0.15
+    taken = put_values(content, {("particles", "dust", "index", 1): 0.0123456789, ("layer", 1, "volume_fraction"): 0.2})
+    assert taken["particles"]["dust"]["index"] == [1.5, 0.0123457]
+    assert taken["layer"][1]["volume_fraction"] == 0.2
+    assert content["particles"]["dust"]["index"] == [1.5, 0.0]
+    with pytest.raises(SceneError, match=r"no number layer\[3\]\.thickness any more"):
+        put_values(content, {("layer", 2, "thickness"): 1.0})
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({}, "tick at least one"),
+        ({"free": True, "low": "x"}, "layer 1: optical thickness: from and to must be two numbers"),
+        ({"free": True, "low": 3.0, "high": 2.0}, "the first one smaller"),
+        ({"free": True, "low": 1.0, "high": 2.0}, "is 0.7 now, which is not between 1 and 2"),
+    ],
+)
+def test_what_may_change_is_checked_before_a_fit(told: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        choose_free(list_free_numbers(HAZE), {THICKNESS: told})
+    expected = {THICKNESS: {"start": 0.7, "low": 0.07, "high": 9.0}}
+    assert choose_free(list_free_numbers(HAZE), {THICKNESS: {"free": True, "high": 9}}) == expected
+
+
+def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes) -> None:
+    told: list[Progress] = []
+    task = Fit(change(thickness=0.4), Path(), 1e9, data, ".csv", FREE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = fit_scene(task, told.append, [])
+    steps = [one for one in told if isinstance(one, Step)]
+    assert len(steps) > 2
+    assert steps[0].values == [0.4]
+    assert steps[-1].chi2 < 1e-3 < steps[0].chi2
+    np.testing.assert_allclose(found.values, 0.7, rtol=1e-5)
+    np.testing.assert_allclose(found.predicted, ROWS.predict(HAZE), rtol=1e-5)
+    assert 0.0 < found.errors[0] < 0.01
+    assert put_values(task.content, find_places(found)) == HAZE
+    kept = keep_step(task, steps[1], "it died")
+    assert np.isnan(kept.errors).all()
+    assert put_values(task.content, find_places(kept))["layer"][0]["thickness"] == float(f"{steps[1].values[0]:.6g}")
+
+
+LONG = {  # some seconds a step
+    "nodes": 40,
+    "wavelength_um": 0.5,
+    "particles": {"dust": {"index": [1.5, 0.001], "size": {"lognormal": {"median_um": 1.0, "sigma": 1.5}}}},
+    "layer": [{"particles": "dust", "thickness": 3.0}],
+}
+
+
+@pytest.mark.slow
+def test_a_fit_is_stopped_with_the_best_so_far_and_one_that_dies_leaves_its_last_step(data: bytes) -> None:
+    free = {"particles.dust.size.lognormal.median_um": {"start": 1.0, "low": 0.3, "high": 3.0}}
+    bench = Bench(LONG)
+    for stops in (True, False):
+        bench.start_fit(Fit(LONG, Path(), 4e9, data, ".csv", free))
+        job = bench.fits
+        assert job is not None
+        until(lambda job=job: job.step is not None, 60.0)
+        (job.stop if stops else job.cancel)()
+        begin = time.monotonic()
+        until(lambda job=job: job.ended, 60.0)
+        assert time.monotonic() - begin < 10.0
+        bench.take_fit()
+        assert isinstance(bench.fitted, Fitted)
+        assert bool(np.isfinite(bench.fitted.errors).all()) == stops
+        assert any(("interrupted" if stops else "without errors") in note for note in bench.fitted.notes)
+    bench.close()
+
+
+@pytest.mark.slow
+def test_a_warm_process_answers_and_goes_with_its_tab(data: bytes) -> None:
+    live = Live(COMPARER)
+    live.put(Comparison(0, HAZE, Path(), data, ".csv"))
+    until(lambda: not live.waits)
+    assert isinstance(live.answer, Compared)
+    np.testing.assert_allclose(live.answer.predicted, live.answer.measured.value, rtol=1e-9)
+    live.put(Comparison(0, HAZE, Path(), data, ".csv"))
+    assert not live.waits  # nothing has changed
+    bench = Bench(HAZE, beside=live, pages=1)
+    assert live._warm is not None
+    process = live._warm.process
+    assert process is not None
+    bench.start_fit(
+        Fit(LONG, Path(), 4e9, data, ".csv", {"layer[1].thickness": {"start": 3.0, "low": 1.0, "high": 9.0}})
+    )
+    fits = bench.fits
+    assert fits is not None
+    leave_bench(bench)
+    until(lambda: process.poll() is not None and fits.ended)

@@ -1,0 +1,168 @@
+"""The numbers of the form that a fit may change: their keys as in sweeps, their words, and how far they may go."""
+
+import copy
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vrte.app.form.content import Content, get_value, name_layers, put
+from vrte.app.form.fields import find_field, find_key
+from vrte.app.form.sliders import read_number
+from vrte.basics.errors import Place, SceneError
+from vrte.formats.keys import Substance, Whole
+from vrte.formats.toml_table import is_number
+
+PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
+LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
+SHARES = ("albedo", "particles", "rayleigh", "core_ratio")
+DENSEST = 0.6  # of the volume, that particles may take
+LIMITS = {"henyey_greenstein": (-0.98, 0.98), "roughness": (0.01, 1.5), "sigma": (1.02, 3.0)}
+TIMES = {"index": 1.5, "host_index": 1.5, "above": 1.5, "below": 1.5, "thickness": 10.0, "thickness_um": 10.0}
+SIZES = 4.0  # so many times smaller or larger any other number may get
+LEAST_ABSORPTION = 0.1  # up to which k may go, however small it is
+SUBSTANCE = "substance"  # the label of an index's field
+DIGITS = 6  # of a value that goes to the form
+
+
+@dataclass(frozen=True)
+class FreeNumber:
+    """A number at a place of the form: its ``key`` as in sweeps, what it is called, where it starts and may go."""
+
+    place: Place
+    key: str
+    label: str
+    start: float
+    low: float
+    high: float
+
+
+def list_free_numbers(content: Content) -> list[FreeNumber]:
+    """Those of layers, particles, media and base, in this order.
+
+    >>> layer = {"particles": "dust", "thickness_um": 60.0, "volume_fraction": "15 %"}
+    >>> content = {"particles": {"dust": {"index": [1.5, 0.01], "radius_um": 0.2}}, "layer": [layer]}
+    >>> [one.key for one in list_free_numbers(content)]  # doctest: +NORMALIZE_WHITESPACE
+    ['layer[1].thickness_um', 'layer[1].volume_fraction', 'particles.dust.index[1]', 'particles.dust.index[2]',
+     'particles.dust.radius_um']
+    """
+    return [
+        FreeNumber(place, join_place(place), name_number(content, place), value, *suggest_limits(place, value))
+        for part in PARTS
+        for place, value in list_numbers(content, get_value(content, (part,)), (part,))
+    ]
+
+
+def list_numbers(content: Content, value: Any, place: Place) -> Iterator[tuple[Place, float]]:
+    """The finite numbers below a place that have a field, an index's n and k each by itself."""
+    if isinstance(value, dict):
+        for name, below in value.items():
+            yield from list_numbers(content, below, (*place, name))
+        return
+    if isinstance(value, list):
+        pair = is_index(content, place) and len(value) == 2 and all(map(is_number, value))
+        for which, below in enumerate(value):
+            if pair or isinstance(below, dict):
+                yield from list_numbers(content, below, (*place, which))
+        return
+    found = read_number(value)
+    field = place[:-1] if is_pair_member(place) else place
+    fits = str(place[-1]) not in LEFT_OUT and not isinstance(find_key(field, content), Whole)
+    if found is not None and math.isfinite(found) and fits and find_field(field, content).label:
+        yield place, found
+
+
+def is_index(content: Content, place: Place) -> bool:
+    """Whether a refractive index stands there."""
+    return place[-1] == "host_index" or isinstance(find_key(place, content), Substance)
+
+
+def is_pair_member(place: Place) -> bool:
+    """Whether a place is that of n or of k, within an index.
+
+    >>> is_pair_member(("particles", "dust", "index", 1)), is_pair_member(("layer", 0))
+    (True, False)
+    """
+    return isinstance(place[-1], int) and len(place) > 1 and place != ("layer", place[-1])
+
+
+def join_place(place: Place) -> str:
+    """The key of a place, as sweeps and fits name it.
+
+    >>> join_place(("layer", 0, "interface", "below")), join_place(("particles", "TiO2, fine", "radius_um"))
+    ('layer[1].interface.below', 'particles."TiO2, fine".radius_um')
+    """
+    plain = [
+        f"[{step + 1}]"
+        if isinstance(step, int)
+        else f".{step}"
+        if step.replace("-", "").replace("_", "").isalnum() and step.isascii()
+        else f'."{step}"'
+        for step in place
+    ]
+    return "".join(plain).removeprefix(".")
+
+
+def name_number(content: Content, place: Place) -> str:
+    """What it is called: of which layer or kind of particles, and as its field says.
+
+    >>> name_number({"layer": [{"phase": "rayleigh"}]}, ("layer", 0, "thickness"))
+    'layer 1: optical thickness'
+    """
+    field = place[:-1] if is_pair_member(place) else place
+    label = find_field(field, content).label.format(field[-1])
+    if field != place:
+        label = f"{'refractive index' if label == SUBSTANCE else label}, {'nk'[int(place[-1])]}"
+    elif label == SUBSTANCE:
+        label = "refractive index"
+    if place[0] == "layer":
+        return (
+            f"{name_layers(content['layer'])[int(place[1])]}: {label.replace(': of the volume', ': volume fraction')}"
+        )
+    return f"{place[1]}: {label}" if place[0] == "particles" else label
+
+
+def suggest_limits(place: Place, value: float) -> tuple[float, float]:
+    """From where to where a number may go unless somebody says otherwise; the start lies between.
+
+    >>> suggest_limits(("layer", 0, "albedo"), 0.9), suggest_limits(("layer", 0, "thickness"), 5.0)
+    ((0.0, 1.0), (0.5, 50.0))
+    """
+    names = [step for step in place if isinstance(step, str)]
+    if place[-1] == 1 and is_pair_member(place):
+        return 0.0, max(LEAST_ABSORPTION, 10.0 * value)
+    if names[-1] in LIMITS:
+        low, high = LIMITS[names[-1]]
+    elif set(names[1:]) & {"volume_fraction", "volume_fractions"}:
+        low, high = 0.0, DENSEST
+    elif set(names[1:]) & set(SHARES):
+        low, high = 0.0, 1.0
+    elif value > 0.0:
+        times = TIMES.get(names[-1], SIZES)
+        low, high = float(f"{value / times:.3g}"), float(f"{value * times:.3g}")
+    else:
+        low, high = value - 1.0, value + 1.0
+    return min(low, value), max(high, value)
+
+
+def write_shares_out(content: Content) -> Content:
+    """The same content with shares in per cent as numbers, which alone a fit can change.
+
+    >>> write_shares_out({"layer": [{"volume_fraction": "5 %"}]})["layer"]
+    [{'volume_fraction': 0.05}]
+    """
+    found = copy.deepcopy(content)
+    for free in list_free_numbers(content):
+        if isinstance(get_value(content, free.place), str):
+            put(found, free.place, free.start)
+    return found
+
+
+def put_values(content: Content, values: Mapping[Place, float]) -> Content:
+    """The content with these numbers, each to some digits. Raises SceneError where it has no such number any more."""
+    found = copy.deepcopy(content)
+    for place, value in values.items():
+        if read_number(get_value(found, place)) is None:
+            raise SceneError(f"the form has no number {join_place(place)} any more: it has changed since the fit")
+        put(found, place, float(f"{value:.{DIGITS}g}"))
+    return found

@@ -1,0 +1,408 @@
+"""The tab that shows a measurement over the scene of the form, and fits the scene's numbers to it."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from vrte.app import figures
+from vrte.app.form.content import Content
+from vrte.app.form.fields import parse_field_text, write_field_text
+from vrte.app.form.files import write_content
+from vrte.app.form.free_numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
+from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
+from vrte.app.solving.bench import Bench
+from vrte.app.solving.job import find_memory_share
+from vrte.app.solving.measured import HEADS, describe_measured, list_shown
+from vrte.app.solving.measuring import LARGEST_MEASUREMENT, SUFFIXES, Compared, Comparison
+from vrte.app.solving.messages import Fit, Fitted
+from vrte.app.solving.questions import Refused
+from vrte.basics.errors import SceneError
+from vrte.formats.toml_table import is_number, show_toml
+
+LOOK_EVERY = 0.1  # seconds between two looks whether something has come
+NOTHING = (
+    "Drop a measurement on the page, or open one: a CSV, one number a row, with the columns quantity, value, and what "
+    "is known of theta_i_deg, theta_o_deg, phi_deg, wavelength_um and sigma; or NetCDF."
+)
+TOO_LARGE = f"a measurement must be a file of at most {LARGEST_MEASUREMENT / 1e6:g} MB, {' or '.join(SUFFIXES)}"
+FREE_HEADS = ("may change", "now", "from", "to")
+FOUND_HEADS = ("number", "began at", "fits best", "± one sigma")
+OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
+DIGITS = 6
+
+
+class MeasurementPanel:
+    """A measurement, the form's scene beside it, and the fit. ``fill`` gives the form another scene, ``hand_out`` the
+    browser a file; ``plot`` makes an empty figure, ``draw`` fills it."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        fill: Callable[[Content], None],
+        hand_out: Callable[[str, bytes], None],
+        plot: Callable[[], Any],
+        draw: Callable[[Any], None],
+    ) -> None:
+        self.bench, self.fill, self.hand_out, self.draw_figure = bench, fill, hand_out, draw
+        self.view = bench.view
+        self.view.setdefault("free", {})
+        self.listed: list[FreeNumber] = []
+        self.ends: dict[str, tuple[Any, Any, Any]] = {}  # of each number: its value now, from, to
+        self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
+        self.written: Fitted | None = None  # of which the result is shown
+        self.back: Any = None  # the button to the values before
+        self._add_upload()
+        self.message = ui.label().classes("vrte-warning w-full mt-2").props("role=status")
+        self.nothing = ui.label(NOTHING).classes("vrte-empty")
+        with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
+            with ui.element("div").classes("w-full overflow-auto mt-2"):
+                self.table = ui.element("table").classes("vrte-table vrte-columns whitespace-nowrap")
+            with ui.element("div").classes("vrte-look"):
+                with ui.column().classes("gap-0 no-wrap vrte-spectra"):
+                    plot()
+                with ui.column().classes("gap-2 no-wrap"):
+                    self._lay_out_fit()
+                    self.result = ui.column().classes("gap-2 vrte-narrow")
+            self.details = ui.column().classes("w-full gap-2")
+        self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
+
+    # layout
+
+    def _add_upload(self) -> None:
+        """Where a measurement is opened, its name, and what of it is shown."""
+        self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_MEASUREMENT, on_upload=self.take_upload)
+        self.upload.on_rejected(lambda: self.refuse(TOO_LARGE)).props(f'accept="{",".join(SUFFIXES)}"')
+        self.upload.classes("hidden")
+        with ui.row().classes("w-full gap-3 pt-3 items-center"):
+            opener = ui.button("Open a measurement", icon="upload_file").props("no-caps outline dense")
+            opener.classes("px-2").on("click", js_handler=f"() => vrte.pick({self.upload.id})")
+            self.shown = select([], None, "shown", self.look, 250)
+            self.name = ui.label().classes("vrte-note")
+
+    def _lay_out_fit(self) -> None:
+        """What may change, and the buttons."""
+        add_heading("What the fit may change")
+        self.free = ui.element("table").classes("vrte-table vrte-columns")
+        with ui.row().classes("w-full items-center gap-2"):
+            self.fit = ui.button("Fit", icon="insights", on_click=self.begin, color=None)
+            self.fit.props("no-caps unelevated").classes("vrte-go px-4 mt-1")
+            self.stop = ui.button("Stop", icon="stop", on_click=self.end).props("no-caps outline color=negative")
+            self.stop.tooltip("keeps the best so far; once more: the last step, at once")
+            self.spinner = ui.spinner(size="16px")
+            self.status = ui.label().classes("vrte-note").props("role=status aria-live=polite")
+        self.failure = ui.label().classes("vrte-error vrte-narrow").props("role=alert")
+
+    def _draw_free(self) -> None:
+        """A row for each number of the form; anew where there are others."""
+        before, self.listed = self.listed, list_free_numbers(self.bench.content)
+        if [(one.key, one.label) for one in self.listed] != [(one.key, one.label) for one in before] or not self.ends:
+            self.free.clear()
+            with self.free:
+                add_table_row("th", [*FREE_HEADS])
+                self.ends = {one.key: self._add_row(one) for one in self.listed}
+        for one in self.listed:
+            now, *fields = self.ends[one.key]
+            now.set_text(write_digits(one.start))
+            for side, field in zip(("low", "high"), fields, strict=True):
+                if side not in self.view["free"].get(one.key, {}):
+                    field.props["placeholder"] = write_digits(getattr(one, side))
+                    field.update()
+
+    def _add_row(self, one: FreeNumber) -> tuple[Any, Any, Any]:
+        """A number: whether it may change, where it is, from where to where it may go."""
+        told = self.view["free"].get(one.key, {})
+        fields = []
+        with ui.element("tr"):
+            with ui.element("td"):
+                box = ui.checkbox(one.label, value=bool(told.get("free"))).props("dense size=sm").tooltip(one.key)
+                box.on_value_change(lambda event: self.tell(one.key, "free", bool(event.value)))
+            with ui.element("td"):
+                now = ui.label()
+            for side, words in (("low", "from"), ("high", "to")):
+                with ui.element("td"):
+                    field = ui.input(value=write_field_text(told.get(side)))
+                    field.on_value_change(partial(self.tell_end, one.key, side)).without_auto_validation()
+                    field.props("outlined dense hide-bottom-space debounce=120 maxlength=40").classes("vrte-end")
+                    field.props["aria-label"] = f"{one.label}, {words}"
+                    fields.append(field)
+        return now, fields[0], fields[1]
+
+    # what somebody does
+
+    def take(self, name: str, data: bytes) -> None:
+        """A measurement: it is read aside, and shown beside the scene."""
+        suffix = Path(name).suffix.lower()
+        if suffix not in SUFFIXES:
+            self.refuse(f"{show_toml(name[:60])} is no measurement: the file must end in {' or '.join(SUFFIXES)}")
+        elif len(data) > LARGEST_MEASUREMENT:
+            self.refuse(TOO_LARGE)
+        else:
+            self.view["kept"] = self.view.pop("kept", self.view.get("measurement"))  # until this one is read
+            self.view |= {"measurement": (name[:100], data, suffix), "refused": ""}
+            self.refresh()
+
+    async def take_upload(self, event: Any) -> None:
+        """A file that somebody has chosen."""
+        self.upload.reset()
+        self.take(str(event.file.name), await event.file.read())
+
+    def refuse(self, why: str) -> None:
+        """What is wrong with a file; the measurement stays as it was."""
+        self.view["refused"] = why
+        self._show()
+
+    def look(self, shown: Any) -> None:
+        """At another quantity."""
+        if shown and shown != self.view.get("shown"):
+            self.view["shown"] = shown
+            self._show()
+
+    def tell(self, key: str, side: str, value: Any) -> None:
+        """Whether a number may change, or how far; None: as far as it is suggested."""
+        told = self.view["free"].setdefault(key, {})
+        told[side] = value
+        if value is None:
+            del told[side]
+
+    def tell_end(self, key: str, side: str, event: Any) -> None:
+        """How far a number may go, as it is typed."""
+        self.tell(key, side, parse_field_text(str(event.value or "")))
+
+    def begin(self) -> None:
+        """Starts the fit; what keeps it from that is said."""
+        bench = self.bench
+        try:
+            for message in bench.find_problems().values():
+                raise SceneError(f"the form: {message}")
+            if not isinstance(bench.beside.answer, Compared) or "measurement" not in self.view:
+                raise SceneError("there is no measurement to fit to")
+            free = choose_free(self.listed, self.view["free"])
+        except SceneError as error:
+            self.failure.set_text(str(error))
+            return
+        self.failure.set_text("")
+        self.view.pop("before_fit", None)
+        _, data, suffix = self.view["measurement"]
+        content = write_shares_out(bench.content)
+        bench.start_fit(Fit(content, bench.shelf.folder, find_memory_share(), data, suffix, free))
+        self.view["stopped"] = False
+        self.timer.activate()
+        self.follow()
+
+    def end(self) -> None:
+        """The fit, with the best so far; once more, at once."""
+        if self.bench.fits is not None:
+            (self.bench.fits.cancel if self.view.get("stopped") else self.bench.fits.stop)()
+            self.view["stopped"] = True
+            self.status.set_text("stopping")
+
+    def use(self) -> None:
+        """The values that were found go to the form; those of before can come back."""
+        fitted = self.bench.fitted
+        try:
+            content = put_values(self.bench.content, find_places(fitted)) if fitted is not None else None
+        except SceneError as error:
+            self.failure.set_text(str(error))
+            return
+        if content is not None:
+            self.view["before_fit"] = self.bench.content
+            self.fill(content)
+
+    def go_back(self) -> None:
+        """The form as it was before the values were taken."""
+        content = self.view.pop("before_fit", None)
+        if content is not None:
+            self.fill(content)
+
+    # what follows
+
+    def refresh(self) -> None:
+        """Asks what the form's scene shows beside the measurement, where that is not known yet."""
+        bench, given = self.bench, self.view.get("measurement")
+        self._draw_free()
+        if given is not None:
+            content = None if bench.wrong else {k: v for k, v in bench.content.items() if k not in ("brdf", "field")}
+            bench.beside.put(Comparison(0, content, bench.shelf.folder, *given[1:]))
+            self.timer.activate()
+        self._show()
+        self.follow()
+
+    def follow(self) -> None:
+        """Looks what has come: an answer, a step of the fit, its end."""
+        bench = self.bench
+        bench.beside.refresh()
+        self._settle()
+        job, busy = bench.fits, bench.fits is not None and not bench.fits.ended
+        if not busy:
+            bench.take_fit()
+        for element in (self.stop, self.spinner):
+            element.set_visibility(busy)
+        self.fit.set_enabled(not busy)
+        if busy and job is not None and not self.view.get("stopped"):
+            self.status.set_text(job.stage)
+        elif not busy:
+            self.status.set_text("")
+            if job is not None and bench.fitted is None and job.ended:
+                self.failure.set_text(job.message)
+        self._show()
+        if not busy and not bench.beside.waits:
+            self.timer.deactivate()
+
+    def _settle(self) -> None:
+        """A new measurement was read, and takes the place of the one before; or it was not, and that one is back."""
+        answer, asked = self.bench.beside.answer, self.bench.beside.asked
+        if "kept" not in self.view or answer is None or asked is None or answer.number < asked.number:
+            return
+        kept = self.view.pop("kept")
+        if isinstance(answer, Refused):
+            self.view |= {"refused": answer.message, "measurement": kept}
+            self.refresh()
+        else:
+            self.bench.end_fit()
+            self.failure.set_text("")
+
+    def _show(self) -> None:
+        """The measurement and what is beside it, where that has changed; or why there is none."""
+        reply, given = self.bench.beside.answer, self.view.get("measurement")
+        compared = reply if isinstance(reply, Compared) and given is not None else None
+        refused = reply.message if isinstance(reply, Refused) and given is not None else ""
+        wrong = f"the form waits: {self.bench.wrong[0]}" if self.bench.wrong else ""
+        beside = "; ".join(filter(None, (compared.message, *compared.notes))) if compared else ""
+        text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
+        self.message.set_text(text)
+        self.message.set_visibility(bool(text))
+        self.nothing.set_visibility(given is None)
+        self.name.set_text(given[0] if given else "")
+        self.answer.set_visibility(compared is not None)
+        self.shown.set_visibility(compared is not None)
+        if compared is not None:
+            self._draw(compared)
+            self._write_result()
+
+    def _draw(self, compared: Compared) -> None:
+        """Table and figure."""
+        measured, view = compared.measured, self.view
+        offered = list_shown(measured)
+        if view.get("shown") not in offered:
+            view["shown"] = offered[0]
+        job, fitted = self.bench.fits, self.bench.fitted
+        predicted, fine, source = compared.predicted, compared.fine, figures.SCENE
+        if fitted is not None and write_shares_out(self.bench.content) == fitted.content:
+            predicted, fine, source = fitted.predicted, None, OF_FIT
+        elif job is not None and job.step is not None and fitted is None:
+            predicted, fine, source = job.step.predicted, None, OF_STEP
+        wanted = compared, view["shown"], predicted, bool(view.get("dark"))
+        if len(self.drawn) == len(wanted) and all(a is b for a, b in zip(self.drawn, wanted, strict=True)):
+            return
+        if not self.drawn or self.drawn[0] is not compared:
+            self.shown.set_options({one: one.replace("_", " ") for one in offered}, value=view["shown"])
+            self.table.clear()
+            with self.table:
+                add_table_row("th", [*HEADS])
+                for row in describe_measured(measured):
+                    add_table_row("td", [row[0].replace("_", " "), *row[1:]])
+        self.drawn = wanted
+        if predicted is not None and predicted.size != len(measured):  # of another measurement
+            predicted, fine = None, None
+        self.draw_figure(figures.measurement(measured, view["shown"], predicted, fine, source))
+
+    def _write_result(self) -> None:
+        """What the fit found, once."""
+        fitted = self.bench.fitted
+        if self.back is not None:
+            self.back.set_visibility("before_fit" in self.view)
+        if fitted is self.written:
+            return
+        self.written = fitted
+        self.back = None
+        for part in (self.result, self.details):
+            part.clear()
+        if fitted is None:
+            return
+        labels = {one.key: one for one in list_free_numbers(fitted.content)}
+        with self.result:
+            add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
+            with ui.element("table").classes("vrte-table vrte-columns"):
+                add_table_row("th", [*FOUND_HEADS])
+                for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True):
+                    told = f"{error:.2g}" if np.isfinite(error) else "not told"
+                    add_table_row("td", [labels[name].label, write_digits(labels[name].start), f"{value:.6g}", told])
+            with ui.row().classes("gap-2 items-center"):
+                use = ui.button("Take these values", icon="check", on_click=self.use, color=None)
+                use.props("no-caps unelevated").classes("vrte-go px-3")
+                self.back = ui.button("Back to those before", icon="undo", on_click=self.go_back)
+                self.back.props("no-caps flat dense").set_visibility("before_fit" in self.view)
+                scene = ui.button("Fitted scene, TOML", icon="download", on_click=self.download_scene)
+                scene.props("no-caps flat dense")
+        with self.details:
+            if len(fitted.names) > 1 and np.isfinite(fitted.correlations).any():
+                self._write_correlations(fitted, [labels[name].label for name in fitted.names])
+            names = {name: labels[name].label for name in fitted.names}
+            add_bullets("What these data cannot tell", tuple(replace_keys(one, names) for one in fitted.sentences))
+            add_bullets("To be known", tuple(replace_keys(one, names) for one in fitted.notes))
+
+    def _write_correlations(self, fitted: Fitted, labels: list[str]) -> None:
+        """A triangle of numbers between -1 and 1."""
+        add_heading("Correlations")
+        with (
+            ui.element("div").classes("w-full overflow-auto"),
+            ui.element("table").classes("vrte-table vrte-columns whitespace-nowrap"),
+        ):
+            add_table_row("th", ["", *(str(place) for place in range(1, len(labels) + 1))])
+            for place, (label, row) in enumerate(zip(labels, fitted.correlations, strict=True), 1):
+                add_table_row("td", [f"{place}  {label}", *(f"{value:.3f}" for value in row[:place])])
+
+    def download_scene(self) -> None:
+        """The scene that fits best."""
+        fitted = self.bench.fitted
+        if fitted is not None:
+            content = put_values(fitted.content, find_places(fitted))
+            self.hand_out("fitted.toml", write_content(content).encode())
+
+
+def choose_free(listed: list[FreeNumber], told: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Start, low and high of the numbers that may change, by their keys. Raises SceneError."""
+    found = {}
+    for one in listed:
+        given = told.get(one.key, {})
+        if not given.get("free"):
+            continue
+        low, high = given.get("low", one.low), given.get("high", one.high)
+        if not is_number(low) or not is_number(high) or not low < high:
+            raise SceneError(f"{one.label}: from and to must be two numbers, the first one smaller")
+        if not low <= one.start <= high:
+            raise SceneError(f"{one.label} is {one.start:g} now, which is not between {low:g} and {high:g}")
+        found[one.key] = {"start": one.start, "low": float(low), "high": float(high)}
+    if not found:
+        raise SceneError("tick at least one number that the fit may change")
+    return found
+
+
+def find_places(fitted: Fitted) -> dict[Any, float]:
+    """The values that were found by their places in the form."""
+    places = {one.key: one.place for one in list_free_numbers(fitted.content)}
+    return {places[name]: float(value) for name, value in zip(fitted.names, fitted.values, strict=True)}
+
+
+def replace_keys(sentence: str, names: dict[str, str]) -> str:
+    """A sentence about keys with the words that the form has for them.
+
+    >>> replace_keys("layer[1].albedo is at its upper bound 1", {"layer[1].albedo": "layer 1: albedo"})
+    'layer 1: albedo is at its upper bound 1'
+    """
+    for key in sorted(names, key=len, reverse=True):
+        sentence = sentence.replace(key, names[key])
+    return sentence
+
+
+def write_digits(value: float) -> str:
+    """A number as a person reads it.
+
+    >>> write_digits(0.1 + 0.2), write_digits(60.0)
+    ('0.3', '60')
+    """
+    return write_field_text(float(f"{value:.{DIGITS}g}"))
