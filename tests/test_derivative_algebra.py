@@ -1,4 +1,4 @@
-"""Derivatives of slabs and piles against differences of whole solves, divided differences against ball arithmetic."""
+"""Derivatives of piles: against differences of solves; the adjoint as a transpose; functions in ball arithmetic."""
 
 from dataclasses import replace
 
@@ -137,7 +137,7 @@ def test_a_direction_on_a_mode_is_stepped_around():
     aside = step_aside(np.array([0.5, 0.6]), lam, 2)
     assert aside.rate.size == 14
     smooth = np.exp(-aside.rate)[None]  # what is interpolated is as smooth as this
-    assert np.abs(aside.gather(smooth, 4)[0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
+    assert np.abs(aside.gather(smooth)[0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
     assert (np.abs(lam[:, None] - aside.rate**2) > 1e-2).all()
 
 
@@ -152,3 +152,28 @@ def test_what_cannot_be_told_is_refused_or_named():
     peaked = make_request(SCENES["peak cut off"], transmission=True)
     plan = plan_request(peaked, make_run(peaked))
     assert "small angles" in find_gap(plan, vrte.Variation("depth", 2.0, [1.0], [0.0]))
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "facets below"])
+def test_the_adjoint_is_the_transpose(name):
+    scene, rng = SCENES[name], np.random.default_rng(5)
+    found = vrte.linearize(scene, mu_i=[0.3, 1.0], mu_o=[0.2, 0.9, 0.9], phi=[20.0, 150.0], nodes=4, accuracy=1e-9)
+    weights = rng.standard_normal(found.brdf.mueller.shape)
+    gradient = found.vjp(weights)
+    variations = make_variations(scene)
+    if isinstance(scene.base, vrte.Lambertian):
+        still = np.zeros(len(scene.layers))
+        variations.append(vrte.Variation("base", 0.4, still, still, base=((1.0, vrte.Lambertian(1.0)),)))
+    for variation in variations:
+        expected = float((found.jvp(variation) * weights).sum())
+        scale = np.abs(found.jvp(variation) * weights).sum()
+        assert abs(gradient.along(variation) - expected) < 1e-12 * scale, variation.name
+        assert scale > 1e-6
+
+
+def test_weights_of_another_shape_are_refused():
+    found = vrte.linearize(SCENES["one layer"], mu_i=0.3, mu_o=0.5, nodes=4)
+    with pytest.raises(vrte.SceneError, match="must have the shape"):
+        found.vjp(np.ones((2, 2)))
+    with pytest.raises(vrte.SceneError, match="finite"):
+        found.vjp(np.full((1, 1, 1, 4, 4), np.nan))

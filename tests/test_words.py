@@ -22,13 +22,13 @@ VERBS = set(
     deepen define describe develop differentiate discretise divide double download draw drop encode end estimate
     evaluate examine expand explain extend fetch fill find finish fit fix flatten flush fold follow foretell forget
     format freeze gather get group grow guard guess halve has hash hide identify import integrate interleave
-    interpolate invert is iterate join judge keep label launch lay leave let light limit list load locate lock look
-    make mark mask measure merge mirror mix move multiply name note number open order own pack pad pair parse pass
-    perform pick place plan plot predict prepare print project put query quote raise rank read receive reconstruct
-    record recover reduce refine reflect refract refresh remove rename repair repeat replace report require respond
-    restore resume round run sample save say scale scatter seal select send serve set settle shade shape share shorten
-    show solve sort split spread stack stand start step stretch suggest sum sweep tabulate take tell time translate
-    transmit trim truncate try turn unpack upload vary verify view wait want warn weigh wrap write
+    interpolate invert is iterate join judge keep label launch lay leave let light limit linearize list load locate
+    lock look make mark mask measure merge mirror mix move multiply name note number open order own pack pad pair
+    parse pass perform pick place plan plot predict prepare print project pull put query quote raise rank read receive
+    reconstruct record recover reduce refine reflect refract refresh remove rename repair repeat replace report
+    require respond restore resume round run sample save say scale scatter seal select send serve set settle shade
+    shape share shorten show solve sort split spread stack stand start step stretch suggest sum sweep tabulate take
+    tell time translate transmit trim truncate try turn unpack upload vary verify view wait want warn weigh wrap write
     """.split()  # noqa: SIM905
 )
 

@@ -32,6 +32,7 @@ from vrte.basics.errors import (
 )
 from vrte.calls.brdf import brdf
 from vrte.calls.brdfs import brdfs
+from vrte.calls.linearize import Linearized, linearize
 from vrte.calls.material import material
 from vrte.calls.mitsuba import to_mitsuba
 from vrte.calls.plan import plan
@@ -40,6 +41,7 @@ from vrte.calls.solve_base import solve_base
 from vrte.calls.spectrum import spectrum
 from vrte.calls.versions import show_versions
 from vrte.calls.views import views
+from vrte.discrete_ordinates.derivatives.adjoint import Gradient
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.fit import Fit, Measurement, fit, read_measurement
 from vrte.formats import load
@@ -96,6 +98,7 @@ __all__ = [
     "Fit",
     "FittedRangeWarning",
     "Gamma",
+    "Gradient",
     "Hapke",
     "IndependentScatteringWarning",
     "IndexTable",
@@ -103,6 +106,7 @@ __all__ = [
     "Interface",
     "Lambertian",
     "Layer",
+    "Linearized",
     "Lognormal",
     "LongSolveWarning",
     "Measurement",
@@ -138,6 +142,7 @@ __all__ = [
     "henyey_greenstein",
     "interpolate",
     "isotropic",
+    "linearize",
     "load",
     "material",
     "materials",

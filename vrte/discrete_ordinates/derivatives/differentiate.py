@@ -37,13 +37,18 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
     scene = plan.request.scene
     if variation.is_outside:
         return "it moves a surface or the refractive index of a medium"
-    if any(part.truncation.spread != "none" and part.problem.fraction.any() for part in plan.parts or (plan,)):
+    if find_spread(plan):
         return "light of small angles is separated"
     if any(boundary.keeps_beams for weight, boundary in variation.base if weight):
         return "the base mirrors beams"
     if variation.base and not scene.below.orders_reflected:
         return "the base is black"
     return None
+
+
+def find_spread(plan: Plan) -> bool:
+    """Whether light of small angles is separated in any part of a plan."""
+    return any(part.truncation.spread != "none" and bool(part.problem.fraction.any()) for part in plan.parts or (plan,))
 
 
 def check_finite(scene: Scene, variation: Variation) -> None:

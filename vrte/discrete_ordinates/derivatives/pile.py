@@ -83,6 +83,12 @@ class Differentiating(Refracting):
         falling, mirrored, arriving = (lit * (part[..., members[0], members[1]] @ columns) for part in parts)
         return falling, mirrored, arriving
 
+    def is_alone(self, order: int) -> bool:
+        """Whether the one slab there is meets no light but the beam, and the order carries no flux."""
+        mirrors = any(part is not None and (part.above is not None or part.below is not None) for part in self.sharings)
+        flux = self.problem.conserves and order == 0
+        return self.cut.layer.size == 1 and self.base is None and not (mirrors or self.rough or flux)
+
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
         n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
@@ -91,8 +97,11 @@ class Differentiating(Refracting):
     def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
         """Derivatives of the given orders."""
         problem = self.problem
+        # R and T are needed where slabs light each other, and for their change with thickness
+        needed = any(change.pieces.any() for change in self.changes) or not all(map(self.is_alone, orders.tolist()))
         responses = [
-            self.respond(one, material, thickness, orders, run) for _, one, material, thickness in self.places.media
+            self.respond(one, material, thickness, orders, run) if needed else []
+            for _, one, material, thickness in self.places.media
         ]
         sheets = [make_sheets(one, orders, run) for _, one, _, _ in self.places.media]
         scattering = any(any(change.scatters) for change in self.changes)
@@ -165,20 +174,9 @@ def take_blocks(one: Problem, matrices: Assembled, place: int, layer: int) -> tu
 
 
 def take_modes(modes: Modes, place: int, layer: int) -> tuple[Array, Array, Array]:
-    """lambda (n,), X and Y (n, n) of one order and layer, complex where pairs are."""
-    X, Y = modes.X[place, layer].T, modes.Y[place, layer].T
+    """lambda (n,), complex where pairs are, X and Y (n, n) of one order and layer, pairs as real columns."""
     lam, swing = modes.lam_re[place, layer], modes.lam_im[place, layer]
-    if not swing.any():
-        return lam, X, Y
-    first = np.flatnonzero(swing > 0.0)
-    both = []
-    for part in (X, Y):
-        whole = part.astype(complex)
-        whole[:, first] += 1j * part[:, first + 1]
-        whole[:, first + 1] = whole[:, first].conj()
-        both.append(whole)
-    # real columns of a pair are its real and its imaginary part
-    return lam + 1j * swing, both[0], both[1]
+    return lam + 1j * swing if swing.any() else lam, modes.X[place, layer].T, modes.Y[place, layer].T
 
 
 class OrderOfPile:
@@ -192,19 +190,32 @@ class OrderOfPile:
         responses: list[list[Response]],
         sheets: list[Assembled],
         modes: list[Modes | None],
+        alone: bool = True,
     ) -> None:
         self.route, self.place, self.order, self.sheets, self.modes = route, place, order, sheets, modes
-        self.slabs = [responses[medium][own] for medium, own in route.places.slab]
-        self.pieces = [
-            Piece(self.slabs[which], place, route.media.scene.media[1 + layer], route.into[1 + layer])
-            for which, layer in zip(route.places.of.tolist(), route.cut.layer.tolist(), strict=True)
-        ]
-        self.pile = NodalPile(route, order, self.pieces)
-        self.pile.rise()
-        self.pile.fall()
+        self.responses = [responses[medium][own] if responses[medium] else None for medium, own in route.places.slab]
+        self.is_alone = alone and route.is_alone(order)
         self.known: dict[int, SlabModes] = {}
         self.residual = 0.0
         self.sent: Array | None = None
+        if not self.is_alone:
+            self.pieces = [
+                Piece(self.response_of(piece), place, *self.medium_of(piece)) for piece in range(route.cut.layer.size)
+            ]
+            self.pile = NodalPile(route, order, self.pieces)
+            self.pile.rise()
+            self.pile.fall()
+
+    def response_of(self, piece: int) -> Response:
+        """R and T of a piece."""
+        found = self.responses[int(self.route.places.of[piece])]
+        assert found is not None
+        return found
+
+    def medium_of(self, piece: int) -> tuple[float, Array]:
+        """The index around a piece, and the cosines of beams there."""
+        layer = int(self.route.cut.layer[piece])
+        return self.route.media.scene.media[1 + layer], self.route.into[1 + layer]
 
     def slab_of(self, piece: int) -> tuple[Problem, int, int, float]:
         """A piece's problem, medium, material and thickness."""
@@ -213,8 +224,8 @@ class OrderOfPile:
         return one, medium, int(material[own]), float(thickness[own])
 
     def response_blocks(self, piece: int) -> tuple[Blocks, Blocks]:
-        """R and T of a piece."""
-        response, k = self.pieces[piece].response, self.place
+        """The same as matrices."""
+        response, k = self.response_of(piece), self.place
         n = response.nodes.shape[-1]
         r, o = int(np.prod(response.entering.shape[-2:])), int(np.prod(response.leaving.shape[2:4]))
         R, T = (
@@ -237,30 +248,43 @@ class OrderOfPile:
             modes = self.modes[medium]
             assert modes is not None
             found = SlabModes(E, F, *take_modes(modes, self.place, material), one.mu0, one.mu_out, thickness)
-            R, T = self.response_blocks(piece)
-            both = 2.0 * (found.X @ found.even.nodes).real - np.eye(one.size)
-            self.residual = max(self.residual, float(np.abs(both - R.N - T.N).max()))
+            if self.responses[which] is not None:
+                R, T = self.response_blocks(piece)
+                both = 2.0 * found.X @ found.even.nodes - np.eye(one.size)
+                self.residual = max(self.residual, float(np.abs(both - R.N - T.N).max()))
+            self.residual = max(self.residual, float(modes.residual[self.place, material]))
             self.known[which] = found
         return self.known[which]
 
-    def change_slab(self, piece: int, change: Change, turned: dict[int, Assembled]) -> Piece | None:
-        """How a piece's R and T change, None where they do not."""
+    def change_slab(
+        self, piece: int, change: Change, turned: dict[int, Assembled], on_nodes: bool
+    ) -> tuple[Blocks, Blocks] | None:
+        """How a piece's R and T change, None where they do not; without those ``on_nodes``, OI alone."""
         layer = int(self.route.cut.layer[piece])
         deeper = float(change.pieces[piece])
         if layer not in turned and deeper == 0.0:
             return None
         one, medium, material, thickness = self.slab_of(piece)
-        R, T = self.response_blocks(piece)
-        dR, dT = R.times(0.0), T.times(0.0)
+        found = None
         if layer in turned:
-            dR, dT = self.modes_of(piece).differentiate(*take_blocks(one, turned[layer], self.place, 0))
+            found = self.modes_of(piece).differentiate(*take_blocks(one, turned[layer], self.place, 0), on_nodes)
         if deeper:
+            R, T = self.response_blocks(piece)
             stokes = len(one.stokes)
             into, out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
             E, F = take_blocks(one, self.sheets[medium], self.place, material)
             fades = np.exp(-thickness / into), np.exp(-thickness / out)
             more = deepen_slab(E, F, R, T, out, *fades)
-            dR, dT = dR.plus(more[0], deeper), dT.plus(more[1], deeper)
+            if not on_nodes:
+                nothing = np.zeros((0, 0))
+                more = Blocks(nothing, nothing, nothing, more[0].OI), Blocks(nothing, nothing, nothing, more[1].OI)
+            if found is None:
+                return more[0].times(deeper), more[1].times(deeper)
+            found = found[0].plus(more[0], deeper), found[1].plus(more[1], deeper)
+        return found
+
+    def make_changed_piece(self, piece: int, dR: Blocks, dT: Blocks) -> Piece:
+        """Changes of R and T, to be applied as they are themselves."""
         old = self.pieces[piece]
         shapes = old.response
         changed = Response(
@@ -272,11 +296,28 @@ class OrderOfPile:
         )
         return Piece(changed, 0, old.index, old.into)
 
+    def change_alone(self, change: Change, turned: dict[int, Assembled]) -> tuple[Array, Array]:
+        """As `change`, of a slab that is alone."""
+        route, problem = self.route, self.route.problem
+        index, into = self.medium_of(0)
+        sent = np.zeros((2, route.sights.cosines.shape[1], len(problem.stokes), problem.n_rhs))
+        changed = self.change_slab(0, change, turned, on_nodes=False)
+        if changed is not None:
+            light = route.falling[0] / into[:, None, None] / index**2
+            stokes = len(problem.stokes)
+            for way, blocks in enumerate(changed):
+                passing = blocks.OI.reshape(-1, stokes, into.size, stokes)
+                sent[way] = np.einsum("osia,iac->osic", passing, light).reshape(sent.shape[1:])
+        return route.look(sent), np.zeros((2, problem.level.size, problem.n_rhs))
+
     def change(self, change: Change, number: int, turned: dict[int, Assembled]) -> tuple[Array, Array]:
         """Derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau, r)."""
+        if self.is_alone:
+            return self.change_alone(change, turned)
         route, pile = self.route, self.pile
         base, beams = route.changed_bases[number], route.beams_of(change)
-        moved = [self.change_slab(k, change, turned) for k in range(len(self.pieces))]
+        blocks = [self.change_slab(k, change, turned, on_nodes=True) for k in range(len(self.pieces))]
+        moved = [None if own is None else self.make_changed_piece(k, *own) for k, own in enumerate(blocks)]
         sources = []
         for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
             up, down = np.zeros((pile.n, pile.r)), np.zeros((pile.n, pile.r))

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.derivatives.functions import Fading
 
-APART = 2e-3  # of an eigenvalue: closer to one of a direction's it is stepped around
+APART = 7e-4  # of an eigenvalue: closer to one of a direction's it is stepped around
 STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
 ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
 
@@ -55,13 +55,12 @@ class Aside:
     share: Array
     of: Array
 
-    def gather(self, values: Array, count: int) -> Array:
+    def gather(self, values: Array) -> Array:
         """Values (..., k) added up direction by direction, (..., count)."""
-        if self.of.size == count:
+        first = np.flatnonzero(np.diff(self.of, prepend=-1))
+        if first.size == self.of.size:
             return values
-        found = np.zeros((*values.shape[:-1], count), values.dtype)
-        for k, (direction, share) in enumerate(zip(self.of.tolist(), self.share.tolist(), strict=True)):
-            found[..., direction] += share * values[..., k]
+        found: Array = np.add.reduceat(values * self.share, first, axis=-1)
         return found
 
 
@@ -86,48 +85,102 @@ def measure_gap(rate: Array, lam: Array) -> float:
     return float(np.abs(lam / square - 1.0).min(initial=1.0))
 
 
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Modes that swing come in pairs, whose real columns are the real and the imaginary part of one of them.
+
+    Matrix products are taken of real ones; what goes element by element with eigenvalues, of complex ones. first
+    (pairs,): where each pair begins."""
+
+    first: IntArray
+
+    def part_rows(self, values: Array) -> Array:
+        """Complex modes' rows from real ones'."""
+        if not self.first.size:
+            return values
+        found = values.astype(complex)
+        found[self.first] = 0.5 * (values[self.first] - 1j * values[self.first + 1])
+        found[self.first + 1] = found[self.first].conj()
+        return found
+
+    def part_columns(self, values: Array) -> Array:
+        """Complex modes' columns from real ones'."""
+        if not self.first.size:
+            return values
+        found = values.astype(complex)
+        found[:, self.first] += 1j * values[:, self.first + 1]
+        found[:, self.first + 1] = values[:, self.first] - 1j * values[:, self.first + 1]
+        return found
+
+    def join_rows(self, values: Array) -> Array:
+        """Real modes' rows from complex ones'."""
+        if not self.first.size:
+            return values.real
+        found = values.copy()
+        found[self.first] = values[self.first] + values[self.first + 1]
+        found[self.first + 1] = 1j * (values[self.first] - values[self.first + 1])
+        return found
+
+    def join_columns(self, values: Array) -> Array:
+        """Real modes' columns from complex ones'."""
+        if not self.first.size:
+            return values.real
+        found = values.copy()
+        found[:, self.first] = 0.5 * (values[:, self.first] + values[:, self.first + 1])
+        found[:, self.first + 1] = -0.5j * (values[:, self.first] - values[:, self.first + 1])
+        return found
+
+    def scale_columns(self, values: Array, factors: Array) -> Array:
+        """Real modes' columns times a function of the eigenvalues."""
+        found: Array = np.ascontiguousarray(self.join_columns(self.part_columns(values) * factors).real)
+        return found
+
+
 class SlabModes:
-    """One order of a slab by its modes: what all of its derivatives share."""
+    """One order of a slab by its modes, lam (n,), X and Y (n, n) with pairs as real columns: what all derivatives
+    share."""
 
     def __init__(
         self, E: Blocks, F: Blocks, lam: Array, X: Array, Y: Array, mu_in: Array, mu_out: Array, thickness: float
     ) -> None:
-        self.r, self.o, stokes = E.NI.shape[1], E.ON.shape[0], E.NI.shape[1] // max(1, mu_in.size)
+        stokes = E.NI.shape[1] // mu_in.size
         self.fading = fading = Fading(0.5 * thickness)
-        self.lam, self.X, self.Y = lam, X, Y
-        self.X_inverse, self.Y_inverse = np.linalg.inv(X), np.linalg.inv(Y)
+        self.X, self.Y = X, Y
+        self.pairs = pairs = Pairs(np.flatnonzero(lam.imag > 0.0).astype(np.int32))
+        self.X_inverse, self.Y_inverse = np.asarray(np.linalg.inv(X), float), np.asarray(np.linalg.inv(Y), float)
         self.into, self.out = step_aside(mu_in, lam, stokes), step_aside(mu_out, lam, stokes)
         rate, rate_out = self.into.rate, self.out.rate[:, None]
         f, g = fading.find_f(lam), fading.find_g(lam)
         # eigenvectors that lead in (columns) and out (rows), with what F makes of them
         f_in, e_in = (self.X_inverse @ F.NI)[:, self.into.of], (self.Y_inverse @ E.NI)[:, self.into.of]
-        self.x_in = -(rate * f_in + e_in) / (lam[:, None] - rate**2)
+        x_in = pairs.part_rows(rate * f_in + e_in) / (rate**2 - lam[:, None])
+        self.x_in = np.ascontiguousarray(pairs.join_rows(x_in).real)
         self.y_in = self.x_in - f_in / rate
         e_out, f_out = (E.ON @ X)[self.out.of], (F.ON @ Y)[self.out.of]
-        self.x_out = (rate_out * e_out + f_out * lam) / (lam - rate_out**2)
+        x_out = (pairs.part_columns(rate_out * e_out) + pairs.part_columns(f_out) * lam) / (lam - rate_out**2)
+        self.x_out = np.ascontiguousarray(pairs.join_columns(x_out).real)
         self.y_out = (self.x_out - f_out) / rate_out
         # (1 + Z)^-1 to the right, from the light that comes in to modes, and to the left
         t_in = np.tanh(fading.half * rate)
         t_out = np.tanh(fading.half * rate_out)
         f_in, g_in = t_in / rate, t_in * rate
-        even = np.linalg.inv(X + Y * g)
+        even = np.asarray(np.linalg.inv(X + pairs.scale_columns(Y, g)))
         even_in: Array = 1.0 / (1.0 + t_in)
         even_from_in = -even @ (X @ self.x_in + (Y @ self.y_in) * g_in) * even_in
         even_left = X @ even @ Y
-        impedance = (self.y_out * g - t_out * self.x_out) @ self.X_inverse
+        impedance = (pairs.scale_columns(self.y_out, g) - t_out * self.x_out) @ self.X_inverse
         even_out = (self.y_out - impedance @ even_left) / (1.0 + t_out)
-        self.even = Side(np.asarray(even), even_in, even_from_in, even_left, even_out, 1.0 / (rate_out * (1.0 + t_out)))
+        self.even = Side(even, even_in, even_from_in, even_left, even_out, 1.0 / (rate_out * (1.0 + t_out)))
         self.odd = None
         if not fading.is_endless:
-            odd = np.linalg.inv(Y + X * f)
+            odd = np.asarray(np.linalg.inv(Y + pairs.scale_columns(X, f)))
             odd_in: Array = rate / (1.0 + t_in)
             odd_from_in = -odd @ (Y @ self.y_in + (X @ self.x_in) * f_in) * odd_in
             odd_left = Y @ odd @ X
-            impedance = (self.x_out * f - t_out * self.y_out) @ self.Y_inverse
+            impedance = (pairs.scale_columns(self.x_out, f) - t_out * self.y_out) @ self.Y_inverse
             odd_out = (self.x_out - impedance @ odd_left) / (1.0 + t_out)
-            self.odd = Side(np.asarray(odd), odd_in, odd_from_in, odd_left, odd_out, 1.0 / (1.0 + t_out))
-        square, square_out = rate**2, self.out.rate**2
-        self.tables = self.make_tables(lam, square, square_out)
+            self.odd = Side(odd, odd_in, odd_from_in, odd_left, odd_out, 1.0 / (1.0 + t_out))
+        self.tables = self.make_tables(lam, rate**2, self.out.rate**2)
 
     def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, Array, Array]]:
         """f[a, b], g[a, b] and a b f[a, b] for each block."""
@@ -141,33 +194,42 @@ class SlabModes:
             found[name] = f, g, np.where((a[:, None] == 0.0) | (b == 0.0), 0.0, product)
         return found
 
-    def differentiate(self, dE: Blocks, dF: Blocks) -> tuple[Blocks, Blocks]:
-        """dR and dT."""
+    def part(self, name: str, values: Array) -> Array:
+        """A block on complex modes from that on real ones."""
+        values = self.pairs.part_rows(values) if name in ("N", "NI") else values
+        return self.pairs.part_columns(values) if name in ("N", "ON") else values
+
+    def join(self, name: str, values: Array) -> Array:
+        """A block on real modes from that on complex ones."""
+        values = self.pairs.join_rows(values) if name in ("N", "NI") else values
+        return np.ascontiguousarray((self.pairs.join_columns(values) if name in ("N", "ON") else values).real)
+
+    def differentiate(self, dE: Blocks, dF: Blocks, on_nodes: bool = True) -> tuple[Blocks, Blocks]:
+        """dR and dT; without those ``on_nodes``, of what no other slab, base or surface sends light to, OI alone."""
         into, out = self.into.of, self.out.of
         rate, rate_out = self.into.rate, self.out.rate[:, None]
-        on_nodes = self.Y_inverse @ dE.N @ self.X
-        in_ = (self.Y_inverse @ dE.NI)[:, into] + on_nodes @ self.x_in
+        own = self.Y_inverse @ dE.N @ self.X
+        in_ = (self.Y_inverse @ dE.NI)[:, into] + own @ self.x_in
         row = (dE.ON @ self.X)[out]
-        outward = row - self.y_out @ on_nodes, row @ self.x_in - self.y_out @ in_
-        e = Blocks(on_nodes, in_, rate_out * outward[0], rate_out * outward[1])
-        on_nodes = self.X_inverse @ dF.N @ self.Y
-        in_ = (self.X_inverse @ dF.NI)[:, into] / rate + on_nodes @ self.y_in
+        e = Blocks(own, in_, rate_out * (row - self.y_out @ own), rate_out * (row @ self.x_in - self.y_out @ in_))
+        own = self.X_inverse @ dF.N @ self.Y
+        in_ = (self.X_inverse @ dF.NI)[:, into] / rate + own @ self.y_in
         row = (dF.ON @ self.Y)[out]
-        p = Blocks(on_nodes, in_, row - self.x_out @ on_nodes, row @ self.y_in - self.x_out @ in_)
+        p = Blocks(own, in_, row - self.x_out @ own, row @ self.y_in - self.x_out @ in_)
         even: dict[str, Array] = {}
         odd: dict[str, Array] = {}
         for name, (f, g, product) in self.tables.items():
-            one, other = getattr(e, name), getattr(p, name)
-            with np.errstate(invalid="ignore"):
-                first = np.where(one == 0.0, 0.0, g * one)  # an endless slab that absorbs nothing: 0 times inf
-            even[name] = first + product * other
-            if self.odd is not None:
-                odd[name] = f * one + g * other
-        count = self.r, self.o
-        dSe = self.even.enclose(Blocks(**even), self.into, self.out, *count)
+            one, other = (self.part(name, getattr(part, name)) for part in (e, p))
+            if self.odd is None:
+                with np.errstate(invalid="ignore"):  # what absorbs nothing: 0 times inf
+                    even[name] = self.join(name, np.where(one == 0.0, 0.0, g * one) + product * other)
+            else:
+                even[name] = self.join(name, g * one + product * other)
+                odd[name] = self.join(name, f * one + g * other)
+        dSe = self.even.enclose(Blocks(**even), self.into, self.out, on_nodes)
         if self.odd is None:
             return dSe.times(-2.0), dSe.times(0.0)
-        dSo = self.odd.enclose(Blocks(**odd), self.into, self.out, *count)
+        dSo = self.odd.enclose(Blocks(**odd), self.into, self.out, on_nodes)
         return dSo.plus(dSe, -1.0), dSo.plus(dSe).times(-1.0)
 
 
@@ -184,15 +246,17 @@ class Side:
     out_left: Array
     out: Array
 
-    def enclose(self, middle: Blocks, into: Aside, out: Aside, r: int, o: int) -> Blocks:
+    def enclose(self, middle: Blocks, into: Aside, out: Aside, on_nodes: bool) -> Blocks:
         """dS of a change between modes, what was stepped around put together again."""
-        in_ = into.gather(middle.NI * self.into + middle.N @ self.from_in, r)
+        in_ = into.gather(middle.NI * self.into + middle.N @ self.from_in)
+        both = into.gather(middle.OI * self.into + middle.ON @ self.from_in)
+        corner = out.gather((self.out_left @ in_ + self.out * both).T).T
+        if not on_nodes:
+            nothing = np.zeros((0, 0))
+            return Blocks(nothing, nothing, nothing, corner)
         nodes = middle.N @ self.nodes
-        rows = self.out_left @ nodes + self.out * (middle.ON @ self.nodes)
-        both = into.gather(middle.OI * self.into + middle.ON @ self.from_in, r)
-        corner = self.out_left @ in_ + self.out * both
-        found = self.left @ nodes, self.left @ in_, out.gather(rows.T, o).T, out.gather(corner.T, o).T
-        return Blocks(*(part.real for part in found))
+        rows = out.gather((self.out_left @ nodes + self.out * (middle.ON @ self.nodes)).T).T
+        return Blocks(self.left @ nodes, self.left @ in_, rows, corner)
 
 
 def deepen_slab(

@@ -1,0 +1,206 @@
+"""vrte.linearize: a BRDF, and how it changes with anything that layers and base are made of."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_numbers
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, run_interruptible
+from vrte.calls.brdf import make_brdf
+from vrte.calls.derivatives import check_differentiable, read_derivatives
+from vrte.calls.differences import differentiate_by_differences
+from vrte.discrete_ordinates.derivatives.adjoint import Gradient, pull_back
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap, find_spread
+from vrte.discrete_ordinates.planning.plan import Plan, plan_request
+from vrte.methods import choose_method, make_run
+from vrte.methods.discrete_ordinates import solve_plans
+from vrte.request.how import describe_options
+from vrte.request.request import Request, check_scene, make_brdf_request
+from vrte.results.brdf import Brdf
+from vrte.results.solution import Solution
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearized:
+    """A BRDF and the linear map from small changes of its scene to changes of it, as `vrte.linearize` makes it.
+
+    Attributes
+    ----------
+    brdf
+        The BRDF itself.
+    request
+        What was asked for.
+    plan
+        How it was solved: its nodes and truncation are those of the derivatives.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+    >>> vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).jvp("layer[1].thickness").shape
+    (1, 1, 1, 4, 4)
+    """
+
+    brdf: Brdf
+    request: Request
+    plan: Plan
+
+    def __repr__(self) -> str:
+        return f"Linearized({self.brdf!r})"
+
+    def jvp(self, variation: Variation | str) -> Array:
+        """How the BRDF changes along one variation: the Jacobian times a vector.
+
+        Parameters
+        ----------
+        variation : Variation or str
+            Or the name of a number of the scene, as for ``derivatives=`` of `vrte.brdf`.
+
+        Returns
+        -------
+        numpy.ndarray
+            (n_in, n_out, n_phi, 4, 4) [1/sr], per unit of the variation's number.
+
+        Raises
+        ------
+        SceneError
+            As `vrte.brdf` does for derivatives.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import vrte
+        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
+        >>> found = vrte.linearize(white, mu_i=0.5, mu_o=0.5, nodes=4).jvp("base.albedo")
+        >>> round(float(found[0, 0, 0, 0, 0] * np.pi), 12)
+        1.0
+        """
+        variations, plan = read_derivatives(self.request.scene, [variation]), self.plan
+        run = make_run(self.request)
+
+        def solve() -> list[Solution]:
+            if find_gap(plan, variations[0]) is None:
+                return differentiate_plan(plan, variations, run)
+            return differentiate_by_differences(self.request, variations, run)
+
+        values: Array = run_interruptible(run, solve)[0].parts[0][0]
+        return values
+
+    def vjp(self, cotangent: Any) -> Gradient:
+        """How a weighted sum of the BRDF's elements changes with all that layers and base are made of.
+
+        That is a vector times the Jacobian. It takes one solve of the light from the eye, whatever the number of
+        coefficients: fields of beams that come in along the outgoing directions weigh every change, by reciprocity
+        (docs/explanation/derivatives.md).
+
+        Parameters
+        ----------
+        cotangent : array_like
+            Weights, (n_in, n_out, n_phi, 4, 4).
+
+        Returns
+        -------
+        Gradient
+            Its ``along`` is the derivative with the number of a variation.
+
+        Raises
+        ------
+        SceneError
+            For another shape or numbers that are not finite.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+        >>> found = vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
+        >>> found.albedo.shape
+        (1,)
+        """
+        weights = np.asarray(check_numbers("cotangent", cotangent), float)
+        if weights.shape != self.brdf.mueller.shape:
+            raise SceneError.of("cotangent", f"must have the shape {self.brdf.mueller.shape}, not {weights.shape}")
+        if not np.isfinite(weights).all():
+            raise SceneError.of("cotangent", "must be finite")
+        run = make_run(self.request)
+        return run_interruptible(run, lambda: pull_back(self.plan, weights, run))
+
+
+@describe_options
+def linearize(
+    scene: Scene,
+    mu_i: Any,
+    mu_o: Any,
+    phi: Any = 0.0,
+    nodes: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    algorithm: str | None = None,
+    accuracy: float | None = None,
+    truncation: str | None = None,
+    backend: str | None = None,
+    time_limit_s: float | None = None,
+) -> Linearized:
+    """The BRDF of a scene with the means to differentiate it along any direction, or with everything at once.
+
+    For a few named numbers ``derivatives=`` of `vrte.brdf` is simpler. This is for many: a phase matrix of forty
+    coefficients, or the gradient of what a fit or a design makes as small as it can.
+
+    Parameters
+    ----------
+    scene : Scene
+        What light meets.
+    mu_i : float or sequence of float
+        Cosines of incidence, n_in, above 0 up to 1.
+    mu_o : float or sequence of float
+        Cosines of exit, n_out, above 0 up to 1.
+    phi : float or sequence of float, optional
+        Azimuths between them [degrees], n_phi.
+    {options}
+
+    Returns
+    -------
+    Linearized
+        ``brdf``, ``jvp(variation)`` and ``vjp(cotangent)``.
+
+    Raises
+    ------
+    SceneError
+        For bad input, and where small angles are separated from the rest of the light.
+    AccuracyError
+        Where neither algorithm can vouch for its answer.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+    >>> vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).brdf.mueller.shape
+    (1, 1, 1, 4, 4)
+    """
+    fixed: Mapping[str, Any] = {
+        "transmission": False,
+        "verify": None,
+        "method": "discrete-ordinates",
+        "settings": None,
+        "illuminate": "top",
+    }
+    asked = {name: value for name, value in locals().items() if name not in ("fixed",)}
+    check_scene(scene)
+    request = choose_method(make_brdf_request(**asked, **fixed))
+    check_differentiable(request)
+    run = make_run(request)
+
+    def solve() -> tuple[Plan, Brdf]:
+        plan = plan_request(request, run)
+        if find_spread(plan):
+            raise SceneError.of("truncation", "must not be 'small-angle' for derivatives: 'delta-m' or 'none' do")
+        (solution,) = solve_plans([plan], run, progress)
+        return plan, make_brdf(request, solution)
+
+    plan, found = run_interruptible(run, solve)
+    return Linearized(found, request, plan)

@@ -1,0 +1,452 @@
+"""The derivatives of one number, a weighted sum of a BRDF's elements, with all coefficients of all layers at once.
+
+Light that a slab's change sends out is seen as much as light from the eye would meet it: by reciprocity, the fields of
+beams that come in along the outgoing directions weigh the changes (the adjoint). What follows is the algebra of
+`SlabModes.differentiate`, read backwards; its cost does not depend on how many coefficients there are.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import SceneError
+from vrte.basics.polarization import FLIP
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, put_in_media, trim_nodes
+from vrte.discrete_ordinates.derivatives.pile import Differentiating, OrderOfPile
+from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
+from vrte.discrete_ordinates.execution.carry_out import make_target
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
+from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.responses import Response
+from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
+from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.optics.truncation import expand_peak
+from vrte.scene.boundary import BLACK
+from vrte.scene.variation import Variation
+
+Prepared = tuple[list[list[Response]], list[Assembled], list[Modes | None]]
+MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # Q of reciprocity
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """Derivatives of one number with all that layers and base are made of, as `Linearized.vjp` finds them.
+
+    Attributes
+    ----------
+    thickness
+        With the optical thickness of each layer, (layer,); 0 for one without end.
+    albedo
+        With the albedo of each layer, (layer,).
+    coefficients
+        With the expansion coefficients of each layer's phase matrix, (terms, 6) each: a1, a2, a3, a4, b1, b2; 0 for
+        a1[0], which is 1 whatever happens.
+    base_albedo
+        With the albedo of a Lambertian base; 0 without one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)], vrte.Lambertian(0.2))
+    >>> vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4))).coefficients[0].shape
+    (3, 6)
+    """
+
+    thickness: Array
+    albedo: Array
+    coefficients: tuple[Array, ...]
+    base_albedo: float
+
+    def along(self, variation: Variation) -> float:
+        """The derivative with the number that a variation goes with.
+
+        Parameters
+        ----------
+        variation : Variation
+            Of the same scene; its base may be Lambertian ones alone.
+
+        Returns
+        -------
+        float
+            Per unit of the variation's number.
+
+        Raises
+        ------
+        SceneError
+            Where the base of the variation does not reflect evenly.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+        >>> found = vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
+        >>> found.along(vrte.Variation("depth", 1.0, [1.0], [0.0])) == found.thickness[0]
+        True
+        """
+        total = float(self.thickness @ variation.thickness + self.albedo @ variation.albedo)
+        for mine, change in zip(self.coefficients, variation.coefficients, strict=True):
+            rows = min(mine.shape[0], change.shape[0])
+            total += float((mine[:rows] * change[:rows]).sum())
+        for weight, boundary in variation.base:
+            if boundary.is_uneven or boundary.mixes_stokes:
+                raise SceneError(f"{variation.name}: a gradient knows bases that reflect evenly alone", variation.name)
+            total += self.base_albedo * weight * boundary.even_albedo
+        return total
+
+
+def pull_back(plan: Plan, cotangent: Array, run: Run) -> Gradient:
+    """The gradient of the sum of ``cotangent`` times the BRDF's ``mueller``, both (n_in, n_out, n_phi, 4, 4)."""
+    scene = plan.request.scene
+    count = len(scene.layers)
+    unit = np.eye(count)
+    finite = [k for k, layer in enumerate(scene.layers) if np.isfinite(layer.thickness)]
+    variations = [Variation(f"layer[{k + 1}].thickness", 1.0, unit[k], np.zeros(count)) for k in finite]
+    below = scene.below
+    even = below.even_albedo > 0.0 and not (below.is_uneven or below.mixes_stokes)
+    if even:
+        base = ((1.0 / below.even_albedo, below),)
+        variations.append(Variation("base.albedo", 1.0, np.zeros(count), np.zeros(count), base=base))
+    forward = [
+        float((solution.parts[0][0] * cotangent).sum()) for solution in differentiate_plan(plan, variations, run)
+    ]
+    thickness = np.zeros(count)
+    thickness[finite] = forward[: len(finite)]
+    longest = max(layer.phase_matrix.terms for layer in scene.layers)
+    albedo, tables = np.zeros(count), np.zeros((count, longest, 6))
+    parts = plan.parts or (plan,)
+    for part in parts:
+        multiple, single = collect_tables(part, cotangent, run)
+        # the share of this part of the thickness counts where peaks shorten it
+        own = (
+            thickness if len(parts) == 1 else measure_thickness(part, cotangent, variations[: len(finite)], finite, run)
+        )
+        for k in range(count):
+            more, table = follow_layer(part.problem, part, k, multiple[k], single[k], float(own[k]))
+            albedo[k] += more
+            tables[k, : table.shape[0]] += table
+    coefficients = tuple(table[: layer.phase_matrix.terms] for table, layer in zip(tables, scene.layers, strict=True))
+    return Gradient(thickness, albedo, coefficients, forward[-1] if even else 0.0)
+
+
+def measure_thickness(part: Plan, cotangent: Array, variations: list[Variation], finite: list[int], run: Run) -> Array:
+    """The derivatives with thickness of one part of polarized light, (layer,)."""
+    found = np.zeros(len(part.request.scene.layers))
+    for k, solution in zip(finite, differentiate_plan(part, variations, run), strict=True):
+        values = solution.parts[0][0]
+        found[k] = float((values * cotangent[..., : values.shape[-1]]).sum())
+    return found
+
+
+def follow_layer(
+    problem: Problem, plan: Plan, k: int, multiple: Array, single: Array, thickness: float
+) -> tuple[float, Array]:
+    """From the derivatives with a truncated layer's albedo times coefficients, ``multiple`` (rows, 6), and with all of
+    its coefficients where light is scattered once, ``single`` (terms, 6): those with the layer's albedo and
+    coefficients. `change_layer`, read backwards; thickness: the derivative with the layer's own."""
+    layer = plan.request.scene.layers[k]
+    given, omega, tau = layer.phase_matrix.coefficients, layer.albedo, layer.thickness
+    carried = count_terms_carried(plan.request.scene, problem.nodes.size)
+    f = float(problem.fraction[k])
+    stretch = 1.0 - omega * f
+    own, gain = omega * (1.0 - f) / stretch, omega / stretch
+    kept = min(carried, given.shape[0], multiple.shape[0])
+    peak = expand_peak(kept, is_scalar(plan.request.scene))
+    cut = (given[:kept] - f * peak) / (1.0 - f) if f > 0.0 else given[:kept]
+    of_own = float((multiple[:kept] * cut).sum())
+    of_gain = float((single[: given.shape[0]] * given).sum())  # single is of all but the gain
+    found = np.zeros_like(given)
+    found += gain * single[: given.shape[0]]
+    found[:kept] += own * multiple[:kept] / (1.0 - f)
+    shortened = thickness / stretch * tau if np.isfinite(tau) else 0.0
+    of_albedo = of_own * ((1.0 - f) + own * f) / stretch + of_gain * (1.0 + gain * f) / stretch - shortened * f
+    if f > 0.0:
+        slope = -peak / (1.0 - f) + (given[:kept] - f * peak) / (1.0 - f) ** 2
+        of_f = of_own * (own - 1.0) * omega / stretch + of_gain * gain * omega / stretch - shortened * omega
+        of_f += own * float((multiple[:kept] * slope).sum())
+        found[carried, 0] += of_f / (2 * carried + 1)
+    found[0, 0] = 0.0
+    return of_albedo, found
+
+
+def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array], list[Array]]:
+    """Derivatives with each layer's truncated albedo times coefficients, by multiple scattering, and with its whole
+    coefficients over its gain, by single scattering."""
+    scene, problem = plan.request.scene, put_in_media(plan)
+    target = replace(make_target(plan), problem=problem)
+    cotangent = cotangent[..., : int(plan.wanted.place.max()) + 1]
+    rows = problem.coefficients.shape[1]
+    multiple = [np.zeros((rows, 6)) for _ in scene.layers]
+    single = [np.zeros((layer.phase_matrix.terms, 6)) for layer in scene.layers]
+    with PROCESSOR.at_work(), run.booked("derivatives"):
+        for block in plan.blocks:
+            orders = block.orders[block.orders < plan.orders]
+            chosen = np.ix_(block.columns, block.stokes)
+            own = replace(problem, stokes=block.stokes, columns=np.ascontiguousarray(problem.columns[chosen]))
+            own = trim_nodes(own, block.problem.nodes.size)
+            base = scene.below if block.base is not BLACK else BLACK
+            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], False)
+            eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))
+            eyes = Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], False)
+            step = route.chunk(1)
+            for first in range(0, orders.size, step):
+                some = orders[first : first + step]
+                lit = prepare_orders(route, some, run), prepare_orders(eyes, some, run)
+                for place, order in enumerate(some.tolist()):
+                    weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
+                    pull_order(route, eyes, place, order, lit, weights, multiple)
+        whole = replace(problem, stokes=ALL)
+        route = Differentiating(whole, BLACK, 1, plan.accuracy, [], False)
+        columns = tuple(range(problem.columns.shape[0]))
+        for order in range(max(table.shape[0] for table in single)):
+            weights = weigh_kernels(target, order, ALL, columns, cotangent)
+            pull_once(route, order, weights, single)
+    return multiple, single
+
+
+def prepare_orders(route: Differentiating, orders: IntArray, run: Run) -> Prepared:
+    """R and T of the slabs, matrices of the media and their modes."""
+    responses = [route.respond(one, kind, length, orders, run) for _, one, kind, length in route.places.media]
+    sheets = [assemble(one, orders, run) for _, one, _, _ in route.places.media]
+    modes: list[Modes | None] = [
+        find_modes(one, orders, sheet, run, True)
+        for (_, one, _, _), sheet in zip(route.places.media, sheets, strict=True)
+    ]
+    return responses, sheets, modes
+
+
+def weigh_kernels(
+    target: Target, order: int, stokes: tuple[int, ...], columns: tuple[int, ...], cotangent: Array
+) -> Array:
+    """What each kernel of an order weighs in the number that is differentiated, (n_out, S, n_in, n_col): azimuths
+    summed up as the result sums orders."""
+    azimuths, wanted = target.azimuths, target.wanted
+    kernels = np.ones((1, 1, 1, len(columns), 1, len(stokes)))
+    light = Light(np.array([order], np.int32), np.array(stokes, np.int32), np.array(columns, np.int32), kernels)
+    one, zero = replace(wanted, scale=np.ones(1)), np.zeros(1, np.int32)
+    part = Part(
+        zero, zero, np.ones(1), np.zeros(1, bool), np.zeros((1, 1, 1, azimuths.phi.size, 4, cotangent.shape[-1]))
+    )
+    add = PROCESSOR.prepare_orders(replace(target, wanted=one), [light], Run(1))
+    add(Share(part, 0, 1))
+    factors = part.values[0, 0, 0][:, list(stokes)][..., wanted.place[list(columns)]]  # (n_phi, S, n_col)
+    given = cotangent[..., list(stokes), :][..., wanted.place[list(columns)]]
+    found: Array = np.einsum("iopac,pac,i->oaic", given, factors, wanted.scale)
+    return found
+
+
+def weigh_sent(route: Differentiating, weights: Array) -> tuple[Array, Array]:
+    """The same of what is seen in the flipped frame times 2 pi, (n_out S, r), and of what each source sends along the
+    sights, (source, n_sight, S, r)."""
+    problem = route.problem
+    n_out, stokes = weights.shape[:2]
+    seen = weights.reshape(n_out, stokes, -1) * problem.flip[:, None] / (2.0 * np.pi) * route.sights.index[0] ** 2
+    sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], stokes, seen.shape[2]))
+    back = np.einsum("oasb,oar->sobr", route.escapes[0], seen)
+    for direction, sight in enumerate(route.sights.place[0].tolist()):
+        sent[:, sight] += back[:, direction]
+    return seen.reshape(n_out * stokes, -1), sent
+
+
+def pull_order(
+    route: Differentiating,
+    eyes: Differentiating,
+    place: int,
+    order: int,
+    lit: tuple[Prepared, Prepared],
+    weights: Array,
+    multiple: list[Array],
+) -> None:
+    """Adds what an order has of the derivatives with the layers' scattering."""
+    forward = OrderOfPile(route, place, order, *lit[0], alone=False)
+    back = OrderOfPile(eyes, place, order, *lit[1], alone=False)
+    seen, sent = weigh_sent(route, weights)
+    stokes = list(route.problem.stokes)
+    n = route.problem.size
+    turn = np.tile(MIRROR[stokes], n // len(stokes))[:, None]
+    scale = np.tile(MIRROR[stokes], eyes.problem.mu0.size) / np.repeat(eyes.problem.mu0, len(stokes))
+    r = route.problem.n_rhs
+    for k, layer in enumerate(route.cut.layer.tolist()):
+        if route.media.scene.layers[layer].albedo == 0.0 and not route.problem.coefficients[layer].any():
+            continue
+        piece = forward.pieces[k]
+        size = piece.response.nodes.shape[-1]
+        # light on the nodes that falls on the slab, from above and from below, and what it weighs when it leaves
+        lights = [field[n - size :] for field in (forward.pile.entering[k], forward.pile.leaving[k + 1])]
+        eyes_see = [(turn * field * scale)[n - size :] for field in (back.pile.entering[k], back.pile.leaving[k + 1])]
+        heard = [field @ seen for field in eyes_see]  # (n, r), up at the top and down at the bottom
+        beams = [piece.flux(power[k]) for power in (route.falling, route.mirrored)]
+        out = [sent[2 * k + end].reshape(-1, r) for end in range(2)]
+        changes = []
+        for way in range(2):
+            # lit from above and seen on that side or the other, and the same from below
+            above, seen_there, below, seen_here = 0, way, 1, 1 - way
+            N = heard[seen_there] @ lights[above].T + heard[seen_here] @ lights[below].T
+            NI = spread_beams(heard[seen_there], beams[above]) + spread_beams(heard[seen_here], beams[below])
+            ON = out[seen_there] @ lights[above].T + out[seen_here] @ lights[below].T
+            OI = spread_beams(out[seen_there], beams[above]) + spread_beams(out[seen_here], beams[below])
+            changes.append(Blocks(N, NI / piece.index, ON / piece.index, OI / piece.index**2))
+        modes = forward.modes_of(k)
+        dE, dF = pull_slab(modes, *changes)
+        one = forward.slab_of(k)[0]
+        multiple[layer] += pull_matrices(one, order, dE, dF, multiple[layer].shape[0])
+
+
+def spread_beams(values: Array, beams: Array) -> Array:
+    """Weights (k, n_in n_col) of light from beams (n_in, S, n_col), as those of unit Stokes vectors, (k, n_in S)."""
+    n_in, stokes, columns = beams.shape
+    found = np.einsum("kic,isc->kis", values.reshape(-1, n_in, columns), beams)
+    return found.reshape(values.shape[0], n_in * stokes)
+
+
+def pull_slab(modes: SlabModes, of_R: Blocks, of_T: Blocks) -> tuple[Blocks, Blocks]:
+    """Derivatives with E and F from those with R and T: `SlabModes.differentiate`, read backwards."""
+    even_sums = pull_side(modes.even, of_R.plus(of_T).times(-1.0), modes.into, modes.out)
+    if modes.odd is None:
+        even_sums = pull_side(modes.even, of_R.times(-2.0), modes.into, modes.out)
+        odd_sums = None
+    else:
+        odd_sums = pull_side(modes.odd, of_R.plus(of_T, -1.0), modes.into, modes.out)
+    e, p = {}, {}
+    for name, (f, g, product) in modes.tables.items():
+        even = turn_part(modes, name, getattr(even_sums, name))
+        with np.errstate(invalid="ignore"):
+            one, other = np.where(np.isfinite(g), g, 0.0) * even, product * even
+        if odd_sums is not None:
+            odd = turn_part(modes, name, getattr(odd_sums, name))
+            one, other = one + f * odd, other + g * odd
+        e[name], p[name] = turn_join(modes, name, one), turn_join(modes, name, other)
+    rate, rate_out = modes.into.rate, modes.out.rate[:, None]
+    dE = pull_basis(
+        modes,
+        Blocks(e["N"], e["NI"], rate_out * e["ON"], rate_out * e["OI"]),
+        modes.Y_inverse,
+        modes.X,
+        modes.x_in,
+        modes.y_out,
+        1.0,
+    )
+    dF = pull_basis(modes, Blocks(**p), modes.X_inverse, modes.Y, modes.y_in, modes.x_out, 1.0 / rate)
+    return dE, dF
+
+
+def turn_part(modes: SlabModes, name: str, values: Array) -> Array:
+    """The transpose of `SlabModes.join`."""
+    return modes.part(TURNED[name], values.T).T
+
+
+def turn_join(modes: SlabModes, name: str, values: Array) -> Array:
+    """The transpose of `SlabModes.part`."""
+    return modes.join(TURNED[name], values.T).T
+
+
+TURNED = {"N": "N", "NI": "ON", "ON": "NI", "OI": "OI"}
+
+
+def scatter_aside(aside: Aside, values: Array) -> Array:
+    """The transpose of `Aside.gather`: columns (..., count) dealt out, (..., k)."""
+    found: Array = values[..., aside.of] * aside.share
+    return found
+
+
+def pull_side(side: Side, of: Blocks, into: Aside, out: Aside) -> Blocks:
+    """`Side.enclose`, read backwards."""
+    corner, rows = scatter_aside(out, scatter_aside(into, of.OI).T).T, scatter_aside(out, of.ON.T).T
+    in_ = side.out_left.T @ corner + side.left.T @ scatter_aside(into, of.NI)
+    both = side.out * corner
+    nodes = side.out_left.T @ rows + side.left.T @ of.N
+    leaving = side.out * rows
+    return Blocks(
+        nodes @ side.nodes.T + in_ @ side.from_in.T,
+        in_ * side.into,
+        leaving @ side.nodes.T + both @ side.from_in.T,
+        both * side.into,
+    )
+
+
+def pull_basis(
+    modes: SlabModes, of: Blocks, left: Array, right: Array, inward: Array, outward: Array, share: Array | float
+) -> Blocks:
+    """From the derivatives with e or p of `SlabModes.differentiate` to those with dE or dF."""
+    row = of.ON + of.OI @ inward.T
+    in_ = of.NI - outward.T @ of.OI
+    own = of.N - outward.T @ of.ON + in_ @ inward.T
+    first_in, first_out = (np.flatnonzero(np.diff(aside.of, prepend=-1)) for aside in (modes.into, modes.out))
+    in_ = np.add.reduceat(in_ * share, first_in, axis=1)
+    row = np.add.reduceat(row, first_out, axis=0)
+    corner = np.zeros((row.shape[0], in_.shape[1]))
+    return Blocks(left.T @ own @ right.T, left.T @ in_, row @ right.T, corner)
+
+
+def pull_matrices(one: Problem, order: int, dE: Blocks, dF: Blocks, rows: int) -> Array:
+    """Derivatives with albedo times coefficients, (rows, 6), from those with E and F of one medium."""
+    stokes = len(one.stokes)
+    root = np.repeat(np.sqrt(one.weights / one.nodes), stokes)
+    left = np.concatenate([root, np.repeat(1.0 / one.mu_out, stokes)])[:, None]
+    right = np.concatenate([root, np.ones(stokes * one.mu0.size)])
+    e, f = (np.block([[part.N, part.NI], [part.ON, part.OI]]) for part in (dE, dF))
+    down, up = (-0.5 * left * (e + sign * f) * right for sign in (1.0, -1.0))
+    out, into = np.concatenate([one.nodes, one.mu_out]), np.concatenate([one.nodes, one.mu0])
+    shifts = find_even_shifts(one, rows)
+    return pull_phase(order, rows, out, into, up, down, one.stokes, shifts)
+
+
+def pull_phase(
+    order: int, rows: int, out: Array, into: Array, up: Array, down: Array, members: tuple[int, ...], shifts: Array
+) -> Array:
+    """Derivatives with coefficients (rows, 6) from those with A^m into directions ``out`` going up, flipped, and down:
+    each (n_out S, n_into S). `scatter_once`, read backwards."""
+    found = np.zeros((rows, 6))
+    if order >= rows:
+        return found
+    names = list(members)
+    sets = [_core.generalized_spherical_functions(order, rows, mu)[order:] for mu in (-out, out, into)]
+    tables = [_core.legendre_matrices(table) for table in sets]
+    if order == 0:
+        for matrices in tables:
+            matrices[:, :, 0, 0] = shifts[:rows, :1] * matrices[:, :, 0, 0] - shifts[:rows, 1:]
+    tables[0] = FLIP[:, None] * tables[0]
+    right = tables[2][..., names].transpose(0, 2, 1, 3).reshape(rows - order, 4, -1)  # (l, 4, into S)
+    middle = np.zeros((rows - order, 4, 4))
+    for table, weights in ((tables[0], up), (tables[1], down)):
+        left = table[:, :, names].transpose(0, 3, 1, 2).reshape(4 * (rows - order), -1)  # (l 4, out S)
+        middle += (left @ weights).reshape(rows - order, 4, -1) @ right.swapaxes(1, 2)
+    own = found[order:]
+    for k in range(4):
+        own[:, k] = middle[:, k, k]
+    own[:, 4] = -middle[:, 0, 1] - middle[:, 1, 0]
+    own[:, 5] = middle[:, 3, 2] - middle[:, 2, 3]
+    return found
+
+
+def pull_once(route: Differentiating, order: int, weights: Array, single: list[Array]) -> None:
+    """Adds what an order has of the derivatives with the coefficients where light is scattered once, over the gain."""
+    _, sent = weigh_sent(route, weights)
+    r = route.problem.n_rhs
+    for k, layer in enumerate(route.cut.layer.tolist()):
+        rows, medium = single[layer].shape[0], 1 + layer
+        if order >= rows:
+            continue
+        index, into, out = route.media.scene.media[medium], route.into[medium], route.sights.cosines[medium]
+        mu_in, mu_out = np.where(into > 0.0, into, 1.0), np.where(out > 0.0, out, 1.0)
+        open_ = (out > 0.0)[:, None] & (into > 0.0)
+        paths = 0.5 * integrate_slab_paths(float(route.cut.thickness[k]), mu_in, mu_out) * open_ / index**2
+        found = []
+        for way in range(2):
+            total = np.zeros((4 * out.size, 4 * into.size))
+            for side, power in ((0, route.falling[k]), (1, route.mirrored[k])):
+                end = way if side == 0 else 1 - way
+                flux = np.where(into[:, None, None] > 0.0, power / mu_in[:, None, None], 0.0)
+                total += spread_beams(sent[2 * k + end].reshape(-1, r), flux)
+            shaped = total.reshape(out.size, 4, into.size, 4) * paths[way][:, None, :, None]
+            found.append(shaped.reshape(total.shape))
+        plain = np.tile([1.0, 0.0], (rows, 1))
+        single[layer] += pull_phase(order, rows, mu_out, mu_in, found[0], found[1], ALL, plain)
