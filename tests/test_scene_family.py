@@ -169,3 +169,16 @@ def test_slopes_of_one_side_and_of_kinks() -> None:
     assert line == pytest.approx([0.0, 2.0], rel=1e-12)
     (kinked,) = find_slopes(lambda x: [np.array([abs(x - 0.003) + x**2])], 0.0, 0.01)
     assert kinked == pytest.approx(-1.0, abs=1e-10)
+
+
+def test_a_scene_that_is_no_file_s() -> None:
+    """Names of a scene's own numbers; layers are counted as in the list that it was made of, whatever has changed."""
+    layer = vrte.Layer(vrte.rayleigh(), 0.9, 0.5, 1.5)
+    scene = vrte.Scene([vrte.Interface(1.0, 1.5), layer], vrte.Lambertian(0.3))
+    family = vrte.SceneFamily(scene, ["layer[2].thickness", "base.albedo"])
+    assert family.values.tolist() == [0.5, 0.3]
+    assert (family.at([1.0, 0.4]).thickness, family.at([1.0, 0.4]).base) == (1.0, Lambertian(0.4))
+    depth, base = family.variations([1.0, 0.4])
+    assert (depth.value, depth.thickness.tolist(), base.value) == (1.0, [1.0], 0.4)
+    with pytest.raises(vrte.SceneError, match="is a Scene and no scene file"):
+        family.content_at([1.0, 0.4])

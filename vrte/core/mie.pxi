@@ -30,14 +30,18 @@ cdef void find_slopes(cplx z, int orders, cplx *slope) noexcept nogil:
         d = over(make(n, 0.0), z) - over(make(1.0, 0.0), sum_)
 
 
-cdef void match_outside(double size, int orders, double *ratio, cplx[:, ::1] found) noexcept nogil:
-    """a_n and b_n in `found`, in the place of the slopes u'/u of the field within the surface, divided by the relative
-    index there (a_n) and times it (b_n); (4.88).
+cdef void match_outside(
+    double size, int orders, double *ratio, cplx[:, ::1] found, cplx[:, ::1] gain
+) noexcept nogil:
+    """a_n and b_n in `found`, in the place of the slopes L = u'/u of the field within the surface, divided by the
+    relative index there (a_n) and times it (b_n); (4.88).
 
-    y_n goes upward, psi_n upward to n = x and beyond it by psi_n/psi_(n-1), found downward.
+    y_n goes upward, psi_n upward to n = x and beyond it by psi_n/psi_(n-1), found downward. In `gain`, where it has
+    rows, what they change by with -L: i/(L xi_n - xi_n')^2, as psi_n xi_n' - psi_n' xi_n = i; with x they change by
+    that times n(n + 1)/x^2 - 1 - L^2, the slopes' own equation.
     """
     cdef double r = 0.0, psi, psi_before, psi_next, y, y_before, y_next, over_x
-    cdef cplx factor
+    cdef cplx factor, below
     cdef int n, kind
     for n in range(first_settled(size, orders), 0, -1):
         r = 1.0 / ((2 * n + 1) / size - r)
@@ -52,22 +56,47 @@ cdef void match_outside(double size, int orders, double *ratio, cplx[:, ::1] fou
         psi_before, psi, y_before, y = psi, psi_next, y, y_next
         for kind in range(2):
             factor = found[kind, n - 1] + over_x
-            found[kind, n - 1] = over(
-                factor * psi - psi_before, times(factor, make(psi, y)) - make(psi_before, y_before))
+            below = times(factor, make(psi, y)) - make(psi_before, y_before)
+            found[kind, n - 1] = over(factor * psi - psi_before, below)
+            if gain.shape[0]:
+                gain[kind, n - 1] = over(over(make(0.0, 1.0), below), below)
 
 
 def sphere_coefficients(cplx relative_index, double size, int orders):
     """a_n and b_n, (2, orders) from n = 1, of a sphere of size parameter `size`; Bohren and Huffman (4.88)."""
-    cdef cplx[:, ::1] found = np.empty((2, orders), np.complex128)
+    return find_sphere_coefficients(relative_index, size, orders, False)[0]
+
+
+def sphere_slopes(cplx relative_index, double size, int orders):
+    """The same and their derivatives with the relative index and with the size parameter, (3, 2, orders)."""
+    return find_sphere_coefficients(relative_index, size, orders, True)
+
+
+cdef find_sphere_coefficients(cplx relative_index, double size, int orders, bint with_slopes):
+    """(1 or 3, 2, orders). D' = n(n + 1)/z^2 - 1 - D^2, and what is the same on both sides of the surface is left out
+    of the difference."""
+    cdef cplx[:, :, ::1] found = np.empty((3 if with_slopes else 1, 2, orders), np.complex128)
     cdef cplx[::1] slope = np.empty(orders + 1, np.complex128)
     cdef double[::1] ratio = np.empty(orders + 1)
+    cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
+    cdef cplx z = times(relative_index, make(size, 0.0)), square = times(relative_index, relative_index), d, dz
+    cdef double bend
     cdef int n
     with nogil:
-        find_slopes(times(relative_index, make(size, 0.0)), orders, &slope[0])
+        find_slopes(z, orders, &slope[0])
         for n in range(1, orders + 1):
-            found[0, n - 1] = over(slope[n], relative_index)
-            found[1, n - 1] = times(slope[n], relative_index)
-        match_outside(size, orders, &ratio[0], found)
+            found[0, 0, n - 1] = over(slope[n], relative_index)
+            found[0, 1, n - 1] = times(slope[n], relative_index)
+        match_outside(size, orders, &ratio[0], found[0], gain)
+        if with_slopes:
+            for n in range(1, orders + 1):
+                d, bend = slope[n], n / size * ((n + 1) / size)
+                dz = times(z, over(make(bend, 0.0), square) - 1.0 - times(d, d))   # z D'
+                found[1, 0, n - 1] = times(gain[0, n - 1], over(d - dz, square))
+                found[1, 1, n - 1] = -times(gain[1, n - 1], dz + d)
+                d = times(1.0 - over(make(1.0, 0.0), square), bend + times(d, d))
+                found[2, 0, n - 1] = times(gain[0, n - 1], d)
+                found[2, 1, n - 1] = times(gain[1, n - 1], square - 1.0)
     return np.asarray(found)
 
 
@@ -93,21 +122,41 @@ cdef void climb(Waves *waves, int n, cplx slope) noexcept nogil:
 
 def coated_sphere_coefficients(cplx core_index, cplx shell_index, double core_size, double size, int orders):
     """a_n and b_n, (2, orders) from n = 1, of a core in a shell, `size` the size parameter of the whole and both
-    indices relative to the host's; Bohren and Huffman (8.2).
+    indices relative to the host's; Bohren and Huffman (8.2)."""
+    return find_coated_coefficients(core_index, shell_index, core_size, size, orders, False)[0]
+
+
+def coated_sphere_slopes(cplx core_index, cplx shell_index, double core_size, double size, int orders):
+    """The same and their derivatives with the core's index, the shell's, the core's size and the whole one,
+    (5, 2, orders)."""
+    return find_coated_coefficients(core_index, shell_index, core_size, size, orders, True)
+
+
+cdef inline cplx bend_slope(int n, cplx z, cplx slope) noexcept nogil:
+    """d/dz of a slope u'/u in one medium: n(n + 1)/z^2 - 1 - (u'/u)^2."""
+    return times(over(make(n, 0.0), z), over(make(n + 1, 0.0), z)) - 1.0 - times(slope, slope)
+
+
+cdef find_coated_coefficients(
+    cplx core_index, cplx shell_index, double core_size, double size, int orders, bint with_slopes
+):
+    """(1 or 5, 2, orders).
 
     In the shell the field is u = A psi_n + B xi_n; A and B are Wronskians of u at the core with xi_n and psi_n there,
     which lose nothing where a function has a zero or the shell is thin. Both are kept without the exponential growth
-    of psi_n and decay of xi_n in a medium that absorbs, and without the growth of xi_n beyond n = |z|.
+    of psi_n and decay of xi_n in a medium that absorbs, and without the growth of xi_n beyond n = |z|. So u is i at the
+    core, and u'/u outside changes by 1/u^2 times what it changes by there.
     """
-    cdef cplx[:, ::1] found = np.empty((2, orders), np.complex128)
+    cdef cplx[:, :, ::1] found = np.empty((5 if with_slopes else 1, 2, orders), np.complex128)
     cdef cplx[:, ::1] slopes = np.empty((3, orders + 1), np.complex128)   # core; shell inside, outside
     cdef double[::1] ratio = np.empty(orders + 1)
+    cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
     cdef cplx core = times(core_index, make(core_size, 0.0))
     cdef Waves inside = begin_waves(times(shell_index, make(core_size, 0.0)))
     cdef Waves outside = begin_waves(times(shell_index, make(size, 0.0)))
     cdef double spread = exp(2.0 * (inside.z.imag - outside.z.imag))   # what B xi is worth beside A psi outside
-    cdef cplx contrast = over(shell_index, core_index), at_core, a, b, u
-    cdef int n, kind
+    cdef cplx contrast = over(shell_index, core_index), at_core, a, b, u, at_surface, carried, in_core, bend, part
+    cdef int n, kind, number
     with nogil:
         find_slopes(core, orders, &slopes[0, 0])
         find_slopes(inside.z, orders, &slopes[1, 0])
@@ -123,7 +172,32 @@ def coated_sphere_coefficients(cplx core_index, cplx shell_index, double core_si
                 u = times(a, outside.psi) + times(b, outside.xi)
                 if size_of(u) == 0.0:
                     u = make(1e-30 * (size_of(a) + size_of(b)), 0.0)
-                u = over(times(a, outside.psi_slope) + times(b, outside.xi_slope), u)
-                found[kind, n - 1] = over(u, shell_index) if kind == 0 else times(u, shell_index)
-        match_outside(size, orders, &ratio[0], found)
+                at_surface = over(times(a, outside.psi_slope) + times(b, outside.xi_slope), u)
+                found[0, kind, n - 1] = over(at_surface, shell_index) if kind == 0 else times(at_surface, shell_index)
+                if with_slopes:   # of L, with the four numbers
+                    carried = -over(make(spread, 0.0), u)
+                    carried = over(carried, u)
+                    in_core = bend_slope(n, core, slopes[0, n])
+                    in_core = times(in_core, contrast) if kind == 0 else over(in_core, contrast)
+                    bend = bend_slope(n, inside.z, at_core)
+                    part = over(at_core, core_index)   # by the contrast alone
+                    found[1, kind, n - 1] = times(carried, in_core * core_size + (-part if kind == 0 else part))
+                    part = over(at_core, shell_index)
+                    found[2, kind, n - 1] = bend_slope(n, outside.z, at_surface) * size + times(
+                        carried, (part if kind == 0 else -part) - bend * core_size)
+                    found[3, kind, n - 1] = times(carried, times(in_core, core_index) - times(bend, shell_index))
+                    found[4, kind, n - 1] = times(bend_slope(n, outside.z, at_surface), shell_index)
+                    for number in range(1, 5):
+                        part = found[number, kind, n - 1]
+                        found[number, kind, n - 1] = over(part, shell_index) if kind == 0 else times(part, shell_index)
+                    part = over(at_surface, times(shell_index, shell_index))
+                    found[2, kind, n - 1] = found[2, kind, n - 1] + (-part if kind == 0 else at_surface)
+                    part = found[0, kind, n - 1]
+                    found[4, kind, n - 1] = found[4, kind, n - 1] - bend_slope(n, make(size, 0.0), part)
+        match_outside(size, orders, &ratio[0], found[0], gain)
+        if with_slopes:
+            for number in range(1, 5):
+                for kind in range(2):
+                    for n in range(orders):
+                        found[number, kind, n] = -times(gain[kind, n], found[number, kind, n])
     return np.asarray(found)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import ALBEDO, INTERFACE
@@ -109,21 +109,37 @@ def prepare_phase(layer: Table, reading: Reading) -> Callable[[], Layer]:
     return made
 
 
-def prepare_filling(layer: Table, kinds: Kinds) -> Callable[[], Layer]:
-    """What makes a layer of particles."""
+class FillingKeys(NamedTuple):
+    """What a layer of particles says of itself: how much of each kind, by number or ``by_volume``; how thick it is and
+    how densely filled, as keywords of `Layer.of`; and how it is packed."""
+
+    shares: dict[str, float]
+    by_volume: bool
+    how: dict[str, Any]
+    packing: str
+
+
+def read_filling(layer: Table, kinds: Mapping[str, Any]) -> FillingKeys:
+    """Of a layer with particles or volume_fractions. Raises SceneError."""
     if "albedo" in layer:
         raise layer.wrong("albedo", "goes with phase only; particles bring their own")
     key = "volume_fractions" if "volume_fractions" in layer else "particles"
-    shares, how = read_fractions(layer, key, kinds.makers), read_lengths(layer)
+    shares, how = read_fractions(layer, key, kinds), read_lengths(layer)
     packing = layer.choice("packing", tuple(PACKINGS)) if "packing" in layer else INDEPENDENT
+    return FillingKeys(shares, key == "volume_fractions", how, packing)
+
+
+def prepare_filling(layer: Table, kinds: Kinds) -> Callable[[], Layer]:
+    """What makes a layer of particles."""
+    shares, by_volume, how, packing = read_filling(layer, kinds.makers)
 
     def made() -> Layer:
         parts = [(kinds.find(name, layer), share) for name, share in shares.items()]
-        if key == "volume_fractions":  # how many of them make such a part of the volume
+        if by_volume:  # how many of them make such a part of the volume
             parts = [(kind, share / kind.volume_um3) for kind, share in parts]
         with locate_errors(layer.place, LAYER_KEYS):
             held = mixture(parts) if len(parts) > 1 else parts[0][0]
-            if key == "volume_fractions" and ("thickness_um" in how or is_fraction_needed(held, packing)):
+            if by_volume and ("thickness_um" in how or is_fraction_needed(held, packing)):
                 how["volume_fraction"] = math.fsum(shares.values())
             return Layer.of(held, **how, packing=packing)
 

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,24 +17,27 @@ from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
 from vrte.basics.errors import Place, SceneError
 from vrte.basics.slopes import find_slopes
 from vrte.formats.bases import list_base_keys, read_base
+from vrte.formats.fillings import FilledLayer, Recorder, list_filled_layers, vary_filled_layer
 from vrte.formats.keys import Reading
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute, describe_value, make_particles
 from vrte.formats.scene_file import FILE_KEYS, REQUESTS, SceneFile, make_scene_file, read_content
 from vrte.formats.scene_keys import convert_to_plain_content, convert_to_plain_number, find_number, put, split_key
 from vrte.formats.toml_table import Table
+from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Held, SizeDistribution
+from vrte.optics.vary_spheres import ParticleSlopes, SmoothBall, SphereNumbers, vary_spheres
 from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary_base import Weighted, vary_base
+from vrte.scene.vary import BASE_STEP, LEAST_SCALE, vary_scene
+from vrte.scene.vary_base import vary_base
 
 MOST_NAMES = 1000
 MOST_KINDS = 512  # of particles that a family remembers, some 10 kB each
 LARGEST_STEP = 1.0 / 64.0  # of a number: what differences begin with
 SMALLEST_STEP = 1.0 / 4096.0  # of what is no length: shares, indices and albedos near 0
-BASE_STEP = 1.0 / 4.0  # of these steps, of a base: sixth order, not extrapolated
 ANYTHING = {"field": {"mu0": 1.0}}  # a request where a file has none: its scene is asked for alone
 
 
@@ -219,15 +221,26 @@ class SceneFamily:
         Returns
         -------
         list of Variation
-            One for each name. Each is right to some 1e-10 of its largest: differences of the ingredients alone at steps
-            that are halved until nothing changes, extrapolated to none, one-sided where a number is at the end of its
-            range. Sizes are averaged over the radii that the values themselves need.
+            One for each name.
 
         Raises
         ------
         SceneError
             For values that the scene does not allow, for whole numbers, which cannot change by a little, for infinite
             ones, and for what changes nothing.
+
+        Notes
+        -----
+        In closed form: all numbers of spheres and coated spheres that scatter independently of each other (radius,
+        width of a distribution, n and k, core and shell, host_index, wavelength_um), fractions, thickness_um, thickness
+        and albedo; a_n and b_n by compiled recursions, right to some 1e-12 of the largest. The radii that sizes are
+        averaged over keep their number, and move with the distribution. Where an index comes from a table,
+        wavelength_um takes its slope there, at a row itself the mean of both sides.
+
+        By differences of the ingredients alone, at steps that are halved until nothing changes and extrapolated to
+        none, one-sided where a number is at the end of its range, right to some 1e-10: spheroids and cylinders,
+        packings other than "independent", phase functions, and bases, which are told as six weighted boundaries. In
+        packings, those of clear spheres with resonances narrower than a thousandth of their radius may be off.
 
         Examples
         --------
@@ -247,11 +260,12 @@ class SceneFamily:
         scene = self.at(values)
         if self._content is None:
             return self._vary_scene(scene)
-        held = HeldOptics(self._optics)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the scene at the values themselves they have been given
-            self._make(self.content_at(values), held.start())  # first of all: how many radii it takes
-            return [self._differentiate(which, values, scene, held) for which in range(len(self.names))]
+            near = self._look_around(values)
+            drafts = [self._draft(which, values, near) for which in range(len(self.names))]
+            particles = near.vary_particles(drafts)
+        return [draft.finish(near, slopes) for draft, slopes in zip(drafts, particles, strict=True)]
 
     @property
     def _scene(self) -> Scene:
@@ -272,7 +286,6 @@ class SceneFamily:
 
     def _vary_scene(self, scene: Scene) -> list[Variation]:
         """Of a scene that is no file's."""
-        vary_scene = import_module("vrte.scene.vary").vary_scene
         return [vary_scene(scene, name) for name in self.names]
 
     def _make(self, content: dict[str, Any], compute: Compute) -> Scene:
@@ -285,36 +298,125 @@ class SceneFamily:
         file = Table((), content, FILE_KEYS)
         return read_base(file.table("base", list_base_keys()), Reading(file, self._folder)) if "base" in file else None
 
-    def _differentiate(self, which: int, values: Array, scene: Scene, held: "HeldOptics") -> Variation:
-        """With one of the numbers."""
-        name, place, value = self.names[which], self._places[which], float(values[which])
-        terms, moved = [layer.phase_matrix.terms for layer in scene.layers], []
+    def _look_around(self, values: Array) -> "Neighbourhood":
+        """What the scene is made of, where derivatives are asked for."""
+        content, held, seen = self.content_at(values), HeldOptics(self._optics), Recorder()
+        scene, stand_in = self._make(content, held.start()), self._make(content, seen)
+        numbers = [seen.find_numbers(kind, radii) for kind, radii in enumerate(held.radii)]
+        return Neighbourhood(scene, stand_in, held, seen, list_filled_layers(content, self._folder), numbers)
+
+    def _draft(self, which: int, values: Array, near: "Neighbourhood") -> "Draft":
+        """How all changes with one of the numbers but the optics of spheres."""
+        name, value = self.names[which], float(values[which])
 
         def content_at(number: float) -> dict[str, Any]:
             return self.content_at(np.where(np.arange(values.size) == which, number, values))
 
-        def scene_at(number: float) -> Scene:
-            return self._make(content_at(number), held.start())
+        draft = Draft(name, value, lambda number: self._make(content_at(number), near.held.start()))
+        reach = max(abs(value) * LARGEST_STEP, 0.0 if value and name.endswith("_um") else SMALLEST_STEP)
+
+        def numbers_at(number: float) -> list[Any]:
+            content, seen = content_at(number), Recorder()
+            scene = self._make(content, seen)
+            here = near.stand_in
+            draft.is_outside |= scene.media != here.media or scene.interfaces != here.interfaces
+            draft.changed |= {kind for kind, said in enumerate(seen.said) if said != near.seen.said[kind]}
+            return list_numbers(scene, list_filled_layers(content, self._folder), seen, near)
 
         def ingredients_at(number: float) -> list[Array]:
-            changed = scene_at(number)
-            moved.append(changed.media != scene.media or changed.interfaces != scene.interfaces)
-            return list_ingredients(changed, terms)
+            return list_ingredients(draft.scene_at(number), near.scene)
 
-        step = max(abs(value) * LARGEST_STEP, 0.0 if value and name.endswith("_um") else SMALLEST_STEP)
-        base: Weighted = ()
         try:
-            bulk, *tables = find_slopes(ingredients_at, value, step, list_ingredients(scene, terms))
-            if place[0] in ("base", "wavelength_um"):
-                base = vary_base(lambda number: self._read_base(content_at(number)), value, step * BASE_STEP)
+            draft.take(find_slopes(numbers_at, value, reach), near)
+            if self._places[which][0] in ("base", "wavelength_um"):
+                step = BASE_STEP * max(abs(value), LEAST_SCALE)
+                draft.base = vary_base(lambda number: self._read_base(content_at(number)), value, step)
+            if draft.needs_differences(near):
+                draft.ingredients = find_slopes(ingredients_at, value, reach, list_ingredients(near.scene, near.scene))
         except SceneError as error:
             raise error.behind(f"{name} cannot change by a little") from error
-        is_outside = any(moved) or any(one.keeps_beams for _, one in base)
-        tables = [cut_zeros(table) for table in tables]
-        n = len(terms)
-        found = Variation(name, value, bulk[:n], bulk[n:], tuple(tables), base, scene_at, is_outside)
+        return draft
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """A scene whose numbers are about to change: the ``scene``, one with the same layers and stand-ins for particles,
+    the ``held`` optics, and what its layers and the spheres in them are made of (None: other particles)."""
+
+    scene: Scene
+    stand_in: Scene
+    held: "HeldOptics"
+    seen: Recorder
+    layers: list[FilledLayer]
+    numbers: list[SphereNumbers | None]
+
+    def vary_particles(self, drafts: Sequence["Draft"]) -> list[dict[int, ParticleSlopes]]:
+        """Of each draft, how those kinds of particles change that do; what they have in common is worked out once."""
+        found: list[dict[int, ParticleSlopes]] = [{} for _ in drafts]
+        for kind, numbers in enumerate(self.numbers):
+            users = [place for place, draft in enumerate(drafts) if kind in draft.changed and not draft.ingredients]
+            if users and numbers is not None:
+                changes = [drafts[place].numbers[kind] for place in users]
+                ball = self.seen.particles[kind].balls[0][0]
+                slopes = vary_spheres(cast(SmoothBall, ball), self.held.particles[kind], numbers, changes)
+                for place, slope in zip(users, slopes, strict=True):
+                    found[place][kind] = slope
+        return found
+
+
+@dataclass(eq=False)
+class Draft:
+    """What is known of a variation: the slopes of all numbers that `list_numbers` lists, or those of the ingredients
+    themselves where some are not known in closed form."""
+
+    name: str
+    value: float
+    scene_at: Callable[[float], Scene]
+    is_outside: bool = False
+    changed: set[int] = field(default_factory=set)  # kinds of particles
+    base: tuple[tuple[float, Boundary], ...] = ()
+    plain: list[Array] = field(default_factory=list)  # as `list_ingredients`, of layers without particles
+    amounts: list[Array] = field(default_factory=list)
+    absorption: list[float] = field(default_factory=list)
+    numbers: dict[int, SphereNumbers] = field(default_factory=dict)
+    ingredients: list[Array] = field(default_factory=list)
+
+    def take(self, slopes: Sequence[Any], near: Neighbourhood) -> None:
+        """Sorts the slopes of what `list_numbers` lists."""
+        rest = iter(slopes)
+        self.plain = [next(rest) for _ in range(1 + len(near.scene.layers))]
+        self.amounts = [next(rest) for _ in near.layers]
+        self.absorption = next(rest).tolist()
+        for kind, numbers in enumerate(near.numbers):
+            if numbers is not None:
+                self.numbers[kind] = SphereNumbers(next(rest), next(rest), next(rest), next(rest))
+
+    def needs_differences(self, near: Neighbourhood) -> bool:
+        """Whether other particles than spheres change, or a layer in which spheres do not scatter independently."""
+        return any(near.numbers[kind] is None for kind in self.changed) or any(
+            layer.keys.packing != INDEPENDENT
+            and (amounts.any() or self.changed & {*layer.kinds} or any(self.absorption[kind] for kind in layer.kinds))
+            for layer, amounts in zip(near.layers, self.amounts, strict=True)
+        )
+
+    def finish(self, near: Neighbourhood, particles: dict[int, ParticleSlopes]) -> Variation:
+        """All of it. Raises SceneError where nothing changes."""
+        bulk, *tables = self.ingredients or self.plain
+        filled = {layer.place: number for number, layer in enumerate(near.layers)}
+        n = len(tables)
+        for row, place in enumerate(near.scene.places if not self.ingredients else ()):
+            if place in filled:
+                number = filled[place]
+                layer = near.layers[number]
+                absorption = self.absorption[layer.kinds[0]]
+                bulk[row], bulk[n + row], tables[row] = vary_filled_layer(
+                    layer, self.amounts[number], absorption, near.held.particles, particles
+                )
+        is_outside = self.is_outside or any(one.keeps_beams for _, one in self.base)
+        cut = tuple(cut_zeros(table) for table in tables)
+        found = Variation(self.name, self.value, bulk[:n], bulk[n:], cut, self.base, self.scene_at, is_outside)
         if found.changes_nothing:
-            raise SceneError(f"{name} changes nothing in the scene")
+            raise SceneError(f"{self.name} changes nothing in the scene")
         return found
 
 
@@ -349,6 +451,7 @@ class HeldOptics:
 
     optics: Optics
     radii: list[list[tuple[int, int]]] = field(default_factory=list)  # of each kind, in the order they are made in
+    particles: list[Particles] = field(default_factory=list)  # of the first scene
 
     def start(self) -> Compute:
         """What makes the particles of one scene."""
@@ -359,6 +462,7 @@ class HeldOptics:
             if kind == len(self.radii):
                 found, settled = self.optics.find(source, given)
                 self.radii.append(settled[:1])
+                self.particles.append(found)
             found, settled = self.optics.find(source, given, self.radii[kind])
             # media that they are put in by a packing are counted anew in each scene
             return replace_sizes(found, lambda ball: Held(ball.size.distribution, self.radii[kind], [ball.host]))
@@ -375,14 +479,29 @@ def replace_sizes(particles: Particles, make_size: Callable[[Any], SizeDistribut
     return replace(particles, balls=tuple(balls))
 
 
-def list_ingredients(scene: Scene, terms: Sequence[int]) -> list[Array]:
-    """Optical thicknesses and albedos of all layers, one array, and the coefficients of each, (terms, 6)."""
+def list_ingredients(scene: Scene, like: Scene) -> list[Array]:
+    """Optical thicknesses and albedos of all layers, one array, and the coefficients of each, (terms, 6), with as many
+    terms as those of the scene that it is ``like``."""
     tables = []
-    for layer, rows in zip(scene.layers, terms, strict=True):
-        known = layer.phase_matrix.coefficients[:rows]
-        tables.append(np.pad(known, ((0, rows - len(known)), (0, 0))))
+    for layer, other in zip(scene.layers, like.layers, strict=True):
+        known = layer.phase_matrix.coefficients[: other.phase_matrix.terms]
+        tables.append(np.pad(known, ((0, other.phase_matrix.terms - len(known)), (0, 0))))
     thickness, albedo = [layer.thickness for layer in scene.layers], [layer.albedo for layer in scene.layers]
     return [np.array([*thickness, *albedo]), *tables]
+
+
+def list_numbers(scene: Scene, layers: Sequence[FilledLayer], seen: Recorder, near: Neighbourhood) -> list[Any]:
+    """What a scene with stand-ins for particles is made of: ingredients of its other layers, amounts in those of
+    particles, absorption around each kind, and what spheres depend on."""
+    found: list[Any] = [*list_ingredients(scene, near.stand_in), *(layer.amounts for layer in layers)]
+    found.append(np.array([each.host_absorption for each in seen.particles]))
+    for kind, here in enumerate(near.numbers):
+        if here is not None:
+            same = seen.said[kind] == near.seen.said[kind]
+            numbers = here if same else seen.find_numbers(kind, near.held.radii[kind])
+            assert numbers is not None
+            found += [numbers.arguments, numbers.radii, numbers.weights, numbers.wavenumber]
+    return found
 
 
 def cut_zeros(table: Array) -> Array:

@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vrte._core import coated_sphere_coefficients
+import numpy as np
+
+from vrte._core import coated_sphere_coefficients, coated_sphere_slopes
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
 from vrte.optics.particles import Particles
@@ -72,6 +74,22 @@ class CoatedBall:
             wavenumber * self.find_core_radius(radius_um),
             wavenumber * radius_um,
         )
+
+    def list_arguments(self, radii: Array) -> Complex:
+        """What the coefficients of spheres are functions of, (4, sizes): relative indices of core and shell, size
+        parameters of the core and of the whole."""
+        wavenumber = find_wavenumber(self)
+        indices = [np.full(radii.shape, index.value / self.host) for index in (self.core, self.shell)]
+        return np.stack(
+            [*indices, wavenumber * (self.core_ratio * radii - self.shell_um) + 0j, wavenumber * radii + 0j]
+        )
+
+    def find_slopes(self, radius_um: float) -> Complex:
+        """a_n and b_n, and their derivatives with each of these, (5, 2, orders)."""
+        core, shell = (complex(index.value / self.host) for index in (self.core, self.shell))
+        size = find_wavenumber(self) * radius_um
+        inner = find_wavenumber(self) * self.find_core_radius(radius_um)
+        return coated_sphere_slopes(core, shell, inner, size, count_orders(size))
 
     def find_permittivity(self, radius_um: float) -> complex:
         """Source: Bohren and Huffman (1983), (5.36), solved for one substance."""

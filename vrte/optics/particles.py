@@ -149,7 +149,10 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
         return math.fsum(value(kind) * share for kind, share in pairs) / total
 
     extinction, scattering = mean(lambda kind: kind.extinction_um2), mean(lambda kind: kind.scattering_um2)
-    phase_matrix = mix([(kind.phase_matrix, share * kind.scattering_um2) for kind, share in pairs])
+    stands_in = any(kind.stands_in for kind, _ in pairs)
+    phase_matrix = pairs[0][0].phase_matrix
+    if not stands_in:
+        phase_matrix = mix([(kind.phase_matrix, share * kind.scattering_um2) for kind, share in pairs])
     return Particles(
         phase_matrix=phase_matrix,
         albedo=min(1.0, scattering / extinction),
@@ -162,6 +165,6 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
         balls=tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)
         if all(kind.balls for kind, _ in pairs)
         else (),
-        stands_in=any(kind.stands_in for kind, _ in pairs),
+        stands_in=stands_in,
         description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
     )

@@ -5,11 +5,16 @@ from typing import Any
 from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.optics.particles import Particles
-from vrte.optics.phase_matrix import rayleigh
 from vrte.optics.refractive_index import Material, refractive_index
 from vrte.optics.shape_sizes import WORDS, Shape, average_shape, find_largest_radius
 from vrte.optics.size_distribution import SizeDistribution
-from vrte.optics.spheres import SAME_INDEX, check_light, choose_distribution, find_absorption
+from vrte.optics.spheres import (
+    SAME_INDEX,
+    check_light,
+    choose_distribution,
+    find_absorption,
+    make_stand_in_matrix,
+)
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID, import_solver
 
 ASPECT_ALLOWED = 0.1, 10.0, "a width over a length, from 0.1 to 10"
@@ -200,7 +205,7 @@ def _make_shape(
 def check_shape(shape: Shape) -> Particles:
     """Particles to go on with: Rayleigh's, of extinction and volume 1."""
     return Particles(
-        rayleigh(),
+        make_stand_in_matrix(),
         1.0,
         0.0,
         extinction_um2=1.0,

@@ -3,13 +3,16 @@
 import math
 import warnings
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
-from vrte._core import sphere_coefficients
+import numpy as np
+
+from vrte._core import sphere_coefficients, sphere_slopes
 from vrte.basics.arrays import Array, check_number, show_value
 from vrte.basics.errors import SceneError
 from vrte.optics.particles import HOST_ALLOWED, Particles
-from vrte.optics.phase_matrix import rayleigh
+from vrte.optics.phase_matrix import PhaseMatrix, rayleigh
 from vrte.optics.populations import (
     DOUBTFUL,
     FEWEST_RADII,
@@ -60,6 +63,16 @@ class HomogeneousBall:
 
     def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
         return compute_mie_coefficients(self.relative_index, find_wavenumber(self) * radius_um)
+
+    def list_arguments(self, radii: Array) -> Complex:
+        """What the coefficients of spheres are functions of, (2, sizes): relative index and size parameter."""
+        size = find_wavenumber(self) * radii
+        return np.stack([np.full(size.shape, self.relative_index), size.astype(complex)])
+
+    def find_slopes(self, radius_um: float) -> Complex:
+        """a_n and b_n, and their derivatives with each of these, (3, 2, orders)."""
+        size = find_wavenumber(self) * radius_um
+        return sphere_slopes(complex(self.relative_index), size, count_orders(size))
 
     def find_permittivity(self, radius_um: float) -> complex:
         return self.index.value**2
@@ -227,7 +240,7 @@ def check_ball(ball: Ball, host: RefractiveIndex) -> Particles:
     radii, _ = check_quadrature(ball.size, FEWEST_RADII, 6)
     ball.check_radii(radii)
     return Particles(
-        rayleigh(),
+        make_stand_in_matrix(),
         1.0,
         0.0,
         extinction_um2=1.0,
@@ -238,6 +251,12 @@ def check_ball(ball: Ball, host: RefractiveIndex) -> Particles:
         balls=((ball, 1.0),),
         stands_in=True,
     )
+
+
+@cache
+def make_stand_in_matrix() -> PhaseMatrix:
+    """Of particles that are none: Rayleigh's."""
+    return rayleigh()
 
 
 def compute_mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:

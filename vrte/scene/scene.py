@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
@@ -193,6 +194,20 @@ class Scene:
         return view(self, "_repr_html_")
 
 
+def build_like(
+    scene: Scene, layers: Sequence[Layer], base: Boundary | None, interfaces: Sequence[Interface | None]
+) -> Scene:
+    """A scene of as many layers as another, which are counted as they are there: by the list that it was made of.
+
+    >>> scene = Scene([Interface(1.0, 1.5), Layer(isotropic(), 1.0, 0.5)])
+    >>> build_like(scene, scene.layers, None, scene.interfaces).places
+    (1,)
+    """
+    found = Scene(layers, base, interfaces)
+    object.__setattr__(found, "_places", scene.places)
+    return found
+
+
 def interleave(
     layers: Sequence[Layer | Interface], interfaces: Sequence[Interface | None]
 ) -> tuple[Layer | Interface, ...]:
@@ -207,12 +222,18 @@ def interleave(
     return tuple(part for part in (*mixed, interfaces[-1]) if part is not None)
 
 
+@cache
+def make_empty_layer() -> Layer:
+    """A clear layer of no thickness."""
+    return Layer(isotropic(), 0.0, 0.0)
+
+
 def sort_pile(
     pile: Sequence[Layer | Interface], has_base: bool
 ) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
     """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
     without a layer, and between one and a base, a clear one without thickness; and where in the list each layer is."""
-    clear = Layer(isotropic(), 0.0, 0.0)
+    clear = make_empty_layer()
     layers: list[Layer] = []
     interfaces: list[Interface | None] = []
     places: list[int | None] = []

@@ -21,7 +21,7 @@ from vrte.scene.base_checks import CHECKED_COSINES
 from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
-from vrte.scene.scene import Scene
+from vrte.scene.scene import Scene, build_like
 from vrte.scene.variation import Variation
 from vrte.scene.vary_base import vary_base
 from vrte.scene.weighted_base import WeightedBase
@@ -153,8 +153,12 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
         pairs = vary_base(base_at, value, BASE_STEP * max(abs(value), LEAST_SCALE))
     except SceneError as error:
         raise complain_of(name, f"it cannot change by a little: {error}") from error
+
+    def scene_at(now: float) -> Scene:
+        return build_like(scene, scene.layers, base_at(now), scene.interfaces)
+
     none = np.zeros(len(scene.layers))
-    return Variation(name, value, none, none, base=pairs, scene_at=lambda now: replace(scene, base=base_at(now)))
+    return Variation(name, value, none, none, base=pairs, scene_at=scene_at)
 
 
 def list_numbers(base: Boundary) -> dict[str, float]:
@@ -193,7 +197,7 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
             layer if layer.host_index is None else replace(layer, host_index=medium)
             for layer, medium in zip(scene.layers, media[1:-1], strict=True)
         ]
-        return Scene(layers, scene.base, surfaces)
+        return build_like(scene, layers, scene.base, surfaces)
 
     none = np.zeros(len(scene.layers))
     return Variation(name, scene.media[place], none, none, scene_at=scene_at, is_outside=True)
@@ -209,7 +213,7 @@ def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
     def scene_at(roughness: float) -> Scene:
         others = list(scene.interfaces)
         others[place] = replace(surface, roughness=roughness)
-        return Scene(scene.layers, scene.base, others)
+        return build_like(scene, scene.layers, scene.base, others)
 
     none = np.zeros(len(scene.layers))
     return Variation(name, surface.roughness, none, none, scene_at=scene_at, is_outside=True)
@@ -219,7 +223,7 @@ def replace_layer(scene: Scene, place: int, layer: Layer) -> Scene:
     """The scene with another layer in the place of one."""
     layers = list(scene.layers)
     layers[place] = layer
-    return Scene(layers, scene.base, scene.interfaces)
+    return build_like(scene, layers, scene.base, scene.interfaces)
 
 
 def add_coefficients(matrix: PhaseMatrix, change: Array) -> PhaseMatrix:
@@ -251,7 +255,7 @@ def move_scene(scene: Scene, variation: Variation, step: float) -> Scene:
     if variation.base:
         parts = ((step * weight, part) for weight, part in variation.base)
         base = WeightedBase(((1.0, base or BLACK), *parts))
-    return Scene(layers, base, scene.interfaces)
+    return build_like(scene, layers, base, scene.interfaces)
 
 
 def measure_base_rate(scene: Scene, variation: Variation) -> float:

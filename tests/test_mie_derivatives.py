@@ -1,0 +1,243 @@
+"""Derivatives of the optics of spheres in closed form: against ball arithmetic, and against differences of vrte."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from flint import acb, arb, ctx, fmpq
+
+import vrte
+from vrte._core import (
+    coated_sphere_coefficients,
+    coated_sphere_slopes,
+    sphere_coefficients,
+    sphere_slopes,
+)
+from vrte.formats import scene_family
+from vrte.optics.refractive_index import RefractiveIndex
+from vrte.optics.size_distribution import Monodisperse
+from vrte.optics.spheres import HomogeneousBall, count_orders
+from vrte.optics.vary_spheres import SphereNumbers, vary_spheres
+from vrte.scene.vary_layer import Filling, assemble_layer
+
+# ---- a_n and b_n as Bohren and Huffman write them, differenced with a step of 2^-120 in 700 bits
+
+
+def make_ball(value: complex) -> acb:
+    real, imaginary = (arb(fmpq(*float(part).as_integer_ratio())) for part in (value.real, value.imag))
+    return acb(real, imaginary)
+
+
+def find_waves(n: int, z: acb) -> list[acb]:
+    """psi_n, psi_n', chi_n and chi_n': z j_n and -z y_n."""
+    root, half = (acb.pi() * z / 2).sqrt(), acb(1) / 2
+    found = []
+    for kind, sign in (("bessel_j", 1), ("bessel_y", -1)):
+        wave, before = (sign * root * getattr(z, kind)(n - step + half) for step in (0, 1))
+        found += [wave, before - n * wave / z]
+    return found
+
+
+def solve_literally(n: int, arguments: list[acb]) -> list[acb]:
+    """(4.53) of an index and a size, (8.2) of two indices and two sizes."""
+    outer = arguments[-1]
+    psi, psi_slope, chi, chi_slope = find_waves(n, outer)
+    xi, xi_slope = psi - acb(0, 1) * chi, psi_slope - acb(0, 1) * chi_slope
+    index = arguments[0] if len(arguments) == 2 else arguments[1]
+    inside, inside_slope, other, other_slope = find_waves(n, index * outer)
+    fields = [(inside, inside_slope)] * 2
+    if len(arguments) == 4:
+        core, shell, core_size, _ = arguments
+        u, du, _, _ = find_waves(n, core * core_size)
+        v, dv, c, dc = find_waves(n, shell * core_size)
+        mixed = (
+            (shell * v * du - core * dv * u) / (shell * c * du - core * dc * u),
+            (shell * u * dv - core * v * du) / (shell * dc * u - core * du * c),
+        )
+        fields = [(inside - part * other, inside_slope - part * other_slope) for part in mixed]
+    (u, du), (v, dv) = fields
+    return [
+        (index * u * psi_slope - psi * du) / (index * u * xi_slope - xi * du),
+        (v * psi_slope - index * psi * dv) / (v * xi_slope - index * xi * dv),
+    ]
+
+
+def differentiate_literally(n: int, given: tuple[complex, ...]) -> Any:
+    """Derivatives of a_n and b_n with each argument, (arguments, 2), with as many bits as it takes."""
+    precision = ctx.prec
+    try:
+        for ctx.prec in (700, 4000):
+            slopes = np.array([difference(n, given, place) for place in range(len(given))])
+            if all(slope.rel_accuracy_bits() > 60 for slope in slopes.flat):
+                break
+        else:
+            raise AssertionError("not enough bits")
+        return np.vectorize(lambda slope: complex(float(slope.real.mid()), float(slope.imag.mid())))(slopes)
+    finally:
+        ctx.prec = precision
+
+
+def difference(n: int, given: tuple[complex, ...], place: int) -> list[acb]:
+    """That of a_n and b_n with one argument."""
+    arguments, step = [make_ball(complex(value)) for value in given], acb(arb(2) ** -120)
+    up, down = (
+        solve_literally(n, [value + side * step * (k == place) for k, value in enumerate(arguments)])
+        for side in (1, -1)
+    )
+    return [(high - low) / (2 * step) for high, low in zip(up, down, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("given", "orders", "within"),
+    [
+        ((1.5 + 1.0j, 1e-3), (1, 2), 1e-15),
+        ((1.5, math.pi), (1, 3, 8), 2e-15),
+        ((0.2 + 3.4j, 5.9), (1, 5, 9), 2e-14),
+        ((2.7, 30.0), (1, 20, 31, 40), 3e-14),
+        pytest.param((1.0001, 50.0), (1, 30, 51), 1e-12, marks=pytest.mark.slow),
+        pytest.param((10 + 10j, 100.0), (1, 50, 101, 125), 5e-12, marks=pytest.mark.slow),
+        pytest.param((1.33, 1000.0), (1, 700, 1001, 1040), 1e-12, marks=pytest.mark.slow),
+        ((1.5, 1.33, 2.0, 3.0), (1, 3, 6), 5e-15),
+        ((1.0, 1.59 + 0.001j, 1.5, 1.9), (1, 2, 4), 5e-15),
+        ((2.7, 1.5 + 0.01j, 20.0, 21.0), (1, 15, 22, 27), 5e-14),
+        pytest.param((2 + 1j, 1.33, 46.0, 50.0), (1, 30, 50), 2e-13, marks=pytest.mark.slow),
+        pytest.param((1.59 + 0.66j, 1.409 + 0.1747j, 0.5, 20.0), (1, 10, 20), 2e-14, marks=pytest.mark.slow),
+    ],
+)
+def test_the_recursions_against_ball_arithmetic(given: tuple[Any, ...], orders: tuple[int, ...], within: float) -> None:
+    """Of each argument, relative to its largest derivative; the values are those of the plain kernels, to all bits."""
+    count = count_orders(given[-1])
+    if len(given) == 2:
+        found, plain = sphere_slopes(*given, count), sphere_coefficients(*given, count)
+    else:
+        found, plain = coated_sphere_slopes(*given, count), coated_sphere_coefficients(*given, count)
+    assert (found[0] == plain).all()
+    for n in orders:
+        error = abs(found[1:, :, n - 1] - differentiate_literally(n, given)).max(axis=1)
+        assert (error <= within * abs(found[1:]).max(axis=(1, 2))).all()
+
+
+def test_cross_sections_of_a_sphere() -> None:
+    """(4.61) and (4.62), and their derivative with the index, summed up from ball arithmetic."""
+    size, index = 2.0, 1.5 + 0.01j
+    ball = HomogeneousBall(RefractiveIndex(1.5, 0.01, ""), 2.0 * math.pi, 1.0, Monodisperse(size))
+    given = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * math.pi)
+    numbers = SphereNumbers.of(ball, 1, 6)
+    still = np.zeros(1)
+    for place, step in ((0, 1.0), (0, 1j), (1, 1.0)):  # n, k and the radius, with which the volume grows
+        arguments = np.zeros((2, 1), complex)
+        arguments[place] = step
+        change = SphereNumbers(arguments, np.full(1, float(place)), still, np.zeros(()))
+        (found,) = vary_spheres(ball, given, numbers, [change])
+        extinction = scattering = 0.0
+        for n in range(1, 14):
+            a, b = sphere_coefficients(index, size, 14)[:, n - 1]
+            da, db = differentiate_literally(n, (index, size))[place] * step
+            extinction += (2 * n + 1) * (da + db).real
+            scattering += (2 * n + 1) * 2.0 * (a.conjugate() * da + b.conjugate() * db).real
+        assert found.extinction_um2 == pytest.approx(2.0 * math.pi * extinction, rel=1e-13)
+        assert found.scattering_um2 == pytest.approx(2.0 * math.pi * scattering, rel=1e-13)
+        assert found.volume_um3 == pytest.approx(4.0 * math.pi * size**2 * place, rel=1e-14)
+        assert found.coefficients.shape == given.phase_matrix.coefficients.shape
+
+
+def test_a_layer_is_put_together_as_layers_are() -> None:
+    """The formulas that are differentiated are those of `vrte.mixture` and `vrte.Layer.of`."""
+    kinds = [
+        vrte.spheres(index, radius_um=0.2, wavelength_um=0.5, host_index=1.33 + 1e-4j) for index in (1.5 + 0.01j, 1.7)
+    ]
+    terms = max(kind.phase_matrix.terms for kind in kinds)
+    tables = np.array([np.pad(k.phase_matrix.coefficients, ((0, terms - k.phase_matrix.terms), (0, 0))) for k in kinds])
+    bulk = (np.array([getattr(k, name) for k in kinds]) for name in ("extinction_um2", "scattering_um2", "volume_um3"))
+    filling = Filling(
+        np.array([0.3, 0.7]), *bulk, tables, np.array(kinds[0].host_absorption), np.array(0.05), np.array(9)
+    )
+    thickness, albedo, coefficients = assemble_layer(filling, by_volume=False, is_length=True)
+    layer = vrte.Layer.of(
+        vrte.mixture(list(zip(kinds, (0.3, 0.7), strict=True))), thickness_um=9.0, volume_fraction=0.05
+    )
+    assert (thickness, albedo) == (pytest.approx(layer.thickness, rel=1e-14), pytest.approx(layer.albedo, rel=1e-14))
+    assert abs(coefficients - layer.phase_matrix.coefficients).max() < 1e-14
+
+
+# ---- through sizes, mixtures and layers, against differences of all ingredients
+
+PARTICLES = {
+    "grain": {"index": [1.5, 0.01], "radius_um": 0.3},
+    "drop": {"index": 1.6, "size": {"lognormal": {"median_um": 0.06, "sigma": 1.2}}},
+    "coat": {"source": "coated-spheres", "core": 2.5, "shell": [1.5, 0.001], "core_ratio": 0.8, "diameter_um": 0.4},
+    "shell": {
+        "source": "coated-spheres",
+        "core": 1.0,
+        "shell": 1.59,
+        "shell_um": 0.02,
+        "size": {"gamma": {"r_eff_um": 0.12, "v_eff": 0.03}},
+    },
+}
+LAYERS = [
+    {"particles": {"grain": 0.3, "drop": 0.7}, "thickness_um": 20.0, "volume_fraction": 0.05},
+    {"volume_fractions": {"coat": 0.02, "shell": 0.03, "grain": 0.01}, "thickness_um": 30.0},
+    {"particles": "shell", "thickness": 3.0, "volume_fraction": 0.02},
+]
+QUICK = (
+    "particles.grain.radius_um",
+    "layer[1].particles.grain",
+    "particles.coat.core_ratio",
+    "layer[1].volume_fraction",
+)
+SLOW = (
+    "particles.grain.index[2]",
+    "particles.drop.size.lognormal.sigma",
+    "particles.drop.size.lognormal.median_um",
+    "particles.drop.index",
+    "particles.coat.shell[1]",
+    "particles.coat.diameter_um",
+    "particles.shell.shell_um",
+    "particles.shell.size.gamma.v_eff",
+    "host_index[1]",
+    "host_index[2]",
+    "wavelength_um",
+    "layer[2].volume_fractions.coat",
+    "layer[3].volume_fraction",
+)
+
+
+@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_closed_forms_are_what_differences_come_to(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = {"wavelength_um": 0.5, "host_index": [1.33, 1e-4], "particles": PARTICLES, "layer": LAYERS}
+    if name in QUICK:
+        content["layer"] = (
+            LAYERS[:1] if "coat" not in name else [{"particles": "coat", "thickness": 1.0, "volume_fraction": 0.1}]
+        )
+    (closed,) = vrte.SceneFamily(content, [name]).variations()
+    monkeypatch.setattr(scene_family.Draft, "needs_differences", lambda *_: True)
+    (differences,) = vrte.SceneFamily(content, [name]).variations()
+    for one, other in ((closed.thickness, differences.thickness), (closed.albedo, differences.albedo)):
+        assert one == pytest.approx(other, rel=2e-9, abs=1e-11 * abs(other).max())
+    for table, expected in zip(closed.coefficients, differences.coefficients, strict=True):
+        rows = min(len(table), len(expected))
+        assert abs(table[:rows] - expected[:rows]).max(initial=0.0) <= 3e-11 * abs(expected).max(initial=0.0)
+        assert abs(table[rows:]).max(initial=0.0) <= 3e-11 * abs(expected).max(initial=0.0)
+
+
+@pytest.mark.slow
+def test_narrow_resonances_of_a_clear_sphere() -> None:
+    """Where a difference would need steps of a millionth: the cross section as ball arithmetic sums it up."""
+    size, index = 39.3, 1.6
+    ball = HomogeneousBall(RefractiveIndex(index, 0.0, ""), 2.0 * math.pi, 1.0, Monodisperse(size))
+    given = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * math.pi)
+    change = SphereNumbers(np.array([[0.0], [1.0 + 0j]]), np.ones(1), np.zeros(1), np.zeros(()))
+    (found,) = vary_spheres(ball, given, SphereNumbers.of(ball, 1, 6), [change])
+    exact = sum((2 * n + 1) * differentiate_literally(n, (index, size))[1].sum().real for n in range(1, 68))
+    assert found.extinction_um2 == pytest.approx(2.0 * math.pi * exact, rel=1e-11)
+
+
+def test_crowded_spheres_and_other_shapes_go_by_differences() -> None:
+    """What has no closed form: the derivative is there, right to differences."""
+    layer = {"particles": "grain", "thickness_um": 20.0, "volume_fraction": 0.05, "packing": "effective-medium"}
+    content = {"wavelength_um": 0.5, "particles": {"grain": {"index": 1.5, "radius_um": 0.05}}, "layer": [layer]}
+    (found,) = vrte.SceneFamily(content, ["particles.grain.radius_um"]).variations()
+    assert found.scene_at is not None
+    up, down = (found.scene_at(0.05 + step).layers[0].thickness for step in (1e-5, -1e-5))
+    assert found.thickness[0] == pytest.approx((up - down) / 2e-5, rel=1e-6)
