@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte import cli
 from vrte.basics.stencils import sample_around
 from vrte.calls.differences import differentiate_by_differences
 from vrte.methods import make_run, solve_request
@@ -353,3 +354,79 @@ def test_a_table_with_other_derivatives_than_it_lists_is_refused(tmp_path, old, 
     path.write_text(text.replace(line, line.replace(old, new)))
     with pytest.raises(vrte.SceneError, match=said):
         vrte.load(path)
+
+
+SCENE_FILE = """
+nodes = 4
+[[layer]]
+phase = "rayleigh"
+albedo = 0.9
+thickness = 0.5
+[base]
+kind = "lambertian"
+albedo = 0.3
+[brdf]
+mu_i = [0.4, 0.9]
+mu_o = [0.2, 0.6, 1.0]
+phi_deg = [0, 60, 120, 180, 240, 300]
+[field]
+mu0 = 0.6
+mu = [0.5, -0.5]
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "haze.toml"
+    path.write_text(SCENE_FILE)
+    return path
+
+
+@pytest.mark.parametrize("command", ["brdf", "field"])
+def test_the_command_line_writes_and_tells_derivatives(scene_file, command, capsys):
+    out = scene_file.with_name("out.csv")
+    assert cli.main([command, str(scene_file), "--derivative", DEPTH, "--derivative", BASE, "-o", str(out)]) == 0
+    found = vrte.load(out)
+    assert list(found.jacobian) == [DEPTH, BASE]
+    lines = [line for line in capsys.readouterr().out.splitlines() if "derivative with" in line]
+    values = found.jacobian[BASE][..., 0, 0] if command == "brdf" else found.jacobian[BASE][..., 0]
+    assert f"{np.abs(values).max():.4g}" in lines[1]
+    assert lines[0].endswith(f"({found.diagnostics['derivatives'][DEPTH]})")
+
+
+def test_the_command_line_refuses_a_name_that_the_file_has_not(scene_file, capsys):
+    out = scene_file.with_name("out.csv")
+    for more in ([], ["--wavelengths-um", "0.5,0.6"]):
+        arguments = ["brdf", str(scene_file), "--derivative", "layer[1].thicknes", "-o", str(out), *more]
+        assert cli.main(arguments) != 0
+        assert "layer[1].thicknes" in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_picture_has_cuts_of_derivatives_below_the_lobes(scene_file):
+    found = vrte.brdf(HAZE, [0.4, 0.9], [0.2, 0.6, 1.0], np.arange(0, 360, 60), nodes=4, derivatives=[DEPTH, BASE])
+    below = found.plot().subfigs[1]
+    largest = [np.abs(line.get_ydata()).max() for panel in below.axes for line in panel.lines[:2]]
+    assert max(largest) == pytest.approx(1.0)
+    assert len(below.axes) == 2
+
+
+def test_a_plan_tells_how_derivatives_are_found_and_what_they_take():
+    names = ["layer[2].thickness", "interface[1].index"]
+    found = vrte.plan("brdf", GLOSSY, 0.5, 0.5, nodes=4, derivatives=names)
+    facts, plain = found.as_dict(), vrte.plan("brdf", GLOSSY, 0.5, 0.5, nodes=4).as_dict()
+    solved = vrte.brdf(GLOSSY, 0.5, 0.5, nodes=4, derivatives=names)
+    assert facts["derivatives"] == solved.diagnostics["derivatives"]
+    assert facts["operations"] == plain["operations"]
+    assert facts["operations_of_derivatives"] > facts["operations"]
+    assert "operations_of_derivatives" not in plain
+    assert "- layer[2].thickness: algebra" in str(found)
+    assert "Predicted for derivatives: " in str(found)
+    with pytest.raises(vrte.SceneError, match="layer\\[3\\]"):
+        vrte.plan("brdf", GLOSSY, 0.5, 0.5, nodes=4, derivatives="layer[3].thickness")
+
+
+def test_what_would_take_too_long_is_refused_before_it_starts():
+    with pytest.raises(vrte.SceneError, match="for 1 derivative beside the light"):
+        differentiate(HAZE, BASE, time_limit_s=1e-5)

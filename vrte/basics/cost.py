@@ -56,6 +56,10 @@ WORTH_THREADS_STAGES = 1e5  # products of matrices, in multiplications, of all s
 WORTH_THREADS_SUMS = 1e5  # bytes of a result
 BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 
+# of derivatives, in times of the solve
+ALGEBRA, A_DERIVATIVE = 6.0, 2.0  # by the algebra of slabs: for all together, and for each
+DIFFERENCES = 5.0  # by differences: four or five solves that leave nothing out
+
 # operations of other methods, measured as seconds times their rate
 SLAB_STEPS_ENDLESS = 25  # doublings of a slab without end
 A_DOUBLING, A_LAYER_OF_MODES = 2e7, 3.4e8  # that what is no product takes the time of, of an order

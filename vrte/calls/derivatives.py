@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import check_list
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.calls.differences import differentiate_once
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
+from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE
-from vrte.discrete_ordinates.planning.plan import plan_request
+from vrte.discrete_ordinates.planning.plan import Differentiated, Plan, plan_request
 from vrte.methods import solve_request
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -22,7 +24,7 @@ from vrte.scene.variation import Variation
 from vrte.scene.vary import vary_scene
 
 MOST_DERIVATIVES = 10_000
-ALGEBRA, DIFFERENCES = "algebra", "differences of the solve"  # how derivatives are found
+ALGEBRA, BY_SOLVES = "algebra", "differences of the solve"  # how derivatives are found
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +116,24 @@ def differentiate(
 ) -> list[Derivative]:
     """The derivatives of a request's solution, by the algebra of slabs where it tells them, else by differences."""
     plan = plan_request(request, run)
-    gaps = [find_gap(plan, one) for one in variations]
-    exact = [one for one, gap in zip(variations, gaps, strict=True) if gap is None]
-    others = [one for one, gap in zip(variations, gaps, strict=True) if gap is not None]
+    ways = plan_derivatives(plan, variations)
+    exact = [one for one, way in zip(variations, ways, strict=True) if way.how == ALGEBRA]
+    others = [one for one, way in zip(variations, ways, strict=True) if way.how != ALGEBRA]
+    seconds = predict_total_seconds(plan) * sum(way.solves for way in ways) / run.threads
+    why = f" for {len(ways)} derivative{'s'[: len(ways) > 1]} beside the light"
+    cost.foretell(seconds, request.time_limit_s, why, "fewer nodes or derivatives take less", run.told)
     together = share_progress(progress, 0, 1 + len(others))
     found = dict(zip(exact, differentiate_plan(plan, exact, run, together), strict=True)) if exact else {}
     for place, one in enumerate(others, 1):
         found[one] = differentiate_once(plan, one, run, share_progress(progress, place, 1 + len(others)))
-    ways = (ALGEBRA if gap is None else f"{DIFFERENCES} ({gap})" for gap in gaps)
-    return [Derivative(one, found[one], how) for one, how in zip(variations, ways, strict=True)]
+    return [Derivative(one, found[one], way.how) for one, way in zip(variations, ways, strict=True)]
+
+
+def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Differentiated, ...]:
+    """How each is found of what is planned, and in how many times the operations of the light."""
+    gaps = [find_gap(plan, one) for one in variations]
+    algebra = cost.A_DERIVATIVE + cost.ALGEBRA / max(1, gaps.count(None))
+    return tuple(
+        Differentiated(one.name, *((ALGEBRA, algebra) if gap is None else (f"{BY_SOLVES} ({gap})", cost.DIFFERENCES)))
+        for one, gap in zip(variations, gaps, strict=True)
+    )

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
-from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.request import Request
@@ -46,9 +44,6 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
     request = plan.request
     scenes = sample_scenes(request, variation)
     plans = [plan_alike(plan, scene, run) for _, scene in scenes]
-    seconds = sum(map(predict_total_seconds, plans)) / run.threads
-    why = f" for the derivative with {variation.name} by differences of {len(plans)} solves"
-    cost.foretell(seconds, request.time_limit_s, why, "fewer nodes take less", run.told)
     total: Solution | None = None
     for place, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
         (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))

@@ -7,16 +7,17 @@ from typing import Any
 from vrte.basics.arrays import show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible, start_run
+from vrte.calls.derivatives import check_differentiable, plan_derivatives, read_derivatives
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
 from vrte.request.how import AUTO, EXACT
-from vrte.request.request import Request, make_brdf_request, make_radiance_request
+from vrte.request.request import Request, check_scene, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
 REQUESTS: dict[str, Callable[..., Request]] = {"brdf": make_brdf_request, "radiance": make_radiance_request}
 
 
-def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
+def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Any = None, **keywords: Any) -> Plan:
     """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
 
     Parameters
@@ -26,6 +27,8 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     scene, *arguments, **keywords
         As that function takes them. With method="auto" the plan says which method the rules take; without ``nodes``
         they are chosen, by a small solve.
+    derivatives : sequence of str or Variation, optional
+        As that function takes them: the plan says how each is found, and what all of them take.
 
     Returns
     -------
@@ -51,8 +54,12 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     if request.method != EXACT and not request.method_rule:
         words = f"has no plan: there are plans of {EXACT!r} and {AUTO!r}"
         raise SceneError(f"method {request.method!r} {words}", "method")
+    variations = read_derivatives(check_scene(scene), derivatives)
+    if variations:
+        check_differentiable(request)
     run = start_run(request.threads)
     found = run_interruptible(run, lambda: plan_request(request, run))
+    found = replace(found, derivatives=plan_derivatives(found, variations))
     # what the rules gave to another method has no Fourier order to solve
     return replace(found, blocks=(), orders=0) if request.method_rule and request.method != EXACT else found
 

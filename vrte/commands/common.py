@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from vrte.basics.cost import say_time
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.commands.pages import OF_COMMANDS, locate_page
@@ -18,6 +20,7 @@ from vrte.commands.starters import KINDS
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.zarr_folder import METADATA
 from vrte.request.how import OPTIONS
+from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum, check_ascending
 
 Tick = Callable[[int, int], None]
@@ -164,6 +167,17 @@ def label_errors(path: Path) -> Iterator[None]:
         yield
     except SceneError as error:
         raise error.behind(path) from error
+
+
+def tell_derivatives(result: Any, made: dict[str, Any]) -> None:
+    """The largest of each derivative of f00 or of I, of which radiance, and how it was found; one line each."""
+    for name, values in (result.jacobian or {}).items():
+        is_field = isinstance(result, Field)
+        of = np.abs(result.stokes if is_field else result.mueller[..., 0])[..., 0].max(initial=0.0)
+        largest = np.abs(values if is_field else values[..., 0])[..., 0].max(initial=0.0)
+        what, unit = ("I", "W/m2/sr") if is_field else ("f00", "1/sr")
+        how = made["derivatives"][name]
+        print(f"  derivative with {name}: {what} by at most {largest:.4g} {unit} a unit, of {of:.4g} ({how})")
 
 
 class Seconds(dict[str, float]):

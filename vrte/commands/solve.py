@@ -26,10 +26,12 @@ from vrte.commands.common import (
     label_reading_errors,
     say_written,
     show_progress,
+    tell_derivatives,
 )
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.result_file import FORMATS
+from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.request.how import EXACT, OPTIONS
@@ -85,6 +87,8 @@ def add_one(commands: Any, kind: str, told: str, *examples: tuple[str, str]) -> 
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture; .svg and .pdf too")
     add_options(command, *HOW)
+    told = "also how all changes with this number of the scene, such as layer[1].thickness; any number of times"
+    command.add_argument("--derivative", metavar="NAME", dest="derivatives", action="append", default=[], help=told)
     told = "a setting of the method, any number of times"
     command.add_argument("--set", metavar="NAME=VALUE", type=read_setting, action="append", default=[], help=told)
     return command
@@ -126,11 +130,12 @@ def solve(
     phase("particles")
     with seconds.of("particles"), label_reading_errors(options.scene):
         file = read_scene(options.scene, options.kind)
+        variations = SceneFamily(options.scene, options.derivatives).variations() if options.derivatives else None
     check_picture(options, file)
     phase("Fourier orders, then directions")
     call: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
     with seconds.of("solver"), label_errors(options.scene), file.located():
-        result = call(file.scene, progress=tick, **file.keywords(asked))
+        result = call(file.scene, progress=tick, derivatives=variations, **file.keywords(asked))
     return Found([file], add_scene_text(result, file.text))
 
 
@@ -198,6 +203,7 @@ def describe(path: Path, found: Found) -> None:
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
     print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    tell_derivatives(result, made)
     if "method_rule" in made:
         print(f"  {made['method_rule']}")
     if made["method"] == EXACT:

@@ -10,7 +10,7 @@ import numpy as np
 from vrte import __version__
 from vrte.basics.errors import SceneError
 from vrte.calls.mitsuba import check_below_surface, check_nested, solve_for_table, take_off_surface
-from vrte.calls.spectrum import prepare_scenes, solve_spectrum
+from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
 from vrte.commands.common import (
     Found,
     Seconds,
@@ -19,6 +19,7 @@ from vrte.commands.common import (
     label_errors,
     label_reading_errors,
     read_wavelengths,
+    tell_derivatives,
 )
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.contents import Result
@@ -87,9 +88,10 @@ def solve(
     phase("particles")
     with seconds.of("particles"), label_reading_errors(options.scene):
         files, told = prepare_scenes(options.scene, at, progress=tick, asked=asked)
+        variations = vary_files(options.scene, at, options.derivatives or None)
     phase("wavelengths")
     with seconds.of("solver"), label_errors(options.scene):
-        result = solve_spectrum(files, at, tick, told, **asked)
+        result = solve_spectrum(files, at, tick, told, variations, **asked)
     if not options.mitsuba:
         return Found(files, result)
     phase("directions of the table")
@@ -148,6 +150,7 @@ def describe(path: Path, found: Found) -> None:
         indices = (file.scene.index_above, *file.scene.indices, file.scene.index_below)
         inside = f"{', '.join(f'{index:.6g}' for index in indices)}; " if refracts else ""
         print(f"  {wavelength:8.6g}  {shares}  {inside}{layers}")
+    tell_derivatives(found.result, found.result[0].diagnostics)
     nodes = {one.diagnostics["nodes"] for one in found.result}
     some = f"{min(nodes)} to {max(nodes)}" if len(nodes) > 1 else f"{min(nodes)}"
     print(f"  {found.result[0].diagnostics['method']}, {some} nodes")

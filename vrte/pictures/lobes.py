@@ -7,6 +7,7 @@ the directions of the result end.
 
 import os
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 MOST_LOBES = 4  # beside each other; with more incident directions, these are spread evenly over them
 MOST_DEPTHS = 6
 MOST_AZIMUTHS = 3
+MOST_CHANGES = 6  # derivatives in a picture
+CHANGES_HEIGHT = 3.2  # [inch] of theirs
 FEW = 40  # directions of a line, or fewer: each is marked
 COLOURS = "plasma"
 COLOURED_TO = 80.0  # [degrees]; what is brighter nearer to the horizon takes the last colour
@@ -109,7 +112,12 @@ def draw_brdf(brdf: Brdf) -> "Figure":
     """
     check_directions(brdf.mu_o, brdf.phi)
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
-    figure = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2)
+    whole = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2 + CHANGES_HEIGHT * bool(brdf.jacobian))
+    figure: Any = whole
+    if brdf.jacobian:
+        halves: Any = whole.subfigures(2, 1, height_ratios=(8.2, CHANGES_HEIGHT))
+        figure = halves[0]
+        draw_changes(halves[1], brdf, chosen)
     lobes = [compute_lobe(brdf, place) for place in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
     colours = make_lobe_colours(max(lobe.most_polarized for lobe in lobes))
@@ -129,7 +137,31 @@ def draw_brdf(brdf: Brdf) -> "Figure":
     bar.ax.tick_params(labelsize=9)
     words = f"{name_brdf(brdf)}: radius $f_{{00}}$, colour degree of linear polarization"
     figure.suptitle(words, y=0.965, fontsize=14)
-    return figure
+    return whole
+
+
+def draw_changes(figure: Any, brdf: Brdf, chosen: list[int]) -> None:
+    """Derivatives of f00 in the plane of incidence against the angle of exit, each over its largest, for the incident
+    directions ``chosen``."""
+    changes = dict(list((brdf.jacobian or {}).items())[:MOST_CHANGES])
+    panels = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
+    figure.subplots_adjust(left=0.07, right=0.98, top=0.86, bottom=0.3, wspace=0.08)
+    for dash, (name, values) in zip(cycle(("-", "--", ":")), changes.items(), strict=False):
+        shown = Brdf(values, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+        cuts = [light_in_plane(shown, place, 0.0) for place in chosen]
+        largest = max(float(np.abs(light[:, 0]).max()) for _, light in cuts) or 1.0
+        for axes, (angle, light) in zip(panels, cuts, strict=True):
+            label = f"{name}: over {largest:.3g} sr$^{{-1}}$ a unit"
+            axes.plot(angle, light[:, 0] / largest, dash, linewidth=1.8, label=label)
+    for axes, place in zip(panels, chosen, strict=True):
+        axes.axhline(0.0, color=FAINT, linewidth=0.8)
+        axes.axvline(-np.degrees(np.arccos(brdf.mu_i[place])), color=INCIDENT, linewidth=1.0)
+        axes.set_xlim(-90, 90), axes.set_xticks(range(-90, 91, 30)), axes.tick_params(labelsize=8)
+        axes.set_xlabel("angle of exit in the plane of incidence [°]", fontsize=9)
+    title = "derivatives of $f_{00}$, each over its largest"
+    left_out = len(brdf.jacobian or {}) - len(changes)
+    figure.suptitle(title + (f" ({left_out} more are not drawn)" if left_out else ""), y=0.97, fontsize=11)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=2, fontsize=9, frameon=False)
 
 
 def spread(size: int, most: int) -> list[int]:

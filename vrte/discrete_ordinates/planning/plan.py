@@ -45,6 +45,16 @@ if TYPE_CHECKING:
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 
 
+@dataclass(frozen=True)
+class Differentiated:
+    """A derivative that is asked for beside the light: by the number of that name, how it is found, and in about how
+    many times the operations of the light."""
+
+    name: str
+    how: str
+    solves: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """What the solver will do, and nothing else, as `vrte.plan` makes it; print it for a table.
@@ -81,6 +91,8 @@ class Plan:
         On how many threads.
     parts
         Plans of light that comes in unpolarized and polarized, where they are carried out instead.
+    derivatives
+        What is differentiated beside it, and how.
 
     Examples
     --------
@@ -105,6 +117,7 @@ class Plan:
     left_out: dict[str, str]
     threads: int = 1
     parts: tuple["Plan", ...] = ()
+    derivatives: tuple[Differentiated, ...] = ()
 
     def __str__(self) -> str:
         return write_plan(self)

@@ -3,7 +3,7 @@
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from vrte.discrete_ordinates.orders.problem import ALL
 from vrte.discrete_ordinates.orders.routes import OTHER, list_left_out
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
-from vrte.discrete_ordinates.planning.memory import count_doubles_needed
+from vrte.discrete_ordinates.planning.memory import count_doubles_needed, count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.needs import explain_stokes_sets
 from vrte.discrete_ordinates.planning.operations import count_operations_of_block, count_operations_of_sums
 from vrte.request.how import EXACT
@@ -41,8 +41,8 @@ WIDTH = 120
 def write_plan(plan: "Plan") -> str:
     """The whole, lines of at most 120 characters."""
     if plan.parts:
-        texts = (f"Light that comes in {kind}, by itself:\n{write_plan(part)}" for kind, part in name_parts(plan))
-        return "\n\n".join(texts)
+        texts = [f"Light that comes in {kind}, by itself:\n{write_plan(part)}" for kind, part in name_parts(plan)]
+        return "\n\n".join(texts + (["\n".join(write_derivatives(plan)).strip()] if plan.derivatives else []))
     if is_another_method(plan):
         return "\n".join([*write_head(plan), "", wrap_line(f"{plan.request.method}: {plan.request.method_rule}")])
     facts = plan.as_dict()
@@ -55,15 +55,48 @@ def write_plan(plan: "Plan") -> str:
     lines += [
         "",
         f"Predicted: {facts['operations']:.1e} operations, {write_megabytes(facts['memory_bytes'])} of memory",
+        *write_derivatives(plan),
     ]
     return "\n".join(lines)
+
+
+def write_derivatives(plan: "Plan") -> list[str]:
+    """What is differentiated, how, and what that takes beside the light itself; nothing where nothing is."""
+    facts = list_derivative_facts(plan)
+    if not facts:
+        return []
+    named = write_section("Derivatives", (f"{one.name}: {one.how}" for one in plan.derivatives))
+    told = f"{facts['operations_of_derivatives']:.1e} operations more, about {facts['solves_of_derivatives']:.3g} times"
+    kept = write_megabytes(facts["memory_bytes_of_derivatives"])
+    return [*named, "", f"Predicted for derivatives: {told} those of the light, {kept} of memory more"]
+
+
+def list_derivative_facts(plan: "Plan", operations: float | None = None) -> dict[str, Any]:
+    """The same as numbers and strings: each keeps a result, and by the algebra the light of all its orders;
+    ``operations`` of the plan, where they are known."""
+    if not plan.derivatives:
+        return {}
+    parts = plan.parts or (plan,)
+    if operations is None:
+        operations = sum(list_plan_facts(replace(part, derivatives=()))["operations"] for part in parts)
+    result = plan.wanted.doubles(plan.request.phi.size)
+    kernels = sum(count_doubles_of_kernels(block) for part in parts for block in part.blocks)
+    solves = sum(one.solves for one in plan.derivatives)
+    kept = sum(result + (0.0 if one.how.startswith("differences") else kernels) for one in plan.derivatives)
+    return {
+        "derivatives": {one.name: one.how for one in plan.derivatives},
+        "solves_of_derivatives": solves,
+        "operations_of_derivatives": solves * operations,
+        "memory_bytes_of_derivatives": BYTES * kept,
+    }
 
 
 def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     """The same as numbers and strings, for programs."""
     if plan.parts:
         parts = {kind: list_plan_facts(part) for kind, part in name_parts(plan)}
-        return {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads, "parts": parts}
+        asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
+        return asked | {"parts": parts} | list_derivative_facts(plan)
     if is_another_method(plan):
         asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
         return asked | {"method": plan.request.method, "method_rule": plan.request.method_rule}
@@ -76,7 +109,8 @@ def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     result = plan.wanted.doubles(request.phi.size)
     doubles = count_doubles_needed(problem, plan.blocks, result, azimuths, plan.threads)
     sums = count_operations_of_sums(problem, plan.blocks, plan.wanted, azimuths)
-    return {
+    operations = sums + sum(block["operations"] for block in blocks)
+    found = {
         "kind": request.kind,
         "accuracy": request.accuracy,
         "nodes": int(problem.nodes.size),
@@ -91,9 +125,10 @@ def list_plan_facts(plan: "Plan") -> dict[str, Any]:
         "left_out": explain_left_out(plan),
         "shared": list_shared_work(plan),
         "notes": list(plan.notes),
-        "operations": sums + sum(block["operations"] for block in blocks),
+        "operations": operations,
         "memory_bytes": BYTES * doubles,
     }
+    return found | list_derivative_facts(plan, operations)
 
 
 def is_another_method(plan: "Plan") -> bool:
