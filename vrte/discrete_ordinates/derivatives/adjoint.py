@@ -318,8 +318,7 @@ def pull_slab(modes: SlabModes, of_R: Blocks, of_T: Blocks) -> tuple[Blocks, Blo
     e, p = {}, {}
     for name, (f, g, product) in modes.tables.items():
         even = turn_part(modes, name, getattr(even_sums, name))
-        with np.errstate(invalid="ignore"):
-            one, other = np.where(np.isfinite(g), g, 0.0) * even, product * even
+        one, other = g * even, product * even
         if odd_sums is not None:
             odd = turn_part(modes, name, getattr(odd_sums, name))
             one, other = one + f * odd, other + g * odd

@@ -48,27 +48,26 @@ class Fading:
         found: Array = root if self.is_endless else root * np.tanh(self.half * root)
         return found
 
-    def divide(self, a: Array, b: Array) -> tuple[Array, Array]:
-        """f[a, b] and g[a, b], (n_a, n_b)."""
-        kind = np.result_type(a, b)
-        x, y = np.broadcast_arrays(a[:, None].astype(kind), b.astype(kind))
+    def divide(self, points: Array) -> tuple[Array, Array]:
+        """f[a, b] and g[a, b] of all pairs of points (n,), each (n, n)."""
+        x, y = np.broadcast_arrays(points[:, None], points)
         if self.is_endless:
-            p, q = np.sqrt(x), np.sqrt(y)
+            p, q = np.broadcast_arrays(np.sqrt(points)[:, None], np.sqrt(points))
             with np.errstate(divide="ignore", invalid="ignore"):
                 return -1.0 / (p * q * (p + q)), 1.0 / (p + q)
-        f = self.divide_f(x, y)
-        small = np.abs(x) < np.abs(y)
-        fa, fb = self.find_f(a)[:, None], self.find_f(b)
+        values, size = self.find_f(points), np.abs(points)
+        f = self.divide_f(x, y, values)
         # from the larger point, where the two terms do not cancel
-        return f, np.where(small, fb + x * f, fa + y * f)
+        return f, np.where(size[:, None] < size, values + x * f, values[:, None] + y * f)
 
-    def divide_f(self, x: Array, y: Array) -> Array:
-        """f[x, y], element by element."""
-        largest = np.maximum(np.abs(x), np.abs(y))
+    def divide_f(self, x: Array, y: Array, values: Array) -> Array:
+        """f[x, y] of points (n, n), from f at them, (n,)."""
+        size = np.abs(x)
+        largest = np.maximum(size, size.T)
         thin = self.half**2 * largest < THIN
         near = ~thin & (np.abs(x - y) < NEAR * largest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.asarray((self.find_f(x) - self.find_f(y)) / (x - y))
+            found = np.asarray((values[:, None] - values) / (x - y))
         if thin.any():
             u, v = self.half**2 * x[thin], self.half**2 * y[thin]
             total, power, term = np.zeros_like(u), np.ones_like(u), np.ones_like(u)
@@ -78,11 +77,8 @@ class Fading:
                 term = v * term + power
             found[thin] = self.half**3 * total
         if near.any():
-            u, v = x[near], y[near]
-            found[near] = sum(
-                weight * self.find_slope(0.5 * (u + v) + point * (u - v))
-                for point, weight in zip(POINTS.tolist(), WEIGHTS.tolist(), strict=True)
-            )
+            centre, gap = 0.5 * (x[near] + y[near]), x[near] - y[near]
+            found[near] = WEIGHTS @ self.find_slope(centre + POINTS[:, None] * gap)
         return found
 
     def find_slope(self, lam: Array) -> Array:

@@ -184,14 +184,18 @@ class SlabModes:
 
     def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, Array, Array]]:
         """f[a, b], g[a, b] and a b f[a, b] for each block."""
+        points, place = np.unique(np.concatenate([lam, square, square_out]), return_inverse=True)
+        f, g = self.fading.divide(points)
+        with np.errstate(invalid="ignore"):
+            product = points[:, None] * points * f
+        # without end and absorption g[0, 0] is infinite, and what it is multiplied with is zero: the flux is kept
+        tables = f, np.where(np.isfinite(g), g, 0.0), np.where(np.isfinite(product), product, 0.0)
+        nodes, into, out = np.split(place, [lam.size, lam.size + square.size])
+        blocks = {"N": (nodes, nodes), "NI": (nodes, into), "ON": (out, nodes), "OI": (out, into)}
         found = {}
-        for name, a, b in (("N", lam, lam), ("NI", lam, square), ("ON", square_out, lam), ("OI", square_out, square)):
-            kinds_a, at_a = np.unique(a, return_inverse=True)
-            kinds_b, at_b = np.unique(b, return_inverse=True)
-            f, g = (part[at_a][:, at_b] for part in self.fading.divide(kinds_a, kinds_b))
-            with np.errstate(invalid="ignore"):
-                product = a[:, None] * b * f
-            found[name] = f, g, np.where((a[:, None] == 0.0) | (b == 0.0), 0.0, product)
+        for name, (rows, columns) in blocks.items():
+            one, two, three = (table[rows][:, columns] for table in tables)
+            found[name] = one, two, three
         return found
 
     def part(self, name: str, values: Array) -> Array:
@@ -220,11 +224,8 @@ class SlabModes:
         odd: dict[str, Array] = {}
         for name, (f, g, product) in self.tables.items():
             one, other = (self.part(name, getattr(part, name)) for part in (e, p))
-            if self.odd is None:
-                with np.errstate(invalid="ignore"):  # what absorbs nothing: 0 times inf
-                    even[name] = self.join(name, np.where(one == 0.0, 0.0, g * one) + product * other)
-            else:
-                even[name] = self.join(name, g * one + product * other)
+            even[name] = self.join(name, g * one + product * other)
+            if self.odd is not None:
                 odd[name] = self.join(name, f * one + g * other)
         dSe = self.even.enclose(Blocks(**even), self.into, self.out, on_nodes)
         if self.odd is None:
