@@ -177,3 +177,14 @@ def test_weights_of_another_shape_are_refused():
         found.vjp(np.ones((2, 2)))
     with pytest.raises(vrte.SceneError, match="finite"):
         found.vjp(np.full((1, 1, 1, 4, 4), np.nan))
+
+
+def test_modes_that_are_not_trusted_leave_it_to_differences(monkeypatch):
+    asked = {"mu_i": 0.3, "mu_o": 0.5, "nodes": 4, "derivatives": ["layer[1].albedo"]}
+    expected = vrte.brdf(SCENES["one layer"], **asked)
+    assert expected.diagnostics["derivatives"] == {"layer[1].albedo": "algebra"}
+    monkeypatch.setattr("vrte.discrete_ordinates.derivatives.differentiate.ALLOWED", 0.0)
+    found = vrte.brdf(SCENES["one layer"], **asked)
+    assert "differ by" in found.diagnostics["derivatives"]["layer[1].albedo"]
+    gap = found.jacobian["layer[1].albedo"] - expected.jacobian["layer[1].albedo"]
+    assert 0.0 < np.abs(gap).max() < 1e-8

@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import check_list
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.calls.differences import differentiate_once
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
@@ -123,10 +123,16 @@ def differentiate(
     why = f" for {len(ways)} derivative{'s'[: len(ways) > 1]} beside the light"
     cost.foretell(seconds, request.time_limit_s, why, "fewer nodes or derivatives take less", run.told)
     together = share_progress(progress, 0, 1 + len(others))
-    found = dict(zip(exact, differentiate_plan(plan, exact, run, together), strict=True)) if exact else {}
+    how = {one: way.how for one, way in zip(variations, ways, strict=True)}
+    found: dict[Variation, Solution] = {}
+    if exact:
+        try:
+            found = dict(zip(exact, differentiate_plan(plan, exact, run, together), strict=True))
+        except AccuracyError as error:  # modes that cannot be trusted; solves have other ways
+            others, how = list(variations), how | dict.fromkeys(exact, f"{BY_SOLVES} ({error})")
     for place, one in enumerate(others, 1):
         found[one] = differentiate_once(plan, one, run, share_progress(progress, place, 1 + len(others)))
-    return [Derivative(one, found[one], way.how) for one, way in zip(variations, ways, strict=True)]
+    return [Derivative(one, found[one], how[one]) for one in variations]
 
 
 def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Differentiated, ...]:
