@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
@@ -68,9 +69,24 @@ def sample_scenes(request: Request, variation: Variation) -> list[tuple[float, S
         variation = turn_variation(variation)
     if is_along_whole_scenes(variation):
         assert variation.scene_at is not None
-        size = abs(variation.value) or 1.0
-        return sample_around(variation.scene_at, variation.value, STEP * size)
+        return sample_around(variation.scene_at, variation.value, find_whole_step(request.scene, variation))
     return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation))
+
+
+def find_whole_step(scene: Scene, variation: Variation) -> float:
+    """How far to go with the number itself: a small share of it, and of what two media that it moves differ by."""
+    assert variation.scene_at is not None
+    step = STEP * (abs(variation.value) or 1.0)
+    media = np.array(scene.media)
+    for way in (step, -step):
+        try:
+            moved = np.abs(np.diff(np.array(variation.scene_at(variation.value + way).media)) - np.diff(media))
+        except SceneError:  # a bound, or too far already: steps from there on say which
+            continue
+        gaps = np.abs(np.diff(media))
+        close = (moved > 0.0) & (gaps > 0.0)
+        return float(min(step, (step * STEP * gaps[close] / moved[close]).min(initial=np.inf)))
+    return step
 
 
 def is_along_whole_scenes(variation: Variation) -> bool:
