@@ -58,7 +58,7 @@ BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hu
 
 # of derivatives, in times of the solve
 ALGEBRA, A_DERIVATIVE = 6.0, 2.0  # by the algebra of slabs: for all together, and for each
-DIFFERENCES = 5.0  # by differences: four or five solves that leave nothing out
+DIFFERENCES = 7.0  # by differences, for each: four or five solves that leave nothing out, and their plans
 
 # operations of other methods, measured as seconds times their rate
 SLAB_STEPS_ENDLESS = 25  # doublings of a slab without end
