@@ -671,3 +671,10 @@ def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path
     tab.waits_for("""() => document.querySelector('[aria-label="optical thickness"]').value == '0.4'""")
     tab.page.reload()  # the measurement and what was found stay
     tab.says("What fits best")
+
+
+@pytest.mark.slow
+def test_a_form_without_particles_has_no_appearance(tab: Tab) -> None:
+    tab.choose("filled with", "nothing: clear or tinted")
+    tab.page.get_by_role("tab", name="Appearance").click()
+    tab.says("No layer here holds particles")  # the server complains of nothing in the end

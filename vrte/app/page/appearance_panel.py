@@ -49,6 +49,7 @@ class AppearancePanel:
         self.view = bench.view
         self.view.setdefault("viewing", Viewing())
         self.sliders: dict[Place, tuple[Slider, Any, Any]] = {}
+        self.white: Any = None  # what stands above the slider of the white card
         self.missing = ""
         self.shown: Any = None
         self.moved: Place | None = None
@@ -96,9 +97,8 @@ class AppearancePanel:
         wanted = {slider.place: slider for slider in list_sliders(content)}
         values = {place: read_number(get_value(content, place)) or 0.0 for place in wanted}
         now = {place: slider for place, (slider, _, _) in self.sliders.items()}
-        if {place: one.label for place, one in now.items()} != {place: one.label for place, one in wanted.items()} or (
-            not all(now[place].reaches(value) for place, value in values.items())
-        ):
+        same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
+        if self.white is None or not same or not all(now[place].reaches(value) for place, value in values.items()):
             self.bars.clear()
             with self.bars:
                 self.sliders = {place: (one, *self._add_bar(one)) for place, one in wanted.items()}
