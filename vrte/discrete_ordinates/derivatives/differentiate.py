@@ -17,11 +17,13 @@ from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
 from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_parts
 from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
+from vrte.discrete_ordinates.orders.leave_out import EVERYTHING
 from vrte.discrete_ordinates.orders.media import Media, Sights
 from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.truncating import is_scalar
-from vrte.discrete_ordinates.planning.plan import Plan, plan_request
+from vrte.discrete_ordinates.planning.needs import list_stokes_sets
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
 from vrte.request.request import Request, find_under
 from vrte.results.solution import Solution
 from vrte.scene.beams import locate_depths
@@ -87,7 +89,7 @@ def differentiate_plan(
     parts = plan.parts or (plan,)
     found: list[Solution] | None = None
     for part in parts:
-        own = differentiate_part(part, variations, run, progress)
+        own = differentiate_together(part, variations, run, progress)
         found = own if found is None else [add_solutions(*pair) for pair in zip(found, own, strict=True)]
     assert found is not None
     return found
@@ -111,6 +113,34 @@ def turn_over(variation: Variation) -> Variation:
         albedo=variation.albedo[::-1],
         coefficients=variation.coefficients[::-1],
     )
+
+
+def joins_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
+    """Whether Stokes parameters that are solved apart would mix with the variation."""
+    if not problem.leave_out.stokes or scene.below.mixes_stokes:
+        return False
+    coefficients = np.abs(problem.coefficients)
+    for own, table in zip(coefficients, variation.coefficients, strict=True):
+        kept = min(len(own), len(table))
+        own[:kept] += np.abs(table[:kept])
+    moved = replace(problem, coefficients=coefficients, albedo=problem.albedo + np.abs(variation.albedo))
+    return list_stokes_sets(moved) != list_stokes_sets(problem)
+
+
+def differentiate_together(
+    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None
+) -> list[Solution]:
+    """Of a plan without parts, all Stokes parameters together for variations that mix those it keeps apart."""
+    found: dict[Variation, Solution] = {}
+    joining = [one for one in variations if joins_stokes(plan.problem, plan.request.scene, one)]
+    if joining:
+        together = replace(EVERYTHING, stokes=False)
+        whole = make_plan(plan.request, run, together, (plan.choice, plan.accuracy), plan.truncation)
+        found.update(zip(joining, differentiate_part(whole, joining, run, progress), strict=True))
+    others = [one for one in variations if one not in found]
+    if others:
+        found.update(zip(others, differentiate_part(plan, others, run, progress), strict=True))
+    return [found[one] for one in variations]
 
 
 def differentiate_part(
