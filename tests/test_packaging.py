@@ -241,6 +241,7 @@ class TestWheel:
             "setup.py",
             "LICENSE",
             "examples/gold_powder.toml",
+            "tests/derivative_oracle.npz",
             "tests/stability_oracle.npz",
         }
         assert wanted <= names

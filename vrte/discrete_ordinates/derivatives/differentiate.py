@@ -115,7 +115,7 @@ def turn_over(variation: Variation) -> Variation:
     )
 
 
-def joins_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
+def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
     """Whether Stokes parameters that are solved apart would mix with the variation."""
     if not problem.leave_out.stokes or scene.below.mixes_stokes:
         return False
@@ -132,7 +132,7 @@ def differentiate_together(
 ) -> list[Solution]:
     """Of a plan without parts, all Stokes parameters together for variations that mix those it keeps apart."""
     found: dict[Variation, Solution] = {}
-    joining = [one for one in variations if joins_stokes(plan.problem, plan.request.scene, one)]
+    joining = [one for one in variations if is_mixing_stokes(plan.problem, plan.request.scene, one)]
     if joining:
         together = replace(EVERYTHING, stokes=False)
         whole = make_plan(plan.request, run, together, (plan.choice, plan.accuracy), plan.truncation)
