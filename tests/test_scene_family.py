@@ -119,6 +119,17 @@ def test_what_moves_surfaces_says_so() -> None:
     assert len(vary("base.roughness", base=rough).base) == 6
 
 
+def test_numbers_of_a_ready_material() -> None:
+    """Its particles have names of their own."""
+    content = {"wavelength_um": 0.55, "layer": [{"material": "gold powder"}]}
+    kind = 'particles."gold powder: gold"'
+    family = vrte.SceneFamily(content, [f"{kind}.size.lognormal.median_um"])
+    assert family.values.tolist() == [0.2]
+    assert family.content_at([0.1])["particles"]["gold powder: gold"]["size"]["lognormal"]["median_um"] == 0.1
+    with pytest.raises(vrte.SceneError, match="the scene has no"):
+        vrte.SceneFamily(content, [f"{kind}.radii"])
+
+
 def test_numbers_of_a_paint() -> None:
     paint = {"pigment": "rutile", "volume_fraction": 0.1, "binder": 1.5, "thickness_um": 50.0, "packing": "independent"}
     family = vrte.SceneFamily({"wavelength_um": 0.55, "paint": paint}, "paint.thickness_um")

@@ -19,6 +19,7 @@ from vrte.basics.slopes import find_slopes
 from vrte.formats.bases import list_base_keys, read_base
 from vrte.formats.fillings import FilledLayer, Recorder, list_filled_layers, vary_filled_layer
 from vrte.formats.keys import Reading
+from vrte.formats.materials import expand_materials
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute, describe_value, make_particles
 from vrte.formats.scene_file import FILE_KEYS, REQUESTS, SceneFile, make_scene_file, read_content
@@ -51,7 +52,8 @@ class SceneFamily:
         A scene file, its content (also with a table [paint]), or a scene.
     names : str or sequence of str
         The numbers that change, as keys of axes of sweeps have them: "layer[1].thickness", "particles.gold.radius_um",
-        "particles.gold.index[2]" for k where a file says [n, k], "wavelength_um", "base.albedo", "paint.thickness_um".
+        "particles.gold.index[2]" for k where a file says [n, k], "wavelength_um", "base.albedo", "paint.thickness_um";
+        of a ready material that a layer names, 'particles."chalk: calcite".size.lognormal.sigma'.
         Of a `Scene`: layer[k].thickness, layer[k].albedo, layer[k].coefficients[l].a1 to .b2, base.albedo and other
         numbers of its base, interface[k].index and .roughness.
     folder : path, optional
@@ -99,7 +101,11 @@ class SceneFamily:
             for name, place in zip(names, places, strict=True):
                 if place[0] in REQUESTS:
                     raise SceneError(f"{name} is of what is asked for, not of the scene")
-                find_number(content, place, name)
+                try:
+                    find_number(content, place, name)
+                except SceneError:
+                    content = expand_materials(content, folder)  # it may be of a material that a layer names
+                    find_number(content, place, name)
         settled = {"names": names, "folder": folder.absolute(), "_content": content, "_places": places}
         for name, value in (settled | {"_optics": Optics()}).items():
             object.__setattr__(self, name, value)

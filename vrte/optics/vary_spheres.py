@@ -87,7 +87,13 @@ def vary_spheres(
     twice = 2.0 * np.arange(1, orders + 1) + 1.0
     # extinction and scattering, and their derivatives with each argument, which a real and an imaginary step share
     sums = np.stack([values.sum(axis=1).real @ twice, (np.abs(values) ** 2).sum(axis=1) @ twice])
-    turns = np.stack([slopes.sum(axis=2) @ twice, 2.0 * (values.conj() * slopes).sum(axis=2) @ twice])
+    turns = np.stack(
+        [
+            np.einsum("aspn,n->as", slopes, twice),
+            2.0
+            * np.einsum("spn,aspn,n->as", values.conj(), slopes, twice),  # no array between: there may be much of it
+        ]
+    )
     more = np.einsum("kas,qas,s->qk", arguments, turns, weights).real
     areas = sums @ weight_slopes.T + more - np.outer(sums @ weights, stretch)
     areas *= 2.0 * math.pi / float(numbers.wavenumber) ** 2
