@@ -1,12 +1,14 @@
 """Fits: numbers come back from what they made, with honest errors, and what the data cannot tell is said."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
+from vrte.cli import main
 from vrte.fit.model import make_model
 from vrte.fit.run import Step
 
@@ -81,6 +83,7 @@ def test_an_outlier_moves_a_robust_fit_less() -> None:
     assert abs(near - 0.3) < 0.3 * abs(far - 0.3)
 
 
+@pytest.mark.slow
 def test_the_best_of_several_starts_is_kept_and_all_are_told() -> None:
     free = {"layer[1].thickness": {"start": 3.0, "low": 0.1, "high": 5.0, "spacing": "log"}}
     found = vrte.fit(measure(SCENE), SCENE, free, nodes=4, starts=3, seed=2)
@@ -122,6 +125,7 @@ THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 6
         ({"free": {"base.albedo": {"strat": 0.5}}}, "takes a table of start, low, high, spacing"),
         ({"free": ["layer[1].thickness", "layer[1].albedo", "base.albedo"], "rows": ROWS.pick([0, 1])}, "too few"),
         ({"free": []}, "free must be one or more names"),
+        ({"free": ["layer[3].thickness"]}, "free: layer[3].thickness: there is no such layer"),
         ({"free": ["base.albedo"], "priors": {"base.albedo": (0.3, 0.0)}}, "a standard deviation above 0"),
         ({"free": ["base.albedo"], "priors": {"base": (0.3, 0.1)}}, "priors: base is not free"),
         ({"free": ["base.albedo"], "bounds": {"base": (0.3, 0.5)}}, "bounds: base is not free"),
@@ -142,6 +146,143 @@ def test_a_scene_without_wavelength_is_not_measured_at_one() -> None:
     rows = vrte.Measurement("reflectance", 0.1, geometry="8:di", wavelength_um=[0.5, 0.6])
     with pytest.raises(vrte.SceneError, match="knows no wavelength"):
         vrte.fit(rows, SCENE, ["base.albedo"], nodes=4)
+
+
+FILM = {
+    "layer": [{"phase": "rayleigh", "albedo": 0.95, "thickness": 1.0}],
+    "base": {"kind": "lambertian", "albedo": 0.3},
+}
+BOTH = ["layer[1].thickness", "base.albedo"]
+
+
+@pytest.mark.slow
+def test_a_profile_of_a_linear_problem_is_a_parabola_as_wide_as_the_error() -> None:
+    found = vrte.fit(measure(SCENE, noise=0.001), SCENE, BOTH, nodes=4)
+    profile = found.profile("base.albedo", points=5)
+    steps = (profile.values - found.values[1]) / found.errors[1]
+    rise = profile.chi2 - found.chi2
+    np.testing.assert_allclose(0.5 * (rise + rise[::-1]), steps**2, atol=0.02)  # what is skew is of the third order
+    assert [profile.low, profile.high] == pytest.approx(
+        [found.values[1] - found.errors[1], found.values[1] + found.errors[1]], abs=0.03 * found.errors[1]
+    )
+    assert profile.others.shape == (5, 1)
+    with pytest.raises(vrte.SceneError, match=re.escape("name must be one of layer[1].thickness, base.albedo")):
+        found.profile("layer[1].albedo")
+    with pytest.raises(vrte.SceneError, match="within the bounds"):
+        found.profile("base.albedo", [0.5, 1.5])
+
+
+def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -> None:
+    def stop(step: Step) -> None:
+        if step.step == 2:
+            raise KeyboardInterrupt
+
+    free = {"layer[1].thickness": {"start": 4.0, "low": 0.1, "high": 6.0}}
+    given, state = measure(SCENE), tmp_path / "fit.state"
+    whole = vrte.fit(given, SCENE, free, nodes=4, starts=2)
+    part = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=stop)
+    assert part.interrupted
+    assert not list(tmp_path.glob(".vrte*"))
+    again: list[Step] = []
+    found = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=again.append)
+    np.testing.assert_allclose(found.values, whole.values, rtol=1e-6)
+    assert again[0].chi2 == pytest.approx(part.chi2)  # where it was
+    assert len(found.starts) == 2
+    quick: list[Step] = []
+    same = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=quick.append)
+    assert not quick
+    np.testing.assert_allclose(same.values, found.values)
+    with pytest.raises(vrte.SceneError, match="is of another fit"):
+        vrte.fit(given.measure(given.value * 1.01), SCENE, free, nodes=4, starts=2, resume=state)
+    state.write_bytes(state.read_bytes().replace(b"1", b"2", 1))
+    with pytest.raises(vrte.SceneError, match="damaged"):
+        vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state)
+
+
+def test_a_fit_that_is_saved_comes_back_and_can_still_be_asked(tmp_path: Path) -> None:
+    found = vrte.fit(measure(SCENE, noise=0.01), FILM, BOTH[1:], {"base.albedo": (0.3, 0.1)}, nodes=4)
+    found.save(tmp_path / "fit.json")
+    back = vrte.Fit.load(tmp_path / "fit.json")
+    assert str(back) == str(found)
+    np.testing.assert_array_equal(back.covariance, found.covariance)
+    np.testing.assert_array_equal(back.residuals, found.residuals)
+    assert back.starts == found.starts
+    assert back.scene().thickness == found.scene().thickness
+    one, other = (fit.profile("base.albedo", points=3) for fit in (found, back))
+    np.testing.assert_allclose(one.chi2, other.chi2, rtol=1e-9)
+    found.write_scene(tmp_path / "fitted.toml")
+    assert vrte.SceneFamily(tmp_path / "fitted.toml", BOTH[1:]).values.tolist() == found.values.tolist()
+    of_scene = vrte.fit(measure(SCENE), SCENE, BOTH[1:], nodes=4)
+    of_scene.save(tmp_path / "scene.json")
+    with pytest.raises(vrte.SceneError, match="does not hold its scene"):
+        vrte.Fit.load(tmp_path / "scene.json").scene()
+    with pytest.raises(vrte.SceneError, match="no scene file"):
+        of_scene.write_scene(tmp_path / "none.toml")
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(vrte.SceneError, match="no file that a fit wrote"):
+        vrte.Fit.load(tmp_path / "other.json")
+
+
+@pytest.mark.slow
+def test_the_page_stands_alone_and_says_what_the_data_cannot_tell(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    layers = [{"phase": "rayleigh", "albedo": 0.95, "thickness": 0.5}] * 2
+    names = ["layer[1].thickness", "layer[2].thickness"]
+    content = {**FILM, "layer": layers}
+    with pytest.warns(vrte.IndistinguishableWarning):
+        found = vrte.fit(measure(SCENE), content, names, nodes=4)
+    found.page(tmp_path / "fit.html")
+    text = (tmp_path / "fit.html").read_text(encoding="utf-8")
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert "src=" not in text.replace('src="data:image/svg+xml;base64,', "")
+    assert found.blind_spots[0] in text
+    assert "<table>" in text
+
+
+def write_example(folder: Path, fit: str, rows: str = "total_reflectance,8,0.5,0.01\n") -> Path:
+    """A file for `vrte fit` beside its measurement."""
+    (folder / "rows.csv").write_text(f"quantity,theta_i_deg,value,sigma\n{rows}")
+    path = folder / "film.toml"
+    layer = 'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.95\nthickness = 1.0\n'
+    path.write_text(f'{layer}[base]\nkind = "lambertian"\nalbedo = 0.3\n[fit]\n{fit}')
+    return path
+
+
+def test_the_command_prints_numbers_and_writes_what_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_example(tmp_path, 'measurement = "rows.csv"\nfree = ["base.albedo"]\nprofiles = ["base.albedo"]\n')
+    outputs = [tmp_path / name for name in ("fit.json", "fitted.toml")]
+    words = ["fit", str(path), *(word for one in outputs for word in ("-o", str(one)))]
+    assert main([*words, "--resume", str(tmp_path / "state")]) == 0
+    told = capsys.readouterr().out
+    assert "base.albedo  " in told
+    assert "Profile(base.albedo" in told
+    assert vrte.Fit.load(outputs[0]).content() == vrte.SceneFamily(outputs[1], []).content_at([])
+    assert main(["fit", str(path), "-o", str(path)]) == 2
+    assert "is the file of the fit itself" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fit", "words"),
+    [
+        ('free = ["base.albedo"]', "fit.measurement: is missing"),
+        ('measurement = "rows.csv"', "fit.free: is missing"),
+        ('measurement = "rows.csv"\nfree = [1]', "fit.free = [1]: must be a list of names"),
+        ('measurement = "rows.csv"\nfree = ["base.albdo"]', "base.albdo"),
+        ('measurement = "rows.csv"\nfree = ["base.albedo"]\nstart = 3', "unknown key; did you mean 'starts'"),
+        ('measurement = "rows.csv"\nfree = ["base.albedo"]\nstarts = 0', "fit.starts must be"),
+        ('measurement = "rows.csv"\nfree = ["base.albedo"]\nprofiles = ["a"]', "must be a list of names that are free"),
+        ('measurement = "no.csv"\nfree = ["base.albedo"]', "No such file"),
+    ],
+)
+def test_a_file_that_is_no_fit_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fit: str, words: str
+) -> None:
+    assert main(["fit", str(write_example(tmp_path, fit))]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
 
 
 CONTENT = {

@@ -8,6 +8,11 @@ from pathlib import Path
 import pytest
 
 from vrte.appearance.quantities import Conditions
+from vrte.fit.fit_file import KEYS as FIT_KEYS
+from vrte.fit.parameters import KEYS as FREE_KEYS
+from vrte.fit.parameters import SPACINGS
+from vrte.fit.problem import LOSSES
+from vrte.fit.run import JACOBIANS
 from vrte.formats import materials, paints
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import Choice, FilePath, Key
@@ -63,6 +68,8 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "[field]": REQUEST_KEYS["field"],
     "[render]": (*OWN, *SETTING),
     "[paint]": paints.KEYS,
+    "[fit]": FIT_KEYS,
+    "[fit.free.NAME]": FREE_KEYS,
     "[appearance]": APPEARANCE_KEYS,
     "[axes.NAME]": AXIS_KEYS,
     "A range": RANGE_KEYS,
@@ -74,6 +81,9 @@ CHOICES = {  # section and key: names that its row must have, and no others in q
     ("[[layer]]", "packing"): tuple(PACKINGS),
     ("[render]", "sky"): KINDS,
     ("[render]", "object"): OBJECTS,
+    ("[fit]", "loss"): LOSSES,
+    ("[fit]", "jacobian"): JACOBIANS,
+    ("[fit.free.NAME]", "spacing"): SPACINGS,
     **{("The file", name): OPTIONS[name].choices for name in OPTION_KEYS if OPTIONS[name].choices},
     **{
         (heading, name): tuple(key.names)

@@ -271,7 +271,8 @@ class Measurement:
         """
         if os.path.splitext(os.fspath(path))[1].lower() != ".csv":
             raise SceneError(f"the measurement {os.fspath(path)} must end in .csv")
-        kept = {name: getattr(self, name).tolist() for name in COLUMNS}
+        names = ("quantity", *COORDINATES, "value", "sigma")
+        kept = {name: getattr(self, name).tolist() for name in names}
         is_empty = {name: all(one == "" or one != one for one in column) for name, column in kept.items()}
         write_table({name: column for name, column in kept.items() if not is_empty[name]}, path, comment)
 

@@ -288,6 +288,17 @@ def read_instrument(made: Instrument, seen: Seen) -> Array:
     return (shares.reflected[:, beams[0]] - own[:, 1] - inside * angle) / (1.0 - angle / np.pi)
 
 
+def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str]) -> SceneFamily:
+    """The scenes by their free numbers, which all have a value. Raises SceneError that says what is free."""
+    try:
+        family = SceneFamily(source, names, Path(folder))
+        assert family.values.size == len(names)
+        return family
+    except SceneError as error:
+        words = str(error).removeprefix("derivatives: ")
+        raise SceneError(words if words.startswith("free") else f"free: {words}", "free", *error.place) from error
+
+
 @contextmanager
 def name_wavelength(wavelength: Wavelength) -> Iterator[None]:
     """Puts a wavelength in front of complaints."""
@@ -329,17 +340,16 @@ def make_model(
     if isinstance(scene, SceneFamily):
         scene, folder = scene.source, scene.folder or folder
     if isinstance(scene, Scene):
-        return Model(measurement, {None: SceneFamily(scene, names)}, asked, colours_um, jacobian)
+        return Model(measurement, {None: make_family(scene, names, folder)}, asked, colours_um, jacobian)
     if isinstance(scene, Mapping):
         content = dict(scene)
     else:
         content, folder = read_content(scene), Path(scene).parent
     content.pop("fit", None)
     bare = {key: one for key, one in content.items() if key not in REQUESTS}
-    families = {
-        one: SceneFamily(bare if one is None else {**bare, "wavelength_um": one}, names, Path(folder)) for one in at
-    }
+    source = make_family(content, names, folder)
+    families = {one: make_family(bare if one is None else {**bare, "wavelength_um": one}, names, folder) for one in at}
     options = {key: content[key] for key in OPTION_KEYS if key in content} | asked
     if "nodes" in asked:
         options.pop("accuracy", None)
-    return Model(measurement, families, options, colours_um, jacobian, SceneFamily(content, names, Path(folder)))
+    return Model(measurement, families, options, colours_um, jacobian, source)

@@ -8,13 +8,17 @@ import numpy as np
 
 from vrte.basics.arrays import Array, settle_array
 from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress
 from vrte.fit.identify import find_correlations
 from vrte.fit.measurement import Measurement
 from vrte.formats.scene_writer import write_toml
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from vrte.fit.problem import Problem
+    from vrte.fit.profile import Profile
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
 
@@ -160,6 +164,149 @@ class Fit:
         pairs = zip(self.names, self.values.tolist(), self.errors.tolist(), strict=True)
         return [(name, f"{value:.6g} +- {error:.2g}") for name, value, error in pairs]
 
+    def profile(self, name: str, values: Any = None, points: int = 9, progress: Progress | None = None) -> "Profile":
+        """How chi2 rises along one number, all others fitted anew: an error bar that need not be symmetric.
+
+        Parameters
+        ----------
+        name : str
+            One of ``names``.
+        values : array_like, optional
+            Where it is held; default: to three standard deviations on either side.
+        points : int, optional
+            How many values these are, 3 at least.
+        progress : callable, optional
+            Called with (values done, values).
+
+        Returns
+        -------
+        Profile
+            Values, the least chi2 at each, and where it is 1 above the best.
+
+        Raises
+        ------
+        SceneError
+            For another name, and values beyond its bounds.
+
+        Examples
+        --------
+        >>> found = fitted.profile("layer[1].thickness", points=5)
+        >>> bool(found.low < 0.5 < found.high)
+        True
+        """
+        from vrte.fit.profile import find_profile
+
+        return find_profile(self, name, values, points, progress)
+
+    def plot(self) -> "Figure":
+        """What was measured and what the fit shows there, and the residuals in sigmas.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A column of two panels for each quantity, up to four, and how the residuals are spread.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra "plot".
+
+        Examples
+        --------
+        >>> len(fitted.plot().axes)
+        3
+        """
+        from vrte.fit.figures import draw_fit
+
+        return draw_fit(self)
+
+    def page(self, path: str | os.PathLike[str]) -> None:
+        """Writes all of it as a page, one file that opens without a network.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .html.
+
+        Raises
+        ------
+        SceneError
+            For another suffix.
+        MissingExtraError
+            Without the extra "plot".
+        OSError
+            Where it cannot be written.
+
+        Examples
+        --------
+        >>> fitted.page("fit.html")
+        """
+        from vrte.fit.page import save_page
+
+        save_page(self, path)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the fit to a file that `load` brings back; without its scene where that was a `vrte.Scene`.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .json.
+
+        Raises
+        ------
+        SceneError
+            For another suffix.
+        OSError
+            Where it cannot be written.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> fitted.save("fit.json")
+        >>> vrte.Fit.load("fit.json").values.tolist() == fitted.values.tolist()
+        True
+        """
+        from vrte.fit.state import save_fit
+
+        if not os.fspath(path).lower().endswith(".json"):
+            raise SceneError(f"the fit {os.fspath(path)} must end in .json")
+        save_fit(self, path)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> "Fit":
+        """A fit from the file that `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        folder : path, optional
+            Where the tables that its scene names lie; default: beside the file.
+
+        Returns
+        -------
+        Fit
+            As it was.
+
+        Raises
+        ------
+        SceneError
+            For a damaged file, or another one.
+        OSError
+            Where it cannot be read.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> fitted.save("fit.json")
+        >>> vrte.Fit.load("fit.json").names
+        ('layer[1].thickness',)
+        """
+        from vrte.fit.state import load_fit
+
+        return load_fit(path, folder)
+
     def scene(self, wavelength_um: float | None = None) -> Scene:
         """The scene that fits best.
 
@@ -183,7 +330,7 @@ class Fit:
         >>> round(fitted.scene().thickness, 3)
         0.5
         """
-        families = self._problem().model.families
+        families = self.find_problem().model.families
         wanted = next(iter(families)) if wavelength_um is None else wavelength_um
         if wanted not in families:
             known = ", ".join(f"{one:g}" for one in families if one is not None) or "only the scene's own"
@@ -239,12 +386,29 @@ class Fit:
         >>> sorted(fitted.content())
         ['layer']
         """
-        family = self._problem().model.source
+        family = self.find_problem().model.source
         if isinstance(family.source, Scene):
             raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
         return family.content_at(np.array(self.values))
 
-    def _problem(self) -> "Problem":
+    def find_problem(self) -> "Problem":
+        """Model, free numbers and priors.
+
+        Returns
+        -------
+        Problem
+            For what is asked of the fit later.
+
+        Raises
+        ------
+        SceneError
+            Where it was read from a file that does not hold its scene.
+
+        Examples
+        --------
+        >>> fitted.find_problem().model.names
+        ('layer[1].thickness',)
+        """
         if self.problem is None:
             raise SceneError("this fit was read from a file that does not hold its scene")
         return self.problem

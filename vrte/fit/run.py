@@ -21,14 +21,13 @@ from vrte.fit.identify import (
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
 from vrte.fit.parameters import Parameter, read_parameters, read_priors
-from vrte.fit.problem import Point, Problem, choose_sigma
+from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, descend
 from vrte.fit.result import Fit, Start
+from vrte.fit.state import Journal, find_fingerprint
 from vrte.request.how import check_choice
 
-LOSSES = ("linear", "soft_l1")
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
-ENOUGH = 1e-9  # relative change of chi2 or values that ends a fit
 NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
 NODES_MATTER = 0.1  # sigma by which more nodes may move a row
 NEAR_A_BOUND = 1e-4  # of the range, or of the value
@@ -85,6 +84,7 @@ def fit(
     folder: str | os.PathLike[str] = ".",
     progress: Progress | None = None,
     watch: Watch | None = None,
+    resume: str | os.PathLike[str] | None = None,
 ) -> Fit:
     """The numbers of a scene that fit a measurement best, with error bars and what the data cannot tell.
 
@@ -131,6 +131,8 @@ def fit(
         Called with (steps done, steps at most).
     watch : callable, optional
         Called with a `vrte.fit.run.Step` after each step: numbers, chi2, and what the scene shows there.
+    resume : path, optional
+        A file in which the fit notes after each step how far it has come: the same call goes on from there.
 
     Returns
     -------
@@ -141,7 +143,7 @@ def fit(
     ------
     SceneError
         For bad input: data outside the model, a number that does nothing to the data, fewer rows than free numbers,
-        bounds that exclude the start.
+        bounds that exclude the start; for a file to resume that is another fit's.
     OSError
         Where a file cannot be read.
 
@@ -175,23 +177,25 @@ def fit(
         raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
     parameters = read_parameters(free, bounds, dict(zip(names, model.start.tolist(), strict=True)))
-    problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model))
+    problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
     first = np.array([one.start for one in parameters])
     check_count(problem)
+    begins = spread_starts(parameters, count, seed)
+    said = {"starts": count, "seed": seed, "loss": loss}
+    journal = Journal(resume, "" if resume is None else find_fingerprint(problem, said))
+    model.nodes = model.nodes or journal.nodes
     model.settle_nodes(first)
     check_slopes(problem, first)
-    search = Search(problem, loss, most, watch)
-    found: list[Start] = []
-    interrupted = False
+    search, interrupted = Search(problem, journal, most, watch), False
     try:
-        for place, begin in enumerate(spread_starts(parameters, count, seed)):
-            found.append(search.descend(place, begin, share_progress(progress, place, count)))
+        for place, begin in enumerate(begins):
+            search.descend(place, begin, share_progress(progress, place, count))
         search.refine(isinstance(nodes, int) or "nodes" in model.options)
     except KeyboardInterrupt:
         if search.best is None:
             raise
         interrupted = True
-    return make_fit(problem, search, found, interrupted)
+    return make_fit(problem, search, interrupted)
 
 
 def check_count(problem: Problem) -> None:
@@ -230,64 +234,46 @@ def spread_starts(parameters: Sequence[Parameter], count: int, seed: int) -> lis
 
 
 class Search:
-    """Least squares from several starts; ``best``: the point of the least chi2 so far, whose derivatives are known."""
+    """Least squares from several starts; ``best``: the point of the least sum so far, whose derivatives are known."""
 
-    def __init__(self, problem: Problem, loss: str, most_steps: int, watch: Watch | None) -> None:
-        self.problem, self.loss, self.most_steps, self.watch = problem, loss, most_steps, watch
+    def __init__(self, problem: Problem, journal: Journal, most_steps: int, watch: Watch | None) -> None:
+        self.problem, self.journal, self.most_steps, self.watch = problem, journal, most_steps, watch
         self.best: Point | None = None
         self.cost = math.inf
 
-    def measure(self, residuals: Array) -> float:
-        """The sum that is made least."""
-        square = residuals**2
-        return float(square.sum() if self.loss == "linear" else (2.0 * (np.sqrt(1.0 + square) - 1.0)).sum())
-
-    def descend(self, place: int, begin: Array, progress: Progress | None) -> Start:
-        """One start to its end. Raises SceneError where the model does not take its beginning."""
-        from scipy.optimize import least_squares
-
-        problem, step, before = self.problem, 0, self.problem.model.solves
-        ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one in problem.parameters]).T
+    def descend(self, place: int, begin: Array, progress: Progress | None) -> None:
+        """One start to its end, or on from where it was. Raises SceneError where the model takes no such start."""
+        problem, journal, before, step = self.problem, self.journal, self.problem.model.solves, 0
+        if place < len(journal.finished):
+            self.keep(problem.find_point(np.array(journal.finished[place].found), True))
+            return
         start = problem.find_values(begin)
-        problem.find_point(start, True)
 
-        def find_slopes(steps: Array) -> Array:
+        def tell(point: Point) -> None:
             nonlocal step
-            found = problem.find_slopes(steps)
-            point = problem.find_point(problem.find_values(steps), True)
             self.keep(point)
+            journal.note(point.values.tolist(), problem.model.nodes)
             if self.watch is not None:
                 told = dict(zip(problem.model.names, point.values.tolist(), strict=True))
-                chi2 = self.measure(problem.join(point))
+                chi2 = problem.measure(problem.join(point))
                 self.watch(Step(place, step, told, chi2, settle_array(point.predicted.copy())))
             step += 1
             if progress is not None:
                 progress(min(step, self.most_steps), self.most_steps)
-            return found
 
-        found = least_squares(
-            problem.find_residuals,
-            begin,
-            find_slopes,
-            tuple(ends),
-            x_scale="jac",
-            loss=self.loss,  # type: ignore[arg-type]  # one of LOSSES
-            ftol=ENOUGH,
-            xtol=ENOUGH,
-            gtol=ENOUGH,
-            max_nfev=self.most_steps,
-        )
-        values = problem.find_values(found.x)
+        from_here = begin if journal.here is None else problem.find_steps(np.array(journal.here))
+        everything = np.ones(begin.size, bool)
+        values, chi2, converged = descend(problem, from_here, everything, self.most_steps, tell)
         self.keep(problem.find_point(values, True))
-        ended = "converged" if found.status > 0 else f"stopped after {self.most_steps} trials"
+        ended = "converged" if converged else f"stopped after {self.most_steps} trials"
         if progress is not None:
             progress(self.most_steps, self.most_steps)
-        chi2 = 2.0 * float(found.cost)
-        return Start(tuple(start.tolist()), tuple(values.tolist()), chi2, problem.model.solves - before, ended)
+        solves = problem.model.solves - before
+        journal.finish(Start(tuple(start.tolist()), tuple(values.tolist()), chi2, solves, ended))
 
     def keep(self, point: Point) -> None:
         """Remembers a point that is better than all before."""
-        cost = self.measure(self.problem.join(point))
+        cost = self.problem.measure(self.problem.join(point))
         if cost < self.cost:
             self.best, self.cost = point, cost
 
@@ -307,12 +293,14 @@ class Search:
                            f"than {moved:.2g} sigma")  # fmt: skip
         self.best, self.cost = None, math.inf
         if moved > NODES_MATTER:
-            self.descend(0, self.problem.find_steps(values), None)
+            everything = np.ones(values.size, bool)
+            values, *_ = descend(self.problem, self.problem.find_steps(values), everything, self.most_steps, self.keep)
+            self.keep(self.problem.find_point(values, True))
         else:
             self.keep(self.problem.find_point(values, True))
 
 
-def make_fit(problem: Problem, search: Search, starts: Sequence[Start], interrupted: bool) -> Fit:
+def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     """The result, with errors and what the data cannot tell. Warns (IndistinguishableWarning)."""
     best, model, given = search.best, problem.model, problem.model.measurement
     assert best is not None
@@ -327,7 +315,7 @@ def make_fit(problem: Problem, search: Search, starts: Sequence[Start], interrup
             "the measurement has no sigma: rows of a quantity count alike, and errors are scaled by the root of the "
             f"reduced chi-square{'' if freedom else ', which needs more rows than free numbers'}"
         )
-    if search.loss != "linear":  # what outliers count for
+    if problem.loss != "linear":  # what outliers count for
         slopes = slopes * ((1.0 + residuals**2) ** -0.25)[:, None]
     rows = len(given)
     unit = scale if math.isfinite(scale) else 1.0
@@ -360,7 +348,7 @@ def make_fit(problem: Problem, search: Search, starts: Sequence[Start], interrup
         singular_values=singular,
         blind_spots=tuple(blind),
         notes=tuple(notes),
-        starts=tuple(sorted(starts, key=lambda one: one.chi2)),
+        starts=tuple(sorted(search.journal.finished, key=lambda one: one.chi2)),
         nodes=model.nodes,
         interrupted=interrupted,
         problem=problem,

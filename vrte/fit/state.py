@@ -1,0 +1,174 @@
+"""What a fit writes: how far it has come, so that it can go on, and what it has found."""
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.errors import SceneError
+from vrte.fit.measurement import COLUMNS, Measurement
+from vrte.fit.model import make_model
+from vrte.fit.parameters import Parameter
+from vrte.fit.problem import Problem
+from vrte.fit.result import ARRAYS, Fit, Start
+from vrte.formats.atomic import write_atomically
+from vrte.formats.named import find_named_tables
+from vrte.formats.seal import LENGTH, is_sealed, seal_of
+from vrte.formats.text_file import check_file_name
+from vrte.scene.scene import Scene
+
+KIND = "vrte fit, format 1"
+LARGEST_FILE = 500_000_000  # bytes
+PLAIN = ("names", "chi2", "degrees_of_freedom", "blind_spots", "notes", "nodes", "interrupted")
+
+
+def write_sealed(path: str | os.PathLike[str], said: Any) -> None:
+    """JSON in one line and its checksum, all of it or nothing. Raises OSError."""
+    content = json.dumps(said).encode() + b"\n"
+    with write_atomically(path) as part:
+        part.write_bytes(content + seal_of(content))
+
+
+def read_sealed(path: str | os.PathLike[str]) -> Any:
+    """What `write_sealed` wrote. Raises SceneError for another file, OSError."""
+    name = check_file_name(path)
+    try:
+        if os.path.getsize(name) > LARGEST_FILE:
+            raise SceneError(f"longer than {LARGEST_FILE} bytes")
+        if not is_sealed(name):
+            raise SceneError("no file that a fit wrote")
+        return json.loads(Path(name).read_bytes()[:-LENGTH])
+    except (SceneError, ValueError, RecursionError) as error:
+        raise SceneError(f"{name}: {error}") from error
+
+
+def find_fingerprint(problem: Problem, said: Mapping[str, Any]) -> str:
+    """Of all that decides about a fit: data, scene, the tables it names, free numbers, priors, and how it is made."""
+    from vrte import __version__
+
+    model = problem.model
+    source, folder = model.source.source, model.source.folder
+    tables: dict[str, str] = {}
+    if isinstance(source, Scene):
+        layers = [(x.thickness, x.albedo, x.host_index, x.phase_matrix.coefficients.tolist()) for x in source.layers]
+        scene: Any = [repr(source.base), repr(source.interfaces), layers]
+    else:
+        scene = model.source.content_at(model.source.values)
+        names = {*find_named_tables(scene).values()}
+        tables = {name: hashlib.sha256((Path(folder or ".") / name).read_bytes()).hexdigest() for name in sorted(names)}
+    rows = {name: getattr(model.measurement, name).tolist() for name in COLUMNS}
+    free = [asdict(one) for one in problem.parameters]
+    options = [model.options, model.jacobian, model.colours_um.tolist()]
+    everything = [__version__, rows, scene, tables, free, problem.priors.tolist(), options, dict(said)]
+    return hashlib.sha256(json.dumps(everything, sort_keys=True, default=str).encode()).hexdigest()
+
+
+class Journal:
+    """How far a fit has come, in a file that is written anew after each step; without a path nothing is kept.
+
+    ``finished``: the starts that are at their end; ``here``: the values of the next one so far; ``nodes``: of all
+    solves. Raises SceneError for the file of another fit, or what is none, OSError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, fingerprint: str) -> None:
+        self.path, self.fingerprint = path, fingerprint
+        self.finished: list[Start] = []
+        self.here: list[float] | None = None
+        self.nodes: int | None = None
+        if path is None or not os.path.lexists(check_file_name(path)):
+            return
+        said = read_sealed(path)
+        if not isinstance(said, dict) or said.get("kind") != KIND or "fingerprint" not in said:
+            raise SceneError(f"{os.fspath(path)}: no file of a fit that was under way", "resume")
+        if said["fingerprint"] != fingerprint:
+            words = "is of another fit: other data, another scene, or other free numbers or options"
+            raise SceneError(f"{os.fspath(path)} {words}", "resume")
+        self.finished = [Start(**one) for one in map(restore_tuples, said["finished"])]
+        self.here, self.nodes = said["here"], said["nodes"]
+
+    def note(self, values: Any, nodes: int | None) -> None:
+        """Writes where the start is that is under way."""
+        self.here, self.nodes = list(values), nodes
+        self._write()
+
+    def finish(self, start: Start) -> None:
+        """Writes that a start is at its end."""
+        self.finished.append(start)
+        self.here = None
+        self._write()
+
+    def _write(self) -> None:
+        if self.path is None:
+            return
+        finished = [asdict(one) for one in self.finished]
+        said = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": self.nodes}
+        write_sealed(self.path, said | {"finished": finished, "here": self.here})
+
+
+def restore_tuples(said: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields as JSON gives them, lists as tuples again."""
+    return {name: tuple(one) if isinstance(one, list) else one for name, one in said.items()}
+
+
+def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
+    """Writes a fit as JSON that ends in its checksum. Raises OSError."""
+    said: dict[str, Any] = {"kind": KIND, **{name: getattr(fit, name) for name in PLAIN}}
+    said |= {name: getattr(fit, name).tolist() for name in ARRAYS}
+    said["starts"] = [asdict(one) for one in fit.starts]
+    said["measurement"] = {name: getattr(fit.measurement, name).tolist() for name in COLUMNS}
+    problem = fit.problem
+    if problem is not None and not isinstance(problem.model.source.source, Scene):
+        model = problem.model
+        said["problem"] = {
+            "content": model.source.content_at(model.source.values),
+            "options": model.options,
+            "jacobian": model.jacobian,
+            "colours_um": model.colours_um.tolist(),
+            "parameters": [asdict(one) for one in problem.parameters],
+            "priors": problem.priors.tolist(),
+            "sigma": problem.sigma.tolist(),
+            "loss": problem.loss,
+        }
+    write_sealed(path, said)
+
+
+def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Fit:
+    """What `save_fit` wrote; tables that its scene names lie in ``folder``, by default beside the file. Raises
+    SceneError, OSError."""
+    said = read_sealed(path)
+    try:
+        measurement = Measurement(**said["measurement"])
+        fields: dict[str, Any] = {
+            name: tuple(one) if isinstance(one, list) else one for name, one in said.items() if name in PLAIN
+        }
+        arrays: dict[str, Any] = {name: np.array(said[name], float) for name in ARRAYS}
+        starts = tuple(Start(**restore_tuples(one)) for one in said["starts"])
+        problem = None
+        if "problem" in said:
+            problem = restore_problem(
+                said["problem"], measurement, fields, Path(path).parent if folder is None else Path(folder)
+            )
+        return Fit(measurement=measurement, starts=starts, problem=problem, **fields, **arrays)
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, SceneError):
+            raise error.behind(os.fspath(path)) from error
+        raise SceneError(f"{os.fspath(path)}: no fit that vrte wrote ({type(error).__name__}: {error})") from error
+
+
+def restore_problem(said: Mapping[str, Any], measurement: Measurement, fields: Mapping[str, Any], folder: Path) -> Any:
+    """The problem of a saved fit."""
+    model = make_model(measurement, said["content"], fields["names"], folder=folder, jacobian=said["jacobian"])
+    model.options, model.nodes = dict(said["options"]), fields["nodes"]
+    if not np.array_equal(model.colours_um, said["colours_um"]):
+        asked = {"wavelengths_um": said["colours_um"], "folder": folder, "jacobian": said["jacobian"]}
+        model = make_model(measurement, said["content"], fields["names"], **asked)
+        model.options, model.nodes = dict(said["options"]), fields["nodes"]
+    parameters = tuple(Parameter(**one) for one in said["parameters"])
+    priors = np.array([[math.nan if one is None else one for one in pair] for pair in said["priors"]], float)
+    return Problem(model, parameters, priors.reshape(-1, 2), np.array(said["sigma"], float), said["loss"])
