@@ -286,7 +286,7 @@ def test_a_file_that_is_no_fit_is_refused(
 
 
 CONTENT = {
-    "nodes": 4,
+    "nodes": 8,
     "wavelength_um": 0.55,
     "particles": {"dust": {"index": [1.6, 0.01], "radius_um": 0.08}},
     "layer": [
