@@ -103,7 +103,7 @@ class Problem:
         return self.join_slopes(self.find_point(values, True)) * np.array(scale)
 
 
-def descend(
+def fit_residuals(
     problem: Problem,
     begin: Array,
     free: BoolArray,

@@ -8,7 +8,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_vector, check_whole, settle_array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
-from vrte.fit.problem import Problem, descend
+from vrte.fit.problem import Problem, fit_residuals
 
 if TYPE_CHECKING:
     from vrte.fit.result import Fit
@@ -75,7 +75,7 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
         begin[place] = grid[k]
         if near is not None:
             begin[others] = found[near]
-        point, cost, _ = descend(problem, problem.find_steps(begin), others, MOST_STEPS)
+        point, cost, _ = fit_residuals(problem, problem.find_steps(begin), others, MOST_STEPS)
         found[k], chi2[k] = point[others], cost * scale
         if progress is not None:
             progress(done + 1, grid.size)

@@ -21,7 +21,7 @@ from vrte.fit.identify import (
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
 from vrte.fit.parameters import Parameter, read_parameters, read_priors
-from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, descend
+from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
 from vrte.request.how import check_choice
@@ -263,7 +263,7 @@ class Search:
 
         from_here = begin if journal.here is None else problem.find_steps(np.array(journal.here))
         everything = np.ones(begin.size, bool)
-        values, chi2, converged = descend(problem, from_here, everything, self.most_steps, tell)
+        values, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, tell)
         self.keep(problem.find_point(values, True))
         ended = "converged" if converged else f"stopped after {self.most_steps} trials"
         if progress is not None:
@@ -294,7 +294,9 @@ class Search:
         self.best, self.cost = None, math.inf
         if moved > NODES_MATTER:
             everything = np.ones(values.size, bool)
-            values, *_ = descend(self.problem, self.problem.find_steps(values), everything, self.most_steps, self.keep)
+            values, *_ = fit_residuals(
+                self.problem, self.problem.find_steps(values), everything, self.most_steps, self.keep
+            )
             self.keep(self.problem.find_point(values, True))
         else:
             self.keep(self.problem.find_point(values, True))
