@@ -659,9 +659,12 @@ def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path
     tab.page.wait_for_timeout(300)
     tab.button("Fit").click()
     tab.says("What fits best")
-    with tab.page.expect_download() as waiting:
-        tab.button("Fitted scene, TOML").click()
-    waiting.value.save_as(tmp_path / "fitted.toml")
+    for button, name in (("Page of the fit", "fit.html"), ("Fitted scene, TOML", "fitted.toml")):
+        with tab.page.expect_download() as waiting:
+            tab.button(button).click()
+        assert waiting.value.suggested_filename == name
+        waiting.value.save_as(tmp_path / name)
+    assert "http" not in re.sub(r"http://www\.w3\.org/\S*", "", (tmp_path / "fit.html").read_text())
     content = tomllib.loads((tmp_path / "fitted.toml").read_text())
     assert content["layer"][0]["thickness"] == pytest.approx(0.7, rel=1e-4)
     assert content["base"] == {"kind": "lambertian", "albedo": 0.3}

@@ -15,6 +15,7 @@ from vrte.app.form.content import START, Content
 from vrte.app.form.free_numbers import list_free_numbers, put_values, write_shares_out
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.server.serve import leave_bench
+from vrte.app.solving import fitting
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.fitting import fit_scene
 from vrte.app.solving.live import COMPARER, Live
@@ -199,7 +200,8 @@ def test_what_may_change_is_checked_before_a_fit(told: dict[str, Any], words: st
     assert choose_free(list_free_numbers(HAZE), {THICKNESS: {"free": True, "high": 9}}) == expected
 
 
-def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes) -> None:
+def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fitting, "write_page", lambda found: b"a page")  # tests/test_fit.py has it; it takes a second
     told: list[Progress] = []
     task = Fit(change(thickness=0.4), Path(), 1e9, data, ".csv", FREE)
     with warnings.catch_warnings():
@@ -212,6 +214,7 @@ def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes) -> Non
     np.testing.assert_allclose(found.values, 0.7, rtol=1e-5)
     np.testing.assert_allclose(found.predicted, ROWS.predict(HAZE), rtol=1e-5)
     assert 0.0 < found.errors[0] < 0.01
+    assert found.page == b"a page"
     assert put_values(task.content, find_places(found)) == HAZE
     kept = keep_step(task, steps[1], "it died")
     assert np.isnan(kept.errors).all()

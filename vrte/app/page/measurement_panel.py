@@ -336,6 +336,9 @@ class MeasurementPanel:
                 use.props("no-caps unelevated").classes("vrte-go px-3")
                 self.back = ui.button("Back to those before", icon="undo", on_click=self.go_back)
                 self.back.props("no-caps flat dense").set_visibility("before_fit" in self.view)
+                if fitted.page:
+                    page = ui.button("Page of the fit", icon="download", on_click=self.download_page)
+                    page.props("no-caps flat dense")
                 scene = ui.button("Fitted scene, TOML", icon="download", on_click=self.download_scene)
                 scene.props("no-caps flat dense")
         with self.details:
@@ -355,6 +358,11 @@ class MeasurementPanel:
             add_table_row("th", ["", *(str(place) for place in range(1, len(labels) + 1))])
             for place, (label, row) in enumerate(zip(labels, fitted.correlations, strict=True), 1):
                 add_table_row("td", [f"{place}  {label}", *(f"{value:.3f}" for value in row[:place])])
+
+    def download_page(self) -> None:
+        """The page of the fit, a file that needs nothing else."""
+        if self.bench.fitted is not None:
+            self.hand_out("fit.html", self.bench.fitted.page)
 
     def download_scene(self) -> None:
         """The scene that fits best."""

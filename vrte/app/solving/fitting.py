@@ -5,10 +5,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.measuring import MOST_NOTES, choose_wavelength, read_bytes
 from vrte.app.solving.messages import Fit, Fitted, Progress, Step
-from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning
+from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError
 from vrte.fit import run as least_squares
+from vrte.fit.result import Fit as Result
 
 SILENT = IndistinguishableWarning, LongSolveWarning  # the first is told among the sentences
 
@@ -30,6 +32,7 @@ def fit_scene(task: Fit, tell: Callable[[Progress], None], caught: Sequence[warn
 
     tell(Progress(0.0, "the scene as it is, and how it changes with each number"))
     found = least_squares.fit(measured, content, task.free, folder=task.folder, progress=progress, watch=watch)
+    tell(Progress(1.0, "the page of the fit"))
     said = [str(one.message) for one in caught if not issubclass(one.category, SILENT)]
     notes = (*notes, *found.notes, *said)
     return Fitted(
@@ -41,5 +44,14 @@ def fit_scene(task: Fit, tell: Callable[[Progress], None], caught: Sequence[warn
         found.chi2,
         np.array(found.predicted),
         found.blind_spots,
+        write_page(found),
         tuple(dict.fromkeys(notes))[:MOST_NOTES],
     )
+
+
+def write_page(found: Result) -> bytes:
+    """The page of a fit, b"" where what draws it is not installed."""
+    try:
+        return collect_bytes("fit.html", found.page)
+    except MissingExtraError:
+        return b""

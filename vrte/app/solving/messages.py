@@ -74,8 +74,8 @@ class Step(Progress):
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where nothing tells them,
-    correlations (n, n), chi2, what the scene then shows (rows,); and in sentences what the data cannot tell, and what
-    else is to be known."""
+    correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell; a page of all
+    of it, b"" without; and what else is to be known."""
 
     content: dict[str, Any]
     names: tuple[str, ...]
@@ -85,6 +85,7 @@ class Fitted:
     chi2: float
     predicted: Array
     sentences: tuple[str, ...] = ()
+    page: bytes = b""
     notes: tuple[str, ...] = ()
 
 
