@@ -14,7 +14,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, put_in_media, trim_nodes
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, put_block_in_media, put_in_media
 from vrte.discrete_ordinates.derivatives.pile import Differentiating, OrderOfPile
 from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
 from vrte.discrete_ordinates.execution.carry_out import make_target
@@ -189,10 +189,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     with PROCESSOR.at_work(), run.booked("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
-            chosen = np.ix_(block.columns, block.stokes)
-            own = replace(problem, stokes=block.stokes, columns=np.ascontiguousarray(problem.columns[chosen]))
-            own = trim_nodes(own, block.problem.nodes.size)
-            base = scene.below if block.base is not BLACK else BLACK
+            own, base = put_block_in_media(plan, block), block.base
             route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], False)
             eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))
             eyes = Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], False)

@@ -22,6 +22,7 @@ from vrte.discrete_ordinates.orders.media import Media, Sights
 from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.truncating import is_scalar
+from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.needs import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
 from vrte.request.request import Request, find_under
@@ -156,10 +157,8 @@ def differentiate_part(
     with PROCESSOR.at_work():
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
-            columns = np.ascontiguousarray(problem.columns[np.ix_(block.columns, block.stokes)])
-            own = trim_nodes(replace(problem, stokes=block.stokes, columns=columns), block.problem.nodes.size)
-            base = scene.below if block.base is not BLACK else BLACK
-            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, variations, scalar)
+            own = put_block_in_media(plan, block)
+            route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, scalar)
             own_run, step = choose_threads(run, own, orders), route.chunk(run.threads)
             for first in range(0, orders.size, step):
                 some = orders[first : first + step]
@@ -204,24 +203,19 @@ def put_in_media(plan: Plan) -> Problem:
     return replace(problem, media=Media(request.scene, nodes, depths))
 
 
-def trim_nodes(problem: Problem, count: int) -> Problem:
-    """The problem on its first nodes, where an order sees no light along the others."""
-    media = problem.media
-    assert media is not None
-    if count == problem.nodes.size or problem.is_refracted:
+def put_block_in_media(plan: Plan, block: Block) -> Problem:
+    """The same of a block: on its nodes, and down to where its light reaches."""
+    request, problem, scene = plan.request, block.problem, plan.request.scene
+    if problem.media is not None:
         return problem
-    kept = replace(
-        media.nodes,
-        highest=media.nodes.highest[:count],
-        depth=media.nodes.depth[:count],
-        measure=media.nodes.measure[:count],
-    )
-    return replace(
-        problem,
-        nodes=problem.nodes[:count],
-        weights=problem.weights[:count],
-        media=Media(media.scene, kept, media.depths),
-    )
+    reached, endless = problem.thickness.size, bool(np.isinf(problem.thickness[-1]))
+    layers = list(scene.layers[:reached])
+    if endless:
+        layers[-1] = replace(layers[-1], thickness=np.inf)
+    seen = Scene(layers, scene.base if reached == len(scene.layers) and not endless else None)
+    all_, count = make_refracted_nodes(scene.media, plan.problem.nodes.size), problem.nodes.size
+    nodes = replace(all_, highest=all_.highest[:count], depth=all_.depth[:count], measure=all_.measure[:count])
+    return replace(problem, media=Media(seen, nodes, locate_depths(seen, request.tau, find_under(request))))
 
 
 def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[Vertex], run: Run) -> list[Array]:
