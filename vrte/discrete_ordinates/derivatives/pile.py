@@ -117,8 +117,8 @@ class Differentiating(Refracting):
 
         def solve(place: int) -> None:
             order = OrderOfPile(self, place, int(orders[place]), responses, sheets, modes)
-            for k, change in enumerate(self.changes):
-                kernels[k, place], fluxes = order.change(change, k, turned[k])
+            for k, (light, fluxes) in enumerate(order.change_all(turned)):
+                kernels[k, place] = light
                 if problem.conserves and orders[place] == 0:
                     flux[k] = fluxes
             residual[place] = order.residual
@@ -310,10 +310,47 @@ class OrderOfPile:
                 sent[way] = np.einsum("osia,iac->osic", passing, light).reshape(sent.shape[1:])
         return route.look(sent), np.zeros((2, problem.level.size, problem.n_rhs))
 
-    def change(self, change: Change, number: int, turned: dict[int, Assembled]) -> tuple[Array, Array]:
-        """Derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau, r)."""
+    def change_all(self, turned: list[dict[int, Assembled]]) -> list[tuple[Array, Array]]:
+        """Of each change the derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau,
+        r): the light that all of them send out goes through the pile together."""
+        route = self.route
         if self.is_alone:
-            return self.change_alone(change, turned)
+            return [self.change_alone(change, own) for change, own in zip(route.changes, turned, strict=True)]
+        if not route.changes:
+            return []
+        pile, r = self.pile, self.pile.r
+        parts = [self.change_parts(change, k, turned[k]) for k, change in enumerate(route.changes)]
+        sources = [
+            (np.hstack([part.sources[k][0] for part in parts]), np.hstack([part.sources[k][1] for part in parts]))
+            for k in range(len(self.pieces))
+        ]
+        rough = {
+            place: (
+                np.hstack([part.rough[place][0] for part in parts]),
+                np.hstack([part.rough[place][1] for part in parts]),
+            )
+            for place in route.rough_joints
+        }
+        tangent = TangentPile(pile, sources, np.hstack([part.below for part in parts]), rough)
+        tangent.rise()
+        tangent.fall()
+        sent = self.send(tangent)
+        found = []
+        for k, part in enumerate(parts):
+            own = slice(k * r, (k + 1) * r)
+            light = route.look(sent[..., own] + self.send_changed(part))
+            escapes = route.changed_escapes[k]
+            if escapes is not None:
+                light = light + route.look(self.value_sent(), escapes)
+            flux = np.zeros((2, route.problem.level.size, r))
+            if route.problem.conserves and self.order == 0:
+                fields = (tangent.arriving, tangent.leaving, tangent.entering, tangent.rising)
+                flux = route.sum_fluxes(*([one[:, own] for one in field] for field in fields))
+            found.append((light, flux))
+        return found
+
+    def change_parts(self, change: Change, number: int, turned: dict[int, Assembled]) -> "Parts":
+        """What a change does to the slabs, the base and the beams, and the light that they send out for it."""
         route, pile = self.route, self.pile
         base, beams = route.changed_bases[number], route.beams_of(change)
         blocks = [self.change_slab(k, change, turned, on_nodes=True) for k in range(len(self.pieces))]
@@ -330,24 +367,15 @@ class OrderOfPile:
                 more = piece.send_to_nodes(pile.n, beams[0][k], beams[1][k])
                 up, down = up + more[0], down + more[1]
             sources.append((up, down))
-        below = self.change_below(base, beams)
-        tangent = TangentPile(pile, sources, below, self.change_rough(change))
-        tangent.rise()
-        tangent.fall()
-        sent = self.see(tangent, moved, beams, base, change)
-        light = route.look(sent)
-        escapes = route.changed_escapes[number]
-        if escapes is not None:
-            light = light + route.look(self.value_sent(), escapes)
-        flux = route.sum_fluxes(tangent.arriving, tangent.leaving, tangent.entering, tangent.rising)
-        return light, flux
+        return Parts(moved, base, beams, sources, self.change_below(base, beams), self.change_rough(change))
 
     def change_rough(self, change: Change) -> dict[int, tuple[Array, Array]]:
         """What changed beams send to the nodes at rough joints, going up above and down below, by joint."""
         route = self.route
         found: dict[int, tuple[Array, Array]] = {}
         if change.beams is None:
-            return found
+            dark = np.zeros((self.pile.n, self.pile.r))
+            return dict.fromkeys(route.rough_joints, (dark, dark))
         members, problem = np.ix_(route.problem.stokes, route.problem.stokes), route.problem
         for place, rough in route.rough_joints.items():
             falls, rises = (
@@ -375,41 +403,61 @@ class OrderOfPile:
     def value_sent(self) -> Array:
         """All light that is sent out along the sights, (source, n_sight, S, r), unchanged."""
         if self.sent is None:
-            self.sent = self.see(
-                self.pile, self.pieces, (self.route.falling, self.route.mirrored, self.route.arriving), None, None
-            )
+            beams = self.route.falling, self.route.mirrored, self.route.arriving
+            self.sent = self.send(self.pile) + self.send_beams(beams)
         return self.sent
 
-    def see(
-        self,
-        tangent: "NodalPile",
-        moved: Sequence[Piece | None],
-        beams: tuple[Array, Array, Array] | None,
-        base: Base | None,
-        change: Change | None,
-    ) -> Array:
-        """Light along the sights, (source, n_sight, S, r), from changed light and from changed pieces; without a
-        change, from all light."""
-        route, pile, problem = self.route, self.pile, self.route.problem
-        sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], len(problem.stokes), problem.n_rhs))
-        for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
-            dark = np.zeros_like(route.falling[k]), np.zeros_like(route.mirrored[k])
-            falling, mirrored = dark if beams is None else (beams[0][k], beams[1][k])
-            up, down = piece.send(tangent.entering[k], tangent.leaving[k + 1], falling, mirrored)
-            sent[2 * k], sent[2 * k + 1] = up, down
-            if change is not None and own is not None:
-                up, down = own.send(pile.entering[k], pile.leaving[k + 1], route.falling[k], route.mirrored[k])
-                sent[2 * k] += up
-                sent[2 * k + 1] += down
+    def send(self, pile: NodalPile) -> Array:
+        """What light on the nodes (n, r) of a pile like this one sends along the sights, (source, n_sight, S, r)."""
+        route = self.route
+        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), pile.r
+        sent = np.zeros(shape)
+        for k, piece in enumerate(self.pieces):
+            dark = np.zeros_like(route.falling[k])
+            sent[2 * k], sent[2 * k + 1] = piece.send(pile.entering[k], pile.leaving[k + 1], dark, dark)
         for k, (place, rough) in enumerate(route.rough_joints.items(), len(self.pieces)):
-            arriving, rising = tangent.arriving[place], tangent.rising[place]
+            arriving, rising = pile.arriving[place], pile.rising[place]
             sent[2 * k] = rough.above.send(self.order, arriving) + rough.up.send(self.order, rising)
             sent[2 * k + 1] = rough.below.send(self.order, rising) + rough.down.send(self.order, arriving)
         if route.base is not None:
-            sent[-1] = route.leave_base(self.order, tangent.arriving[-1])
-            if base is not None:
-                sent[-1] += route.leave_base(self.order, pile.arriving[-1], base)
+            sent[-1] = route.leave_base(self.order, pile.arriving[-1])
         return sent
+
+    def send_beams(self, beams: tuple[Array, Array, Array]) -> Array:
+        """The same of beams alone, falling and mirrored power."""
+        route = self.route
+        dark = np.zeros((self.pile.n, self.pile.r))
+        sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), self.pile.r))
+        for k, piece in enumerate(self.pieces):
+            sent[2 * k], sent[2 * k + 1] = piece.send(dark, dark, beams[0][k], beams[1][k])
+        return sent
+
+    def send_changed(self, part: "Parts") -> Array:
+        """What changed beams, changed slabs and a changed base send along the sights."""
+        route, pile = self.route, self.pile
+        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), pile.r
+        sent = np.zeros(shape) if part.beams is None else self.send_beams(part.beams)
+        for k, own in enumerate(part.moved):
+            if own is not None:
+                up, down = own.send(pile.entering[k], pile.leaving[k + 1], route.falling[k], route.mirrored[k])
+                sent[2 * k] += up
+                sent[2 * k + 1] += down
+        if part.base is not None:
+            sent[-1] += route.leave_base(self.order, pile.arriving[-1], part.base)
+        return sent
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """One change in a pile: how its pieces, its base and its beams change, None where they do not, and what these send
+    out: of each piece up and down (n, r), of the base, and at rough joints up and down."""
+
+    moved: list[Piece | None]
+    base: Base | None
+    beams: tuple[Array, Array, Array] | None
+    sources: list[tuple[Array, Array]]
+    below: Array
+    rough: dict[int, tuple[Array, Array]]
 
 
 class TangentPile(NodalPile):
@@ -422,7 +470,13 @@ class TangentPile(NodalPile):
         below: Array,
         rough: dict[int, tuple[Array, Array]],
     ) -> None:
-        self.route, self.order, self.pieces, self.n, self.r = pile.route, pile.order, pile.pieces, pile.n, pile.r
+        self.route, self.order, self.pieces, self.n, self.r = (
+            pile.route,
+            pile.order,
+            pile.pieces,
+            pile.n,
+            below.shape[1],
+        )
         self.residual, self.sharings, self.beams, self.below = 0.0, pile.sharings, sources, below
         self.seen, self.seen_below, self.at_joint, self.in_slab = (
             pile.seen,

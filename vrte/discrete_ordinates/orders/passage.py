@@ -116,7 +116,7 @@ class Passage:
     def leave_base(self, order: int, arriving: Array, base: Base | None = None) -> Array:
         """What the base, or another one, sends along the sights of light on the nodes, (n, r): (n_sight, S, r)."""
         base, stokes = self.base if base is None else base, len(self.problem.stokes)
-        shape = self.sights.cosines.shape[1], stokes, self.problem.n_rhs
+        shape = self.sights.cosines.shape[1], stokes, arriving.shape[1]
         row = -1 if base is None else int(base.row[order])
         if base is None or row < 0:
             return np.zeros(shape)
