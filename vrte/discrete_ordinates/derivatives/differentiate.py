@@ -21,7 +21,7 @@ from vrte.discrete_ordinates.orders.leave_out import EVERYTHING
 from vrte.discrete_ordinates.orders.media import Media, Sights
 from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.truncating import is_scalar
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.needs import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
@@ -46,6 +46,8 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
         return "the base mirrors beams"
     if variation.base and not scene.below.orders_reflected:
         return "the base is black"
+    if any(has_more_terms(part.problem, scene, variation) for part in plan.parts or (plan,)):
+        return "its coefficients go beyond the last of the scene's"
     return None
 
 
@@ -114,6 +116,14 @@ def turn_over(variation: Variation) -> Variation:
         albedo=variation.albedo[::-1],
         coefficients=variation.coefficients[::-1],
     )
+
+
+def has_more_terms(problem: Problem, scene: Scene, variation: Variation) -> bool:
+    """Whether a variation has coefficients, of those that the nodes carry, beyond the last of all layers."""
+    last = max(
+        (int(np.flatnonzero(table.any(axis=1))[-1]) for table in variation.coefficients if table.any()), default=0
+    )
+    return min(last + 1, count_terms_carried(scene, problem.nodes.size)) > problem.coefficients.shape[1]
 
 
 def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
