@@ -28,6 +28,7 @@ from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_path
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.truncation import expand_peak
+from vrte.results.solution import Solution
 from vrte.scene.boundary import BLACK
 from vrte.scene.variation import Variation
 
@@ -115,35 +116,28 @@ def pull_back(plan: Plan, cotangent: Array, run: Run) -> Gradient:
     if even:
         base = ((1.0 / below.even_albedo, below),)
         variations.append(Variation("base.albedo", 1.0, np.zeros(count), np.zeros(count), base=base))
-    forward = [
-        float((solution.parts[0][0] * cotangent).sum()) for solution in differentiate_plan(plan, variations, run)
-    ]
-    thickness = np.zeros(count)
-    thickness[finite] = forward[: len(finite)]
-    longest = max(layer.phase_matrix.terms for layer in scene.layers)
-    albedo, tables = np.zeros(count), np.zeros((count, longest, 6))
-    parts = plan.parts or (plan,)
-    for part in parts:
+    total, albedo = np.zeros(len(variations)), np.zeros(count)
+    tables = np.zeros((count, max(layer.phase_matrix.terms for layer in scene.layers), 6))
+    for part in plan.parts or (plan,):
+        forward = np.array([weigh_values(found, cotangent) for found in differentiate_plan(part, variations, run)])
+        total += forward
         multiple, single = collect_tables(part, cotangent, run)
-        # the share of this part of the thickness counts where peaks shorten it
-        own = (
-            thickness if len(parts) == 1 else measure_thickness(part, cotangent, variations[: len(finite)], finite, run)
-        )
+        deeper = np.zeros(count)
+        deeper[finite] = forward[: len(finite)]
         for k in range(count):
-            more, table = follow_layer(part.problem, part, k, multiple[k], single[k], float(own[k]))
+            more, table = follow_layer(part.problem, part, k, multiple[k], single[k], float(deeper[k]))
             albedo[k] += more
             tables[k, : table.shape[0]] += table
+    thickness = np.zeros(count)
+    thickness[finite] = total[: len(finite)]
     coefficients = tuple(table[: layer.phase_matrix.terms] for table, layer in zip(tables, scene.layers, strict=True))
-    return Gradient(thickness, albedo, coefficients, forward[-1] if even else 0.0)
+    return Gradient(thickness, albedo, coefficients, float(total[-1]) if even else 0.0)
 
 
-def measure_thickness(part: Plan, cotangent: Array, variations: list[Variation], finite: list[int], run: Run) -> Array:
-    """The derivatives with thickness of one part of polarized light, (layer,)."""
-    found = np.zeros(len(part.request.scene.layers))
-    for k, solution in zip(finite, differentiate_plan(part, variations, run), strict=True):
-        values = solution.parts[0][0]
-        found[k] = float((values * cotangent[..., : values.shape[-1]]).sum())
-    return found
+def weigh_values(found: Solution, cotangent: Array) -> float:
+    """The weighted sum of a derivative."""
+    values = found.parts[0][0]
+    return float((values * cotangent[..., : values.shape[-1]]).sum())
 
 
 def follow_layer(
