@@ -32,6 +32,10 @@ SCENES = {
     "under a surface": vrte.Scene([make_layer()], vrte.Lambertian(0.3), [COAT, None]),
     "plate": vrte.Scene([make_layer()], interfaces=[COAT, vrte.Interface(1.5, 1.0)]),
     "facets": vrte.Scene([make_layer(vrte.rayleigh())], vrte.Lambertian(0.3), [replace(COAT, roughness=0.4), None]),
+    "more nodes than asked for": vrte.Scene(
+        [make_layer(vrte.henyey_greenstein(0.3, 6), 0.9, 0.3)],
+        interfaces=[vrte.Interface(1.0, 1.3), vrte.Interface(1.3, 1.1)],
+    ),
     "clear": vrte.Scene([make_layer(albedo=0.0), make_layer()], vrte.Lambertian(0.5)),
     "facets below": vrte.Scene([make_layer(vrte.rayleigh(), 0.8, 0.6)], vrte.Facets(0.4, 1.5)),
 }
@@ -188,3 +192,16 @@ def test_modes_that_are_not_trusted_leave_it_to_differences(monkeypatch):
     assert "differ by" in found.diagnostics["derivatives"]["layer[1].albedo"]
     gap = found.jacobian["layer[1].albedo"] - expected.jacobian["layer[1].albedo"]
     assert 0.0 < np.abs(gap).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_orders_on_fewer_nodes_keep_their_peak():
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.7, 140), 0.97, 3.0)], vrte.Lambertian(0.2))
+    how = {"mu_i": [0.4, 0.9], "mu_o": [0.3, 0.8], "phi": PHI, "nodes": 32, "accuracy": 1e-9}
+    found = vrte.linearize(scene, **how)
+    assert len({block.problem.nodes.size for block in found.plan.blocks}) > 1
+    table = np.zeros((140, 6))
+    table[1:, 0] = 0.01
+    variation = vrte.Variation("all", 1.0, [0.5], [0.1], (table,))
+    expected = difference(lambda h: vrte.brdf(move_scene(scene, variation, h), **how).mueller, 1e-3)
+    assert np.abs(found.jvp(variation) - expected).max() < 1e-8 * np.abs(expected).max()

@@ -98,6 +98,9 @@ class Linearized:
         coefficients: fields of beams that come in along the outgoing directions weigh every change, by reciprocity
         (docs/explanation/derivatives.md).
 
+        Fourier orders are those that the light itself needs: along directions whose coefficients fall off much more
+        slowly than the phase matrix's, `jvp` takes all orders and is the one to trust.
+
         Parameters
         ----------
         cotangent : array_like

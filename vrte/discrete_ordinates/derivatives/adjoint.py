@@ -14,7 +14,12 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, put_block_in_media, put_in_media
+from vrte.discrete_ordinates.derivatives.differentiate import (
+    differentiate_plan,
+    find_carried,
+    put_block_in_media,
+    put_in_media,
+)
 from vrte.discrete_ordinates.derivatives.pile import Differentiating, OrderOfPile
 from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
 from vrte.discrete_ordinates.execution.carry_out import make_target
@@ -25,7 +30,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, f
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
+from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.truncation import expand_peak
 from vrte.results.solution import Solution
@@ -148,11 +153,10 @@ def follow_layer(
     coefficients. `change_layer`, read backwards; thickness: the derivative with the layer's own."""
     layer = plan.request.scene.layers[k]
     given, omega, tau = layer.phase_matrix.coefficients, layer.albedo, layer.thickness
-    carried = count_terms_carried(plan.request.scene, problem.nodes.size)
+    kept = int(problem.terms[k])
     f = float(problem.fraction[k])
     stretch = 1.0 - omega * f
     own, gain = omega * (1.0 - f) / stretch, omega / stretch
-    kept = min(carried, given.shape[0], multiple.shape[0])
     peak = expand_peak(kept, is_scalar(plan.request.scene))
     cut = (given[:kept] - f * peak) / (1.0 - f) if f > 0.0 else given[:kept]
     of_own = float((multiple[:kept] * cut).sum())
@@ -166,7 +170,7 @@ def follow_layer(
         slope = -peak / (1.0 - f) + (given[:kept] - f * peak) / (1.0 - f) ** 2
         of_f = of_own * (own - 1.0) * omega / stretch + of_gain * gain * omega / stretch - shortened * omega
         of_f += own * float((multiple[:kept] * slope).sum())
-        found[carried, 0] += of_f / (2 * carried + 1)
+        found[kept, 0] += of_f / (2 * kept + 1)
     found[0, 0] = 0.0
     return of_albedo, found
 
@@ -174,7 +178,7 @@ def follow_layer(
 def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array], list[Array]]:
     """Derivatives with each layer's truncated albedo times coefficients, by multiple scattering, and with its whole
     coefficients over its gain, by single scattering."""
-    scene, problem = plan.request.scene, put_in_media(plan)
+    scene, problem, carried = plan.request.scene, put_in_media(plan), find_carried(plan)
     target = replace(make_target(plan), problem=problem)
     cotangent = cotangent[..., : int(plan.wanted.place.max()) + 1]
     rows = problem.coefficients.shape[1]
@@ -184,9 +188,9 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
             own, base = put_block_in_media(plan, block), block.base
-            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], False)
+            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
             eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))
-            eyes = Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], False)
+            eyes = Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
             step = route.chunk(1)
             for first in range(0, orders.size, step):
                 some = orders[first : first + step]
@@ -195,7 +199,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
                     weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
                     pull_order(route, eyes, place, order, lit, weights, multiple)
         whole = replace(problem, stokes=ALL)
-        route = Differentiating(whole, BLACK, 1, plan.accuracy, [], False)
+        route = Differentiating(whole, BLACK, 1, plan.accuracy, [], carried)
         columns = tuple(range(problem.columns.shape[0]))
         for order in range(max(table.shape[0] for table in single)):
             weights = weigh_kernels(target, order, ALL, columns, cotangent)

@@ -8,7 +8,6 @@ from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.media import Cut, find_beams, find_escapes
 from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
 from vrte.scene.scene import Scene
@@ -30,28 +29,35 @@ class LayerChange:
     whole: Array
 
 
-def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, scalar: bool) -> LayerChange:
+@dataclass(frozen=True)
+class Carried:
+    """How many ``terms`` of a phase matrix the nodes carry, and whether the scene scatters I alone."""
+
+    terms: int
+    is_scalar: bool
+
+
+def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, carried: Carried) -> LayerChange:
     """Of layer k, whose peak is taken off or not: the formulas of `vrte.optics.truncation`, differentiated."""
     layer, table = scene.layers[k], variation.coefficients[k]
     tau, albedo = layer.thickness, layer.albedo
     d_tau, d_albedo = float(variation.thickness[k]), float(variation.albedo[k])
-    carried = count_terms_carried(scene, problem.nodes.size)
     given = layer.phase_matrix.coefficients
     whole = np.zeros((max(given.shape[0], table.shape[0]), 6))
     whole[: table.shape[0]] = table
     rows = problem.coefficients.shape[1]
     cut, d_cut = np.zeros((rows, 6)), np.zeros((rows, 6))
-    kept = min(carried, rows)
+    kept = int(problem.terms[k])
     f, d_f = float(problem.fraction[k]), 0.0
     if f > 0.0:
-        d_f = float(whole[carried, 0]) / (2 * carried + 1) if whole.shape[0] > carried else 0.0
+        d_f = float(whole[kept, 0]) / (2 * kept + 1) if whole.shape[0] > kept else 0.0  # those kept are all carried
     stretch = 1.0 - albedo * f
     d_stretch = -(d_albedo * f + albedo * d_f)
-    count, d_count = min(kept, given.shape[0]), min(kept, whole.shape[0])
+    count, d_count = min(kept, given.shape[0]), min(carried.terms, rows, whole.shape[0])
     cut[:count], d_cut[:d_count] = given[:count], whole[:d_count]
     if f > 0.0:
         peak = np.zeros((rows, 6))
-        peak[:kept] = expand_peak(kept, scalar)
+        peak[:kept] = expand_peak(kept, carried.is_scalar)
         cut, d_cut = (
             (cut - f * peak) / (1.0 - f),
             (d_cut - d_f * peak) / (1.0 - f) + (cut - f * peak) * (d_f / (1.0 - f) ** 2),
@@ -79,10 +85,10 @@ class Change:
         return [bool(layer.scattering.any()) for layer in self.layers]
 
 
-def find_change(passage: Passage, variation: Variation, scalar: bool) -> Change:
+def find_change(passage: Passage, variation: Variation, carried: Carried) -> Change:
     """What a variation changes of a pile."""
     problem, scene = passage.problem, passage.media.scene
-    layers = tuple(change_layer(problem, scene, k, variation, scalar) for k in range(len(scene.layers)))
+    layers = tuple(change_layer(problem, scene, k, variation, carried) for k in range(len(scene.layers)))
     pieces = change_pieces(passage, variation, layers)
     beams = None
     if pieces.any():

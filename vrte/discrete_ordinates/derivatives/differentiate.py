@@ -10,7 +10,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import find_change
+from vrte.discrete_ordinates.derivatives.changes import Carried, find_change
 from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
 from vrte.discrete_ordinates.derivatives.pile import Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
@@ -32,6 +32,7 @@ from vrte.scene.boundary import BLACK
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
+LONGER = 10.0  # tails of coefficients, over those of the phase matrix, that want all orders
 ALLOWED = 1e-7  # gap between R + T by modes and by doubling, beyond which modes are not trusted
 
 
@@ -46,7 +47,7 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
         return "the base mirrors beams"
     if variation.base and not scene.below.orders_reflected:
         return "the base is black"
-    if any(has_more_terms(part.problem, scene, variation) for part in plan.parts or (plan,)):
+    if any(has_more_terms(part, variation) for part in plan.parts or (plan,)):
         return "its coefficients go beyond the last of the scene's"
     return None
 
@@ -118,12 +119,12 @@ def turn_over(variation: Variation) -> Variation:
     )
 
 
-def has_more_terms(problem: Problem, scene: Scene, variation: Variation) -> bool:
+def has_more_terms(plan: Plan, variation: Variation) -> bool:
     """Whether a variation has coefficients, of those that the nodes carry, beyond the last of all layers."""
     last = max(
         (int(np.flatnonzero(table.any(axis=1))[-1]) for table in variation.coefficients if table.any()), default=0
     )
-    return min(last + 1, count_terms_carried(scene, problem.nodes.size)) > problem.coefficients.shape[1]
+    return min(last + 1, find_carried(plan).terms) > plan.problem.coefficients.shape[1]
 
 
 def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
@@ -138,19 +139,36 @@ def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bo
     return list_stokes_sets(moved) != list_stokes_sets(problem)
 
 
+def is_longer(plan: Plan, variation: Variation) -> bool:
+    """Whether a variation has more of the coefficients beyond the orders that are solved than the light itself, each
+    over the largest: the orders that matter are those of the light else."""
+    for layer, table in zip(plan.request.scene.layers, variation.coefficients, strict=True):
+        mine, own = (
+            np.abs(part).max(axis=1) / (2.0 * np.arange(part.shape[0]) + 1.0) if part.any() else np.zeros(1)
+            for part in (table, layer.phase_matrix.coefficients)
+        )
+        beyond = mine[plan.orders :].max(initial=0.0) * own.max()
+        if beyond > LONGER * own[plan.orders :].max(initial=0.0) * mine.max() and beyond > 0.0:
+            return True
+    return False
+
+
 def differentiate_together(
     plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None
 ) -> list[Solution]:
-    """Of a plan without parts, all Stokes parameters together for variations that mix those it keeps apart."""
+    """Of a plan without parts: all Stokes parameters together for variations that mix those it keeps apart, and all
+    orders for those that reach farther than the light."""
+    groups: dict[tuple[bool, bool], list[Variation]] = {}
+    for one in variations:
+        key = is_mixing_stokes(plan.problem, plan.request.scene, one), is_longer(plan, one)
+        groups.setdefault(key, []).append(one)
     found: dict[Variation, Solution] = {}
-    joining = [one for one in variations if is_mixing_stokes(plan.problem, plan.request.scene, one)]
-    if joining:
-        together = replace(EVERYTHING, stokes=False)
-        whole = make_plan(plan.request, run, together, (plan.choice, plan.accuracy), plan.truncation)
-        found.update(zip(joining, differentiate_part(whole, joining, run, progress), strict=True))
-    others = [one for one in variations if one not in found]
-    if others:
-        found.update(zip(others, differentiate_part(plan, others, run, progress), strict=True))
+    for (mixing, longer), members in groups.items():
+        whole = plan
+        if mixing or longer:
+            less = replace(EVERYTHING, stokes=not mixing, orders=not longer)
+            whole = make_plan(plan.request, run, less, (plan.choice, plan.accuracy), plan.truncation)
+        found.update(zip(members, differentiate_part(whole, members, run, progress), strict=True))
     return [found[one] for one in variations]
 
 
@@ -160,7 +178,7 @@ def differentiate_part(
     """Of a plan without parts."""
     start = time.perf_counter()
     request, scene = plan.request, plan.request.scene
-    problem, scalar = put_in_media(plan), is_scalar(scene)
+    problem, carried = put_in_media(plan), find_carried(plan)
     lights: list[list[Light]] = [[] for _ in variations]
     flux = np.zeros((len(variations), 2, request.tau.size, request.mu0.size, request.columns.shape[0]))
     worst, done, total = 0.0, 0, sum(block.orders.size for block in plan.blocks) + len(variations)
@@ -168,7 +186,7 @@ def differentiate_part(
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
             own = put_block_in_media(plan, block)
-            route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, scalar)
+            route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, carried)
             own_run, step = choose_threads(run, own, orders), route.chunk(run.threads)
             for first in range(0, orders.size, step):
                 some = orders[first : first + step]
@@ -188,7 +206,7 @@ def differentiate_part(
         if worst > ALLOWED:
             raise AccuracyError(f"modes and doubling differ by {worst:.2g} in R + T, allowed {ALLOWED:g}")
         target = replace(make_target(plan), problem=problem)
-        sights, vertices = list_changed_vertices(problem, scene.below, variations, scalar, target.azimuths, run)
+        sights, vertices = list_changed_vertices(problem, scene.below, variations, carried, target.azimuths, run)
         values = []
         for k in range(len(variations)):
             values.append(add_up(target, lights[k], sights, vertices[k], run))
@@ -197,10 +215,16 @@ def differentiate_part(
     passage = Passage(problem, BLACK, 1, 1.0)
     solutions = []
     for k, variation in enumerate(variations):
-        peaks = change_peak_flux(passage, variation, scalar)
+        peaks = change_peak_flux(passage, variation, carried)
         diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
         solutions.append(Solution(values[k], flux[k, 0] + peaks[0], flux[k, 1] + peaks[1], diagnostics))
     return solutions
+
+
+def find_carried(plan: Plan) -> Carried:
+    """What the nodes of a plan carry of phase matrices."""
+    scene = plan.request.scene
+    return Carried(count_terms_carried(scene, plan.choice.nodes), is_scalar(scene))
 
 
 def put_in_media(plan: Plan) -> Problem:
@@ -241,7 +265,7 @@ def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[V
     return [part.values for part in parts]
 
 
-def change_peak_flux(passage: Passage, variation: Variation, scalar: bool) -> Array:
+def change_peak_flux(passage: Passage, variation: Variation, carried: Carried) -> Array:
     """Derivatives of the flux that forward peaks take along with the beam, (2, n_tau, n_in, n_col): that of the beam in
     truncated layers less that of the true one."""
     problem, media = passage.problem, passage.media
@@ -259,7 +283,7 @@ def change_peak_flux(passage: Passage, variation: Variation, scalar: bool) -> Ar
         ],
     )
     for one, sign in ((passage, 1.0), (Passage(true, BLACK, 1, 1.0), -1.0)):
-        change = find_change(one, variation, scalar)
+        change = find_change(one, variation, carried)
         if not change.pieces.any():
             continue
         assert change.beams is not None
