@@ -200,8 +200,23 @@ def test_orders_on_fewer_nodes_keep_their_peak():
     how = {"mu_i": [0.4, 0.9], "mu_o": [0.3, 0.8], "phi": PHI, "nodes": 32, "accuracy": 1e-9}
     found = vrte.linearize(scene, **how)
     assert len({block.problem.nodes.size for block in found.plan.blocks}) > 1
-    table = np.zeros((140, 6))
-    table[1:, 0] = 0.01
+    table = 0.3 * scene.layers[0].phase_matrix.coefficients  # the share of the peak changes with it
+    table[0] = 0.0
     variation = vrte.Variation("all", 1.0, [0.5], [0.1], (table,))
     expected = difference(lambda h: vrte.brdf(move_scene(scene, variation, h), **how).mueller, 1e-3)
     assert np.abs(found.jvp(variation) - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_a_gradient_says_what_it_does_not_know():
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.3, 8), 0.9, 1.0)])
+    found = vrte.linearize(scene, mu_i=0.3, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
+    assert np.isfinite(found.coefficients[0][:, 0]).all()
+    assert np.isnan(found.coefficients[0][2:, 4]).all()
+    table = np.zeros((8, 6))
+    table[2, 4] = 0.1
+    with pytest.raises(vrte.SceneError, match="jvp"):
+        found.along(vrte.Variation("polarizing", 1.0, [0.0], [0.0], (table,)))
+    longer = np.zeros((9, 6))
+    longer[8, 0] = 0.1
+    with pytest.raises(vrte.SceneError, match="jvp"):
+        found.along(vrte.Variation("longer", 1.0, [0.0], [0.0], (longer,)))

@@ -17,6 +17,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.differentiate import (
     differentiate_plan,
     find_carried,
+    is_mixing_stokes,
     put_block_in_media,
     put_in_media,
 )
@@ -53,7 +54,8 @@ class Gradient:
         With the albedo of each layer, (layer,).
     coefficients
         With the expansion coefficients of each layer's phase matrix, (terms, 6) each: a1, a2, a3, a4, b1, b2; 0 for
-        a1[0], which is 1 whatever happens.
+        a1[0], which is 1 whatever happens, and nan for those that would mix Stokes parameters which the scene keeps
+        apart, and which its solve therefore leaves out.
     base_albedo
         With the albedo of a Lambertian base; 0 without one.
 
@@ -87,7 +89,8 @@ class Gradient:
         Raises
         ------
         SceneError
-            Where the base of the variation does not reflect evenly.
+            Where the base of the variation does not reflect evenly, or its coefficients are none that the gradient
+            knows.
 
         Examples
         --------
@@ -101,7 +104,11 @@ class Gradient:
         total = float(self.thickness @ variation.thickness + self.albedo @ variation.albedo)
         for mine, change in zip(self.coefficients, variation.coefficients, strict=True):
             rows = min(mine.shape[0], change.shape[0])
-            total += float((mine[:rows] * change[:rows]).sum())
+            own, touched = mine[:rows], change[:rows] != 0.0
+            if change[rows:].any() or np.isnan(own[touched]).any():
+                words = "it mixes Stokes parameters that the scene keeps apart, or goes beyond its last coefficient"
+                raise SceneError(f"{variation.name}: {words}: a gradient does not know it, jvp does", variation.name)
+            total += float((own[touched] * change[:rows][touched]).sum())
         for weight, boundary in variation.base:
             if boundary.is_uneven or boundary.mixes_stokes:
                 raise SceneError(f"{variation.name}: a gradient knows bases that reflect evenly alone", variation.name)
@@ -133,10 +140,23 @@ def pull_back(plan: Plan, cotangent: Array, run: Run) -> Gradient:
             more, table = follow_layer(part.problem, part, k, multiple[k], single[k], float(deeper[k]))
             albedo[k] += more
             tables[k, : table.shape[0]] += table
+    for k, column in np.ndindex(count, 6):
+        if is_left_out(plan, k, column):
+            tables[k, :, column] = np.nan
     thickness = np.zeros(count)
     thickness[finite] = total[: len(finite)]
     coefficients = tuple(table[: layer.phase_matrix.terms] for table, layer in zip(tables, scene.layers, strict=True))
     return Gradient(thickness, albedo, coefficients, float(total[-1]) if even else 0.0)
+
+
+def is_left_out(plan: Plan, k: int, column: int) -> bool:
+    """Whether one of the six sequences of layer k would mix Stokes parameters that the plan solves apart."""
+    scene = plan.request.scene
+    tables = [np.zeros((0, 6)) for _ in scene.layers]
+    tables[k] = np.zeros((3, 6))
+    tables[k][2, column] = 1.0
+    still = np.zeros(len(scene.layers))
+    return is_mixing_stokes(plan.problem, scene, Variation("one", 0.0, still, still, tuple(tables)))
 
 
 def weigh_values(found: Solution, cotangent: Array) -> float:
