@@ -1,6 +1,6 @@
 """Derivatives of what a call finds: which are asked for, and how each is found."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -98,9 +98,16 @@ def solve_with_derivatives(
         assert progress is not None
         progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
 
-    found = differentiate(settle_nodes(request, solution), variations, run, told if progress else None)
+    orders = count_orders_found(solution.diagnostics)
+    found = differentiate(settle_nodes(request, solution), variations, run, told if progress else None, orders)
     how = {"derivatives": {one.name: one.how for one in found}}
     return directions, replace(solution, diagnostics=solution.diagnostics | how), found
+
+
+def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
+    """How many Fourier orders a solution took, in the part of it that took more."""
+    other = diagnostics.get("polarized_light", {})
+    return max(int(diagnostics["orders"]), int(other.get("orders", 0)))
 
 
 def settle_nodes(request: Request, solution: Solution) -> Request:
@@ -112,9 +119,14 @@ def settle_nodes(request: Request, solution: Solution) -> Request:
 
 
 def differentiate(
-    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+    request: Request,
+    variations: Sequence[Variation],
+    run: Run,
+    progress: Progress | None = None,
+    orders: int | None = None,
 ) -> list[Derivative]:
-    """The derivatives of a request's solution, by the algebra of slabs where it tells them, else by differences."""
+    """The derivatives of a request's solution, by the algebra of slabs where it tells them, else by differences;
+    ``orders``: how many the solution took."""
     plan = plan_request(request, run)
     ways = plan_derivatives(plan, variations)
     exact = [one for one, way in zip(variations, ways, strict=True) if way.how == ALGEBRA]
@@ -127,7 +139,7 @@ def differentiate(
     found: dict[Variation, Solution] = {}
     if exact:
         try:
-            found = dict(zip(exact, differentiate_plan(plan, exact, run, together), strict=True))
+            found = dict(zip(exact, differentiate_plan(plan, exact, run, together, orders), strict=True))
         except AccuracyError as error:  # modes that cannot be trusted; solves have other ways
             others, how = list(variations), how | dict.fromkeys(exact, f"{BY_SOLVES} ({error})")
     for place, one in enumerate(others, 1):

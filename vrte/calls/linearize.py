@@ -10,7 +10,7 @@ from vrte.basics.arrays import Array, check_numbers
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, run_interruptible
 from vrte.calls.brdf import make_brdf
-from vrte.calls.derivatives import check_differentiable, read_derivatives
+from vrte.calls.derivatives import check_differentiable, count_orders_found, read_derivatives
 from vrte.calls.differences import differentiate_by_differences
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient, pull_back
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap, find_spread
@@ -85,7 +85,7 @@ class Linearized:
 
         def solve() -> list[Solution]:
             if find_gap(plan, variations[0]) is None:
-                return differentiate_plan(plan, variations, run)
+                return differentiate_plan(plan, variations, run, orders=count_orders_found(self.brdf.diagnostics))
             return differentiate_by_differences(self.request, variations, run)
 
         values: Array = run_interruptible(run, solve)[0].parts[0][0]
@@ -131,7 +131,9 @@ class Linearized:
         if not np.isfinite(weights).all():
             raise SceneError.of("cotangent", "must be finite")
         run = make_run(self.request)
-        return run_interruptible(run, lambda: pull_back(self.plan, weights, run))
+        return run_interruptible(
+            run, lambda: pull_back(self.plan, weights, run, count_orders_found(self.brdf.diagnostics))
+        )
 
 
 @describe_options

@@ -20,6 +20,7 @@ from vrte.discrete_ordinates.derivatives.differentiate import (
     is_mixing_stokes,
     put_block_in_media,
     put_in_media,
+    shorten_plan,
 )
 from vrte.discrete_ordinates.derivatives.pile import Differentiating, OrderOfPile
 from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
@@ -116,8 +117,9 @@ class Gradient:
         return total
 
 
-def pull_back(plan: Plan, cotangent: Array, run: Run) -> Gradient:
-    """The gradient of the sum of ``cotangent`` times the BRDF's ``mueller``, both (n_in, n_out, n_phi, 4, 4)."""
+def pull_back(plan: Plan, cotangent: Array, run: Run, orders: int | None = None) -> Gradient:
+    """The gradient of the sum of ``cotangent`` times the BRDF's ``mueller``, both (n_in, n_out, n_phi, 4, 4);
+    ``orders`` as of `differentiate_plan`."""
     scene = plan.request.scene
     count = len(scene.layers)
     unit = np.eye(count)
@@ -131,9 +133,11 @@ def pull_back(plan: Plan, cotangent: Array, run: Run) -> Gradient:
     total, albedo = np.zeros(len(variations)), np.zeros(count)
     tables = np.zeros((count, max(layer.phase_matrix.terms for layer in scene.layers), 6))
     for part in plan.parts or (plan,):
-        forward = np.array([weigh_values(found, cotangent) for found in differentiate_plan(part, variations, run)])
+        forward = np.array(
+            [weigh_values(found, cotangent) for found in differentiate_plan(part, variations, run, orders=orders)]
+        )
         total += forward
-        multiple, single = collect_tables(part, cotangent, run)
+        multiple, single = collect_tables(shorten_plan(part, orders), cotangent, run)
         deeper = np.zeros(count)
         deeper[finite] = forward[: len(finite)]
         for k in range(count):
@@ -207,6 +211,8 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     with PROCESSOR.at_work(), run.booked("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
+            if not orders.size:
+                continue
             own, base = put_block_in_media(plan, block), block.base
             route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
             eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))

@@ -83,9 +83,10 @@ def differentiate_request(
 
 
 def differentiate_plan(
-    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None, orders: int | None = None
 ) -> list[Solution]:
-    """The same of a plan that is made already."""
+    """The same of a plan that is made already; ``orders``: how many of its orders the light itself took, where that is
+    known: those behind add as little to derivatives."""
     if plan.request.illuminate == "bottom":
         variations = [turn_over(variation) for variation in variations]
     for variation in variations:
@@ -93,10 +94,18 @@ def differentiate_plan(
     parts = plan.parts or (plan,)
     found: list[Solution] | None = None
     for part in parts:
-        own = differentiate_together(part, variations, run, progress)
+        own = differentiate_together(shorten_plan(part, orders), variations, run, progress)
         found = own if found is None else [add_solutions(*pair) for pair in zip(found, own, strict=True)]
     assert found is not None
     return found
+
+
+def shorten_plan(plan: Plan, orders: int | None) -> Plan:
+    """The plan with the first of its orders alone."""
+    there = np.unique(np.concatenate([block.orders for block in plan.blocks]))
+    if orders is None or orders >= there.size:
+        return plan
+    return replace(plan, orders=int(there[max(orders, 1) - 1]) + 1)
 
 
 def add_solutions(one: Solution, other: Solution) -> Solution:
@@ -185,6 +194,8 @@ def differentiate_part(
     with PROCESSOR.at_work():
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
+            if not orders.size:
+                continue
             own = put_block_in_media(plan, block)
             route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, carried)
             own_run, step = choose_threads(run, own, orders), route.chunk(run.threads)
