@@ -99,7 +99,7 @@ class Gradient:
         >>> import vrte
         >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
         >>> found = vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
-        >>> found.along(vrte.Variation("depth", 1.0, [1.0], [0.0])) == found.thickness[0]
+        >>> bool(found.along(vrte.Variation("depth", 1.0, [1.0], [0.0])) == found.thickness[0])
         True
         """
         total = float(self.thickness @ variation.thickness + self.albedo @ variation.albedo)
