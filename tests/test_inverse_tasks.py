@@ -1,0 +1,83 @@
+"""From measurements back to materials (vrte/studies/inversion.py): error bars that cover, slabs beside iadpython, what
+polarization tells of a haze, and the paint that hides at least cost."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from vrte.basics.errors import IndistinguishableWarning
+from vrte.fit import fit
+from vrte.fit.fit_file import read_fit
+from vrte.optics.crowding import PackingWarning
+from vrte.studies import inversion
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def test_a_slab_between_surfaces_comes_back() -> None:
+    right, found = inversion.fit_slab((0.9, 1.0, 0.5, 1.4), nodes=4)
+    assert 0.7 < right.sum() < 1.0
+    np.testing.assert_allclose(found, [0.9, 1.0], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_error_bars_of_the_paint_cover_the_truth() -> None:
+    """Right errors hold fewer than 8 of 12 runs less than once in 1000 times; the spread of the deviations, in errors,
+    sees errors that are half or twice as large as they should be."""
+    runs = 12
+    found = inversion.cover(runs, lambda told: None)
+    least = binom.ppf(1e-3, runs, 0.95)
+    assert least == 8
+    assert (found.within >= least).all()
+    assert found.within_jointly[1] >= least
+    assert 0.55 < np.sqrt((found.deviations**2).mean()) < 1.6
+
+
+@pytest.mark.slow
+def test_slabs_beside_iadpython() -> None:
+    """Its surfaces average the polarizations: what it finds is off; ours, whose numbers they are, is not."""
+    found = inversion.invert_slab((0.9, 1.0, 0.5, 1.4))
+    np.testing.assert_allclose(found.ours, [0.9, 1.0], rtol=1e-6)
+    off = abs(found.theirs - [0.9, 1.0])
+    assert (off < 1e-3).all()
+    assert (off > 1e-4).all()
+
+
+@pytest.mark.slow
+def test_polarization_of_a_thin_haze_tells_radius_and_index_but_not_how_much_of_it() -> None:
+    two, four = (inversion.fit_haze(inversion.ALL_OF_AEROSOL[:count]) for count in (2, 4))
+    assert (abs(two.values - [0.15, 1.45]) < 3.0 * two.errors).all()
+    assert (two.errors < [0.002, 0.003]).all()
+    assert not two.blind_spots
+    assert (four.errors[:2] > 2.0 * two.errors).all()
+    assert any("layer[1].thickness" in told for told in four.blind_spots)
+
+
+@pytest.mark.slow
+def test_the_gradient_of_a_cost_at_constant_hiding() -> None:
+    """By the rule of implicit functions, against central differences of costs that are each found anew."""
+    hiding, here, step = inversion.Hiding(), np.log([0.08, 0.1]), 1e-3
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PackingWarning)
+        _, slopes = hiding.find_cost(here)
+        beside = [
+            [hiding.find_cost(here + sign * step * one, with_slopes=False)[0] for sign in (1.0, -1.0)]
+            for one in np.eye(2)
+        ]
+    np.testing.assert_allclose(slopes, [(up - down) / (2.0 * step) for up, down in beside], rtol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "true"), [("fit_grey_paint", inversion.PAINT_TRUE.tolist()), ("fit_haze", [0.15, 1.45])]
+)
+def test_the_examples_find_what_made_their_data(name: str, true: list[float]) -> None:
+    given = read_fit(EXAMPLES / f"{name}.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IndistinguishableWarning)
+        found = fit(given.measurement, given.content, folder=given.folder, **given.asked)
+    assert (abs(found.values - true) < 3.0 * found.errors).all()
+    assert 0.2 < found.reduced_chi2 < 1.6
