@@ -1,6 +1,6 @@
 """From measurements back to materials: a paint, slabs, an aerosol; and the paint that hides at least cost.
 
-``python -m vrte.studies.inversion -o FOLDER`` writes a CSV file a task, inversion.md and inversion.png there;
+``python -m vrte.studies.inversion -o FOLDER`` writes a table (CSV) and a picture of each task there, and inversion.md;
 ``--tasks slabs`` only some tasks, ``--runs 20`` fewer repetitions. Slabs need iadpython.
 """
 
@@ -414,21 +414,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     require_pictures()
     from matplotlib.figure import Figure
 
-    tables = [REPORTS[name](options.runs) for name in options.tasks]
-    drawing = Figure(figsize=(5.0 * len(tables), 3.8), facecolor="white", layout="constrained")
-    panels = drawing.subplots(1, len(tables), squeeze=False)[0]
     options.output.mkdir(parents=True, exist_ok=True)
     text = []
-    for (title, head, rows, draw), panel in zip(tables, panels, strict=True):
+    for name in options.tasks:
+        title, head, rows, draw = REPORTS[name](options.runs)
+        drawing = Figure(figsize=(5.0, 3.8), facecolor="white", layout="constrained")
+        panel = drawing.subplots()
         draw(panel)
         panel.set(title=title)
         panel.grid(color="#d0d0d0", linewidth=0.5)
         panel.legend(fontsize=8, frameon=False)
+        save(drawing, options.output / f"inversion_{name}.png")
+        write_rows(options.output / f"inversion_{name}.csv", head, rows)
         text.append(f"{title}\n\n{make_markdown_table(head, rows)}")
-        write_rows(options.output / f"inversion_{title.split(':')[0]}.csv", head, rows)
     with write_atomically(options.output / "inversion.md") as part:
         part.write_text("\n".join(text), encoding="utf-8")
-    save(drawing, options.output / "inversion.png")
     print("\n".join(text))
     return 0
 
