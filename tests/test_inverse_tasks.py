@@ -28,7 +28,7 @@ def test_error_bars_of_the_paint_cover_the_truth() -> None:
     """Right errors hold fewer than 8 of 12 runs less than once in 1000 times; the spread of the deviations, in errors,
     sees errors that are half or twice as large as they should be."""
     runs = 12
-    found = inversion.cover(runs, lambda told: None)
+    found = inversion.count_coverage(runs, lambda told: None)
     least = binom.ppf(1e-3, runs, 0.95)
     assert least == 8
     assert (found.within >= least).all()

@@ -93,7 +93,7 @@ def predict_paint() -> Array:
     return found
 
 
-def disturb(rows: Measurement, right: Array, seed: int) -> Measurement:
+def add_noise(rows: Measurement, right: Array, seed: int) -> Measurement:
     """A measurement with normal noise of its sigma."""
     return rows.measure(right + rows.sigma * np.random.default_rng(seed).standard_normal(len(rows)))
 
@@ -102,7 +102,7 @@ def fit_paint(seed: int) -> Fit:
     """Size, loading and thickness from one noisy measurement."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IndistinguishableWarning)  # the page says how far they can be told apart
-        return fit(disturb(make_goniometer(), predict_paint(), seed), make_paint(), PAINT_FREE, nodes=NODES)
+        return fit(add_noise(make_goniometer(), predict_paint(), seed), make_paint(), PAINT_FREE, nodes=NODES)
 
 
 class Coverage(NamedTuple):
@@ -126,7 +126,7 @@ class Coverage(NamedTuple):
         return (self.jointly <= JOINTLY).sum(axis=0)
 
 
-def cover(runs: int = RUNS, told: Callable[[str], None] = print) -> Coverage:
+def count_coverage(runs: int = RUNS, told: Callable[[str], None] = print) -> Coverage:
     """The paint fitted with noise of the seeds 0, 1, 2 and so on."""
     found = []
     for seed in range(runs):
@@ -205,7 +205,7 @@ def fit_haze(names: Sequence[str] = AEROSOL, seed: int = 1) -> Fit:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IndistinguishableWarning)  # it is told by the result
         free = {name: ranges[name] for name in names}
-        return fit(disturb(rows, right, seed), make_haze(), free, nodes=NODES)
+        return fit(add_noise(rows, right, seed), make_haze(), free, nodes=NODES)
 
 
 @dataclass
@@ -289,7 +289,7 @@ class Cheapest(NamedTuple):
     costs: list[float]
 
 
-def search_cheapest(with_slopes: bool) -> Cheapest:
+def find_cheapest(with_slopes: bool) -> Cheapest:
     """The radius and fraction of least cost, by L-BFGS-B with gradients or with differences of costs."""
     from scipy.optimize import minimize
 
@@ -315,7 +315,7 @@ Report = tuple[str, list[str], list[list[str]], Callable[["Axes"], None]]  # a t
 
 def report_paint(runs: int) -> Report:
     """Coverage of the paint's error bars."""
-    found = cover(runs)
+    found = count_coverage(runs)
     rows = []
     for k, (name, true) in enumerate(zip(PAINT_FREE, PAINT_TRUE.tolist(), strict=True)):
         off = found.deviations[:, k]
@@ -384,7 +384,7 @@ def report_aerosol(runs: int) -> Report:
 
 def report_hiding(runs: int) -> Report:
     """The cheapest hidden square metre."""
-    found = [search_cheapest(one) for one in (True, False)]
+    found = [find_cheapest(one) for one in (True, False)]
     rows = [
         [one.way, f"{one.radius_um:.4f}", f"{one.fraction:.4f}", f"{one.cost:.6f}", f"{one.optics}", f"{one.solves}",
          f"{one.seconds:.0f}"]
