@@ -175,6 +175,18 @@ def test_the_adjoint_is_the_transpose(name):
         assert scale > 1e-6
 
 
+def test_eyes_where_the_lights_are_change_nothing():
+    scene, rng = SCENES["under a surface"], np.random.default_rng(7)
+    weights = rng.standard_normal((2, 2, 1, 4, 4))
+    how = {"phi": 20.0, "nodes": 4}
+    same = vrte.linearize(scene, mu_i=[0.3, 0.8], mu_o=[0.3, 0.8], **how).vjp(weights)
+    wider = np.zeros((2, 3, 1, 4, 4))
+    wider[:, :2] = weights
+    apart = vrte.linearize(scene, mu_i=[0.3, 0.8], mu_o=[0.3, 0.8, 0.5], **how).vjp(wider)
+    assert np.abs(same.coefficients[0] - apart.coefficients[0]).max() < 1e-11 * np.abs(same.coefficients[0]).max()
+    assert abs(same.albedo[0] - apart.albedo[0]) < 1e-11 * abs(same.albedo[0])
+
+
 def test_weights_of_another_shape_are_refused():
     found = vrte.linearize(SCENES["one layer"], mu_i=0.3, mu_o=0.5, nodes=4)
     with pytest.raises(vrte.SceneError, match="must have the shape"):

@@ -216,11 +216,13 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
             own, base = put_block_in_media(plan, block), block.base
             route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
             eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))
-            eyes = Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
+            same = np.array_equal(own.mu0, own.mu_out) and np.array_equal(own.columns, eye.columns)
+            eyes = route if same else Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
             step = route.chunk(1)
             for first in range(0, orders.size, step):
                 some = orders[first : first + step]
-                lit = prepare_orders(route, some, run), prepare_orders(eyes, some, run)
+                forward = prepare_orders(route, some, run)
+                lit = forward, forward if same else prepare_orders(eyes, some, run)
                 for place, order in enumerate(some.tolist()):
                     weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
                     pull_order(route, eyes, place, order, lit, weights, multiple)
@@ -288,7 +290,7 @@ def pull_order(
 ) -> None:
     """Adds what an order has of the derivatives with the layers' scattering."""
     forward = OrderOfPile(route, place, order, *lit[0], alone=False)
-    back = OrderOfPile(eyes, place, order, *lit[1], alone=False)
+    back = forward if eyes is route else OrderOfPile(eyes, place, order, *lit[1], alone=False)
     seen, sent = weigh_sent(route, weights)
     stokes = list(route.problem.stokes)
     n = route.problem.size
