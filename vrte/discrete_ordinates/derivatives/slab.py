@@ -66,23 +66,24 @@ class Aside:
 
 def step_aside(mu: Array, lam: Array, stokes: int) -> Aside:
     """The rates 1/mu of directions (d,), each for its Stokes parameters, or six around those near a mode's."""
-    rate, share, of = [], [], []
-    for direction, own in enumerate((1.0 / mu).tolist()):
-        points, weights = np.array([own]), np.ones(1)
-        if measure_gap(points, lam) < APART:
+    points, shares = [], []
+    for own, gap in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):
+        if gap < APART:
             around = [own * (1.0 + step * ASIDE) for step in STEPS]
-            points, weights = max(around, key=lambda each: measure_gap(each, lam)), SHARES
-        for a in range(stokes):
-            rate.append(points)
-            share.append(weights)
-            of.append(np.full(points.size, stokes * direction + a))
-    return Aside(np.concatenate(rate), np.concatenate(share), np.concatenate(of))
+            points.append(max(around, key=lambda each: float(measure_gaps(each, lam).min())))
+            shares.append(SHARES)
+        else:
+            points.append(np.array([own]))
+            shares.append(np.ones(1))
+    count = np.repeat([part.size for part in points], stokes)
+    rate, share = (np.concatenate([part for part in parts for _ in range(stokes)]) for parts in (points, shares))
+    return Aside(rate, share, np.repeat(np.arange(count.size), count))
 
 
-def measure_gap(rate: Array, lam: Array) -> float:
-    """The least distance of the rates' squares from the eigenvalues, relative."""
-    square = rate[:, None] ** 2
-    return float(np.abs(lam / square - 1.0).min(initial=1.0))
+def measure_gaps(rate: Array, lam: Array) -> Array:
+    """The least distance of each rate's square (k,) from the eigenvalues, relative."""
+    found: Array = np.abs(lam / rate[:, None] ** 2 - 1.0).min(axis=1)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
