@@ -140,6 +140,7 @@ def test_the_newest_question_is_taken() -> None:
     assert not inbox.has_newer()
 
 
+@pytest.mark.slow
 def test_the_newest_position_of_a_slider_wins(shared: Live) -> None:
     shared.ask(thicken(2.0), Path(), Viewing())
     appeared(shared)

@@ -167,6 +167,7 @@ def test_what_shows_only_in_the_solve_is_a_sentence(change: form.Content, memory
     assert words in job.message
 
 
+@pytest.mark.slow
 def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
     code = (
         "import sys, time; sys.path[:] = {path!r}\n"

@@ -28,6 +28,7 @@ COMMANDS: dict[str, Parser] = next(
     action.choices for action in make_parser()._actions if isinstance(action.choices, dict)
 )
 SLOW = (
+    "fit",
     "sweep",
     "view",
     "render",

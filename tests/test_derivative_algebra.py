@@ -158,7 +158,19 @@ def test_what_cannot_be_told_is_refused_or_named():
     assert "small angles" in find_gap(plan, vrte.Variation("depth", 2.0, [1.0], [0.0]))
 
 
-@pytest.mark.parametrize("name", [name for name in SCENES if name != "facets below"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "two over a base",
+        "peak cut off",
+        "facets",
+        "more nodes than asked for",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("one layer", "endless", "under a surface", "plate", "clear")
+        ),
+    ],
+)
 def test_the_adjoint_is_the_transpose(name):
     scene, rng = SCENES[name], np.random.default_rng(5)
     found = vrte.linearize(scene, mu_i=[0.3, 1.0], mu_o=[0.2, 0.9, 0.9], phi=[20.0, 150.0], nodes=4, accuracy=1e-9)

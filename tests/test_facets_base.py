@@ -62,6 +62,7 @@ def test_what_counts_is_the_index_over_that_of_the_medium() -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13 * expected.max())
 
 
+@pytest.mark.slow
 def test_forty_orders_of_a_rough_base_are_quick() -> None:
     """32 nodes, 20 directions in and out: under half a second on one processor that does nothing else; the best of
     three, since the process may have other threads at work."""

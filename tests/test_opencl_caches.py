@@ -204,6 +204,7 @@ class TestArchive:
 
 
 class TestPlace:
+    @pytest.mark.slow
     def test_no_other_cache_is_touched(self, tmp_path: Path) -> None:
         """Damaged as they are."""
         home = tmp_path / "home"

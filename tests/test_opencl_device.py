@@ -379,6 +379,7 @@ class TestSolve:
             np.testing.assert_allclose(field.stokes, vrte.radiance(scene, **self.request).stokes, atol=1e-13)
 
     @pytest.mark.parametrize("thickness", [pytest.param(1.0, marks=pytest.mark.slow), np.inf])
+    @pytest.mark.slow
     def test_the_form_for_a_gpu(
         self, thickness: float, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -87,6 +87,7 @@ def test_its_numbers_are_those_of_their_makers(grey: vrte.Paint) -> None:
     assert pytest.approx(100.0 * hiding.find_luminance(hiding.reflectance_over_black)) == grey.colours["over black"].Y
 
 
+@pytest.mark.slow
 def test_the_polar_cut_is_reciprocal_to_what_other_geometries_read(grey: vrte.Paint) -> None:
     angle, light = cut_lobe(grey.lobe)
     assert (np.diff(angle) > 0.0).all()

@@ -64,7 +64,7 @@ def problem_of(stokes: tuple[int, ...], nodes: int) -> Problem:
     return replace(whole, stokes=stokes, columns=np.ascontiguousarray(columns[:, stokes]))
 
 
-@pytest.mark.parametrize("nodes", [4, 16, 40])
+@pytest.mark.parametrize("nodes", [4, 16, pytest.param(40, marks=pytest.mark.slow)])
 def test_symmetric_modes_invert_themselves(nodes: int) -> None:
     """X^-1 = Y^T: the beam's solution is that of the general modes, to what the eigensolver is good for."""
     problem = problem_of((0, 1, 2), nodes)
