@@ -12,7 +12,7 @@ from vrte.scene.vary import vary_scene
 from vrte.studies import cases
 
 ROUNDS = 5
-HELD_OF_THREE, HELD_OF_FORTY = 25.0, 60.0
+HELD_OF_THREE, HELD_OF_FORTY = 15.0, 25.0
 MU, PHI = np.linspace(0.1, 1.0, 10), np.linspace(0.0, 180.0, 19)
 PILE = [vrte.Layer(vrte.rayleigh(), 0.99, 0.5), vrte.Layer(vrte.henyey_greenstein(0.7, 32), 0.95, 4.0)]
 SCENES = {
