@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.derivatives.differentiate import differentiate_request, find_gap
+from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.derivatives.functions import Fading
 from vrte.discrete_ordinates.derivatives.slab import step_aside
 from vrte.discrete_ordinates.planning.plan import plan_request
@@ -50,6 +50,11 @@ def make_request(scene, **how):
     return choose_method(make_brdf_request(scene=scene, **(defaults | given)))
 
 
+def differentiate_request(request, variations):
+    run = make_run(request)
+    return differentiate_plan(plan_request(request, run), variations, run)
+
+
 def make_variations(scene):
     """Of each layer's thickness, albedo and coefficients, all that there is at once."""
     rng, count = np.random.default_rng(3), len(scene.layers)
@@ -90,7 +95,7 @@ def test_derivatives_are_what_differences_of_solves_tend_to(name):
     ends = name == "plate"
     request = make_request(scene, transmission=ends)
     variations = make_variations(scene)
-    solutions = differentiate_request(request, variations, make_run(request))
+    solutions = differentiate_request(request, variations)
     for variation, found in zip(variations, solutions, strict=True):
 
         def solve(h, variation=variation):
@@ -110,7 +115,7 @@ def test_the_base_changes_alone():
     scene = SCENES["two over a base"]
     request = make_request(scene)
     variation = vrte.Variation("base", 0.4, np.zeros(2), np.zeros(2), base=((1.0, vrte.Lambertian(1.0)),))
-    (found,) = differentiate_request(request, [variation], make_run(request))
+    (found,) = differentiate_request(request, [variation])
     how = {"mu_i": MU, "mu_o": MU, "phi": PHI, "nodes": NODES, "accuracy": 1e-11}
     expected = difference(lambda h: vrte.brdf(replace(scene, base=vrte.Lambertian(0.4 + h)), **how).mueller, 1e-3)
     assert np.abs(found.parts[0][0] - expected).max() < 1e-10
@@ -150,9 +155,9 @@ def test_what_cannot_be_told_is_refused_or_named():
     request = make_request(endless)
     variation = vrte.Variation("layer[1].albedo", 1.0, [0.0], [1.0])
     with pytest.raises(vrte.SceneError, match="infinite"):
-        differentiate_request(request, [variation], make_run(request))
+        differentiate_request(request, [variation])
     with pytest.raises(vrte.SceneError, match="no end"):
-        differentiate_request(request, [vrte.Variation("depth", 1.0, [1.0], [0.0])], make_run(request))
+        differentiate_request(request, [vrte.Variation("depth", 1.0, [1.0], [0.0])])
     peaked = make_request(SCENES["peak cut off"], transmission=True)
     plan = plan_request(peaked, make_run(peaked))
     assert "small angles" in find_gap(plan, vrte.Variation("depth", 2.0, [1.0], [0.0]))

@@ -37,7 +37,7 @@ class Derivative:
 
     @property
     def name(self) -> str:
-        """Of the number."""
+        """What the number that light was differentiated with is called."""
         return self.variation.name
 
 

@@ -39,7 +39,7 @@ class Sight:
         return self.triples.setdefault((through, mu_i, mu_o, azimuth), len(self.triples))
 
     def add_beam(self, mu: float, through: bool) -> int:
-        """The place of a beam."""
+        """Which of the incident directions a beam comes along."""
         self.through |= through
         return self.beams.setdefault(mu, len(self.beams))
 

@@ -129,7 +129,7 @@ class Fit:
 
     @property
     def correlations(self) -> Array:
-        """Of the errors, (n, n)."""
+        """Correlations of the errors of the fitted numbers, (n, n)."""
         return find_correlations(self.covariance)
 
     @property

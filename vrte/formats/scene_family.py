@@ -300,7 +300,7 @@ class SceneFamily:
         return make_scene_file(content if kind else content | ANYTHING, kind, self._folder, compute).scene
 
     def _read_base(self, content: dict[str, Any]) -> Boundary | None:
-        """The base alone."""
+        """The base of the scene file, and nothing else of it."""
         file = Table((), content, FILE_KEYS)
         return read_base(file.table("base", list_base_keys()), Reading(file, self._folder)) if "base" in file else None
 

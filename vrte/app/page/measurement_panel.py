@@ -156,7 +156,7 @@ class MeasurementPanel:
         self._show()
 
     def look(self, shown: Any) -> None:
-        """At another quantity."""
+        """Shows another quantity of the measurement."""
         if shown and shown != self.view.get("shown"):
             self.view["shown"] = shown
             self._show()
@@ -284,7 +284,7 @@ class MeasurementPanel:
             self._write_result()
 
     def _draw(self, compared: Compared) -> None:
-        """Table and figure."""
+        """Draws the table of what was read, and the figure over it."""
         measured, view = compared.measured, self.view
         offered = list_shown(measured)
         if view.get("shown") not in offered:

@@ -24,8 +24,8 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.needs import list_stokes_sets
-from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
-from vrte.request.request import Request, find_under
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan
+from vrte.request.request import find_under
 from vrte.results.solution import Solution
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import BLACK
@@ -74,19 +74,13 @@ def check_finite(scene: Scene, variation: Variation) -> None:
             )
 
 
-def differentiate_request(
-    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
-) -> list[Solution]:
-    """The derivatives of a request's light, as solutions of which every number is a derivative. Raises SceneError where
-    one does not exist, AccuracyError where no algorithm can vouch for it."""
-    return differentiate_plan(plan_request(request, run), variations, run, progress)
-
-
 def differentiate_plan(
     plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None, orders: int | None = None
 ) -> list[Solution]:
-    """The same of a plan that is made already; ``orders``: how many of its orders the light itself took, where that is
-    known: those behind add as little to derivatives."""
+    """The derivatives of a plan's light, as solutions of which every number is a derivative.
+
+    ``orders``: how many of its orders the light itself took, where that is known: those behind add as little to
+    derivatives. Raises SceneError where one does not exist, AccuracyError where modes cannot be trusted."""
     if plan.request.illuminate == "bottom":
         variations = [turn_over(variation) for variation in variations]
     for variation in variations:

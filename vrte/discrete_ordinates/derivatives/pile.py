@@ -46,10 +46,7 @@ class Differentiating(Refracting):
         variations: Sequence[Variation],
         carried: Carried,
     ) -> None:
-        def respond(one: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
-            return respond_by_doubling(one, material, thickness, orders, run)
-
-        super().__init__(respond, problem, base, n_order, accuracy)
+        super().__init__(respond_by_doubling, problem, base, n_order, accuracy)
         self.changes = [find_change(self, variation, carried) for variation in variations]
         sources = np.array(self.sources)
         members = list(problem.stokes)
@@ -103,7 +100,7 @@ class Differentiating(Refracting):
             self.respond(one, material, thickness, orders, run) if needed else []
             for _, one, material, thickness in self.places.media
         ]
-        sheets = [make_sheets(one, orders, run) for _, one, _, _ in self.places.media]
+        sheets = [assemble(one, orders, run) for _, one, _, _ in self.places.media]
         scattering = any(any(change.scatters) for change in self.changes)
         modes = [
             find_modes(one, orders, sheet, run, True) if scattering else None
@@ -155,11 +152,6 @@ class Differentiating(Refracting):
         return found
 
 
-def make_sheets(one: Problem, orders: IntArray, run: Run) -> Assembled:
-    """E and F of the materials of one medium."""
-    return assemble(one, orders, run)
-
-
 def take_blocks(one: Problem, matrices: Assembled, place: int, layer: int) -> tuple[Blocks, Blocks]:
     """E and F on nodes and directions off them, as core/extended.pxi has them."""
     rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
@@ -207,7 +199,7 @@ class OrderOfPile:
             self.pile.fall()
 
     def response_of(self, piece: int) -> Response:
-        """R and T of a piece."""
+        """The reflection and transmission that doubling found of a piece's slab."""
         found = self.responses[int(self.route.places.of[piece])]
         assert found is not None
         return found
@@ -224,7 +216,7 @@ class OrderOfPile:
         return one, medium, int(material[own]), float(thickness[own])
 
     def response_blocks(self, piece: int) -> tuple[Blocks, Blocks]:
-        """The same as matrices."""
+        """Reflection and transmission of a piece's slab as matrices."""
         response, k = self.response_of(piece), self.place
         n = response.nodes.shape[-1]
         r, o = int(np.prod(response.entering.shape[-2:])), int(np.prod(response.leaving.shape[2:4]))
