@@ -16,7 +16,7 @@ bool has_first(int m, int members, int kind)
 }
 
 // The members' entries of a Stokes vector, one below the other.
-void put_members(__global double* to, int members, double4 value)
+void put_members(__global real* to, int members, real4 value)
 {
     if (members == 15) {
         PUT(to, 0) = value;
@@ -67,23 +67,23 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
                                      : next_strip(stokes * n_node) + (i < n_node + n_out ? 0 : next_strip(stokes * n_out));
         const int row = begin + stokes * (i - first), filled = begin + stokes * (last - first);
         const int blank = i == last - 1 ? next_strip(filled) : filled;
-        const double scale = i < n_node ? sqrt(weights[i] / mu[i]) : 1.0;
-        const double4 starts = AT(factors, n_term);
+        const real scale = i < n_node ? sqrt(weights[i] / mu[i]) : 1.0;
+        const real4 starts = AT(factors, n_term);
         Wigner w = wigner_start(m, mu[i], starts.x);
-        __global double* even = phi;
-        __global double* odd = phi + columns_E * (long)ld;
+        __global real* even = phi;
+        __global real* odd = phi + columns_E * (long)ld;
         for (int l = m; l < m + n_degree; l++) {
             if (l == max(m, 2))
                 polar_start(m, mu[i], starts.y, &w);
-            const double p = scale * w.zero, r = scale * 0.5 * (w.plus + w.minus), t = scale * 0.5 * (w.plus - w.minus);
+            const real p = scale * w.zero, r = scale * 0.5 * (w.plus + w.minus), t = scale * 0.5 * (w.plus - w.minus);
             for (int kind = 0; kind < 2; kind++) {
                 const bool is_even = kind == ((l - m) & 1), left = has_first(m, members, kind);
-                __global double* to = is_even ? even : odd;
+                __global real* to = is_even ? even : odd;
                 if (left)
-                    put_members(to + row, members, kind ? (double4)(0.0, -t, r, 0.0) : (double4)(p, 0.0, 0.0, 0.0));
+                    put_members(to + row, members, kind ? (real4)(0.0, -t, r, 0.0) : (real4)(p, 0.0, 0.0, 0.0));
                 if (few[kind] > left)
                     put_members(to + left * (long)ld + row, members,
-                                kind ? (double4)(0.0, 0.0, 0.0, p) : (double4)(0.0, r, -t, 0.0));
+                                kind ? (real4)(0.0, 0.0, 0.0, p) : (real4)(0.0, r, -t, 0.0));
                 for (int k = filled; k < blank; k++)
                     for (int column = 0; column < few[kind]; column++)
                         to[column * (long)ld + k] = 0.0;
@@ -97,24 +97,24 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
 
 // psi = factor phi B^T on the double4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
 // (odd = 0) or F's of the degrees m .. end - 1; V's column of phi counts v_sign times.
-void multiply_by_coefficients(int m, int end, int members, int odd, double factor, double v_sign,
-                              __global const double* coefficients, int first, int last, __global const double* phi,
-                              int ld, __global double* psi, int psi_ld)
+void multiply_by_coefficients(int m, int end, int members, int odd, real factor, real v_sign,
+                              __global const real* coefficients, int first, int last, __global const real* phi,
+                              int ld, __global real* psi, int psi_ld)
 {
     for (int l = m; l < end; l++) {
-        __global const double* c = coefficients + 6 * l;
+        __global const real* c = coefficients + 6 * l;
         const int kind = ((l - m) & 1) != odd, few = columns_of_kind(m, members, kind);
         if (few == 2) {
-            const double b00 = factor * (kind ? c[2] : c[0]), b01 = factor * (kind ? -v_sign * c[5] : -c[4]);
-            const double b10 = factor * (kind ? c[5] : -c[4]), b11 = factor * (kind ? v_sign * c[3] : c[1]);
+            const real b00 = factor * (kind ? c[2] : c[0]), b01 = factor * (kind ? -v_sign * c[5] : -c[4]);
+            const real b10 = factor * (kind ? c[5] : -c[4]), b11 = factor * (kind ? v_sign * c[3] : c[1]);
             for (int i = first; i < last; i++) {
-                const double4 x = AT(phi, i), y = AT(phi + ld, i);
+                const real4 x = AT(phi, i), y = AT(phi + ld, i);
                 PUT(psi, i) = b00 * x + b01 * y;
                 PUT(psi + psi_ld, i) = b10 * x + b11 * y;
             }
         } else if (few == 1) {
             const bool left = has_first(m, members, kind);
-            const double b = factor * (kind ? (left ? c[2] : v_sign * c[3]) : (left ? c[0] : c[1]));
+            const real b = factor * (kind ? (left ? c[2] : v_sign * c[3]) : (left ? c[0] : c[1]));
             for (int i = first; i < last; i++)
                 PUT(psi, i) = b * AT(phi, i);
         }
@@ -124,12 +124,12 @@ void multiply_by_coefficients(int m, int end, int members, int odd, double facto
 }
 
 // psi = albedo phi B^T, F's columns odd_sign times. Global size: pieces of `each` strips of 8 rows, items.
-__kernel void times_coefficients(SCATTERING, int n_strip, int each, double v_sign, double odd_sign, INTS counts,
+__kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign, real odd_sign, INTS counts,
                                  STACK(phi), STACK(psi), INTS items)
 {
     const long item = items[get_global_id(1)];
     const int first = 2 * each * get_global_id(0), last = min(2 * n_strip, first + 2 * each);
-    const double factor = albedo[material[item]];
+    const real factor = albedo[material[item]];
     if (factor == 0.0)
         return;
     for (int odd = 0; odd < 2; odd++) {

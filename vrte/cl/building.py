@@ -13,7 +13,7 @@ from vrte.cl.caches import PYOPENCL, own_folder
 KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(([^{;]*)\)\s*\{", re.MULTILINE)
 LISTS = re.compile(r"^#define ([A-Z_]+)(?:\(x\))? +((?:__global|IN|INTS|OUT|int|long) .*,.*)$", re.MULTILINE)
 MACRO = re.compile(r"\b([A-Z_]+)\b(\(\w+\))?")
-NUMBERS = {"int": np.int32, "long": np.int64, "double": np.float64}
+NUMBERS = {"int": np.int32, "long": np.int64, "real": np.float64}
 COMPLAINT = re.compile(r"\berror\b")
 LONGEST = 300  # characters of a compiler's log in a message
 

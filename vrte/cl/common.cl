@@ -1,20 +1,25 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
+// What kernels compute with.
+#define real double
+#define real2 double2
+#define real4 double4
+
 // Matrices are stored column by column; "ld" is the distance of two columns, a multiple of 8 doubles, so that a column
 // starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart; `items`
 // lists which of them a launch is for.
 // vload4 and fma are calls on some devices: pointers to vectors and a * b + c are not.
 
-#define AT(p, i) (((__global const double4*)(p))[i])
-#define PUT(p, i) (((__global double4*)(p))[i])
+#define AT(p, i) (((__global const real4*)(p))[i])
+#define PUT(p, i) (((__global real4*)(p))[i])
 
-typedef double4 loose4 __attribute__((aligned(8)));     // four doubles that begin at any of them
+typedef real4 loose4 __attribute__((aligned(8)));     // four doubles that begin at any of them
 
 // What kernels take for a stack of matrices and of vectors; where its item begins.
-#define STACK(x) __global double* x, long x##_first, int x##_ld, long x##_stride
+#define STACK(x) __global real* x, long x##_first, int x##_ld, long x##_stride
 #define OF_ITEM(x) (x + x##_first + item * x##_stride)
 
 // Memory that nothing else of a kernel leads to: what is read, and what is written.
-#define IN __global const double* restrict
+#define IN __global const real* restrict
 #define INTS __global const int* restrict
-#define OUT __global double* restrict
+#define OUT __global real* restrict

@@ -9,9 +9,9 @@
 // Of an item: what the last steps moved, as scalar products (this one's first), and how the next R is made of them.
 typedef struct
 {
-    double product_00, product_01, product_11;
-    double share[3];
-    double missing;
+    real product_00, product_01, product_11;
+    real share[3];
+    real missing;
 } Settling;
 
 // mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
@@ -19,7 +19,7 @@ typedef struct
 __kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, OUT out)
 {
     for (int i = 0; i < next_strip(stokes * n_mu); i++) {
-        const double cosine = mu[first + min(i / stokes, n_mu - 1)];
+        const real cosine = mu[first + min(i / stokes, n_mu - 1)];
         out[i] = i % stokes == v_place ? -cosine : cosine;
     }
 }
@@ -28,24 +28,24 @@ __kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int firs
 __kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
 {
     const int item = items[get_global_id(0)], of = material[item];
-    double largest = 0.0;
+    real largest = 0.0;
     for (int l = order[item]; l < terms[of]; l++) {
-        __global const double* c = coefficients + ((long)of * n_term + l) * 6;
-        const double half_gap = 0.5 * (c[0] - c[1]);
-        const double first = 0.5 * fabs(c[0] + c[1]) + sqrt(half_gap * half_gap + c[4] * c[4]);
-        const double norm = fmax(first, fmax(fabs(c[2]), fabs(c[3])) + fabs(c[5]));
+        __global const real* c = coefficients + ((long)of * n_term + l) * 6;
+        const real half_gap = 0.5 * (c[0] - c[1]);
+        const real first = 0.5 * fabs(c[0] + c[1]) + sqrt(half_gap * half_gap + c[4] * c[4]);
+        const real norm = fmax(first, fmax(fabs(c[2]), fabs(c[3])) + fabs(c[5]));
         largest = fmax(largest, albedo[of] * norm / (2.0 * l + 1.0));
     }
     rate[item] = fmin(largest, 0.999);
 }
 
 #define SHARE_OF_COLUMN(x) if (j + x < columns) { \
-    const double cosine = signed_mu[j + x], size = fabs(cosine); \
-    const double times = j + x < twice ? 2.0 : 1.0; \
+    const real cosine = signed_mu[j + x], size = fabs(cosine); \
+    const real times = j + x < twice ? 2.0 : 1.0; \
     const int k = (j + x) * STRIP; \
-    const double4 now_top = top##x * (0.5 * cosine * mu_top / (mu_top + size)); \
-    const double4 now_low = low##x * (0.5 * cosine * mu_low / (mu_low + size)); \
-    const double4 moved_top = now_top - AT(R + k, 0), moved_low = now_low - AT(R + k, 1); \
+    const real4 now_top = top##x * (0.5 * cosine * mu_top / (mu_top + size)); \
+    const real4 now_low = low##x * (0.5 * cosine * mu_low / (mu_low + size)); \
+    const real4 moved_top = now_top - AT(R + k, 0), moved_low = now_low - AT(R + k, 1); \
     PUT(led + k, 0) = now_top; \
     PUT(led + k, 1) = now_low; \
     PUT(moved + k, 0) = moved_top; \
@@ -64,24 +64,24 @@ __kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
 // One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; adds to `found` of what moved, and of the two
 // steps before, the scalar products, then what moved most and led's largest. On the nodes themselves (`symmetric`) R Q is
 // symmetric: a strip ends with the block of 8 columns on the diagonal.
-void step_of_strip(int strip, bool symmetric, int n, int inner, __global const double* row_mu,
-                   __global const double* signed_mu, __global const double* HC, int h_columns, __global const double* H,
-                   int h_ld, __global const double* R, __global double* led, __global double* moved,
-                   __global const double* moved_1, __global const double* moved_2, double* found)
+void step_of_strip(int strip, bool symmetric, int n, int inner, __global const real* row_mu,
+                   __global const real* signed_mu, __global const real* HC, int h_columns, __global const real* H,
+                   int h_ld, __global const real* R, __global real* led, __global real* moved,
+                   __global const real* moved_1, __global const real* moved_2, real* found)
 {
     const int a_ld = STRIP, b_row = h_ld, b_column = 1, place = strip * STRIP * n;
     const int twice = symmetric ? STRIP * strip : 0, columns = symmetric ? min(n, twice + STRIP) : n;
-    const double4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
-    __global const double* A = HC + (long)strip * STRIP * h_columns;
-    __global const double* B = H;
-    double4 squares = 0.0, products_1 = 0.0, products_2 = 0.0, gap = 0.0, largest = 0.0;
+    const real4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
+    __global const real* A = HC + (long)strip * STRIP * h_columns;
+    __global const real* B = H;
+    real4 squares = 0.0, products_1 = 0.0, products_2 = 0.0, gap = 0.0, largest = 0.0;
     R += place;
     led += place;
     moved += place;
     moved_1 += place;
     moved_2 += place;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = A;
+        __global const real* a = A;
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
         SUM_TERMS
@@ -96,20 +96,20 @@ void step_of_strip(int strip, bool symmetric, int n, int inner, __global const d
 
 // Whether an item is done (`missing` is what is left of it), and of which steps the next R is made: the combination of this
 // one and the last two that would have moved least. found: as of all strips.
-Settling judged(int step, const double* found, double rate, double tolerance, Settling before, bool* done)
+Settling judged(int step, const real* found, real rate, real tolerance, Settling before, bool* done)
 {
-    const double largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
-    const double missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
+    const real largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
+    const real missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
     Settling now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
     *done = largest == 0.0 || missing <= tolerance || gap <= 4e-16 * largest;
     if (*done || step == 0)
         return now;
-    const double a11 = found[0] - 2.0 * found[1] + before.product_00, b1 = found[0] - found[1];
-    double g1 = 0.0, g2 = 0.0;
+    const real a11 = found[0] - 2.0 * found[1] + before.product_00, b1 = found[0] - found[1];
+    real g1 = 0.0, g2 = 0.0;
     if (step > 1) {
-        const double a12 = found[1] - found[2] - before.product_00 + before.product_01;
-        const double a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = found[1] - found[2];
-        const double det = a11 * a22 - a12 * a12;
+        const real a12 = found[1] - found[2] - before.product_00 + before.product_01;
+        const real a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = found[1] - found[2];
+        const real det = a11 * a22 - a12 * a12;
         if (det > 1e-10 * a11 * a22) {
             g1 = (b1 * a22 - b2 * a12) / det;
             g2 = (b2 * a11 - b1 * a12) / det;
@@ -126,10 +126,10 @@ Settling judged(int step, const double* found, double rate, double tolerance, Se
 }
 
 // The double4 k of the next R: shares of what the last steps led to.
-double4 mixed(const double* share, __global const double* led, __global const double* led_1,
-              __global const double* led_2, int k)
+real4 mixed(const real* share, __global const real* led, __global const real* led_1,
+              __global const real* led_2, int k)
 {
-    double4 value = share[0] * AT(led, k);
+    real4 value = share[0] * AT(led, k);
     if (share[1] != 0.0)
         value += share[1] * AT(led_1, k);
     if (share[2] != 0.0)
@@ -139,26 +139,26 @@ double4 mixed(const double* share, __global const double* led, __global const do
 
 // R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its
 // upper or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
-void put_mirrored(const double* share, __global const double* led, __global const double* led_1,
-                  __global const double* led_2, int n, int other, int low, int from, double4 row_signs,
-                  __global const double* column_mu, int left, __global double* to)
+void put_mirrored(const real* share, __global const real* led, __global const real* led_1,
+                  __global const real* led_2, int n, int other, int low, int from, real4 row_signs,
+                  __global const real* column_mu, int left, __global real* to)
 {
     const int k = 2 * (other * n + from) + low;
-    const double4 a = mixed(share, led, led_1, led_2, k), b = mixed(share, led, led_1, led_2, k + 2);
-    const double4 c = mixed(share, led, led_1, led_2, k + 4), d = mixed(share, led, led_1, led_2, k + 6);
-    PUT(to, 0) = (double4)(a.x, b.x, c.x, d.x) * SIGNED(row_signs, column_mu[0]);
+    const real4 a = mixed(share, led, led_1, led_2, k), b = mixed(share, led, led_1, led_2, k + 2);
+    const real4 c = mixed(share, led, led_1, led_2, k + 4), d = mixed(share, led, led_1, led_2, k + 6);
+    PUT(to, 0) = (real4)(a.x, b.x, c.x, d.x) * SIGNED(row_signs, column_mu[0]);
     if (left > 1)
-        PUT(to, 2) = (double4)(a.y, b.y, c.y, d.y) * SIGNED(row_signs, column_mu[1]);
+        PUT(to, 2) = (real4)(a.y, b.y, c.y, d.y) * SIGNED(row_signs, column_mu[1]);
     if (left > 2)
-        PUT(to, 4) = (double4)(a.z, b.z, c.z, d.z) * SIGNED(row_signs, column_mu[2]);
+        PUT(to, 4) = (real4)(a.z, b.z, c.z, d.z) * SIGNED(row_signs, column_mu[2]);
     if (left > 3)
-        PUT(to, 6) = (double4)(a.w, b.w, c.w, d.w) * SIGNED(row_signs, column_mu[3]);
+        PUT(to, 6) = (real4)(a.w, b.w, c.w, d.w) * SIGNED(row_signs, column_mu[3]);
 }
 
 // R of a strip from the last steps, zero at the start (`starting`); `symmetric` as for `step_of_strip`.
-void mix_strip(int strip, bool starting, bool symmetric, int n, const double* share, __global const double* led,
-               __global const double* led_1, __global const double* led_2, __global const double* signed_mu,
-               __global double* R)
+void mix_strip(int strip, bool starting, bool symmetric, int n, const real* share, __global const real* led,
+               __global const real* led_1, __global const real* led_2, __global const real* signed_mu,
+               __global real* R)
 {
     const int place = strip * STRIP * n, own = symmetric ? min(n, STRIP * (strip + 1)) : n;
     R += place;
@@ -169,8 +169,8 @@ void mix_strip(int strip, bool starting, bool symmetric, int n, const double* sh
     }
     for (int k = 0; k < 2 * own; k++)
         PUT(R, k) = mixed(share, led + place, led_1 + place, led_2 + place, k);
-    const double4 ones = 1.0, mu_top = AT(signed_mu, 2 * strip), mu_low = AT(signed_mu, 2 * strip + 1);
-    const double4 signs_top = mu_top < 0.0 ? -ones : ones, signs_low = mu_low < 0.0 ? -ones : ones;
+    const real4 ones = 1.0, mu_top = AT(signed_mu, 2 * strip), mu_low = AT(signed_mu, 2 * strip + 1);
+    const real4 signs_top = mu_top < 0.0 ? -ones : ones, signs_low = mu_low < 0.0 ? -ones : ones;
     for (int j = own; j < n; j += 4)
         for (int low = 0; low < 2; low++)
             put_mirrored(share, led, led_1, led_2, n, j / STRIP, j % STRIP / 4, STRIP * strip + 4 * low,
@@ -178,22 +178,22 @@ void mix_strip(int strip, bool starting, bool symmetric, int n, const double* sh
 }
 
 #define ADD_PHI(x) if (j + x < columns) { \
-    const double sign = j + x < columns_E ? 1.0 : -1.0; \
-    __global const double* phi = phi_row + (long)(j + x) * phi_ld; \
-    __global double* now = H + (long)(j + x) * h_ld; \
+    const real sign = j + x < columns_E ? 1.0 : -1.0; \
+    __global const real* phi = phi_row + (long)(j + x) * phi_ld; \
+    __global real* now = H + (long)(j + x) * h_ld; \
     PUT(now, 0) = top##x + sign * AT(phi, 0); \
     PUT(now, 1) = low##x + sign * AT(phi, 1); }
 
 // H of a strip = +-phi + R phi_nodes; inner: n, or none where R is zero.
-void renew_strip(int strip, int inner, int n, int columns, int columns_E, __global const double* phi_nodes,
-                 __global const double* phi_row, int phi_ld, __global const double* R, __global double* H, int h_ld)
+void renew_strip(int strip, int inner, int n, int columns, int columns_E, __global const real* phi_nodes,
+                 __global const real* phi_row, int phi_ld, __global const real* R, __global real* H, int h_ld)
 {
     const int a_ld = STRIP, b_row = 1, b_column = phi_ld;
-    __global const double* B = phi_nodes;
+    __global const real* B = phi_nodes;
     phi_row += STRIP * strip;
     H += STRIP * strip;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = R + strip * STRIP * n;
+        __global const real* a = R + strip * STRIP * n;
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
         SUM_TERMS
@@ -214,8 +214,8 @@ int dealt(int work_item, int number, int units)
 }
 
 // Matrices like R: that itself, where the last three steps led and by how much they moved, the latest first.
-#define STEPS __global double* R, __global double* led, __global double* led_1, __global double* led_2, \
-    __global double* moved, __global double* moved_1, __global double* moved_2
+#define STEPS __global real* R, __global real* led, __global real* led_1, __global real* led_2, \
+    __global real* moved, __global real* moved_1, __global real* moved_2
 #define JUDGED IN rate, IN tolerance, OUT residual, __global int* restrict steps
 
 // As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it.
@@ -223,7 +223,7 @@ int dealt(int work_item, int number, int units)
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
                                 IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
-                                __global double* HC, JUDGED, INTS items)
+                                __global real* HC, JUDGED, INTS items)
 {
     const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
@@ -242,7 +242,7 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
     nodes_H = OF_ITEM(nodes_H);
     for (int step = -1; step < most && !done; step++) {
         if (step >= 0) {
-            double found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+            real found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
             for (int strip = 0; strip < strips; strip++)
                 step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
@@ -260,7 +260,7 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
             }
         }
         if (step >= 0) {
-            __global double* oldest = led_2;
+            __global real* oldest = led_2;
             led_2 = led_1;
             led_1 = led;
             led = oldest;
@@ -289,19 +289,19 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
     Ru += item * stride;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
-        __global const double* of = columns + c * stokes;
+        __global const real* of = columns + c * stokes;
         for (int i = first; i < min(last, n_up); i++) {
             const int row = stokes * out[i / stokes] + i % stokes;
-            const double to = fabs(off_mu[row]);
-            double total = 0.0;
+            const real to = fabs(off_mu[row]);
+            real total = 0.0;
             for (int b = 0; b < stokes; b++)
                 total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * Ruu_ld + row] * of[b];
             up[rhs * n_up + i] = total;
         }
         for (int j = max(0, first - n_up); j < last - n_up; j++) {
-            double total = 0.0;
+            real total = 0.0;
             for (int b = 0; b < stokes; b++) {
-                const double sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
+                const real sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
                 const int row = from + b;
                 total += sign * Ru[(long)(row / STRIP) * strip_step + (long)j * column_step + row % STRIP] * of[b];
             }
@@ -321,9 +321,9 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
 
 // What a step of a work-item's element adds to the sums.
 #define GPU_SHARE \
-    const double cosine = signed_mu[j], size = fabs(cosine), mu = fabs(row_mu[i]); \
+    const real cosine = signed_mu[j], size = fabs(cosine), mu = fabs(row_mu[i]); \
     const long k = (long)j * ld + i; \
-    const double now = value * (0.5 * cosine * mu / (mu + size)), change = now - R[k]; \
+    const real now = value * (0.5 * cosine * mu / (mu + size)), change = now - R[k]; \
     led[k] = now; \
     moved[k] = change; \
     mine[0] += change * change; \
@@ -338,14 +338,14 @@ __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
 __kernel void invariance_step_gpu(int ld, int n, INTS counts, IN row_mu, IN signed_mu, IN HC, STACK(H), int h_columns,
                                   STEPS, OUT found, INTS state, INTS items)
 {
-    __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
+    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
     const long item = items[get_global_id(2)], place = item * ld * n;
     const bool runs = state[item] == RUNNING;
     const int rows = runs ? ld : 0, columns = n, inner = runs ? number_of_columns(counts, item, 2) : 0;
     const int a_ld = ld, b_row = H_ld, b_column = 1;
-    __global const double* A = HC + item * ld * h_columns;
-    __global const double* B = OF_ITEM(H);
-    double mine[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+    __global const real* A = HC + item * ld * h_columns;
+    __global const real* B = OF_ITEM(H);
+    real mine[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
     R += place;
     led += place;
     moved += place;
@@ -360,7 +360,7 @@ __kernel void invariance_step_gpu(int ld, int n, INTS counts, IN row_mu, IN sign
         barrier(CLK_LOCAL_MEM_FENCE);
         if (here < width)
             for (int v = 0; v < 5; v++) {
-                const double other = sums[v][here + width];
+                const real other = sums[v][here + width];
                 sums[v][here] = v < 3 ? sums[v][here] + other : LARGER(sums[v][here], other);
             }
     }
@@ -379,9 +379,9 @@ __kernel void invariance_judge(int step, int most, int tiles, IN found, JUDGED, 
         state[item] = LEFT;
         return;
     }
-    double sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+    real sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
     for (int tile = 0; tile < tiles; tile++) {
-        __global const double* part = found + (item * tiles + tile) * 5;
+        __global const real* part = found + (item * tiles + tile) * 5;
         for (int k = 0; k < 3; k++)
             sums[k] += part[k];
         for (int k = 3; k < 5; k++)
@@ -405,8 +405,8 @@ __kernel void invariance_mix(int starting, int size, STEPS, __global const Settl
     const long item = items[get_global_id(1)], k = item * size + get_global_id(0);
     if (get_global_id(0) >= size || state[item] == LEFT)
         return;
-    __global const double* share = settling[item].share;
-    double value = 0.0;
+    __global const real* share = settling[item].share;
+    real value = 0.0;
     if (!starting) {
         value = share[0] * led[k];
         if (share[1] != 0.0)
@@ -424,15 +424,15 @@ __kernel void invariance_mix(int starting, int size, STEPS, __global const Settl
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
 __kernel void invariance_renew_gpu(int starting, int n, INTS counts, STACK(phi), IN R, STACK(H), INTS state, INTS items)
 {
-    __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
+    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
     const long item = items[get_global_id(2)];
     const bool runs = state[item] != LEFT;
     const int rows = runs ? H_ld : 0, columns = number_of_columns(counts, item, 2);
     const int columns_E = number_of_columns(counts, item, 0), inner = runs && !starting ? n : 0;
     const int a_ld = H_ld, b_row = 1, b_column = phi_ld;
-    __global const double* A = R + item * H_ld * n;
-    __global const double* B = phi + item * phi_stride;
-    __global const double* phi_row = B + phi_first;
+    __global const real* A = R + item * H_ld * n;
+    __global const real* B = phi + item * phi_stride;
+    __global const real* phi_row = B + phi_first;
     H = OF_ITEM(H);
     GPU_PLACES
     GPU_SUM_TERMS

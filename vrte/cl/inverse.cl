@@ -5,13 +5,13 @@
 #define SMALL_PIVOT 0.25   // of the largest in its column: below, rows are exchanged
 
 // The columns first .. last - 1 eliminated: afterwards they hold those of the matrix that does it to all others.
-int eliminate_panel(int n, int first, int last, __global double* M, int ld, __global int* pivots)
+int eliminate_panel(int n, int first, int last, __global real* M, int ld, __global int* pivots)
 {
     for (int k = first; k < last; k++) {
-        __global double* now = M + (long)k * ld;
+        __global real* now = M + (long)k * ld;
         int best = k;
-        double largest = fabs(now[k]);
-        const double here = largest;
+        real largest = fabs(now[k]);
+        const real here = largest;
         for (int i = k + 1; i < n; i++)
             if (fabs(now[i]) > largest) {
                 largest = fabs(now[i]);
@@ -24,15 +24,15 @@ int eliminate_panel(int n, int first, int last, __global double* M, int ld, __gl
         pivots[k] = best;
         if (best != k)
             for (int j = 0; j < n; j++) {
-                const double kept = M[(long)j * ld + k];
+                const real kept = M[(long)j * ld + k];
                 M[(long)j * ld + k] = M[(long)j * ld + best];
                 M[(long)j * ld + best] = kept;
             }
-        const double inverse = 1.0 / now[k];
+        const real inverse = 1.0 / now[k];
         for (int j = first; j < last; j++)
             if (j != k) {
-                __global double* other = M + (long)j * ld;
-                const double factor = other[k] * inverse;
+                __global real* other = M + (long)j * ld;
+                const real factor = other[k] * inverse;
                 other[k] = 0.0;
                 for (int i = 0; i < 2 * STRIPS_OF(n); i++)
                     PUT(other, i) = AT(other, i) - factor * AT(now, i);
@@ -46,11 +46,11 @@ int eliminate_panel(int n, int first, int last, __global double* M, int ld, __gl
 }
 
 // All columns but the panel's: the panel's rows times the panel added, those rows themselves replaced.
-void eliminate_rest(int n, int first, int last, __global double* M, int ld, __global double* rest)
+void eliminate_rest(int n, int first, int last, __global real* M, int ld, __global real* rest)
 {
     const int inner = last - first, columns = n - inner;
     for (int j = 0; j < columns; j++) {
-        __global double* column = M + (long)(j < first ? j : j + inner) * ld;
+        __global real* column = M + (long)(j < first ? j : j + inner) * ld;
         for (int k = 0; k < inner; k++) {
             rest[(long)j * PANEL + k] = column[first + k];
             column[first + k] = 0.0;
@@ -61,10 +61,10 @@ void eliminate_rest(int n, int first, int last, __global double* M, int ld, __gl
         for (int strip = 0; strip < STRIPS_OF(n); strip++)
             for (int j = begin; j < end; j += TILE_COLUMNS) {
                 const int columns = end, b_column = PANEL, b_row = 1, a_ld = ld, c_ld = ld;
-                const double beta = 1.0;
-                __global const double* B = rest;
-                __global const double* a = M + (long)first * ld + 8 * strip;
-                __global double* C = M + (side ? (long)inner * ld : 0) + 8 * strip;
+                const real beta = 1.0;
+                __global const real* B = rest;
+                __global const real* a = M + (long)first * ld + 8 * strip;
+                __global real* C = M + (side ? (long)inner * ld : 0) + 8 * strip;
                 EACH_COLUMN(COLUMN_OF_B)
                 EACH_COLUMN(NO_SUMS)
                 SUM_TERMS
@@ -98,7 +98,7 @@ __kernel void invert(INVERSE)
     for (int k = n - 1; k >= 0; k--)
         if (pivots[k] != k)
             for (int i = 0; i < n; i++) {
-                const double kept = M[(long)k * ld + i];
+                const real kept = M[(long)k * ld + i];
                 M[(long)k * ld + i] = M[(long)pivots[k] * ld + i];
                 M[(long)pivots[k] * ld + i] = kept;
             }
@@ -110,9 +110,9 @@ __kernel void invert(INVERSE)
 #define GPU_CREW 256        // work-items of a group
 
 __attribute__((reqd_work_group_size(GPU_CREW, 1, 1)))
-__kernel void invert_gpu(INVERSE, int width, __local double* panel)
+__kernel void invert_gpu(INVERSE, int width, __local real* panel)
 {
-    __local double row_k[PANEL], largest[GPU_CREW];
+    __local real row_k[PANEL], largest[GPU_CREW];
     __local int place[GPU_CREW];
     const int me = get_local_id(0);
     OF_MATRIX(get_group_id(0))
@@ -124,7 +124,7 @@ __kernel void invert_gpu(INVERSE, int width, __local double* panel)
 
         for (int c = 0; c < inner; c++) {  // the panel's columns eliminated
             const int k = first + c;
-            double most = 0.0;
+            real most = 0.0;
             int best = k;
             for (int i = k + me; i < n; i += GPU_CREW)
                 if (fabs(panel[c * n + i]) > most) {
@@ -150,15 +150,15 @@ __kernel void invert_gpu(INVERSE, int width, __local double* panel)
             }
             barrier(CLK_LOCAL_MEM_FENCE);
             if (me < inner) {  // rows exchanged, row k kept beside
-                const double old = panel[me * n + k];
+                const real old = panel[me * n + k];
                 row_k[me] = panel[me * n + place[0]];
                 panel[me * n + place[0]] = old;
             }
             barrier(CLK_LOCAL_MEM_FENCE);
             for (int i = me; i < n; i += GPU_CREW) {
-                const double inverse = 1.0 / row_k[c], now = panel[c * n + i];
+                const real inverse = 1.0 / row_k[c], now = panel[c * n + i];
                 for (int j = 0; j < inner; j++) {
-                    const double factor = row_k[j] * inverse;
+                    const real factor = row_k[j] * inverse;
                     if (j != c)
                         panel[j * n + i] = i == k ? factor : panel[j * n + i] - factor * now;
                 }
@@ -170,9 +170,9 @@ __kernel void invert_gpu(INVERSE, int width, __local double* panel)
         for (int at = me; at < inner * n; at += GPU_CREW)
             M[(long)(first + at / n) * ld + at % n] = panel[at];
         for (int j = me; j < columns; j += GPU_CREW) {  // all other columns: rows exchanged, the panel's taken out
-            __global double* column = M + (long)(j < first ? j : j + inner) * ld;
+            __global real* column = M + (long)(j < first ? j : j + inner) * ld;
             for (int k = first; k < first + inner; k++) {
-                const double kept = column[k];
+                const real kept = column[k];
                 column[k] = column[pivots[k]];
                 column[pivots[k]] = kept;
             }
@@ -186,7 +186,7 @@ __kernel void invert_gpu(INVERSE, int width, __local double* panel)
         // four columns of a row at a time: each element of the panel is read once for the four
         for (int at = me; at < (columns + 3) / 4 * n; at += GPU_CREW) {
             const int i = at % n, begin = at / n * 4;
-            double sum[4] = {0.0, 0.0, 0.0, 0.0};
+            real sum[4] = {0.0, 0.0, 0.0, 0.0};
             for (int k = 0; k < inner; k++)
                 for (int x = 0; x < 4; x++)
                     sum[x] += panel[k * n + i] * rest[(long)min(begin + x, columns - 1) * PANEL + k];
@@ -201,7 +201,7 @@ __kernel void invert_gpu(INVERSE, int width, __local double* panel)
     for (int i = me; i < n; i += GPU_CREW)  // a work-item its rows: columns exchanged back
         for (int k = n - 1; k >= 0; k--) {
             const int other = pivots[k];
-            const double kept = M[(long)k * ld + i];
+            const real kept = M[(long)k * ld + i];
             M[(long)k * ld + i] = M[(long)other * ld + i];
             M[(long)other * ld + i] = kept;
         }

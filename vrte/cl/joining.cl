@@ -3,8 +3,8 @@
 
 // out = alpha a + beta b + gamma 1, whole columns of `rows` elements, a being that of item from_item[item] where there is
 // such a list. Global size: columns, items.
-__kernel void blend(int rows, double alpha, STACK(a), __global const int* from_item, double beta, STACK(b),
-                    double gamma, STACK(out), INTS items)
+__kernel void blend(int rows, real alpha, STACK(a), __global const int* from_item, real beta, STACK(b),
+                    real gamma, STACK(out), INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
@@ -19,12 +19,12 @@ __kernel void blend(int rows, double alpha, STACK(a), __global const int* from_i
 
 // What the attenuated beam makes: out = exp(-depth[item]/mu0) a + straight running, `running` (rows, r) being absent
 // (has_running = 0) or weakened row by row. Global size: incident columns, items.
-__kernel void fade(int rows, __global const double* rate_II, __global const double* depth, STACK(a), int has_running,
-                   __global const double* straight, int s_stride, STACK(running), STACK(out), INTS items)
+__kernel void fade(int rows, __global const real* rate_II, __global const real* depth, STACK(a), int has_running,
+                   __global const real* straight, int s_stride, STACK(running), STACK(out), INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
-    const double share = exp(-depth[item] * rate_II[j]);
+    const real share = exp(-depth[item] * rate_II[j]);
     a = OF_ITEM(a) + (long)j * a_ld;
     out = OF_ITEM(out) + (long)j * out_ld;
     running = OF_ITEM(running) + (long)j * running_ld;
@@ -33,12 +33,12 @@ __kernel void fade(int rows, __global const double* rate_II, __global const doub
 }
 
 // out[item] = x M + beta out, rows (n,). Global size: columns, items.
-__kernel void row_times(int n, __global const double* x, STACK(M), double beta, __global double* out, INTS items)
+__kernel void row_times(int n, __global const real* x, STACK(M), real beta, __global real* out, INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
     M = OF_ITEM(M) + (long)j * M_ld;
-    double total = 0.0;
+    real total = 0.0;
     for (int i = 0; i < n; i++)
         total += x[item * n + i] * M[i];
     out[item * n + j] = total + (beta == 0.0 ? 0.0 : beta * out[item * n + j]);
@@ -46,10 +46,10 @@ __kernel void row_times(int n, __global const double* x, STACK(M), double beta, 
 
 // The flux's row of M, known exactly, over its largest element; that of the right-hand sides G (n, n) and g (n, r) over
 // the same. Global size: items.
-__kernel void put_flux_row(int n, int r, int axis, __global const double* row, STACK(M), STACK(G), STACK(g), INTS items)
+__kernel void put_flux_row(int n, int r, int axis, __global const real* row, STACK(M), STACK(G), STACK(g), INTS items)
 {
     const long item = items[get_global_id(0)];
-    double largest = 0.0;
+    real largest = 0.0;
     for (int j = 0; j < n; j++)
         largest = fmax(largest, fabs(row[item * n + j]));
     if (!(largest > 0.0))
@@ -65,8 +65,8 @@ __kernel void put_flux_row(int n, int r, int axis, __global const double* row, S
 // Radiance in the public frame, (item, level, r, n_mu, S): directions below n_up from `up`, the others from `down` (item,
 // level, r, n_out, S), each out[j] of theirs; factor_up, factor_down (S,). Global size: r, levels, items.
 __kernel void leaving(int r, int n_level, int n_mu, int n_up, int n_out, int stokes, __global const int* out,
-                      __global const double* factor_up, __global const double* factor_down, __global const double* up,
-                      __global const double* down, __global double* kernels, INTS items)
+                      __global const real* factor_up, __global const real* factor_down, __global const real* up,
+                      __global const real* down, __global real* kernels, INTS items)
 {
     const long item = items[get_global_id(2)];
     const long row = (item * n_level + get_global_id(1)) * r + get_global_id(0);
@@ -79,13 +79,13 @@ __kernel void leaving(int r, int n_level, int n_mu, int n_up, int n_out, int sto
 // The largest of kernels (item, level, n_in, n_col, n_mu, S), in the first n_seen directions, that each item has at each
 // level for each beam, and of I in column `lit` alone; (item, level, n_in) both. Global size: incident directions, levels, items.
 __kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_seen, int stokes, int lit,
-                            __global const double* kernels, __global double* largest, __global double* brightest)
+                            __global const real* kernels, __global real* largest, __global real* brightest)
 {
     const long place = (get_global_id(2) * n_level + get_global_id(1)) * n_in + get_global_id(0);
-    double found = 0.0, intensity = 0.0;
+    real found = 0.0, intensity = 0.0;
     for (int c = 0; c < n_col; c++)
         for (int k = 0; k < n_seen * stokes; k++) {
-            const double size = fabs(kernels[(place * n_col + c) * n_mu * stokes + k]);
+            const real size = fabs(kernels[(place * n_col + c) * n_mu * stokes + k]);
             found = size > found || size != size ? size : found;
             intensity = c == lit && k % stokes == 0 && (size > intensity || size != size) ? size : intensity;
         }

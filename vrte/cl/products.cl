@@ -3,31 +3,31 @@
 // One strip of 8 rows of C, 6 columns at a time: 12 vectors of sums stay in registers.
 #define TILE_COLUMNS 6
 #define EACH_COLUMN(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5)
-#define COLUMN_OF_B(x) __global const double* b##x = B + (long)min(j + x, columns - 1) * b_column;
-#define NO_SUMS(x) double4 top##x = (double4)(0.0), low##x = (double4)(0.0);
-#define ADD_TERM(x) { const double4 value = (double4)(b##x[(long)k * b_row]); \
+#define COLUMN_OF_B(x) __global const real* b##x = B + (long)min(j + x, columns - 1) * b_column;
+#define NO_SUMS(x) real4 top##x = (real4)(0.0), low##x = (real4)(0.0);
+#define ADD_TERM(x) { const real4 value = (real4)(b##x[(long)k * b_row]); \
     top##x = a_top * value + top##x; low##x = a_low * value + low##x; }
 #define SCALE_SUMS(x) top##x *= alpha; low##x *= alpha;
-#define ADD_OLD(x) if (j + x < columns) { __global const double* old = C + (long)(j + x) * c_ld; \
+#define ADD_OLD(x) if (j + x < columns) { __global const real* old = C + (long)(j + x) * c_ld; \
     top##x = beta * AT(old, 0) + top##x; low##x = beta * AT(old, 1) + low##x; }
-#define STORE_SUMS(x) if (j + x < columns) { __global double* now = C + (long)(j + x) * c_ld; \
+#define STORE_SUMS(x) if (j + x < columns) { __global real* now = C + (long)(j + x) * c_ld; \
     PUT(now, 0) = top##x; PUT(now, 1) = low##x; }
 #define SUM_TERMS \
     for (int k = 0; k < inner; k++) { \
-        const double4 a_top = AT(a, 0), a_low = AT(a, 1); \
+        const real4 a_top = AT(a, 0), a_low = AT(a, 1); \
         EACH_COLUMN(ADD_TERM) \
         a += a_ld; \
     }
 
 // C = alpha A B + beta C for the strips first .. last - 1 of 8 rows: what a tile takes of B is at hand for all of them.
-void product_of_strips(int first, int last, int columns, int inner, double alpha, double beta, __global const double* A,
-                       int a_ld, __global const double* B, int b_row, int b_column, __global double* whole, int c_ld)
+void product_of_strips(int first, int last, int columns, int inner, real alpha, real beta, __global const real* A,
+                       int a_ld, __global const real* B, int b_row, int b_column, __global real* whole, int c_ld)
 {
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
         EACH_COLUMN(COLUMN_OF_B)
         for (int strip = first; strip < last; strip++) {
-            __global const double* a = A + 8 * strip;
-            __global double* C = whole + 8 * strip;
+            __global const real* a = A + 8 * strip;
+            __global real* C = whole + 8 * strip;
             EACH_COLUMN(NO_SUMS)
             SUM_TERMS
             EACH_COLUMN(SCALE_SUMS)
@@ -53,8 +53,8 @@ int number_of_columns(__global const int* counts, long item, int part)
 // C = alpha A B + beta C; A (rows, inner), B's element (k, j) at k b_row + j b_column (so that either factor may be a
 // transpose), C (rows, columns), rows with their padding. Where part is not -1, the sum is over A's columns and B's rows
 // of that part.
-#define PRODUCT int rows, int each, int columns, int all, double alpha, double beta, int part, INTS counts, STACK(A), \
-    __global const double* B, long B_first, int b_row, int b_column, long B_stride, STACK(C), INTS items
+#define PRODUCT int rows, int each, int columns, int all, real alpha, real beta, int part, INTS counts, STACK(A), \
+    __global const real* B, long B_first, int b_row, int b_column, long B_stride, STACK(C), INTS items
 #define FACTORS \
     const long item = items[get_global_id(2)]; \
     const int inner = part < 0 ? all : number_of_columns(counts, item, part); \
@@ -87,7 +87,7 @@ __kernel void product(PRODUCT)
 // sum = the work-item's elements of A B; neighbours in the work-group read neighbours in memory: rows of A, and of B
 // whichever index has the step 1.
 #define GPU_SUM_TERMS \
-    double sum[GPU_EACH][GPU_EACH]; \
+    real sum[GPU_EACH][GPU_EACH]; \
     for (int y = 0; y < GPU_EACH; y++) \
         for (int x = 0; x < GPU_EACH; x++) \
             sum[y][x] = 0.0; \
@@ -103,7 +103,7 @@ __kernel void product(PRODUCT)
         } \
         barrier(CLK_LOCAL_MEM_FENCE); \
         for (int k = 0; k < GPU_DEPTH; k++) { \
-            double a[GPU_EACH], b[GPU_EACH]; \
+            real a[GPU_EACH], b[GPU_EACH]; \
             for (int x = 0; x < GPU_EACH; x++) { \
                 a[x] = a_tile[k][row + GPU_GROUP * x]; \
                 b[x] = b_tile[k][column + GPU_GROUP * x]; \
@@ -120,21 +120,21 @@ __kernel void product(PRODUCT)
     for (int y = 0; y < GPU_EACH; y++) \
         for (int x = 0; x < GPU_EACH; x++) { \
             const int i = top + row + GPU_GROUP * x, j = left + column + GPU_GROUP * y; \
-            const double value = sum[y][x]; \
+            const real value = sum[y][x]; \
             if (i < rows && j < columns) { \
                 DO \
             } \
         }
 
 #define GPU_STORE \
-    __global double* now = C + (long)j * c_ld + i; \
+    __global real* now = C + (long)j * c_ld + i; \
     *now = beta == 0.0 ? alpha * value : alpha * value + beta * *now;
 
 // Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
 __kernel void product_gpu(PRODUCT)
 {
-    __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
+    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
     FACTORS
     GPU_PLACES
     GPU_SUM_TERMS

@@ -11,14 +11,14 @@
 #define PLACES IN thickness, IN above, IN mu0, IN mu_out, IN level, INTS level_layer
 
 // Up to four Stokes components of a direction, or rows.
-double4 stokes_at(int stokes, __global const double* p)
+real4 stokes_at(int stokes, __global const real* p)
 {
     if (stokes == 4)
         return *(__global const loose4*)p;
-    return (double4)(stokes > 0 ? p[0] : 0.0, stokes > 1 ? p[1] : 0.0, stokes > 2 ? p[2] : 0.0, 0.0);
+    return (real4)(stokes > 0 ? p[0] : 0.0, stokes > 1 ? p[1] : 0.0, stokes > 2 ? p[2] : 0.0, 0.0);
 }
 
-void put_stokes(int stokes, __global double* p, double4 value)
+void put_stokes(int stokes, __global real* p, real4 value)
 {
     p[0] = value.x;
     if (stokes > 1)
@@ -38,21 +38,21 @@ __kernel void light_of_modes(COUNTS, int rows, int ld, IN G_E, IN G_F, IN X, IN 
     const long item = get_global_id(1), first = 8 * get_global_id(0);
     const int columns = n, c_ld = ld, b_column = n, b_row = 1, left = rows - (int)first;
     const int inside = n + 1 - ((int)first + 8 + rows - 1) / rows;     // columns behind which eight more doubles lie
-    __global const double* A = (get_global_id(2) ? G_F : G_E) + item * n * rows + first;
-    __global const double* B = (get_global_id(2) ? Y : X) + item * n * n;
-    __global double* C = lit + (get_global_id(2) * get_global_size(1) + item) * n * ld + first;
+    __global const real* A = (get_global_id(2) ? G_F : G_E) + item * n * rows + first;
+    __global const real* B = (get_global_id(2) ? Y : X) + item * n * n;
+    __global real* C = lit + (get_global_id(2) * get_global_size(1) + item) * n * ld + first;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = A;
+        __global const real* a = A;
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
         int k = 0;
         for (; k < inside; k++) {
-            const double4 a_top = *(__global const loose4*)a, a_low = *(__global const loose4*)(a + 4);
+            const real4 a_top = *(__global const loose4*)a, a_low = *(__global const loose4*)(a + 4);
             EACH_COLUMN(ADD_TERM)
             a += rows;
         }
         for (; k < n; k++) {
-            const double4 a_top = stokes_at(min(4, left), a), a_low = stokes_at(min(4, left - 4), a + 4);
+            const real4 a_top = stokes_at(min(4, left), a), a_low = stokes_at(min(4, left - 4), a + 4);
             EACH_COLUMN(ADD_TERM)
             a += rows;
         }
@@ -67,7 +67,7 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
 {
     const int stop = get_global_id(0), beam = get_global_id(1), per_beam = n_rhs / get_global_size(1);
     const int layer = stop < n_level ? level_layer[stop] : stop - n_level;
-    const double depth = stop < n_level ? level[stop] : thickness[layer];
+    const real depth = stop < n_level ? level[stop] : thickness[layer];
     const long item = get_global_id(2) * n_layer + layer;
     if (depth == 0.0 || depth > ENDLESS)
         return;
@@ -76,10 +76,10 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
     c += (item * n_rhs + beam * per_beam) * n;
     fed += ((get_global_id(2) * (n_level + n_layer) + stop) * n_rhs + beam * per_beam) * n;
     for (int j = 0; j < n; j++) {
-        const double2 response = beam_response(c_sqrt((double2)(lam_re[j], lam_im[j])), 1.0 / mu0[beam], depth);
+        const real2 response = beam_response(c_sqrt((real2)(lam_re[j], lam_im[j])), 1.0 / mu0[beam], depth);
         const int pair = lam_im[j] != 0.0;
         for (int r = 0; r < per_beam; r++) {
-            __global const double* y = c + (long)r * n + j;
+            __global const real* y = c + (long)r * n + j;
             fed[(long)r * n + j] = response.x * y[0] + (pair ? response.y * y[1] : 0.0);
             if (pair)
                 fed[(long)r * n + j + 1] = response.x * y[1] - response.y * y[0];
@@ -89,52 +89,52 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
 }
 
 // int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom.
-void fading_integrals(double2 k, double mu, double thickness, double depth, double2* from_top, double2* from_bottom)
+void fading_integrals(real2 k, real mu, real thickness, real depth, real2* from_top, real2* from_bottom)
 {
-    const double left = thickness - depth;
-    const double2 rate = (double2)(1.0 + mu * k.x, mu * k.y);
-    *from_bottom = (double2)(0.0);
+    const real left = thickness - depth;
+    const real2 rate = (real2)(1.0 + mu * k.x, mu * k.y);
+    *from_bottom = (real2)(0.0);
     if (thickness > ENDLESS) {
         *from_top = over(c_exp(-depth * k), rate);
         return;
     }
-    *from_top = over(times(c_exp(-depth * k), -c_expm1(-left * (double2)(k.x + 1.0 / mu, k.y))), rate);
-    *from_bottom = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
+    *from_top = over(times(c_exp(-depth * k), -c_expm1(-left * (real2)(k.x + 1.0 / mu, k.y))), rate);
+    *from_bottom = (left / mu) * exp_difference(-left * k, (real2)(-left / mu, 0.0));
 }
 
 // int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to the
 // slab's bottom, t = x - h.
-void hyperbolic_integrals(double2 k, double mu, double thickness, double depth, double2* cosine, double2* sine)
+void hyperbolic_integrals(real2 k, real mu, real thickness, real depth, real2* cosine, real2* sine)
 {
-    const double left = thickness - depth, h = 0.5 * thickness;
-    const double2 zero = (double2)(0.0), one = (double2)(1.0, 0.0);
-    double2 from_top, from_bottom;
+    const real left = thickness - depth, h = 0.5 * thickness;
+    const real2 zero = (real2)(0.0), one = (real2)(1.0, 0.0);
+    real2 from_top, from_bottom;
     fading_integrals(k, mu, thickness, depth, &from_top, &from_bottom);
-    const double2 whole = one + c_exp(-thickness * k);
+    const real2 whole = one + c_exp(-thickness * k);
     *cosine = over(from_top + from_bottom, whole);
     if (size_of(k) * thickness > 1.0) {
         *sine = over(from_bottom - from_top, times(k, whole));
         return;
     }
     // near k = 0: e^(k(depth - h)) times int e^(k(x - depth)) ..., differenced between k and -k
-    const double2 plus = left * k - (left / mu) * one, minus = -left * k - (left / mu) * one;
-    const double2 u = (2.0 * (depth - h)) * exp_difference((depth - h) * k, (h - depth) * k);
-    const double2 v = (left / mu) * exp_difference(zero, plus);
-    const double2 w = (2.0 * left * left / mu) * exp_difference_2(zero, plus, minus);
+    const real2 plus = left * k - (left / mu) * one, minus = -left * k - (left / mu) * one;
+    const real2 u = (2.0 * (depth - h)) * exp_difference((depth - h) * k, (h - depth) * k);
+    const real2 v = (left / mu) * exp_difference(zero, plus);
+    const real2 w = (2.0 * left * left / mu) * exp_difference_2(zero, plus, minus);
     *sine = over(0.5 * times(u, v) + 0.5 * times(c_exp((h - depth) * k), w), 0.5 * (c_exp(h * k) + c_exp(-h * k)));
 }
 
 // The same for a real mode, exponentials of its own and of the direction taken once: mode_faded, e^(-left k), faded,
 // e^(-left/mu), at_far, e^(-far k).
-void real_fading_integrals(double k, double mu, double left, double mode_faded, double faded, double at_far,
-                           double* from_top, double* from_bottom)
+void real_fading_integrals(real k, real mu, real left, real mode_faded, real faded, real at_far,
+                           real* from_top, real* from_bottom)
 {
     if (left > ENDLESS) {
         *from_top = at_far / (1.0 + mu * k);
         *from_bottom = 0.0;
         return;
     }
-    const double sum = left * (k + 1.0 / mu), gap = left / mu - left * k;
+    const real sum = left * (k + 1.0 / mu), gap = left / mu - left * k;
     *from_top = at_far * (sum > 1.0 ? 1.0 - mode_faded * faded : -expm1(-sum)) / (1.0 + mu * k);
     if (fabs(gap) > 1.0)
         *from_bottom = (left / mu) * ((mode_faded - faded) / gap);
@@ -148,37 +148,37 @@ void real_fading_integrals(double k, double mu, double left, double mode_faded, 
 // its end below the face that e^(-k x) fades from; faded: e^(-left/mu); above: optical depth of the layer's top.
 typedef struct {
     int upward, fading;
-    double mu, thickness, above, depth, left, far, faded;
+    real mu, thickness, above, depth, left, far, faded;
 } Way;
 
 // What even and odd modes become on the way; where they fade, those from the near and from the far face.
 typedef struct {
-    double2 even, odd;
+    real2 even, odd;
 } Integrals;
 
-Integrals integrals_of(double2 k, const Way* way)
+Integrals integrals_of(real2 k, const Way* way)
 {
     const int upward = way->upward, fading = way->fading;
-    const double mu = way->mu, thickness = way->thickness, left = way->left, far = way->far;
+    const real mu = way->mu, thickness = way->thickness, left = way->left, far = way->far;
     Integrals found;
     if (k.y == 0.0 && (fading || k.x * thickness > 1.0)) {
-        double top, bottom;
+        real top, bottom;
         real_fading_integrals(k.x, mu, left, exp(-left * k.x), way->faded, exp(-far * k.x), &top, &bottom);
         if (fading && !upward && thickness > ENDLESS)
             top = 0.0;
-        const double whole = fading ? 1.0 : 1.0 + exp(-thickness * k.x);
-        found.even = (double2)(fading ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
-        found.odd = (double2)(fading ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
+        const real whole = fading ? 1.0 : 1.0 + exp(-thickness * k.x);
+        found.even = (real2)(fading ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
+        found.odd = (real2)(fading ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
     } else if (!fading) {
         hyperbolic_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else if (upward) {
         fading_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else {
-        found.odd = (double2)(0.0);
+        found.odd = (real2)(0.0);
         if (thickness < ENDLESS)
-            found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (double2)(k.x + 1.0 / mu, k.y))),
-                             (double2)(1.0 + mu * k.x, mu * k.y));
-        found.even = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
+            found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (real2)(k.x + 1.0 / mu, k.y))),
+                             (real2)(1.0 + mu * k.x, mu * k.y));
+        found.even = (left / mu) * exp_difference(-left * k, (real2)(-left / mu, 0.0));
     }
     return found;
 }
@@ -189,12 +189,12 @@ Integrals integrals_of(double2 k, const Way* way)
 
 // The columns of a mode's light, or of a pair's, in Stokes components of one direction.
 typedef struct {
-    double4 e_re, e_im, f_re, f_im;
+    real4 e_re, e_im, f_re, f_im;
 } Lit;
 
-Lit light_of(int stokes, int pair, __global const double* e, __global const double* f, int ld)
+Lit light_of(int stokes, int pair, __global const real* e, __global const real* f, int ld)
 {
-    const double4 none = (double4)(0.0);
+    const real4 none = (real4)(0.0);
     const Lit found = {stokes_at(stokes, e), pair ? stokes_at(stokes, e + ld) : none, stokes_at(stokes, f),
                        pair ? stokes_at(stokes, f + ld) : none};
     return found;
@@ -202,20 +202,20 @@ Lit light_of(int stokes, int pair, __global const double* e, __global const doub
 
 // What the amplitudes of even and odd modes and the coordinates of the beam's part, of zeta too, are multiplied by.
 typedef struct {
-    double4 even, odd, beam, zeta;
+    real4 even, odd, beam, zeta;
 } Gains;
 
 // For one mode or pair: the second of the gains is that of the pair's second coordinate.
-void gains_of(double2 lam, const Way* way, const Lit* lit, Gains* gains)
+void gains_of(real2 lam, const Way* way, const Lit* lit, Gains* gains)
 {
-    const double sign = way->upward ? -1.0 : 1.0;
-    const double2 k = c_sqrt(lam);
+    const real sign = way->upward ? -1.0 : 1.0;
+    const real2 k = c_sqrt(lam);
     const Integrals found = integrals_of(k, way);
-    const double2 even = 0.5 * found.even, odd = 0.5 * found.odd;
-    const double2 bottom = (double2)(way->mu * k.x - sign, way->mu * k.y);
-    const double2 share = size_of(bottom) < RESONANT ? (double2)(0.0) : over((double2)(0.5, 0.0), bottom);
-    const double4 e_re = lit->e_re, e_im = lit->e_im, f_re = lit->f_re, f_im = lit->f_im;
-    const double4 kf_re = sign * TIMES_RE(k, f_re, f_im), kf_im = sign * TIMES_IM(k, f_re, f_im);
+    const real2 even = 0.5 * found.even, odd = 0.5 * found.odd;
+    const real2 bottom = (real2)(way->mu * k.x - sign, way->mu * k.y);
+    const real2 share = size_of(bottom) < RESONANT ? (real2)(0.0) : over((real2)(0.5, 0.0), bottom);
+    const real4 e_re = lit->e_re, e_im = lit->e_im, f_re = lit->f_re, f_im = lit->f_im;
+    const real4 kf_re = sign * TIMES_RE(k, f_re, f_im), kf_im = sign * TIMES_IM(k, f_re, f_im);
     gains[0].beam = TIMES_RE(share, e_re + kf_re, e_im + kf_im);
     gains[1].beam = TIMES_IM(share, e_re + kf_re, e_im + kf_im);
     gains[0].zeta = 0.5 * sign * f_re;
@@ -227,7 +227,7 @@ void gains_of(double2 lam, const Way* way, const Lit* lit, Gains* gains)
         gains[1].odd = TIMES_IM(odd, e_re - kf_re, e_im - kf_im);
         return;
     }
-    const double2 steep = times(lam, odd);
+    const real2 steep = times(lam, odd);
     gains[0].even = TIMES_RE(even, e_re, e_im) + TIMES_RE(steep, f_re, f_im);
     gains[1].even = TIMES_IM(even, e_re, e_im) + TIMES_IM(steep, f_re, f_im);
     gains[0].odd = -sign * (TIMES_RE(odd, e_re, e_im) + TIMES_RE(even, f_re, f_im));
@@ -236,24 +236,24 @@ void gains_of(double2 lam, const Way* way, const Lit* lit, Gains* gains)
 
 // Adds to light going down, `to` (n_rhs, rows), the beam's part of the modes with k mu close to 1, which `gains_of`
 // leaves out.
-void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n_rhs, __global const double* lam_re,
-                    __global const double* lam_im, __global const double* lit_e, __global const double* lit_f, int ld,
-                    __global const double* c, __global const double* mu0, __global double* to)
+void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n_rhs, __global const real* lam_re,
+                    __global const real* lam_im, __global const real* lit_e, __global const real* lit_f, int ld,
+                    __global const real* c, __global const real* mu0, __global real* to)
 {
-    const double mu = way->mu, depth = way->depth;
+    const real mu = way->mu, depth = way->depth;
     for (int j = 0, pair; j < n; j += 1 + pair) {
-        const double2 k = c_sqrt((double2)(lam_re[j], lam_im[j]));
+        const real2 k = c_sqrt((real2)(lam_re[j], lam_im[j]));
         pair = lam_im[j] != 0.0;
-        if (size_of((double2)(mu * k.x - 1.0, mu * k.y)) >= RESONANT)
+        if (size_of((real2)(mu * k.x - 1.0, mu * k.y)) >= RESONANT)
             continue;
         const Lit lit = light_of(stokes, pair, lit_e + (long)j * ld, lit_f + (long)j * ld, ld);
-        const double4 re = lit.e_re + TIMES_RE(k, lit.f_re, lit.f_im), im = lit.e_im + TIMES_IM(k, lit.f_re, lit.f_im);
+        const real4 re = lit.e_re + TIMES_RE(k, lit.f_re, lit.f_im), im = lit.e_im + TIMES_IM(k, lit.f_re, lit.f_im);
         for (int r = 0; r < n_rhs; r++) {
-            const double beam = mu0[r / (n_rhs / n_in)];
-            const double2 value = (0.5 * depth * depth / mu * exp(-way->above / beam))
-                * exp_difference_2((double2)(-depth / mu, 0.0), -depth * k, (double2)(-depth / beam, 0.0));
-            __global const double* y = c + (long)r * n + j;
-            double4 sum = stokes_at(stokes, to + (long)r * rows) + y[0] * TIMES_RE(value, re, im);
+            const real beam = mu0[r / (n_rhs / n_in)];
+            const real2 value = (0.5 * depth * depth / mu * exp(-way->above / beam))
+                * exp_difference_2((real2)(-depth / mu, 0.0), -depth * k, (real2)(-depth / beam, 0.0));
+            __global const real* y = c + (long)r * n + j;
+            real4 sum = stokes_at(stokes, to + (long)r * rows) + y[0] * TIMES_RE(value, re, im);
             if (pair)
                 sum += y[1] * TIMES_IM(value, re, im);
             put_stokes(stokes, to + (long)r * rows, sum);
@@ -263,15 +263,15 @@ void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n
 
 // What a beam's coordinates are multiplied by: those of zeta, c, c D(depth) and c D(thickness).
 typedef struct {
-    double zeta, direct, here, whole;
+    real zeta, direct, here, whole;
 } Shares;
 
 // The path integral is int e^(-x/mu0) e^(-|x - depth|/mu) dx/mu over what lies below depth (upward) or above it.
-Shares shares_of(const Way* way, double mu0)
+Shares shares_of(const Way* way, real mu0)
 {
-    const double mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, fade = exp(-way->above / mu0);
-    const double path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
-        : (depth / mu) * exp_difference((double2)(-depth / mu0, 0.0), (double2)(-depth / mu, 0.0)).x;
+    const real mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, fade = exp(-way->above / mu0);
+    const real path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
+        : (depth / mu) * exp_difference((real2)(-depth / mu0, 0.0), (real2)(-depth / mu, 0.0)).x;
     const int ends = way->upward && way->thickness < ENDLESS;
     const Shares found = {fade * path, mu * fade * path, depth == 0.0 ? 0.0 : way->upward ? fade : -fade,
                           ends ? -exp(-way->above / mu0 - way->left / mu) : 0.0};
@@ -279,10 +279,10 @@ Shares shares_of(const Way* way, double mu0)
 }
 
 // Which way light takes to a stop.
-Way way_to(int upward, int fading, double mu, double thickness, double above, double depth)
+Way way_to(int upward, int fading, real mu, real thickness, real above, real depth)
 {
-    const double left = upward ? thickness - depth : depth;
-    const double far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
+    const real left = upward ? thickness - depth : depth;
+    const real far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
     const Way found = {upward, fading, mu, thickness, above, depth, left, far, exp(-left / mu)};
     return found;
 }
@@ -292,10 +292,10 @@ Way way_to(int upward, int fading, double mu, double thickness, double above, do
 #define OPEN_COLUMN(x, before) \
     const int r##x = min(r + x, n_rhs - 1), beam##x = r##x / per_beam; \
     const Shares shares##x = x > 0 && beam##x == beam##before ? shares##before : shares_of(&way, mu0[beam##x]); \
-    double4 sum##x = stokes_at(stokes, to + (long)r##x * rows);
+    real4 sum##x = stokes_at(stokes, to + (long)r##x * rows);
 #define ADD_MODE(x, before) { \
     const long at = (long)r##x * n + j; \
-    const double coordinate = shares##x.direct * c[at] + shares##x.here * here[at] + shares##x.whole * whole[at]; \
+    const real coordinate = shares##x.direct * c[at] + shares##x.here * here[at] + shares##x.whole * whole[at]; \
     sum##x += gain.even * even[at] + gain.odd * odd[at] + gain.beam * coordinate \
         + gain.zeta * (shares##x.zeta * zeta[at]); }
 #define CLOSE_COLUMN(x, before) put_stokes(stokes, to + (long)r##x * rows, sum##x);
@@ -311,17 +311,17 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fad
     const int rows = stokes * get_global_size(0), layer = at_face ? stop - n_level : level_layer[stop];
     const long order = get_global_id(2), item = order * n_layer + layer;
     const long size = (long)n_rhs * rows, all = (long)n_rhs * n;
-    const double depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
+    const real depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
     const int per_beam = n_rhs / n_in;
     const Way way = way_to(upward, fades[item], mu_out[place], thickness[layer], above[layer], depth);
-    __global double* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
-    __global const double* lit_e = lit + item * n * ld + stokes * place;
-    __global const double* lit_f = lit_e + (long)get_global_size(2) * n_layer * n * ld;
-    __global const double* fed_here = fed + (order * (n_level + n_layer) + stop) * all;
-    __global const double* fed_whole = fed + (order * (n_level + n_layer) + n_level + layer) * all;
+    __global real* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
+    __global const real* lit_e = lit + item * n * ld + stokes * place;
+    __global const real* lit_f = lit_e + (long)get_global_size(2) * n_layer * n * ld;
+    __global const real* fed_here = fed + (order * (n_level + n_layer) + stop) * all;
+    __global const real* fed_whole = fed + (order * (n_level + n_layer) + n_level + layer) * all;
     Gains gains[BLOCK + 1];
     for (int r = 0; r < n_rhs; r++)
-        put_stokes(stokes, to + (long)r * rows, (double4)(0.0));
+        put_stokes(stokes, to + (long)r * rows, (real4)(0.0));
     if (way.left == 0.0 || (at_face && layer == (upward ? 0 : n_layer - 1)))
         return;
     lam_re += item * n;
@@ -333,13 +333,13 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fad
     if (!upward)
         add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
     // what is not there is fed with nothing: any numbers will do for it
-    __global const double* here = depth != 0.0 ? fed_here : c;
-    __global const double* whole = upward && thickness[layer] < ENDLESS ? fed_whole : c;
+    __global const real* here = depth != 0.0 ? fed_here : c;
+    __global const real* whole = upward && thickness[layer] < ENDLESS ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
             const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
             Gains two[2];
-            gains_of((double2)(lam_re[end], lam_im[end]), &way, &light, two);
+            gains_of((real2)(lam_re[end], lam_im[end]), &way, &light, two);
             gains[end - begin] = two[0];
             if (lam_im[end] != 0.0)
                 gains[end - begin + 1] = two[1];
@@ -363,8 +363,8 @@ __kernel void pass_layers(COUNTS, IN base_down, INTS base_row, IN base_out, PLAC
     const int place = get_global_id(0), r = get_global_id(1), upward = place < n_up;
     const int rows = stokes * get_global_size(0);
     const long order = get_global_id(2), here = (long)r * rows + stokes * place, size = (long)n_rhs * rows;
-    const double mu = mu_out[place];
-    double4 running = (double4)(0.0);
+    const real mu = mu_out[place];
+    real4 running = (real4)(0.0);
     if (upward && base_row[order] >= 0)
         for (int j = 0; j < n; j++)
             running += stokes_at(stokes, base_out + ((long)base_row[order] * n + j) * rows + stokes * place)
@@ -373,8 +373,8 @@ __kernel void pass_layers(COUNTS, IN base_down, INTS base_row, IN base_out, PLAC
         const int layer = upward ? n_layer - 1 - step : step;
         for (int t = 0; t < n_level; t++)
             if (level_layer[t] == layer) {
-                __global double* to = out + (order * n_level + t) * size + here;
-                const double left = upward ? thickness[layer] - level[t] : level[t];
+                __global real* to = out + (order * n_level + t) * size + here;
+                const real left = upward ? thickness[layer] - level[t] : level[t];
                 put_stokes(stokes, to, stokes_at(stokes, to) + exp(-left / mu) * running);
             }
         if (step < n_layer - 1)

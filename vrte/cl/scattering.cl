@@ -3,13 +3,13 @@
 
 
 // F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x by recurrences in the degree; terms is even.
-void sum_series(int terms, __global const double* s, double4 x, double4* f)
+void sum_series(int terms, __global const real* s, real4 x, real4* f)
 {
-    double4 f11 = s[7] + s[SERIES + 7] * x, f44 = s[8] + s[SERIES + 8] * x;
-    double4 f12 = (double4)(0.0), f34 = f12, sum = f12, difference = f12;
-    double4 p_old = x, q_old = f12, u_old = f12, w_old = f12;
-    double4 p = 1.5 * x * x - 0.5, q = -0.6123724356957945 * (1.0 - x) * (1.0 + x);     // sqrt(6)/4
-    double4 u = 0.25 * (1.0 + x) * (1.0 + x), w = 0.25 * (1.0 - x) * (1.0 - x);
+    real4 f11 = s[7] + s[SERIES + 7] * x, f44 = s[8] + s[SERIES + 8] * x;
+    real4 f12 = (real4)(0.0), f34 = f12, sum = f12, difference = f12;
+    real4 p_old = x, q_old = f12, u_old = f12, w_old = f12;
+    real4 p = 1.5 * x * x - 0.5, q = -0.6123724356957945 * (1.0 - x) * (1.0 + x);     // sqrt(6)/4
+    real4 u = 0.25 * (1.0 + x) * (1.0 + x), w = 0.25 * (1.0 - x) * (1.0 - x);
     for (int l = 2; l < terms; l++) {
         s = s + (l == 2 ? 2 * SERIES : SERIES);
         f11 += s[7] * p;
@@ -18,7 +18,7 @@ void sum_series(int terms, __global const double* s, double4 x, double4* f)
         f34 += s[10] * q;
         sum += s[11] * u;
         difference += s[12] * w;
-        const double4 p_now = p, q_now = q, u_now = u, w_now = w;
+        const real4 p_now = p, q_now = q, u_now = u, w_now = w;
         p = s[0] * x * p - s[1] * p_old;
         q = s[2] * x * q - s[3] * q_old;
         u = (s[4] * x - s[5]) * u - s[6] * u_old;
@@ -39,18 +39,18 @@ void sum_series(int terms, __global const double* s, double4 x, double4* f)
 // cos and sin of twice the angles from the scattering plane to the meridian planes, outgoing then incident. l is
 // theta-hat, r = l x k; n, normal to the scattering plane, is k x k'; in a plane with r_s = n: cos(sigma) = n.r and
 // sin(sigma) = -n.l. Straight on and straight back the meridian plane serves.
-void find_turns(double mu0, double mu, double4 cos_phi, double4 sin_phi, double4* turns)
+void find_turns(real mu0, real mu, real4 cos_phi, real4 sin_phi, real4* turns)
 {
-    const double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu));
-    const double4 kx = sine * cos_phi, ky = sine * sin_phi;      // outgoing; incident: (sine0, 0, -mu0)
-    const double4 lx = mu * cos_phi, ly = mu * sin_phi;          // r = (ry, -rx, 0), as l x k is horizontal
-    const double4 rx = ly * mu + sine * ky, ry = -sine * kx - lx * mu;
-    double4 nx = -ky * mu0, ny = mu * sine0 + kx * mu0, nz = -ky * sine0;
+    const real sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu));
+    const real4 kx = sine * cos_phi, ky = sine * sin_phi;      // outgoing; incident: (sine0, 0, -mu0)
+    const real4 lx = mu * cos_phi, ly = mu * sin_phi;          // r = (ry, -rx, 0), as l x k is horizontal
+    const real4 rx = ly * mu + sine * ky, ry = -sine * kx - lx * mu;
+    real4 nx = -ky * mu0, ny = mu * sine0 + kx * mu0, nz = -ky * sine0;
     const long4 none = nx * nx + ny * ny + nz * nz < 1e-18;
     nx = none ? rx : nx;
     ny = none ? ry : ny;
-    nz = none ? (double4)(0.0) : nz;
-    double4 c = nx * rx + ny * ry, s = -(nx * lx + ny * ly - nz * sine), length = c * c + s * s;
+    nz = none ? (real4)(0.0) : nz;
+    real4 c = nx * rx + ny * ry, s = -(nx * lx + ny * ly - nz * sine), length = c * c + s * s;
     turns[0] = (c * c - s * s) / length;
     turns[1] = 2.0 * c * s / length;
     c = -ny;                                                      // incident: l' = (-mu0, 0, -sine0), r' = (0, -1, 0)
@@ -61,10 +61,10 @@ void find_turns(double mu0, double mu, double4 cos_phi, double4 sin_phi, double4
 }
 
 // z (Stokes): the phase matrix times one column, (g, h) within (I, Q), kind 0, or (U, V), kind 1.
-void scatter_column(int kind, double g, double h, const double4* f, const double4* turns, double4* z)
+void scatter_column(int kind, real g, real h, const real4* f, const real4* turns, real4* z)
 {
-    const double4 a2 = 0.5 * (f[4] + f[5]), a3 = 0.5 * (f[4] - f[5]), c_in = turns[2], s_in = turns[3];
-    double4 q, u;                                                 // in the scattering plane
+    const real4 a2 = 0.5 * (f[4] + f[5]), a3 = 0.5 * (f[4] - f[5]), c_in = turns[2], s_in = turns[3];
+    real4 q, u;                                                 // in the scattering plane
     if (kind) {
         z[0] = f[2] * s_in * g;
         q = a2 * s_in * g;
@@ -81,20 +81,20 @@ void scatter_column(int kind, double g, double h, const double4* f, const double
 }
 
 // seen: rows (4, n_place) of four angles, then of their mirror images, Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1).
-void see_columns(const double4* f, const double4* turns, int n_col, __global const double* columns,
-                 __global const int* kind, __global const int* place, int n_place, double4* seen)
+void see_columns(const real4* f, const real4* turns, int n_col, __global const real* columns,
+                 __global const int* kind, __global const int* place, int n_place, real4* seen)
 {
     for (int k = 0; k < 8 * n_place; k++)
-        seen[k] = (double4)(0.0);
+        seen[k] = (real4)(0.0);
     for (int c = 0; c < n_col; c++) {
-        __global const double* pair = columns + 4 * c + 2 * kind[c];
-        double4 z[4];
+        __global const real* pair = columns + 4 * c + 2 * kind[c];
+        real4 z[4];
         scatter_column(kind[c], pair[0], pair[1], f, turns, z);
         for (int s = 0; s < 4; s++)
             for (int a = 0; a < 4; a++) {
-                const double value = ((const double*)(z + s))[a];
-                ((double*)(seen + a * n_place))[s * n_place + place[c]] += value;
-                ((double*)(seen + (4 + a) * n_place))[s * n_place + place[c]] +=
+                const real value = ((const real*)(z + s))[a];
+                ((real*)(seen + a * n_place))[s * n_place + place[c]] += value;
+                ((real*)(seen + (4 + a) * n_place))[s * n_place + place[c]] +=
                     (s >= 2) == (kind[c] == 1) ? value : -value;
             }
     }
@@ -112,28 +112,28 @@ __kernel void add_scattering(INTS first_table, IN tables, long table_stride, INT
     const int i = first_in + get_global_id(2) % n_here, last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + 3) / 4, (int)(get_global_id(1) + 1) * tiles_each);
     const long scene = get_global_id(2) / n_here, pairs = (long)n_in * n_mu;
-    double4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
+    real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
     out += out_first + scene * out_stride;
     for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
         for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
-            __global const double* now = path + table * n_level * pairs + (long)i * n_mu + j;
+            __global const real* now = path + table * n_level * pairs + (long)i * n_mu + j;
             int lit = 0;
             for (int t = 0; t < n_level; t++)
                 lit |= now[t * pairs] != 0.0;
             if (!lit)
                 continue;
-            const double sines = sqrt((1.0 - mu[j]) * (1.0 + mu[j])) * sqrt((1.0 - mu0[i]) * (1.0 + mu0[i]));
+            const real sines = sqrt((1.0 - mu[j]) * (1.0 + mu[j])) * sqrt((1.0 - mu0[i]) * (1.0 + mu0[i]));
             for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                double4 f[6], turns[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
-                x = x > 1.0 ? (double4)(1.0) : x;
-                x = x < -1.0 ? (double4)(-1.0) : x;
+                real4 f[6], turns[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
+                x = x > 1.0 ? (real4)(1.0) : x;
+                x = x < -1.0 ? (real4)(-1.0) : x;
                 sum_series(terms[table], tables + table * table_stride, x, f);
                 find_turns(mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), turns);
                 see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
                 for (int t = 0; t < n_level; t++)
                     for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
                         for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
-                            const double4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
+                            const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
                             const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
                             for (int k = 0; k < n_place; k++)
                                 *(__global loose4*)(out + (row * n_place + k) * 4) += now[t * pairs] * from[k];

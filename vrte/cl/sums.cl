@@ -4,7 +4,7 @@
 #define BATCH 8            // groups of four elements whose sums are kept at hand
 #define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) \
     DO(8) DO(9) DO(10) DO(11)
-#define NO_SUM(x) double4 sum##x = (double4)(0.0);
+#define NO_SUM(x) real4 sum##x = (real4)(0.0);
 #define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
 #define KEEP_SUM(x) sums[x] = sum##x;
 
@@ -14,13 +14,13 @@
     long out_stride
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
-void sum_orders(int n_order, __global const double* from0, __global const double* from1, __global const double* from2,
-                __global const double* from3, long order_stride, double4 weight, __global const double* wave,
-                int wave_ld, double4* sums)
+void sum_orders(int n_order, __global const real* from0, __global const real* from1, __global const real* from2,
+                __global const real* from3, long order_stride, real4 weight, __global const real* wave,
+                int wave_ld, real4* sums)
 {
     EACH_ANGLE(NO_SUM)
     for (int m = 0; m < n_order; m++) {
-        const double4 value = weight * (double4)(*from0, *from1, *from2, *from3);
+        const real4 value = weight * (real4)(*from0, *from1, *from2, *from3);
         EACH_ANGLE(ADD_ORDER)
         wave += wave_ld;
         from0 += order_stride;
@@ -32,12 +32,12 @@ void sum_orders(int n_order, __global const double* from0, __global const double
 }
 
 // The same of one group of four, for one row of kernels, into sums (angle, lane).
-void sum_group(__global const double* row, long column_stride, long stokes_stride, long order_stride, int n_order,
-               __global const int* column, double4 weight, __global const double* factor, __global const double* wave,
-               int wave_ld, double4* sums)
+void sum_group(__global const real* row, long column_stride, long stokes_stride, long order_stride, int n_order,
+               __global const int* column, real4 weight, __global const real* factor, __global const real* wave,
+               int wave_ld, real4* sums)
 {
     __global const int* component = column + 4;
-    weight *= (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
+    weight *= (real4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
     sum_orders(n_order, row + column[0] * column_stride + component[0] * stokes_stride,
                row + column[1] * column_stride + component[1] * stokes_stride,
                row + column[2] * column_stride + component[2] * stokes_stride,
@@ -63,7 +63,7 @@ __kernel void add_orders(IN kernels, long first, long scene_stride, long order_s
     const long scene = get_global_id(2) / ((long)n_here * n_level);
     const int last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + TILE_ANGLES - 1) / TILE_ANGLES, (int)(get_global_id(1) + 1) * tiles_each);
-    double4 sums[BATCH * TILE_ANGLES];
+    real4 sums[BATCH * TILE_ANGLES];
     kernels += first + scene * scene_stride + levels[level] * level_stride + i * in_stride;
     out += out_first + scene * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
     for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
@@ -79,9 +79,9 @@ __kernel void add_orders(IN kernels, long first, long scene_stride, long order_s
                               sums + g * TILE_ANGLES);
                 for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
                     for (int use = first_use[a]; use < first_use[a + 1]; use++) {
-                        __global double* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
+                        __global real* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
                         for (int g = 0; g < count; g++) {
-                            const double4 sum = sums[g * TILE_ANGLES + a - angle];
+                            const real4 sum = sums[g * TILE_ANGLES + a - angle];
                             *(__global loose4*)(row + 4 * now[10 * g + 9]) +=
                                 mirror[use] < 0.0 ? AT(mirrored, now[10 * g + 8]) * sum : sum;
                         }
