@@ -30,15 +30,23 @@ from vrte.studies import devices as report
 from .conftest import working_session
 
 
-def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: str = "Maker") -> Device:
+def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: str = "Maker", **more: Any) -> Device:
     """A device that nobody has."""
-    return Device(platform, name, kind, fp64, int(gigabytes * 1e9), int(gigabytes * 2.5e8), 8, "1.0")
+    units = more.pop("units", 8)
+    return Device(platform, name, kind, fp64, int(gigabytes * 1e9), int(gigabytes * 2.5e8), units, "1.0", **more)
 
 
 PROCESSOR = made("Processor X", "cpu", 128.0, platform="Portable")
-SMALL, LARGE, OTHER = made("Card S", "gpu", 8.0), made("Card L", "gpu", 24.0), made("Board", "accelerator", 200.0)
+SMALL, LARGE, OTHER = (
+    made("Card S", "gpu", 8.0),
+    made("Card L", "gpu", 4.0, units=16),
+    made("Board", "accelerator", 200.0),
+)
 BY_POCL = made("Processor X", "cpu", 4.0, platform=trial.POCL)
 FLOAT = made("Card F", "gpu", 32.0, fp64=False)
+BUILT_IN = made("Graphics", "gpu", 48.0, units=96, clock=2.2e9, shared=True, architecture="gfx1150")
+CONSUMER = made("RTX 4090", "gpu", 24.0, units=128, clock=2.52e9, architecture="sm_89")
+OLDER = made("A100", "gpu", 16.0, units=108, clock=1.41e9, architecture="sm_80")
 
 
 @pytest.fixture
@@ -61,8 +69,12 @@ class TestChoice:
         [
             ([PROCESSOR], 0, "the only device"),
             ([PROCESSOR, SMALL], 1, "the only GPU"),
-            ([PROCESSOR, SMALL, LARGE, OTHER], 2, "the GPU with the most memory"),
+            ([PROCESSOR, SMALL, LARGE, OTHER], 2, "the fastest GPU, about 6.4e+10 operations a second in doubles"),
             ([PROCESSOR, LARGE, LARGE], 1, "the first GPU"),
+            ([BUILT_IN, CONSUMER], 1, "the only GPU with memory of its own"),
+            ([BUILT_IN, PROCESSOR], 0, "the only GPU"),
+            ([BUILT_IN, BUILT_IN], 0, "the first GPU"),
+            ([CONSUMER, OLDER, BUILT_IN], 1, "the fastest GPU, about 9.7e+12 operations a second in doubles"),
             ([PROCESSOR, OTHER], 1, "the only accelerator"),
             ([FLOAT, PROCESSOR], 1, "the only CPU"),
             ([made("?", "other", 500.0), PROCESSOR], 1, "the only CPU"),
@@ -97,6 +109,14 @@ class TestChoice:
             ": 0 = Processor X (Portable), 1 = Card S (Maker), 2 = Card F (Maker, no fp64)"
         )
 
+    @pytest.mark.parametrize(
+        ("architecture", "units", "clock", "teraflops"),
+        [("sm_90", 132, 1.98e9, 33.5), ("sm_80", 108, 1.41e9, 9.7), ("gfx942:sramecc+", 304, 2.1e9, 81.7)],
+    )
+    def test_rates_of_data_sheets(self, architecture: str, units: int, clock: float, teraflops: float) -> None:
+        found = made("?", "gpu", 80.0, units=units, clock=clock, architecture=architecture).rate
+        assert found == pytest.approx(1e12 * teraflops, rel=0.01)
+
     def test_no_double_precision(self) -> None:
         with pytest.raises(DeviceError, match="no OpenCL device computes in double precision: 0 = Card F"):
             choose([FLOAT])
@@ -111,6 +131,21 @@ class TestDevices:
             assert found.name
             assert found.platform
         assert device.find_chosen_device().double_precision
+
+    @pytest.mark.parametrize(("extensions", "doubles"), [("cl_khr_icd", False), ("cl_khr_icd cl_khr_fp64", True)])
+    def test_a_driver_that_fails_when_asked(self, extensions: str, doubles: bool) -> None:
+        class Silent:
+            name, driver_version, type, available = "Card ", "1 ", pyopencl.device_type.GPU, True
+            global_mem_size, max_mem_alloc_size, max_compute_units = 8 << 30, 2 << 30, 20
+
+            def __getattr__(self, name: str) -> Any:
+                raise error_of("clGetDeviceInfo", "INVALID_VALUE")
+
+        silent = Silent()
+        silent.__dict__["extensions"] = extensions
+        found = device._describe_device(SimpleNamespace(name="Maker"), silent)
+        assert found.double_precision is doubles
+        assert (found.clock, found.shared, found.architecture) == (1e9, False, "card")
 
     def test_without_pyopencl(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pyopencl", None)

@@ -1,7 +1,8 @@
 """Which OpenCL devices there are, which one is taken and why, and the one session on it.
 
-The rule: of the devices that compute in double precision, a GPU before an accelerator before a CPU, of several the one
-with the most memory, of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over.
+The rule: of the devices that compute in double precision, a GPU with memory of its own before one in the processor's,
+these before an accelerator, that before a CPU; of several the one with the largest rate of doubles, of equals the
+first; on a CPU PoCL before other drivers. One that does not compile is passed over.
 The environment variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's
 or platform's name that only one device has.
 """
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.cl import caches, drivers, faults, trial
+from vrte.cl import caches, drivers, faults, rates, trial
 from vrte.cl.session import FORKED, Session, open_session
 
 VARIABLE = "VRTE_OPENCL_DEVICE"
@@ -30,7 +31,8 @@ _state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}, "com
 
 @dataclass(frozen=True)
 class Device:
-    """What a device says of itself: ``memory`` and ``largest`` (one allocation) in bytes; ``handle`` is pyopencl's."""
+    """What a device says of itself: ``memory`` and ``largest`` (one allocation) in bytes, ``clock`` in Hz; ``shared``:
+    its memory is the processor's; ``handle`` is pyopencl's."""
 
     platform: str
     name: str
@@ -40,7 +42,20 @@ class Device:
     largest: int
     units: int
     driver: str
+    clock: float = 1e9
+    shared: bool = False
+    architecture: str = ""
     handle: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def rate(self) -> float:
+        """Operations in doubles a second, about."""
+        return rates.estimate_rate(self.architecture, self.kind, self.units, self.clock)
+
+    @property
+    def is_built_in(self) -> bool:
+        """Whether it is the graphics part of a processor."""
+        return self.kind == "gpu" and self.shared
 
 
 def devices() -> tuple[Device, ...]:
@@ -98,13 +113,31 @@ def _describe_device(platform: Any, handle: Any) -> Device:
         platform=platform.name.strip(),
         name=handle.name.strip(),
         kind=kind,
-        double_precision="cl_khr_fp64" in handle.extensions.split() or bool(handle.double_fp_config),
+        double_precision=has_doubles(handle),
         memory=handle.global_mem_size,
         largest=handle.max_mem_alloc_size,
         units=handle.max_compute_units,
         driver=handle.driver_version.strip(),
+        clock=1e6 * float(read_property(handle, "max_clock_frequency", 1000)),
+        shared=bool(read_property(handle, "host_unified_memory", False)),
+        architecture=rates.name_architecture(handle),
         handle=handle,
     )
+
+
+def read_property(handle: Any, name: str, otherwise: Any) -> Any:
+    """What a device says, or something else where its driver raises an error on the question."""
+    import pyopencl
+
+    try:
+        return getattr(handle, name)
+    except (pyopencl.Error, AttributeError):
+        return otherwise
+
+
+def has_doubles(handle: Any) -> bool:
+    """Whether a device says that it computes in double precision; some drivers fail on the second question."""
+    return "cl_khr_fp64" in handle.extensions.split() or bool(read_property(handle, "double_fp_config", 0))
 
 
 def find_complaint(index: int) -> str:
@@ -156,9 +189,10 @@ def choose(
     raise DeviceError(f"no OpenCL device compiles kernels in double precision ({told}): {INSTALL}")
 
 
-def _rank(device: Device) -> tuple[int, bool, int]:
+def _rank(device: Device) -> tuple[int, bool, bool, float]:
     """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
-    return PREFERENCE.index(device.kind), device.kind == "cpu" and device.platform != trial.POCL, -device.memory
+    slower_driver = device.kind == "cpu" and device.platform != trial.POCL
+    return PREFERENCE.index(device.kind), slower_driver, device.is_built_in, -device.rate
 
 
 def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
@@ -169,8 +203,12 @@ def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> 
         return f"the only {WORDS[kind]}" if len(found) > 1 else "the only device"
     if kind == "cpu" and {device.platform != trial.POCL for device in among} == {True, False}:
         return "the CPU by PoCL, the faster driver"
-    equal = len({device.memory for device in among}) == 1
-    return f"the first {WORDS[kind]}" if equal else f"the {WORDS[kind]} with the most memory"
+    apart = [device for device in among if not device.is_built_in]
+    if len(apart) == 1 and len(among) > 1:
+        return f"the only {WORDS[kind]} with memory of its own"
+    equal = len({device.rate for device in apart or among}) == 1
+    told = f"about {found[best].rate:.2g} operations a second in doubles"
+    return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {told}"
 
 
 def _find_wanted(found: Sequence[Device], asked_for: str) -> int:

@@ -52,10 +52,19 @@ def describe_devices(
         mark = "*" if index == taken else " "
         text = f"{device.name[:43]:44}{device.kind:13}{precision:4}{sizes}{device.units:7}  {device.driver}"
         lines.append(f" {mark}{index:2} {text}")
-        lines.append(f"     on {device.platform}")
+        lines.append(f"     on {device.platform}{describe_power(device)}")
         if complaints.get(index):
             lines.append(f"     never taken: {complaints[index]}")
     return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])
+
+
+def describe_power(device: Device) -> str:
+    """What graphics devices are chosen by."""
+    if device.kind != "gpu":
+        return ""
+    memory = "the processor's memory" if device.shared else "memory of its own"
+    doubles = f", about {device.rate / 1e9:.3g}e9 operations a second in doubles" if device.double_precision else ""
+    return f"; {memory}{doubles}"
 
 
 def measure_rates(
