@@ -99,7 +99,6 @@ class TestChoice:
             ("-1", "fits no OpenCL device"),
             ("nonesuch", "fits no OpenCL device"),
             ("card", "fits more than one OpenCL device"),
-            ("Card F", "names a device without double precision"),
         ],
     )
     def test_what_it_cannot_mean(self, asked_for: str, complaint: str) -> None:
@@ -117,9 +116,18 @@ class TestChoice:
         found = made("?", "gpu", 80.0, units=units, clock=clock, architecture=architecture).rate
         assert found == pytest.approx(1e12 * teraflops, rel=0.01)
 
-    def test_no_double_precision(self) -> None:
-        with pytest.raises(DeviceError, match="no OpenCL device computes in double precision: 0 = Card F"):
-            choose([FLOAT])
+    def test_doubles_come_first(self) -> None:
+        assert choose([FLOAT, PROCESSOR]) == (1, "the only CPU")
+        assert choose([FLOAT]) == (0, "the only device, without doubles")
+        assert choose([PROCESSOR, FLOAT], "card f") == (1, "VRTE_OPENCL_DEVICE=card f")
+
+    def test_a_session_in_doubles_needs_them(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        alone.update(process=os.getpid(), devices=(FLOAT,), complaints={(0, FLOAT.platform, FLOAT.name): ""})
+        monkeypatch.delenv(device.VARIABLE, raising=False)
+        with pytest.raises(
+            DeviceError, match=r"Card F computes in single precision only: 0 = Card F \(Maker, no fp64\)"
+        ):
+            device.session()
 
 
 class TestDevices:
@@ -299,7 +307,7 @@ class TestFaults:
 
     def test_kernels_that_do_not_compile(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(
-            sessions, "read_sources", lambda: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
+            sessions, "read_sources", lambda *_: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
         )
         with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:
             open_session(opencl.device)
@@ -309,7 +317,7 @@ class TestFaults:
 
     def test_a_compiler_with_something_to_say(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
-        monkeypatch.setattr(sessions, "read_sources", lambda: text)
+        monkeypatch.setattr(sessions, "read_sources", lambda *_: text)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             opened = open_session(opencl.device)
@@ -459,7 +467,6 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("found", "variable", "complaint"),
         [
-            ((FLOAT,), "", "no OpenCL device computes in double precision: 0 = Card F (Maker, no fp64)"),
             ((SMALL,), "x", "VRTE_OPENCL_DEVICE=x fits no OpenCL device: 0 = Card S (Maker)"),
         ],
     )

@@ -13,14 +13,14 @@ from vrte.cl.caches import PYOPENCL, own_folder
 KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(([^{;]*)\)\s*\{", re.MULTILINE)
 LISTS = re.compile(r"^#define ([A-Z_]+)(?:\(x\))? +((?:__global|IN|INTS|OUT|int|long) .*,.*)$", re.MULTILINE)
 MACRO = re.compile(r"\b([A-Z_]+)\b(\(\w+\))?")
-NUMBERS = {"int": np.int32, "long": np.int64, "real": np.float64}
+NUMBERS = {"int": np.int32, "long": np.int64}
 COMPLAINT = re.compile(r"\berror\b")
 LONGEST = 300  # characters of a compiler's log in a message
 
 
-def parse_argument_types(text: str) -> dict[str, list[Any]]:
+def parse_argument_types(text: str, real: Any = np.float64) -> dict[str, list[Any]]:
     """The kernels that a source defines, and the types of their arguments, None for memory; macros that stand for
-    several arguments are written out.
+    several arguments are written out; ``real`` is what they call so.
 
     >>> source = "#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }"
     >>> parse_argument_types(source)
@@ -28,13 +28,13 @@ def parse_argument_types(text: str) -> dict[str, list[Any]]:
     """
     text = text.replace("\\\n", " ")
     lists = dict(LISTS.findall(text))
-    found = {}
+    found, numbers = {}, NUMBERS | {"real": real}
     for name, arguments in KERNEL.findall(text):
         written_out = ""
         while written_out != arguments:
             written_out, arguments = arguments, MACRO.sub(lambda macro: lists.get(macro[1], macro[0]), arguments)
         found[name] = [
-            None if "*" in argument else NUMBERS.get(argument.split()[0]) for argument in written_out.split(",")
+            None if "*" in argument else numbers.get(argument.split()[0]) for argument in written_out.split(",")
         ]
     return found
 
@@ -43,9 +43,9 @@ class Kernels(dict[str, Any]):
     """The kernels of a program by name, each made when it is first asked for, with the types of its arguments: a launch
     takes 4 microseconds with them, 200 without."""
 
-    def __init__(self, program: Any, text: str) -> None:
+    def __init__(self, program: Any, text: str, real: Any = np.float64) -> None:
         super().__init__()
-        self.program, self.types = program, parse_argument_types(text)
+        self.program, self.types = program, parse_argument_types(text, real)
 
     def __missing__(self, name: str) -> Any:
         import pyopencl
@@ -55,8 +55,8 @@ class Kernels(dict[str, Any]):
         return self[name]
 
 
-def build_kernels(context: Any, text: str, options: Sequence[str]) -> Kernels:
-    """The kernels of a source, compiled.
+def build_kernels(context: Any, text: str, options: Sequence[str], real: Any = np.float64) -> Kernels:
+    """The kernels of a source, compiled; ``real``: what they compute with.
 
     Raises DeviceError with the compiler's first complaint.
     """
@@ -72,7 +72,7 @@ def build_kernels(context: Any, text: str, options: Sequence[str]) -> Kernels:
         made = program.get_info(pyopencl.program_info.KERNEL_NAMES).split(";")
     except pyopencl.RuntimeError as error:
         raise DeviceError(build_message(device.name, str(error))) from error
-    kernels = Kernels(program, text)
+    kernels = Kernels(program, text, real)
     if missing := set(kernels.types) - set(made):
         raise DeviceError(f"the compiler of {device.name} left out {', '.join(sorted(missing))}")
     return kernels

@@ -1,8 +1,8 @@
 """Which OpenCL devices there are, which one is taken and why, and the one session on it.
 
-The rule: of the devices that compute in double precision, a GPU with memory of its own before one in the processor's,
-these before an accelerator, that before a CPU; of several the one with the largest rate of doubles, of equals the
-first; on a CPU PoCL before other drivers. One that does not compile is passed over.
+The rule: devices that compute in double precision before those that do not; of either, a GPU with memory of its own
+before one in the processor's, these before an accelerator, that before a CPU; of several the one with the largest rate
+of doubles, of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over.
 The environment variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's
 or platform's name that only one device has.
 """
@@ -51,6 +51,11 @@ class Device:
     def rate(self) -> float:
         """Operations in doubles a second, about."""
         return rates.estimate_rate(self.architecture, self.kind, self.units, self.clock)
+
+    @property
+    def widest(self) -> str:
+        """The most precise that it computes in, "double" or "single"."""
+        return "double" if self.double_precision else "single"
 
     @property
     def is_built_in(self) -> bool:
@@ -147,7 +152,7 @@ def find_complaint(index: int) -> str:
         complaints: dict[tuple[int, str, str], str] = _state["complaints"]
         key = index, device.platform, device.name
         if key not in complaints:
-            complaints[key] = trial.try_device(index, device.platform, device.handle)
+            complaints[key] = trial.try_device(index, device.platform, device.handle, device.widest)
         return complaints[key]
 
 
@@ -157,7 +162,7 @@ def choose(
     """The index of the device to take, and why; ``asked_for``: what VRTE_OPENCL_DEVICE says; ``complaint_of``: why the
     device of an index does not compute.
 
-    Raises DeviceError: no double precision, nothing that compiles, or nothing (or more than one device) that it names.
+    Raises DeviceError: nothing that compiles, or nothing (or more than one device) that it names.
 
     >>> gpu = Device("A", "card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
     >>> cpu = Device("B", "processor", "cpu", True, 64 << 30, 16 << 30, 8, "2")
@@ -173,26 +178,28 @@ def choose(
         if complaint := complaint_of(index):
             raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
         return index, f"{VARIABLE}={asked_for}"
-    able = sorted(
-        (index for index, device in enumerate(found) if device.double_precision), key=lambda i: _rank(found[i])
-    )
-    if not able:
-        raise DeviceError(f"no OpenCL device computes in double precision: {list_names(found)}")
+    able = sorted(range(len(found)), key=lambda index: _rank(found[index]))
     complaints: dict[int, str] = {}
     for index in able:
         if not (complaint := complaint_of(index)):
-            reason = _explain_choice(found, index, [i for i in able if i not in complaints])
+            left = [
+                i for i in able if i not in complaints and found[i].double_precision == found[index].double_precision
+            ]
+            reason = _explain_choice(found, index, left) + (
+                "" if found[index].double_precision else ", without doubles"
+            )
             passed = ", ".join(map(str, sorted(complaints)))
             return index, f"{reason} (passed over: {passed})" if passed else reason
         complaints[index] = complaint
     told = "; ".join(f"{index} = {found[index].name}: {complaint}" for index, complaint in complaints.items())
-    raise DeviceError(f"no OpenCL device compiles kernels in double precision ({told}): {INSTALL}")
+    raise DeviceError(f"no OpenCL device compiles kernels ({told}): {INSTALL}")
 
 
-def _rank(device: Device) -> tuple[int, bool, bool, float]:
+def _rank(device: Device) -> tuple[bool, int, bool, bool, float]:
     """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
     slower_driver = device.kind == "cpu" and device.platform != trial.POCL
-    return PREFERENCE.index(device.kind), slower_driver, device.is_built_in, -device.rate
+    place = PREFERENCE.index(device.kind)
+    return not device.double_precision, place, slower_driver, device.is_built_in, -device.rate
 
 
 def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
@@ -220,8 +227,6 @@ def _find_wanted(found: Sequence[Device], asked_for: str) -> int:
     if len(matches) != 1:
         problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
         raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {list_names(found)}")
-    if not found[matches[0]].double_precision:
-        raise DeviceError(f"{VARIABLE}={asked_for} names a device without double precision: {list_names(found)}")
     return matches[0]
 
 
@@ -247,18 +252,26 @@ def read_wanted_device() -> str:
     return os.environ.get(VARIABLE, "").strip()
 
 
-def session() -> Session:
-    """The session on the chosen device, opened once a process.
+def session(precision: str = "double") -> Session:
+    """The session on the chosen device in "double" or "single" precision, opened once a process.
 
-    Raises as `devices` and `choose` do, and DeviceError where the kernels cannot be built.
+    Raises as `devices` and `choose` do, and DeviceError where the device has no double precision, or the kernels cannot
+    be built.
     """
     device = find_chosen_device()
+    if precision == "double" and not device.double_precision:
+        raise DeviceError(f"the OpenCL device {device.name} computes in single precision only: {list_names(devices())}")
     with _lock:
         opened: dict[int, Session] = _state["sessions"]
         if id(device) not in opened:
+            told = {} if device.double_precision else {"precision": "single"}
             with raise_device_errors():
-                opened[id(device)] = open_session(device.handle)
-        return opened[id(device)]
+                opened[id(device)] = open_session(device.handle, **told)
+        found = opened[id(device)]
+        if precision == device.widest:
+            return found
+        with raise_device_errors():
+            return found.in_precision(precision)
 
 
 def forget() -> None:

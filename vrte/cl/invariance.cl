@@ -101,7 +101,7 @@ Settling judged(int step, const real* found, real rate, real tolerance, Settling
     const real largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
     const real missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
     Settling now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
-    *done = largest == 0.0 || missing <= tolerance || gap <= 4e-16 * largest;
+    *done = largest == 0.0 || missing <= tolerance || gap <= STALLED * largest;
     if (*done || step == 0)
         return now;
     const real a11 = found[0] - 2.0 * found[1] + before.product_00, b1 = found[0] - found[1];
@@ -110,7 +110,7 @@ Settling judged(int step, const real* found, real rate, real tolerance, Settling
         const real a12 = found[1] - found[2] - before.product_00 + before.product_01;
         const real a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = found[1] - found[2];
         const real det = a11 * a22 - a12 * a12;
-        if (det > 1e-10 * a11 * a22) {
+        if (det > INDEPENDENT * a11 * a22) {
             g1 = (b1 * a22 - b2 * a12) / det;
             g2 = (b2 * a11 - b1 * a12) / det;
         }

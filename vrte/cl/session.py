@@ -5,7 +5,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
@@ -29,8 +29,11 @@ SOURCES = (
     "complexes",
     "reconstruction",
 )
+IN_DOUBLES = {"scattering", "complexes", "reconstruction"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
+REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
+OPTIONS_OF = {"double": OPTIONS, "single": (*OPTIONS, "-D", "SINGLE", "-cl-single-precision-constant")}
 FORMS = ("cpu", "gpu")
 WORK_GROUP = 256  # work-items of a group in the form for a GPU
 FORKED = (
@@ -81,7 +84,9 @@ class DeviceArray(Placed):
 class Session:
     """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next
     array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
-    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory)."""
+    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory).
+    ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
+    as doubles; ``beside``: sessions on the same queue and memory, by form and precision."""
 
     context: Any
     queue: Any
@@ -91,6 +96,31 @@ class Session:
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
     constants: dict[Any, Any] = field(default_factory=dict)
+    precision: str = "double"
+    beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
+
+    @property
+    def real(self) -> Any:
+        """The type of what its kernels compute with."""
+        return REALS[self.precision]
+
+    def in_precision(self, precision: str) -> "Session":
+        """This session, or that on the same queue and memory whose kernels compute in another precision; they are
+        compiled when it is first asked for."""
+        self.beside.setdefault((self.form, self.precision), self)
+        wanted = self.form, precision
+        if wanted not in self.beside:
+            kernels = build_kernels(self.context, read_sources(precision), OPTIONS_OF[precision], REALS[precision])
+            self.beside[wanted] = replace(self, kernels=kernels, constants={}, precision=precision)
+        return self.beside[wanted]
+
+    def narrow(self, values: Any) -> Any:
+        """An array as it goes up, row by row: doubles as what the kernels compute with."""
+        array = np.asarray(values, order="C")
+        if array.dtype != np.float64 or self.precision == "double":
+            return array
+        with np.errstate(over="ignore"):  # what has no end is infinite
+            return array.astype(self.real)
 
     @property
     def device(self) -> Any:
@@ -104,26 +134,26 @@ class Session:
 
         return bool(self.device.type & pyopencl.device_type.CPU)
 
-    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> DeviceArray:
-        """An array with nothing in it."""
+    def empty(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
+        """An array with nothing in it, of what the kernels compute with unless told otherwise."""
         self._check_process()
-        kind = np.dtype(dtype)
+        kind = self.real if dtype is None else np.dtype(dtype)
         return DeviceArray(self.memory(max(math.prod(shape), 1) * kind.itemsize), tuple(shape), kind)
 
-    def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> DeviceArray:
+    def zeros(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
         """An array of zeros."""
         import pyopencl
 
         made = self.empty(shape, dtype)
         if made.nbytes:
-            pyopencl.enqueue_fill_buffer(self.queue, made.data, np.zeros(1, dtype), 0, made.nbytes)
+            pyopencl.enqueue_fill_buffer(self.queue, made.data, np.zeros(1, made.dtype), 0, made.nbytes)
         return made
 
     def upload(self, values: Any) -> DeviceArray:
         """A copy of an array on the device."""
         import pyopencl
 
-        array = np.asarray(values, order="C")
+        array = self.narrow(values)
         if 0 < array.nbytes <= SMALL:
             self._check_process()
             flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
@@ -145,24 +175,24 @@ class Session:
         import pyopencl
 
         if made.nbytes:
-            pyopencl.enqueue_copy(self.queue, made.data, np.ascontiguousarray(values))
+            pyopencl.enqueue_copy(self.queue, made.data, self.narrow(values))
 
     def constant(self, values: Any) -> DeviceArray:
         """A copy on the device that nobody writes to: where there is one of the same small array, that."""
-        array = np.asarray(values, order="C")
+        array = self.narrow(values)
         if array.nbytes > SMALL:
             return self.upload(array)
         return self.remembered((array.dtype.str, array.shape, array.tobytes()), lambda: self.upload(array))
 
     def download(self, values: DeviceArray) -> Any:
-        """A copy of the device's array; waits for whatever it comes from."""
+        """A copy of the device's array, in doubles; waits for whatever it comes from."""
         import pyopencl
 
         self._check_process()
         found = np.empty(values.shape, values.dtype)
         if found.nbytes:
             pyopencl.enqueue_copy(self.queue, found, values.data)
-        return found
+        return found.astype(np.float64) if found.dtype == np.float32 else found
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``group``:
@@ -215,15 +245,16 @@ def flatten_arguments(arguments: Iterable[Any]) -> list[Any]:
     return found
 
 
-def read_sources() -> str:
-    """The numbers that they share with the core, and all kernels, one file behind the other."""
-    names = ["core/constants.h", *(f"cl/{name}.cl" for name in SOURCES)]
+def read_sources(precision: str = "double") -> str:
+    """The numbers that they share with the core, and all kernels of a precision, one file behind the other."""
+    left_out = IN_DOUBLES if precision == "single" else set()
+    names = ["core/constants.h", *(f"cl/{name}.cl" for name in SOURCES if name not in left_out)]
     return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
-def open_session(device: Any, form: str | None = None) -> Session:
+def open_session(device: Any, form: str | None = None, precision: str = "double") -> Session:
     """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind,
-    "cpu" also where work-groups of 256 are too large for it.
+    "cpu" also where work-groups of 256 are too large for it; ``precision``: "double" or "single".
 
     Raises DeviceError where the kernels cannot be built.
     """
@@ -231,12 +262,12 @@ def open_session(device: Any, form: str | None = None) -> Session:
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    kernels = build_kernels(context, read_sources(), OPTIONS)
+    kernels = build_kernels(context, read_sources(precision), OPTIONS_OF[precision], REALS[precision])
     queue = pyopencl.CommandQueue(context)
     if form is None:
         groups = device.max_work_group_size >= WORK_GROUP
         form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
-    return Session(context, queue, kernels, _make_memory_pool(queue), form)
+    return Session(context, queue, kernels, _make_memory_pool(queue), form, precision=precision)
 
 
 def _make_memory_pool(queue: Any) -> Any:

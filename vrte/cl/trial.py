@@ -1,4 +1,4 @@
-"""Whether a device computes: the smallest kernel in double precision, tried before the device is taken.
+"""Whether a device computes: the smallest kernel in its widest precision, tried before the device is taken.
 
 A driver may list a device and fail to compile for it (one older than its processor, say), or end the whole process.
 """
@@ -18,16 +18,16 @@ import numpy as np
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import LONGEST, build_kernels
 from vrte.cl.faults import name_of
-from vrte.cl.session import OPTIONS
+from vrte.cl.session import OPTIONS_OF, REALS
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
 LONGEST_WAIT = 120  # seconds for another process
-TRY_ONE = "import sys; from vrte.cl import device, trial; print(trial.try_here(device.devices()[{}].handle))"
+TRY_ONE = "from vrte.cl import device, trial; print(trial.try_here(device.devices()[{}].handle, {!r}))"
 
 
-def try_device(index: int, platform: str, handle: Any) -> str:
+def try_device(index: int, platform: str, handle: Any, precision: str = "double") -> str:
     """Why the device of that index in `vrte.cl.device.devices` does not compute, in one line; empty where it does."""
-    return try_here(handle) if is_safe_in_process(platform) else try_elsewhere(index)
+    return try_here(handle, precision) if is_safe_in_process(platform) else try_elsewhere(index, precision)
 
 
 def is_safe_in_process(platform: str) -> bool:
@@ -41,19 +41,19 @@ def has_linker() -> bool:
     return shutil.which("ld") is not None
 
 
-def try_here(handle: Any) -> str:
+def try_here(handle: Any, precision: str = "double") -> str:
     """The trial, in this process."""
     import pyopencl
 
     text = files("vrte.cl").joinpath("trial.cl").read_text(encoding="utf-8")
-    numbers = np.array([3.0])
+    numbers: Any = np.full(1, 3.0, REALS[precision])
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     try:
         context = pyopencl.Context([handle])
         if handle.platform.name == POCL and not has_linker():
             # what was compiled before would still run: tried is whether it compiles
             text += f"__constant int compiled_anew_{uuid.uuid4().hex} = 0;\n"
-        kernels = build_kernels(context, text, OPTIONS)
+        kernels = build_kernels(context, text, OPTIONS_OF[precision])
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
         kernels["trial"](queue, (1,), (1,), buffer)
@@ -65,9 +65,9 @@ def try_here(handle: Any) -> str:
     return "" if numbers[0] == 7.0 else f"it finds 2 x 3 + 1 = {numbers[0]}"
 
 
-def try_elsewhere(index: int) -> str:
+def try_elsewhere(index: int, precision: str = "double") -> str:
     """The trial, in a process of its own."""
-    command = [sys.executable, "-P", "-c", TRY_ONE.format(index)]
+    command = [sys.executable, "-P", "-c", TRY_ONE.format(index, precision)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
     try:
         done = subprocess.run(

@@ -30,9 +30,9 @@ def run(options: argparse.Namespace) -> None:
     with show_progress() as (phase, tick):
         phase("trying each device")
         complaints = {}
-        for index, each in enumerate(found):
+        for index in range(len(found)):
             tick(index, len(found))
-            complaints[index] = device.find_complaint(index) if each.double_precision else ""
+            complaints[index] = device.find_complaint(index)
     try:
         taken, reason = device.choose(found, device.read_wanted_device(), device.find_complaint)
     except DeviceError:
