@@ -244,7 +244,8 @@ def find_chosen_device() -> Device:
     Raises as `devices` and `choose` do.
     """
     found = devices()
-    return found[choose(found, read_wanted_device(), find_complaint)[0]]
+    lent = _state.get("lent")
+    return found[lent[0] if lent else choose(found, read_wanted_device(), find_complaint)[0]]
 
 
 def read_wanted_device() -> str:
@@ -258,6 +259,10 @@ def session(precision: str = "double") -> Session:
     Raises as `devices` and `choose` do, and DeviceError where the device has no double precision, or the kernels cannot
     be built.
     """
+    _, lent = _state.get("lent") or (0, None)
+    if lent is not None:
+        given: Session = lent
+        return given if given.precision == precision else given.in_precision(precision)
     device = find_chosen_device()
     if precision == "double" and not device.double_precision:
         raise DeviceError(f"the OpenCL device {device.name} computes in single precision only: {list_names(devices())}")
@@ -272,6 +277,16 @@ def session(precision: str = "double") -> Session:
             return found
         with raise_device_errors():
             return found.in_precision(precision)
+
+
+@contextmanager
+def take_device(index: int, session: Session | None = None) -> Iterator[None]:
+    """Whatever is chosen otherwise, a device of `devices` is taken meanwhile, in all threads, and a session on it."""
+    before, _state["lent"] = _state.get("lent"), (index, session)
+    try:
+        yield
+    finally:
+        _state["lent"] = before
 
 
 def forget() -> None:

@@ -17,8 +17,15 @@ def add(commands: Any) -> None:
         told,
         ("vrte devices", "what there is, and which one is taken"),
         ("vrte devices --measure", "and how many products each computes in a second"),
+        ("vrte devices --estimate H100", "what a GPU that is not at hand would make of gold, by a model"),
     )
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.add_argument(
+        "--estimate",
+        metavar="NAME",
+        help="launches, reads and work of gold BRDFs, counted here, and their time on a GPU by a model: H100, A100, "
+        "RTX 4090, MI300X, all of them, or this: the device that is taken, measured; some minutes on a processor",
+    )
 
 
 def run(options: argparse.Namespace) -> None:
@@ -44,3 +51,28 @@ def run(options: argparse.Namespace) -> None:
             phase("products")
             rates = devices.measure_rates(device.session(), count_usable_cpus(), tick)
         print(f"\n{devices.describe_rates(rates, count_usable_cpus())}")
+    if options.estimate:
+        print(f"\n{estimate_times(options.estimate)}")
+
+
+def estimate_times(name: str) -> str:
+    """Counted on the device that is taken."""
+    from vrte.cl import device
+    from vrte.studies import devices, estimate
+
+    found, own = device.find_chosen_device(), name == estimate.THIS
+    machines = [] if own else estimate.find_machines(name)
+    lines = []
+    with device.raise_device_errors(), show_progress() as (phase, tick):
+        if own:
+            phase("measuring")
+            costs = devices.measure_costs(device.session())
+            lines = [estimate.describe_times(found.name, estimate.time_tasks(tick), costs)]
+            if found.kind == "cpu":
+                return lines[0]  # the model is one of graphics devices
+            machines = [estimate.describe_device(found, costs)]
+        phase("counting")
+        recorder = estimate.open_recorder(found)
+        with device.take_device(device.devices().index(found), recorder):
+            tasks = estimate.count_tasks(recorder, tick)
+    return "\n\n".join([*lines, estimate.describe_estimate(tasks, machines)])

@@ -31,6 +31,52 @@ class Rate:
     blas: float
 
 
+@dataclass(frozen=True)
+class Costs:
+    """Seconds that a launch and a blocking read of eight bytes take; bytes a second of the device's memory, read and
+    written, and of the way there."""
+
+    launch: float
+    read: float
+    bandwidth: float
+    link: float
+
+
+def measure_costs(session: Session, megabytes: float = 64.0) -> Costs:
+    """What a device takes beside its work.
+
+    Raises DeviceError as whatever runs on a device does.
+    """
+    import pyopencl
+
+    values = np.zeros(int(megabytes * 1e6 / 8.0))
+    first, second, small = session.empty(values.shape), session.empty(values.shape), session.zeros((1,))
+    stack = make_stack(session, 1, 8, 8)
+    items = session.upload(np.zeros(1, np.int32))
+    launches, reads = 100, 20
+
+    def launch() -> None:
+        for _ in range(launches):
+            session.launch("add_rates", (1,), 0, 1, small, stack, stack, items)
+        session.finish()
+
+    def read() -> None:
+        for _ in range(reads):
+            session.download(small)
+
+    def copy() -> None:
+        pyopencl.enqueue_copy(session.queue, second.data, first.data, byte_count=values.nbytes)
+        session.finish()
+
+    def put() -> None:
+        session.put(values, first)
+        session.finish()
+
+    with session.lock:
+        took = time_calls((launch, read, copy, put))
+    return Costs(took[0] / launches, took[1] / reads, 2.0 * values.nbytes / took[2], values.nbytes / took[3])
+
+
 def describe_devices(
     found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NONE
 ) -> str:

@@ -1,0 +1,361 @@
+"""What a solve asks of a device: every launch, read and copy of it, and the work of each kernel by a formula.
+
+The formulas are those of matrices: a product of (n, k) and (k, m) has 2 n k m operations, and reads and writes each
+matrix once; tests hold them to what the arrays of real launches weigh.
+"""
+
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.cl.building import KERNEL, LISTS
+from vrte.cl.matrices import TILE
+from vrte.cl.session import DeviceArray, Session, read_sources
+
+REAL = 8  # bytes of a number
+DEPTH = 16  # terms of a tile's sum between two reads of memory
+ROOT = 20.0  # operations that a root or a quotient counts for
+MACRO = re.compile(r"\b([A-Z_]+)\b(?:\((\w+)\))?")
+
+
+@dataclass(frozen=True)
+class Work:
+    """Of one launch: operations, bytes of the device's memory, bytes of local memory, and ``rounds``: how often a
+    work-item waits for memory, or for the others of its group, one time after the other."""
+
+    flops: float = 0.0
+    bytes: float = 0.0
+    local: float = 0.0
+    rounds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """A launch: its kernel's arguments by name, and its sizes."""
+
+    session: Session
+    given: Mapping[str, Any]
+    size: tuple[int, ...]
+    group: tuple[int, ...]
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.given[name]
+        except KeyError:
+            raise AttributeError(name) from None
+
+    def read(self, name: str) -> IntArray:
+        """Whole numbers that lie on the device."""
+        import pyopencl
+
+        found = np.empty(self.given[name].size // 4, np.int32)
+        pyopencl.enqueue_copy(self.session.queue, found, self.given[name])
+        return found
+
+    @cached_property
+    def items(self) -> IntArray:
+        """Those listed that have not left the loop that they are in."""
+        count = self.size[-1] // (self.group[-1] if len(self.size) == 1 else 1)
+        listed = self.read("items")[:count] if "items" in self.given else np.arange(count, dtype=np.int32)
+        return listed[self.read("state")[listed] < 2] if "state" in self.given else listed
+
+    def count_columns(self, part: int) -> Array:
+        """E's columns (part 0), F's (1) or both (2) of each of these items."""
+        counts = self.read("counts")
+        pairs = counts[: counts.size // 2 * 2].reshape(-1, 2)[self.items].astype(float)
+        return pairs.sum(axis=1) if part == 2 else pairs[:, part]
+
+
+def pad_to_tiles(length: Any) -> Any:
+    """What tiles make of rows or columns."""
+    return np.ceil(np.asarray(length) / TILE) * TILE
+
+
+def weigh_tiles(rows: Any, columns: Any, inner: Array, beside: float) -> Work:
+    """A product (rows, inner) x (inner, columns) of each item by tiles; ``beside``: matrices (rows, columns) that are
+    read or written. A work-item reads two doubles of local memory for each of its 4 multiply-adds' rows."""
+    flops = 2.0 * (pad_to_tiles(rows) * pad_to_tiles(columns) * np.ceil(inner / DEPTH) * DEPTH).sum()
+    count = (rows * inner + inner * columns + beside * rows * columns).sum()
+    return Work(flops, REAL * float(count), 2.0 * flops, float(np.ceil(inner / DEPTH).max(initial=0)))
+
+
+def weigh_elements(count: float, touched: float = 2.0, flops: float = 1.0) -> Work:
+    """So many elements, each with so many reads and writes, and operations."""
+    return Work(flops * count, REAL * touched * count)
+
+
+def weigh_product(call: Call) -> Work:
+    items = call.items
+    inner = np.full(items.size, float(call.all)) if call.part < 0 else call.count_columns(call.part)
+    return weigh_tiles(call.rows, call.columns, inner, 2.0 if call.beta else 1.0)
+
+
+def weigh_step(call: Call) -> Work:
+    """Five sums of what moved beside the product, over R and the last steps; what has settled is passed over."""
+    running = call.read("state")[call.items] == 0
+    return weigh_tiles(call.ld, call.n, call.count_columns(2)[running], 5.0)
+
+
+def weigh_renewal(call: Call) -> Work:
+    columns = call.count_columns(2)
+    inner = np.full(columns.size, 0.0 if call.starting else float(call.n))
+    return weigh_tiles(call.H_ld, columns, inner, 2.0)
+
+
+def weigh_inverse(call: Call) -> Work:
+    """A panel of 16 columns after the other; each column is searched, turned and eliminated between barriers."""
+    n, count, panels = float(call.n), call.items.size, np.ceil(call.n / DEPTH)
+    return Work(
+        2.0 * n**3 * count, REAL * 2.0 * n**2 * panels * count, REAL * 1.25 * n**3 * count, 0.6 * n + 6 * panels
+    )
+
+
+def weigh_degrees(call: Call) -> Work:
+    """Three recurrences in the degree, quotients in each; a column of phi for each Stokes parameter is written."""
+    orders = call.read("order")[call.items]
+    steps = float(np.maximum(call.n_term - orders, 0).sum() * call.n_all)
+    return weigh_elements(steps, call.members.bit_count() ** 2, 20.0 + 3.0 * ROOT)
+
+
+def weigh_scattering(call: Call) -> Work:
+    """Six series, four angles at a time, the turns, the columns; a row of the result is read and written."""
+    tables = int(call.read("first_table").max())
+    pairs = float(call.n_here * call.n_mu)
+    terms = float(np.mean(call.read("terms")[:tables])) if tables else 0.0
+    each = 36.0 * terms + 150.0 + 10.0 * ROOT + 60.0 * call.n_col
+    written = pairs * call.n_level * call.n_phi * 4.0 * call.n_place
+    return Work(tables * pairs * 4.0 * np.ceil(call.n_angle / 4.0) * each, REAL * 2.0 * tables * written)
+
+
+def weigh_orders(call: Call) -> Work:
+    """Every group of four elements, every order and angle; a row of the result is read and written."""
+    scenes = call.size[2] / (call.n_here * call.n_level)
+    rows = scenes * call.n_here * call.n_level * call.n_mu
+    orders = float(np.mean(call.read("n_order")[: max(1, int(scenes))]))
+    angles = np.ceil(call.n_angle / 12.0) * 12.0
+    flops = rows * call.n_group * orders * (8.0 * angles + 8.0 * angles / 12.0)
+    written = 2.0 * rows * call.n_phi * 4.0 * call.n_place
+    return Work(flops, REAL * (written + rows * call.n_group * 4.0 * orders))
+
+
+def weigh_columns(touched: float, flops: float = 1.0, rows: str = "ld") -> Callable[[Call], Work]:
+    """Elements of whole columns of every item, a work-item or group a column or a piece of it."""
+
+    def weigh(call: Call) -> Work:
+        return weigh_elements(float(call.items.size * count_columns_of(call) * call.given[rows]), touched, flops)
+
+    return weigh
+
+
+def count_columns_of(call: Call) -> float:
+    """As many as an extended matrix has, or as were launched."""
+    given = call.given
+    return float(given["n"] + given["r"]) if {"n", "r", "p"} <= given.keys() else float(call.size[0])
+
+
+def weigh_rows(touched: float, flops: float, *names: str) -> Callable[[Call], Work]:
+    """Vectors of every item, as long as those arguments together."""
+    return lambda call: weigh_elements(float(call.items.size * sum(call.given[name] for name in names)), touched, flops)
+
+
+def weigh_results(call: Call) -> Work:
+    """Rows off the nodes and on them for each beam and column, Stokes parameters summed."""
+    count = float(call.items.size * (call.stokes * call.n_out + call.n) * call.size[1] * call.n_col)
+    return weigh_elements(count, 1.0 + call.stokes, 2.0 * call.stokes)
+
+
+def weigh_coefficients(call: Call) -> Work:
+    return weigh_elements(float(call.count_columns(2).sum() * call.phi_ld), 2.0, 4.0)
+
+
+def weigh_leaving(call: Call) -> Work:
+    return weigh_elements(float(np.prod(call.size)) * call.n_mu * call.stokes, 2.0, 1.0)
+
+
+def weigh_largest(call: Call) -> Work:
+    return weigh_elements(float(np.prod(call.size)) * call.n_col * call.n_seen * call.stokes, 1.0, 2.0)
+
+
+# One row a kernel of the form for a GPU.
+FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
+    {
+        "add_orders": weigh_orders,
+        "add_rates": weigh_rows(4.0, 2.0 * ROOT, "n"),
+        "add_scattering": weigh_scattering,
+        "add_straight": weigh_columns(2.0, 2.0),
+        "blend": weigh_columns(2.0, 2.0, "rows"),
+        "clear_nodes": weigh_rows(3.0, 2.0 * ROOT, "n"),
+        "column_sizes": weigh_columns(1.0, 2.0, "rows"),
+        "combine": weigh_columns(2.5, 2.0),
+        "conserve": weigh_rows(4.0, 4.0, "n", "r", "o"),
+        "cosines_of_rows": lambda call: weigh_elements(float(call.n_mu * call.stokes), 2.0),
+        "diagonal_gap": weigh_rows(1.0, 2.0, "n", "r", "o"),
+        "divide_by_rates": weigh_columns(2.0, ROOT, "o"),
+        "extend": weigh_columns(2.0, 2.0),
+        "fade": weigh_columns(3.0, 3.0, "rows"),
+        "go_straight": weigh_rows(2.0, 2.0 * ROOT, "r", "o"),
+        "invariance_judge": lambda call: weigh_elements(float(call.size[0] * call.tiles * 5), 1.0, 2.0),
+        "invariance_mix": lambda call: weigh_elements(float(call.items.size * call.given["size"]), 4.0, 5.0),
+        "invariance_rate": weigh_rows(6.0, 2.0 * ROOT, "n_term"),
+        "invariance_renew_gpu": weigh_renewal,
+        "invariance_results": weigh_results,
+        "invariance_step_gpu": weigh_step,
+        "invert_gpu": weigh_inverse,
+        "invert_straight": weigh_rows(2.0, ROOT, "r", "o"),
+        "largest_light": weigh_largest,
+        "largest_size": weigh_rows(1.0, 1.0, "n"),
+        "lead_straight": weigh_columns(2.0, 1.0),
+        "leaving": weigh_leaving,
+        "mirror_flux": weigh_rows(2.0, 1.0, "n"),
+        "parity_columns": weigh_degrees,
+        "prepare_inverse": weigh_columns(2.0, 1.0),
+        "product_gpu": weigh_product,
+        "put_flux_row": weigh_rows(6.0, ROOT, "n"),
+        "row_times": weigh_columns(1.0, 2.0, "n"),
+        "times_coefficients": weigh_coefficients,
+        "turn_columns": weigh_columns(0.75, 1.0, "n"),
+        "turn_rows": weigh_columns(0.75, 1.0, "n"),
+        "wigner_factors": weigh_rows(4.0, 8.0 * ROOT, "n_term"),
+    }
+)
+
+
+def name_arguments(text: str) -> dict[str, list[str]]:
+    """The names of the arguments of each kernel of a source, macros written out.
+
+    >>> name_arguments("#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }")
+    {'fill': ['n', 'a', 'a_first']}
+    """
+    text = text.replace("\\\n", " ")
+    lists = dict(LISTS.findall(text))
+
+    def write_out(macro: re.Match[str]) -> str:
+        written = lists.get(macro[1])
+        if written is None:
+            return macro[0]
+        return re.sub(r"\bx\b", macro[2], written.replace("x##", f"{macro[2]}")) if macro[2] else written
+
+    found = {}
+    for name, arguments in KERNEL.findall(text):
+        before = ""
+        while before != arguments:
+            before, arguments = arguments, MACRO.sub(write_out, arguments)
+        found[name] = [re.findall(r"\w+", argument)[-1] for argument in arguments.split(",")]
+    return found
+
+
+@dataclass(frozen=True)
+class Event:
+    """What the host asked for: "launch" of a kernel ``name``, "read", "put" or "fill" of ``bytes``, "wait", or nothing
+    ("host"); ``host``: seconds of the host's processor since the event before; ``groups`` of so many ``lanes``."""
+
+    what: str
+    host: float
+    name: str = ""
+    bytes: float = 0.0
+    groups: float = 1.0
+    lanes: int = 1
+    work: Work = Work()
+
+
+@dataclass(eq=False)
+class Recorder(Session):
+    """A session that puts down what it is asked for, and that says of itself that it is no processor; ``weighing``:
+    whether the work of each launch is found too, for which memory is read between launches."""
+
+    events: list[Event] = field(default_factory=list)
+    weighing: bool = False
+    thread: int = 0
+    last: float = 0.0
+
+    @property
+    def on_host(self) -> bool:
+        """So that work is cut as for a GPU."""
+        return False
+
+    def note(self, what: str, **more: Any) -> None:
+        """Puts an event down; the time of putting it down is nobody's."""
+        if self.thread != threading.get_ident():  # a solve has its own, whose clock begins with it
+            self.thread, self.last = threading.get_ident(), 0.0
+        self.events.append(Event(what, time.thread_time() - self.last, **more))
+        self.last = time.thread_time()
+
+    def download(self, values: DeviceArray) -> Any:
+        """Waits for an array."""
+        found = super().download(values)
+        self.note("read", bytes=values.nbytes)
+        return found
+
+    def finish(self) -> None:
+        """Waits for all."""
+        super().finish()
+        self.note("wait")
+
+    def put(self, values: Array, made: DeviceArray) -> None:
+        """Copies to the device."""
+        super().put(values, made)
+        self.note("put", bytes=made.nbytes)
+
+    def zeros(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
+        """Fills memory."""
+        made = super().zeros(shape, dtype)
+        self.note("fill", bytes=made.nbytes, groups=max(1.0, made.nbytes / 2048.0), lanes=64)
+        return made
+
+
+class Watched(dict[str, Any]):
+    """A session's kernels, each of which says when it is launched."""
+
+    def __init__(self, kernels: Any, names: Mapping[str, list[str]]) -> None:
+        super().__init__()
+        self.kernels, self.names = kernels, names
+        self.recorder: Recorder | None = None
+
+    def __missing__(self, name: str) -> Any:
+        kernel = self.kernels[name]
+
+        def launch(queue: Any, size: tuple[int, ...], group: tuple[int, ...], *arguments: Any) -> None:
+            recorder = self.recorder
+            assert recorder is not None
+            work = Work()
+            if recorder.weighing:
+                given = dict(zip(self.names[name], arguments, strict=True))
+                work = FORMULAS[name](Call(recorder, given, size, group))
+                recorder.last = time.thread_time()
+            kernel(queue, size, group, *arguments)
+            lanes = int(np.prod(group))
+            recorder.note("launch", name=name, groups=float(np.prod(size)) / lanes, lanes=lanes, work=work)
+
+        self[name] = launch
+        return launch
+
+
+def make_recorder(opened: Session) -> Recorder:
+    """A recorder that shares an open session's queue and kernels."""
+    watched = Watched(opened.kernels, name_arguments(read_sources()))
+    same: dict[str, Any] = {each.name: getattr(opened, each.name) for each in fields(Session)}
+    made = Recorder(**{**same, "kernels": watched, "constants": {}, "beside": {}})
+    watched.recorder = made
+    return made
+
+
+@contextmanager
+def record_events(recorder: Recorder, weighing: bool = False) -> Iterator[list[Event]]:
+    """The events of what is solved within it, one of the caller's own thread at the end."""
+    start = time.thread_time()
+    recorder.events, recorder.weighing = [], weighing
+    recorder.thread, recorder.last = threading.get_ident(), start
+    yield recorder.events
+    if recorder.thread != threading.get_ident():
+        recorder.events.append(Event("host", time.thread_time() - start))
+    else:
+        recorder.note("host")
