@@ -61,7 +61,9 @@ def check_numbers(name: str, values: Any) -> Array:
 
 def check_vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
-    array = freeze_copy([values] if type(values) is float else np.atleast_1d(check_numbers(name, values)))
+    if type(values) is float and math.isfinite(values):
+        return freeze_copy([values])
+    array = freeze_copy(np.atleast_1d(check_numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):

@@ -42,19 +42,15 @@ class Run:
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
     told: bool = False
 
-    @contextmanager
-    def timed(self, name: str) -> Iterator[Crew]:
+    def timed(self, name: str) -> "Timed":
         """A crew for one loop of `_core`, whose time is booked under `name`; KeyboardInterrupt where it was stopped."""
-        crew = Crew(self.threads, np.zeros(self.threads), self.stop)
-        start = time.perf_counter()
-        yield crew
-        self.book(name, time.perf_counter() - start, float(crew.seconds.sum()))
-        if self.stop[0]:
-            raise KeyboardInterrupt
+        return Timed(self, name)
 
     def book(self, name: str, wall: float, busy: float | None = None) -> None:
         """Adds seconds to a stage."""
-        clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
+        clock = self.stages.get(name)
+        if clock is None:
+            clock = self.stages[name] = {"wall_seconds": 0.0, "thread_seconds": 0.0}
         clock["wall_seconds"] += wall
         clock["thread_seconds"] += wall if busy is None else busy
 
@@ -67,6 +63,26 @@ class Run:
         self.book(name, time.perf_counter() - start)
         if self.stop[0]:
             raise KeyboardInterrupt
+
+
+class Timed:
+    """The loop of a run whose time is booked: begun, it hands out the crew, and ended, it takes its seconds."""
+
+    __slots__ = ("begin", "crew", "name", "run")
+
+    def __init__(self, run: Run, name: str) -> None:
+        self.run, self.name, self.begin = run, name, 0.0
+        self.crew = Crew(run.threads, np.zeros(run.threads), run.stop)
+
+    def __enter__(self) -> Crew:
+        self.begin = time.perf_counter()
+        return self.crew
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is None:
+            self.run.book(self.name, time.perf_counter() - self.begin, sum(self.crew.seconds.tolist()))
+            if self.run.stop[0]:
+                raise KeyboardInterrupt
 
 
 def count_usable_cpus() -> int:

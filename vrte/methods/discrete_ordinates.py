@@ -9,6 +9,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning
+from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import choose_engine
@@ -46,7 +47,7 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
         places = [place for place, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
         if places:
             engine = choose_engine(flat[0].request.backend, refracts)
-            own = replace(run, kernels=engine.stages) if refracts else run
+            own = change_fields(run, kernels=engine.stages) if refracts else run
             solutions |= dict(zip(places, carry_out([flat[k] for k in places], engine, own, progress), strict=True))
     found = (solutions[place] for place in range(len(flat)))
     return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]

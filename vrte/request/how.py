@@ -5,6 +5,7 @@ The calls, sweeps, scene files and the command line all take their options from 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from pathlib import Path
 from pkgutil import iter_modules
 from textwrap import fill, indent
@@ -207,6 +208,15 @@ class How:
             )
 
 
+def check_options(*options: Any, **more: Any) -> How:
+    """All options of a call, checked once where the same ones come again."""
+    try:
+        return keep_options(*options, **more)
+    except TypeError:  # something that has no hash, or an option that there is not
+        return How(*options, **more)
+
+
+keep_options = lru_cache(maxsize=64, typed=True)(How)
 OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(How) if one.metadata}
 PROGRESS = "progress : callable, optional\n    Called with (steps done, steps) as the work goes on."
 

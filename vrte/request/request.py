@@ -7,9 +7,18 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, check_flag, check_numbers, check_vector, settle_array, show_value
+from vrte.basics.arrays import (
+    Array,
+    BoolArray,
+    check_flag,
+    check_numbers,
+    check_vector,
+    freeze_copy,
+    settle_array,
+    show_value,
+)
 from vrte.basics.errors import SceneError
-from vrte.request.how import BY_RULE, How
+from vrte.request.how import BY_RULE, How, check_options
 from vrte.request.wanted import Wanted
 from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
@@ -17,6 +26,7 @@ from vrte.scene.scene import Scene
 
 SMALLEST_COSINE = 1e-8
 SIDES = ("above", "below")  # of an interface
+ROWS = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])  # (I, Q) and (U, V)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,6 +52,14 @@ class Request(How):
     under: BoolArray | None = None
     method_rule: str = ""
     nodes_rule: str = "as asked for"
+
+    @classmethod
+    def of(cls, how: How, **asked: Any) -> "Request":
+        """What is asked, with options that are checked already."""
+        found = object.__new__(cls)
+        found.__dict__.update(how.__dict__)
+        found.__dict__.update(asked)
+        return found
 
 
 def estimate_operations(request: Request) -> float:
@@ -71,6 +89,8 @@ def check_scene(scene: Any) -> Scene:
 
 def check_cosines(name: str, values: Any, signed: bool = False) -> Array:
     """Cosines with 1e-8 <= |mu| <= 1, positive unless `signed`."""
+    if type(values) is float and SMALLEST_COSINE <= (abs(values) if signed else values) <= 1.0:
+        return freeze_copy([values])
     array = check_vector(name, values)
     size = np.abs(array) if signed else array
     bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
@@ -91,6 +111,8 @@ def check_stokes_vector(values: Any) -> Array:
 
 def check_depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total; what is beyond by rounding alone counts as the face."""
+    if type(values) is float and values == 0.0:  # the top
+        return freeze_copy([values])
     given = values if type(values) is float else check_numbers("tau", values)
     if np.isinf(given).any():
         raise SceneError.of("tau", "must be finite, also inside a layer without end")
@@ -140,7 +162,7 @@ def make_brdf_request(
     **more: Any,
 ) -> Request:
     """What `vrte.brdf` asks with these arguments, which are its own. Raises SceneError, TypeError."""
-    how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
+    how = check_options(*options, nodes=nodes, threads=threads, **more)
     scene = turn_to_light(how.illuminate, check_scene(scene))
     into, out = check_cosines("mu_i", mu_i), check_cosines("mu_o", mu_o)
     azimuths = check_vector("phi", phi)
@@ -153,7 +175,8 @@ def make_brdf_request(
         (np.array([k], np.int32), np.arange(k * out.size, (k + 1) * out.size, dtype=np.int32))
         for k in range(levels.size)
     ]
-    return Request(
+    return Request.of(
+        how,
         kind="brdf",
         scene=scene,
         mu0=into,
@@ -163,7 +186,6 @@ def make_brdf_request(
         tau=levels,
         wanted=Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into),
         under=np.arange(levels.size) > 0,
-        **vars(how),
     )
 
 
@@ -182,7 +204,7 @@ def make_radiance_request(
     **more: Any,
 ) -> Request:
     """What `vrte.radiance` asks with these arguments, which are its own. Raises SceneError, TypeError."""
-    how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
+    how = check_options(*options, nodes=nodes, threads=threads, **more)
     scene = turn_to_light(how.illuminate, check_scene(scene))
     beam = check_cosines("mu0", mu0)
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
@@ -193,8 +215,9 @@ def make_radiance_request(
     if how.illuminate == "bottom":
         arriving, levels = mirror_stokes(incident), scene.thickness - asked_tau
         directions = None if directions is None else -directions
-    parts = [arriving * [1, 1, 0, 0], arriving * [0, 0, 1, 1]]
-    return Request(
+    parts = [arriving * ROWS[0], arriving * ROWS[1]]
+    return Request.of(
+        how,
         kind="radiance",
         scene=scene,
         mu0=beam,
@@ -207,5 +230,4 @@ def make_radiance_request(
         incident=incident,
         fluxes_only=fluxes_only,
         under=under,
-        **vars(how),
     )

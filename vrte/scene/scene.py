@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
@@ -114,17 +114,17 @@ class Scene:
         """Refractive index of what the base lies in, or of what lies below without one."""
         return self.media[-1]
 
-    @property
+    @cached_property
     def has_interfaces(self) -> bool:
         """Whether light is refracted somewhere."""
         return any(interface is not None for interface in self.interfaces)
 
-    @property
+    @cached_property
     def is_rough(self) -> bool:
         """Whether one of the interfaces is."""
         return any(interface is not None and not interface.is_smooth for interface in self.interfaces)
 
-    @property
+    @cached_property
     def keeps_beams(self) -> bool:
         """Whether light that meets no particle is turned on its way: refracted, or mirrored by the base."""
         return self.has_interfaces or self.below.keeps_beams
@@ -146,7 +146,7 @@ class Scene:
         turned = tuple(interface and interface.turned for interface in reversed(self.interfaces))
         return Scene(tuple(reversed(self.layers)), None, turned)
 
-    @property
+    @cached_property
     def thickness(self) -> float:
         """Total optical thickness."""
         return math.fsum(layer.thickness for layer in self.layers)
@@ -156,7 +156,7 @@ class Scene:
         """False below a layer without end: the base then plays no part."""
         return math.isfinite(self.thickness)
 
-    @property
+    @cached_property
     def below(self) -> Boundary:
         """What bounds the pile below, as light meets it: black where none gets there."""
         return self.base.put_in_medium(self.index_below) if self.base is not None and self.base_is_reached else BLACK

@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.fields import change_fields
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -115,7 +116,7 @@ def fill_parts(
     """
     parts, problem = make_parts(target), target.problem
     if sum(part.values.nbytes for part in parts) < cost.WORTH_THREADS_SUMS:
-        run = replace(run, threads=1)
+        run = change_fields(run, threads=1)
     in_closed_form = problem.leave_out.single or problem.media is not None
     if not in_closed_form:
         lights = [*lights, find_single_scattering(target, run)]
@@ -208,7 +209,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
         values: Array,
         threads: int = run.threads,
     ) -> None:
-        with replace(run, threads=threads).timed(stage) as crew:
+        with change_fields(run, threads=threads).timed(stage) as crew:
             run.kernels.add_single_scattering(
                 crew,
                 table=table,

@@ -1,6 +1,7 @@
 """The discrete problem every stage works on: arrays only, no class of the scene."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,12 +50,12 @@ class Problem:
         """Whether the nodes are not Gauss's: several media share them."""
         return self.media is not None and len(self.media.nodes.panels) > 1
 
-    @property
+    @cached_property
     def directions(self) -> Array:
         """Nodes, then outgoing, then incident cosines."""
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
 
-    @property
+    @cached_property
     def depth(self) -> Array:
         """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
         found: Array = self.above[self.level_layer] + self.level
@@ -70,17 +71,17 @@ class Problem:
         """S n_out."""
         return len(self.stokes) * self.mu_out.size
 
-    @property
+    @cached_property
     def flip(self) -> Array:
         """D of (1:11) on the Stokes parameters at work: the Delta of (1:26)-(1:27), node by node."""
         return FLIP[list(self.stokes)]
 
-    @property
+    @cached_property
     def is_scalar(self) -> bool:
         """Whether I alone is scattered."""
         return not self.coefficients[..., 1:].any()
 
-    @property
+    @cached_property
     def is_symmetric(self) -> bool:
         """Whether E and F are symmetric: U and V do not mix."""
         return not (2 in self.stokes and 3 in self.stokes and self.coefficients[..., 5].any())

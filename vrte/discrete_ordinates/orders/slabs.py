@@ -1,11 +1,13 @@
 """A scene as a pile of homogeneous slabs, cut wherever the field is wanted, and the slabs joined, (2:8)."""
 
-from dataclasses import dataclass, replace
+import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
+from vrte.basics.fields import change_fields
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.doubling import Slabs
@@ -37,17 +39,16 @@ def cut_layers(problem: Problem) -> Pile:
     slabs: list[int] = []
     above = [0.0]
     interface = np.zeros(problem.level.size, np.int32)
-    for layer, thickness in enumerate(problem.thickness):
+    for layer, cuts in enumerate(list_cuts(problem)):
         here = problem.level_layer == layer
-        cuts = np.unique(np.concatenate([[0.0, thickness], problem.level[here]]))
         interface[here] = len(slabs) + np.searchsorted(cuts, problem.level[here])
-        for piece in np.diff(cuts):
+        for top, bottom in itertools.pairwise(cuts):
             which = 0 if problem.leave_out.repeats else len(slabs)
-            slabs.append(found.setdefault((int(kinds[layer]), float(piece), which), len(found)))
+            slabs.append(found.setdefault((int(kinds[layer]), bottom - top, which), len(found)))
         above += [problem.above[layer] + depth for depth in cuts[1:]]
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     return Pile(
-        problem=replace(select_materials(problem, materials), mu_out=cosines),
+        problem=change_fields(select_materials(problem, materials), mu_out=cosines),
         material=np.array([material for material, _, _ in found], np.int32),
         thickness=np.array([thickness for _, thickness, _ in found]),
         slabs=np.array(slabs, np.int32),
@@ -57,9 +58,29 @@ def cut_layers(problem: Problem) -> Pile:
     )
 
 
+def list_cuts(problem: Problem) -> list[list[float]]:
+    """Depths below the top of each layer between which its slabs lie: its ends, and where the field is wanted."""
+    cuts: list[set[float]] = [{0.0, thickness} for thickness in problem.thickness.tolist()]
+    for layer, level in zip(problem.level_layer.tolist(), problem.level.tolist(), strict=True):
+        cuts[layer].add(level)
+    return [sorted(each) for each in cuts]
+
+
+def list_slabs(problem: Problem) -> tuple[Array, int]:
+    """Thickness of each distinct slab that `cut_layers` would find, and how many slabs there would be."""
+    kinds = find_materials(problem)[1].tolist()
+    every = [
+        (kind, bottom - top)
+        for kind, cuts in zip(kinds, list_cuts(problem), strict=True)
+        for top, bottom in itertools.pairwise(cuts)
+    ]
+    distinct = dict.fromkeys(every) if problem.leave_out.repeats else every
+    return np.array([thickness for _, thickness in distinct]), len(every)
+
+
 def find_materials(problem: Problem) -> tuple[list[int], IntArray]:
     """The first layer of each material, and the material of each layer. What does not scatter is all one material."""
-    if not problem.leave_out.repeats:
+    if not problem.leave_out.repeats or problem.albedo.size == 1:
         return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
     first: list[int] = []
     kinds = np.empty(problem.albedo.size, np.int32)
@@ -83,7 +104,7 @@ def merge_materials(problem: Problem) -> tuple[Problem, IntArray | None]:
 
 def select_materials(problem: Problem, layers: list[int]) -> Problem:
     """The problem with the materials of some layers; thicknesses and depths stay those of all."""
-    return replace(
+    return change_fields(
         problem,
         coefficients=np.ascontiguousarray(problem.coefficients[layers]),
         terms=problem.terms[layers],

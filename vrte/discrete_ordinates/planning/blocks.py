@@ -1,12 +1,13 @@
 """Fourier orders that are solved alike: the same Stokes parameters, nodes, layers and algorithm."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.fields import change_fields
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
 from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
@@ -162,7 +163,7 @@ def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Pr
     if not part.has_end:
         thickness[-1] = np.inf
     incident: Array = problem.columns[np.ix_(columns, part.stokes)]
-    return replace(
+    return change_fields(
         problem,
         coefficients=np.ascontiguousarray(problem.coefficients[: part.layers]),
         terms=terms,

@@ -8,7 +8,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
+from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.request.how import BY_RULE
 
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
@@ -81,7 +81,7 @@ def choose_modes_or_doubling(problem: Problem) -> Choice:
     """Which of the two is predicted to be faster."""
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
-    ratio = predict_doubling_time(cut_layers(problem)) / problem.albedo.size
+    ratio = predict_doubling_time(problem) / problem.albedo.size
     name = "doubling" if ratio < cost.WORTH_DOUBLING else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
 
@@ -112,13 +112,10 @@ def predict_iterations(strength: Array, accuracy: float) -> Array:
     return steps
 
 
-def predict_doubling_time(pile: Pile) -> float:
+def predict_doubling_time(problem: Problem) -> float:
     """Predicted time of an order, in units of one layer's modes."""
-    problem = pile.problem
-    steepest = 1.0 / float(problem.directions.min())
+    thickness, slabs = list_slabs(problem)
     with np.errstate(divide="ignore"):
-        steps = np.clip(np.ceil(np.log2(pile.thickness * steepest)), 0.0, None) + 2.0
-    steps[np.isinf(pile.thickness)] = cost.STEPS_ENDLESS
-    return (
-        float(steps.sum()) * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * pile.slabs.size
-    )
+        steps = np.maximum(np.ceil(np.log2(thickness * (1.0 / float(problem.directions.min())))), 0.0) + 2.0
+    steps[np.isinf(thickness)] = cost.STEPS_ENDLESS
+    return float(steps.sum()) * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * slabs

@@ -37,7 +37,7 @@ def count_planned_orders(request: Request) -> int:
 def foretell_plan(plan: "Plan", run: Run) -> None:
     """Before a plan is carried out; a device's speed is not known."""
     request = plan.request
-    if request.backend is Backend.OPENCL:
+    if request.backend is Backend.OPENCL or (run.brief and request.time_limit_s >= cost.LONG):
         return
     parts = plan.parts or (plan,)
     blocks = [block for part in parts for block in part.blocks]

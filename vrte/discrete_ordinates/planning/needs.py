@@ -1,7 +1,7 @@
 """What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.fields import change_fields
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
@@ -54,7 +55,7 @@ def look_inside(problem: Problem, mu: Array) -> tuple[Problem, Array]:
         return np.where(found > 0.0, found, 1.0)
 
     outside = float(problem.media.depths.medium(scene.media)[0])
-    inside = replace(
+    inside = change_fields(
         problem, media=None, mu0=refract(scene.index_above, problem.mu0), mu_out=refract(outside, problem.mu_out)
     )
     return inside, np.sign(mu) * refract(outside, np.abs(mu))
@@ -66,7 +67,7 @@ def find_needs(problem: Problem, run: Run) -> Needs:
     by_layer = np.empty((problem.albedo.size, n_order))
     bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:
-        run = replace(run, threads=1)
+        run = change_fields(run, threads=1)
     with run.timed("planning") as crew:
         _core.order_bounds(
             crew,
@@ -92,7 +93,7 @@ def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: 
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
     for coefficients, path in find_scatterers(scene.layers, problem, levels, out, whole):
-        with replace(run, threads=1).timed("planning") as crew:
+        with change_fields(run, threads=1).timed("planning") as crew:
             _core.add_single_scattering(
                 crew,
                 table=coefficients,
@@ -211,7 +212,7 @@ def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) ->
 def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
     if problem.media is not None:
-        sets = list_stokes_sets(replace(problem, media=None))
+        sets = list_stokes_sets(change_fields(problem, media=None))
         return [join_stokes_sets(found) for found in sets]
     if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]

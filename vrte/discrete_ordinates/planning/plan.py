@@ -8,6 +8,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
+from vrte.basics.fields import change_fields
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
@@ -256,7 +257,7 @@ def plan_request(request: Request, run: Run) -> Plan:
         return whole
     known = whole.choice, whole.accuracy
     parts = (make_plan(select_incident_part(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
-    return replace(whole, parts=tuple(parts))
+    return change_fields(whole, parts=tuple(parts))
 
 
 def is_split_by_polarization(plan: Plan) -> bool:
@@ -306,7 +307,7 @@ def make_plan(
         scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks, request.under
     )
     if leave_out != EVERYTHING:
-        problem = replace(problem, leave_out=leave_out)
+        problem = change_fields(problem, leave_out=leave_out)
     within, seen = look_inside(problem, mu)
     needs = find_needs(within, run)
     brightest = find_brightness(scene, within, seen, request.phi, run)

@@ -103,19 +103,17 @@ class Method:
 
     def obstacles(self, request: Request) -> list[str]:
         """What the request has and the method does not take, in words."""
-        scene = request.scene
-        scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
-        inside = (request.tau > 0.0) & (request.tau < scene.thickness)
-        below = request.tau > 0.0
+        scene, tau = request.scene, request.tau
+        polarizes = any(not layer.phase_matrix.is_scalar for layer in scene.layers)
         found = [
-            (not self.polarization and not scalar, "phase matrix that polarizes"),
+            (not self.polarization and polarizes, "phase matrix that polarizes"),
             (not self.layers and len(scene.layers) > 1, "pile of several layers"),
             (
                 scene.below.orders_reflected > REFLECTED[self.base],
                 "base but a Lambertian one" if self.base == "even" else "base",
             ),
-            (not self.depths and bool(inside.any()), "depth inside a layer"),
-            (not self.transmission and bool(below.any()), "light below the top"),
+            (not self.depths and bool(((tau > 0.0) & (tau < scene.thickness)).any()), "depth inside a layer"),
+            (not self.transmission and bool((tau > 0.0).any()), "light below the top"),
             (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
             (not self.endless and not np.isfinite(scene.thickness), "layer without end"),

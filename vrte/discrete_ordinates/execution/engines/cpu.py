@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +12,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
+from vrte.basics.fields import change_fields
 from vrte.basics.memory import PIECE_BYTES
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
@@ -150,7 +151,9 @@ def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
     n = float(problem.size)
     work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
     return (
-        run if work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
+        run
+        if work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1
+        else change_fields(run, threads=1)
     )
 
 
@@ -181,7 +184,7 @@ def solve_orders(
         return right[0] if right else orders[:0], found[0] if found else None, doubts
     kernels = np.concatenate([part.kernels for part in found])
     residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
-    return np.concatenate(right), replace(found[0], kernels=kernels, residuals=residuals), doubts
+    return np.concatenate(right), change_fields(found[0], kernels=kernels, residuals=residuals), doubts
 
 
 def try_orders(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
@@ -202,7 +205,7 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orde
         return orders, found, {}
     kept = np.setdiff1d(np.arange(orders.size), list(doubts))
     residuals = {name: values[kept] for name, values in found.residuals.items()}
-    right = replace(found, kernels=found.kernels[kept], residuals=residuals)
+    right = change_fields(found, kernels=found.kernels[kept], residuals=residuals)
     return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
 
 
