@@ -66,7 +66,7 @@ def list_cuts(problem: Problem) -> list[list[float]]:
     return [sorted(each) for each in cuts]
 
 
-def list_slabs(problem: Problem) -> tuple[Array, int]:
+def list_slabs(problem: Problem) -> tuple[list[float], int]:
     """Thickness of each distinct slab that `cut_layers` would find, and how many slabs there would be."""
     kinds = find_materials(problem)[1].tolist()
     every = [
@@ -75,7 +75,7 @@ def list_slabs(problem: Problem) -> tuple[Array, int]:
         for top, bottom in itertools.pairwise(cuts)
     ]
     distinct = dict.fromkeys(every) if problem.leave_out.repeats else every
-    return np.array([thickness for _, thickness in distinct]), len(every)
+    return [thickness for _, thickness in distinct], len(every)
 
 
 def find_materials(problem: Problem) -> tuple[list[int], IntArray]:

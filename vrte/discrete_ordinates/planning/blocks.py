@@ -153,20 +153,21 @@ def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
         lit = [i for i in lit if i in part.straight]
     elif (problem.mu_out == 1.0).all() and not part.straight:
         lit = []
-    return tuple(place for place, column in enumerate(problem.columns) if column[lit].any())
+    columns = problem.columns.tolist()
+    return tuple(place for place, column in enumerate(columns) if any(column[i] != 0.0 for i in lit))
 
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem on the part's nodes, layers and Stokes parameters."""
-    terms = problem.terms[: part.layers]
-    thickness = problem.thickness[: part.layers].copy()
+    thickness = problem.thickness[: part.layers]
     if not part.has_end:
+        thickness = thickness.copy()
         thickness[-1] = np.inf
-    incident: Array = problem.columns[np.ix_(columns, part.stokes)]
+    incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
     return change_fields(
         problem,
-        coefficients=np.ascontiguousarray(problem.coefficients[: part.layers]),
-        terms=terms,
+        coefficients=problem.coefficients[: part.layers],
+        terms=problem.terms[: part.layers],
         albedo=problem.albedo[: part.layers],
         thickness=thickness,
         above=problem.above[: part.layers],
@@ -174,6 +175,6 @@ def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Pr
         fraction=problem.fraction[: part.layers],
         nodes=problem.nodes[: part.nodes],
         weights=problem.weights[: part.nodes],
-        columns=np.ascontiguousarray(incident),
+        columns=incident,
         stokes=part.stokes,
     )

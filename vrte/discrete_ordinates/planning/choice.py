@@ -114,8 +114,10 @@ def predict_iterations(strength: Array, accuracy: float) -> Array:
 
 def predict_doubling_time(problem: Problem) -> float:
     """Predicted time of an order, in units of one layer's modes."""
-    thickness, slabs = list_slabs(problem)
-    with np.errstate(divide="ignore"):
-        steps = np.maximum(np.ceil(np.log2(thickness * (1.0 / float(problem.directions.min())))), 0.0) + 2.0
-    steps[np.isinf(thickness)] = cost.STEPS_ENDLESS
-    return float(steps.sum()) * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * slabs
+    distinct, slabs = list_slabs(problem)
+    steepest = 1.0 / float(problem.directions.min())
+    steps = sum(
+        cost.STEPS_ENDLESS if math.isinf(thickness) else max(math.ceil(math.log2(thickness * steepest)), 0) + 2
+        for thickness in distinct
+    )
+    return steps * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * slabs

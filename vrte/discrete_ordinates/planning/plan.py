@@ -22,6 +22,7 @@ from vrte.discrete_ordinates.orders.truncating import (
     has_scalar_among_polarizing,
 )
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
+from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
 from vrte.discrete_ordinates.planning.needs import (
     ORDERS,
     Needs,
@@ -252,11 +253,16 @@ def describe_interfaces(scene: Scene, mu0: Array) -> dict[str, Any]:
 
 def plan_request(request: Request, run: Run) -> Plan:
     """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
+    name = name_request(request, run)
+    known = find_plan(name, request, run)
+    if known is not None:
+        return known
     whole = make_plan(request, run)
     if not is_split_by_polarization(whole):
+        keep_plan(name, whole)
         return whole
-    known = whole.choice, whole.accuracy
-    parts = (make_plan(select_incident_part(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
+    settled = whole.choice, whole.accuracy
+    parts = (make_plan(select_incident_part(request, part), run, known=settled) for part in (UNPOLARIZED, POLARIZED))
     return change_fields(whole, parts=tuple(parts))
 
 
