@@ -11,7 +11,6 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.spherical_functions import find_gauss_legendre
 
-
 kept = lru_cache(maxsize=16)(find_gauss_legendre)
 
 
