@@ -42,6 +42,23 @@ FORKED = (
 )
 
 
+@dataclass
+class Traffic:
+    """What went between the host and a device: ``launches`` of kernels, ``fills`` of arrays with zeros, ``reads`` that
+    the host waited for, other ``waits`` (for large arrays on their way up, and for the queue to be empty), bytes."""
+
+    launches: int = 0
+    fills: int = 0
+    reads: int = 0
+    waits: int = 0
+    bytes_up: int = 0
+    bytes_down: int = 0
+
+    def since(self, before: "Traffic") -> "Traffic":
+        """What came after that."""
+        return Traffic(*(now - then for now, then in zip(vars(self).values(), vars(before).values(), strict=True)))
+
+
 class Placed:
     """What `Session.launch` takes for several arguments of a kernel."""
 
@@ -97,6 +114,7 @@ class Session:
     process: int = field(default_factory=os.getpid)
     constants: dict[Any, Any] = field(default_factory=dict)
     precision: str = "double"
+    traffic: Traffic = field(default_factory=Traffic)
     beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
 
     @property
@@ -146,6 +164,7 @@ class Session:
 
         made = self.empty(shape, dtype)
         if made.nbytes:
+            self.traffic.fills += 1
             pyopencl.enqueue_fill_buffer(self.queue, made.data, np.zeros(1, made.dtype), 0, made.nbytes)
         return made
 
@@ -156,6 +175,7 @@ class Session:
         array = self.narrow(values)
         if 0 < array.nbytes <= SMALL:
             self._check_process()
+            self.traffic.bytes_up += array.nbytes
             flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
             return DeviceArray(pyopencl.Buffer(self.context, flags, hostbuf=array), array.shape, array.dtype)
         made = self.empty(array.shape, array.dtype)
@@ -175,6 +195,8 @@ class Session:
         import pyopencl
 
         if made.nbytes:
+            self.traffic.bytes_up += made.nbytes
+            self.traffic.waits += 1
             pyopencl.enqueue_copy(self.queue, made.data, self.narrow(values))
 
     def constant(self, values: Any) -> DeviceArray:
@@ -191,6 +213,8 @@ class Session:
         self._check_process()
         found = np.empty(values.shape, values.dtype)
         if found.nbytes:
+            self.traffic.bytes_down += found.nbytes
+            self.traffic.reads += 1
             pyopencl.enqueue_copy(self.queue, found, values.data)
         return found.astype(np.float64) if found.dtype == np.float32 else found
 
@@ -200,6 +224,7 @@ class Session:
         if 0 in size:
             return
         self._check_process()
+        self.traffic.launches += 1
         self.kernels[name](self.queue, size, group or (1,) * len(size), *flatten_arguments(arguments))
 
     def local_memory(self, size: int) -> Any:
@@ -227,6 +252,7 @@ class Session:
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
         self._check_process()
+        self.traffic.waits += 1
         self.queue.finish()
 
     def _check_process(self) -> None:

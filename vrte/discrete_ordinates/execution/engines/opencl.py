@@ -7,7 +7,7 @@ norms, gaps, residuals, and the largest light, which says how many orders are le
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -24,7 +24,7 @@ from vrte.cl.device import find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
-from vrte.cl.session import Session
+from vrte.cl.session import Session, Traffic
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, weigh_scatterers
 from vrte.discrete_ordinates.orders.base import expand_base
@@ -82,9 +82,11 @@ class Found:
     singular: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Device:
-    """See `Engine`."""
+    """See `Engine`; ``before``: what had gone to and from the device when the work began."""
+
+    before: Traffic = field(default_factory=Traffic)
 
     stages: ClassVar[Any] = _core
     others: ClassVar[Mapping[str, str]] = {"invariance": "doubling"}
@@ -104,6 +106,7 @@ class Device:
     def at_work(self) -> Iterator[None]:
         """No other thread's kernels beside; what fails on the device is a DeviceError."""
         with self.session.lock, raise_device_errors():
+            self.before = replace(self.session.traffic)
             yield
 
     def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
@@ -165,8 +168,8 @@ class Device:
         )
 
     def diagnostics(self) -> dict[str, Any]:
-        """Which device it was."""
-        return {"device": find_chosen_device().name}
+        """Which device it was, and what went to and from it for all scenes of the call so far."""
+        return {"device": find_chosen_device().name, "traffic": asdict(self.session.traffic.since(self.before))}
 
     def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
         """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""

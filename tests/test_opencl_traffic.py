@@ -1,0 +1,43 @@
+"""How often a solve on a device launches kernels and waits for what they found."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.cl.session import Traffic
+from vrte.discrete_ordinates.execution.engines import opencl as engine
+from vrte.studies.cases import find_scene
+
+
+def test_what_goes_to_and_from_a_device_is_counted(opencl: Any) -> None:
+    before = Traffic(**vars(opencl.traffic))
+    small, large = opencl.upload(np.ones(3)), opencl.upload(np.ones(3000))
+    opencl.zeros((5,))
+    opencl.launch("invariance_rate", (0,))  # of nothing: not launched
+    opencl.download(small)
+    opencl.download(large)
+    opencl.finish()
+    size = np.dtype(opencl.real).itemsize
+    found = opencl.traffic.since(before)
+    assert found == Traffic(
+        launches=0, fills=1, reads=2, waits=2, bytes_up=3003 * size, bytes_down=3003 * size
+    )  # a large array is waited for on its way up
+
+
+def count_traffic(
+    session: Any, monkeypatch: pytest.MonkeyPatch, scene: vrte.Scene, algorithm: str, nodes: int, n_mu: int
+) -> Traffic:
+    """Of one BRDF, as its diagnostics tell it."""
+    monkeypatch.setattr(engine, "open_session", lambda: session)
+    mu = np.linspace(0.05, 1.0, n_mu)
+    made = vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), nodes=nodes, backend="opencl", algorithm=algorithm)
+    return Traffic(**made.diagnostics["traffic"])
+
+
+def test_a_result_tells_what_went_to_and_from_the_device(either_form: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = count_traffic(either_form, monkeypatch, find_scene("gold"), "invariance", 8, 2)
+    assert found.launches > 0
+    assert found.reads > 0
+    assert found.bytes_down >= 8 * 2 * 2 * 37 * 16
