@@ -123,7 +123,7 @@ def _describe_device(platform: Any, handle: Any) -> Device:
         largest=handle.max_mem_alloc_size,
         units=handle.max_compute_units,
         driver=handle.driver_version.strip(),
-        clock=1e6 * float(read_property(handle, "max_clock_frequency", 1000)),
+        clock=1e6 * float(read_property(handle, "max_clock_frequency", 0) or 1000),
         shared=bool(read_property(handle, "host_unified_memory", False)),
         architecture=rates.name_architecture(handle),
         handle=handle,

@@ -103,7 +103,8 @@ class Session:
     array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
     "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory).
     ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
-    as doubles; ``beside``: sessions on the same queue and memory, by form and precision."""
+    as doubles; ``room``: bytes that matrices take at most, though there be more; ``beside``: sessions on the same queue
+    and memory, by form and precision."""
 
     context: Any
     queue: Any
@@ -115,6 +116,7 @@ class Session:
     constants: dict[Any, Any] = field(default_factory=dict)
     precision: str = "double"
     traffic: Traffic = field(default_factory=Traffic)
+    room: float = math.inf
     beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
 
     @property

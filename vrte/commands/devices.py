@@ -1,6 +1,7 @@
 """`vrte devices`: OpenCL devices, and what they can do."""
 
 import argparse
+import sys
 from typing import Any
 
 from vrte.basics.errors import DeviceError
@@ -17,9 +18,19 @@ def add(commands: Any) -> None:
         told,
         ("vrte devices", "what there is, and which one is taken"),
         ("vrte devices --measure", "and how many products each computes in a second"),
+        ("vrte devices --verify", "whether it computes what the processor does"),
         ("vrte devices --estimate H100", "what a GPU that is not at hand would make of gold, by a model"),
     )
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.add_argument(
+        "--verify",
+        metavar="INDEX",
+        nargs="?",
+        const=-1,
+        type=int,
+        help="whether a device of the list, by default the one that is taken, computes what the processor does: two "
+        "minutes at most, a table to send in a report",
+    )
     devices.add_argument(
         "--estimate",
         metavar="NAME",
@@ -51,8 +62,20 @@ def run(options: argparse.Namespace) -> None:
             phase("products")
             rates = devices.measure_rates(device.session(), count_usable_cpus(), tick)
         print(f"\n{devices.describe_rates(rates, count_usable_cpus())}")
+    if options.verify is not None:
+        verify_and_print(None if options.verify < 0 else options.verify)
     if options.estimate:
         print(f"\n{estimate_times(options.estimate)}")
+
+
+def verify_and_print(index: int | None) -> None:
+    """The table of all checks. Raises DeviceError where one does not pass."""
+    from vrte.studies import verify_device
+
+    found = verify_device.verify_device(index, lambda line: print(f"  {line} ...", file=sys.stderr, flush=True))
+    print(f"\n{verify_device.describe_verified(found)}", flush=True)
+    if complaint := verify_device.complain_about(found):
+        raise DeviceError(complaint)
 
 
 def estimate_times(name: str) -> str:

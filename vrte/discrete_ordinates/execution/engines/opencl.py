@@ -266,7 +266,7 @@ def make_group_key(piece: Piece) -> tuple[Any, ...]:
 def find_matrix_room(opened: Session) -> float:
     """Bytes of the device's memory that matrices may take."""
     device = opened.device
-    room = min(SHARE * device.global_mem_size, STACKS * float(device.max_mem_alloc_size))
+    room = min(opened.room, SHARE * device.global_mem_size, STACKS * float(device.max_mem_alloc_size))
     return min(room, CACHED) if opened.on_host else room
 
 

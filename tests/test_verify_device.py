@@ -1,0 +1,99 @@
+"""What the owner of a new device runs first: it passes here, and a spoiled kernel is noticed."""
+
+from typing import Any
+
+import pytest
+
+from vrte.basics.errors import DeviceError
+from vrte.cl import device
+from vrte.cl.session import Session, open_session
+from vrte.studies import verify_device
+from vrte.studies.verify_device import Verified, complain_about, describe_verified
+
+from .conftest import call
+
+QUICK = "products and inverses", "less memory than they need", "stopped midway, then solved again"
+
+
+@pytest.fixture
+def one_form(opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device's own form of kernels alone, which are compiled already."""
+    monkeypatch.setattr(verify_device, "list_forms", lambda found: [opencl.form])
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """A kernel that does nothing."""
+
+    def opened(handle: Any, form: str) -> Session:
+        session = open_session(handle, form)
+        session.kernels[name] = lambda *_: None
+        return session
+
+    monkeypatch.setattr(verify_device, "open_session", opened)
+
+
+def test_a_small_set_passes(one_form: None) -> None:
+    told: list[str] = []
+    found = verify_device.verify_device(None, told.append, wanted=QUICK)
+    assert [check.name for check in found.checks] == list(QUICK)
+    assert all(check.passed for check in found.checks)
+    assert not complain_about(found)
+    assert len(told) == 4
+    text = describe_verified(found)
+    assert found.device.name in text
+    assert "3 of 3 checks passed" in text
+    assert found.device.driver in text
+
+
+def test_a_spoiled_kernel_is_noticed(one_form: None, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    spoil(monkeypatch, "product" if opencl.form == "cpu" else "product_gpu")
+    found = verify_device.verify_device(wanted=QUICK[:1])
+    (check,) = found.checks
+    assert not check.passed
+    assert f"is not to be trusted: products and inverses, form '{opencl.form}': differs by" in complain_about(found)
+    assert "<- WRONG" in describe_verified(found)
+
+
+def test_what_there_is_no_time_for(one_form: None) -> None:
+    found = verify_device.verify_device(seconds=0.0)
+    assert not found.checks
+    assert len(found.left_out) == 12
+    assert "left out for want of time: products and inverses" in describe_verified(found)
+
+
+def test_no_such_device() -> None:
+    with pytest.raises(DeviceError, match="there is no OpenCL device 99: 0 = "):
+        verify_device.verify_device(99)
+
+
+@pytest.mark.slow
+def test_all_of_it(opencl: Session, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both forms; every kernel is launched."""
+    index = device.devices().index(device.find_chosen_device())
+    assert call("devices", "--verify", index) == 0
+    output = capsys.readouterr()
+    assert "23 of 23 checks passed" in output.out
+    assert "never launched" not in output.out
+    assert "a BRDF" in output.out
+    assert output.err.count(" ...") == 25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["combine", "invert_gpu", "invariance_step_gpu", "add_orders", "add_scattering", "times_coefficients"]
+)
+def test_each_kernel_matters(
+    opencl: Session, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(monkeypatch, name)
+    assert call("devices", "--verify") == 1
+    output = capsys.readouterr()
+    assert "<- WRONG" in output.out
+    assert "is not to be trusted" in output.err
+    assert "gold" not in str([line for line in output.err.splitlines() if line.endswith("...")])
+
+
+def test_a_number_that_is_none_does_not_pass() -> None:
+    check = verify_device.Check("?", "cpu", float("nan"), 1e-10, 0.0)
+    assert not check.passed
+    assert isinstance(Verified.failures, property)
