@@ -117,6 +117,13 @@ def test_the_command_line_has_each_option_in_the_same_words(command: str, capsys
         ({"time_limit_s": -1}, "time_limit_s must be seconds, not -1"),
         ({"algorithm": "modes", "backend": "opencl"}, "algorithm 'modes' needs an eigensolver"),
         ({"method": AUTO, "nodes": 8}, "method 'auto' takes no nodes"),
+        ({"precision": "half"}, "precision must be 'auto', 'double', 'single', not 'half'"),
+        ({"precision": "single"}, "precision 'single' is of backend 'opencl' alone: 'openmp' computes in doubles"),
+        ({"precision": "double", "backend": "opencl+lapack"}, "precision 'double' is of backend 'opencl' alone"),
+        (
+            {"precision": "single", "backend": "opencl", "accuracy": 1e-5},
+            "precision 'single' is good for an accuracy of 0.0001 and coarser, not 1e-05",
+        ),
     ],
 )
 def test_a_wrong_option_is_named(how: dict[str, Any], words: str) -> None:

@@ -38,6 +38,7 @@ def brdfs(
     verify: bool | None = None,
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
+    precision: str | None = None,
     derivatives: Any = None,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.

@@ -40,6 +40,7 @@ def radiance(
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
     time_limit_s: float | None = None,
+    precision: str | None = None,
     side: str = "above",
     derivatives: Any = None,
 ) -> Field:

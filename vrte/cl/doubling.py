@@ -26,6 +26,9 @@ from vrte.cl.matrices import STRIP, upload_stack
 from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
 
+# How far Zo Ze of an endless slab is from 1 before the last doubling, which squares that.
+SETTLED = {"double": 1e-9, "single": 1e-4}
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -279,7 +282,7 @@ class Doubling:
             gap = self.gap(active, skip) if (ratio[active] > 0.999).any() else np.ones(self.count)
             self.double(active)
             self.doublings[active] += 1
-            active &= ~((gap < 1e-9) & (ratio > 0.999))
+            active &= ~((gap < SETTLED[self.session.precision]) & (ratio > 0.999))
             ratio = np.minimum(2.0 * ratio * np.sqrt(used) / (used + ratio * ratio), 2.0 * np.sqrt(used) / (1.0 + used))
 
     def gap(self, chosen: BoolArray, skip: Any) -> Array:
@@ -384,7 +387,7 @@ class Doubling:
             largest = of_alpha * np.minimum(1.0, self.items.thickness * of_alpha)
             largest = np.maximum(np.maximum(met, of_beta), largest)
             residual[:, 0] = np.where(largest > 0.0, missing[0] / largest, 0.0)
-            residual[:, 1] = np.where(self.finite & (of_T > 1e-280), missing[1] / of_T, 0.0)
+            residual[:, 1] = np.where(self.finite & (of_T > self.session.faintest), missing[1] / of_T, 0.0)
         residual[~self.doubled] = 0.0
         return residual
 

@@ -215,7 +215,8 @@ class Joining:
         found = np.zeros((self.count, self.places))
         for place, pair in self.missing.items():
             missing, size = (self.session.download(a) for a in pair)
-            found[:, place] = np.where(size > _core.NO_LIGHT, missing / np.where(size > _core.NO_LIGHT, size, 1.0), 0.0)
+            lit = size > self.session.faintest
+            found[:, place] = np.where(lit, missing / np.where(lit, size, 1.0), 0.0)
         return found
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:

@@ -12,6 +12,7 @@ from vrte.basics.errors import SceneError, SweepError
 from vrte.commands.common import (
     Tick,
     add_command,
+    add_options,
     check_extra,
     check_output,
     label_errors,
@@ -68,6 +69,7 @@ def add(commands: Any) -> None:
     )
     told = "refuse what is predicted to take longer in all; default: none"
     command.add_argument("--time-limit-s", metavar="X", type=make_option_reader("time_limit_s"), help=told)
+    add_options(command, "precision")
     told = "also a page with the lobes to turn around in any browser: one file that needs no network"
     command.add_argument("--page", metavar="PAGE.html", type=Path, help=told)
     command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
@@ -98,7 +100,10 @@ def run(options: argparse.Namespace) -> None:
 
 def compute_table(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
     """The table; complaints about the sweep file begin with its name."""
-    how = {name: getattr(options, name) for name in ("engine", "scheduler", "workers", "chunk", "time_limit_s")}
+    how = {
+        name: getattr(options, name)
+        for name in ("engine", "scheduler", "workers", "chunk", "time_limit_s", "precision")
+    }
     with label_errors(options.file):
         return sweep(options.file, options.output, **how, progress=tick)
 

@@ -46,7 +46,8 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
     for refracts in (False, True):
         places = [place for place, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
         if places:
-            engine = choose_engine(flat[0].request.backend, refracts)
+            request = flat[0].request
+            engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
             own = change_fields(run, kernels=engine.stages) if refracts else run
             solutions |= dict(zip(places, carry_out([flat[k] for k in places], engine, own, progress), strict=True))
     found = (solutions[place] for place in range(len(flat)))
@@ -57,7 +58,7 @@ def verify_solution(task: Task) -> Answer:
     """The device's solution, and what it differs by from that of the processor's eigensolver."""
     plain = replace(task.request, verify=False)
     mu, found = solve_by_discrete_ordinates(replace(task, request=plain))
-    other = replace(plain, backend=Backend.OPENMP, algorithm="modes")
+    other = replace(plain, backend=Backend.OPENMP, algorithm="modes", precision="auto")
     again = solve_by_discrete_ordinates(Task(other, {}, Run(task.run.threads, stop=task.run.stop)))[1]
     radiance = [measure_largest_gap(*pair) for pair in zip(found.parts, again.parts, strict=True)]
     fluxes = [np.stack([each.flux_up, each.flux_down], axis=1) for each in (found, again)]
@@ -123,6 +124,6 @@ METHOD = Method(
     conserves_energy=True,
     interfaces="any",
     devices=True,
-    options=("nodes", "accuracy", "algorithm", "truncation", "backend", "verify"),
+    options=("nodes", "accuracy", "algorithm", "truncation", "backend", "verify", "precision"),
     finest=FINEST,
 )

@@ -29,7 +29,17 @@ BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a t
 MOST_NODES, MOST_THREADS = 4096, 4096
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
-NOT_FOR_ALL = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend")  # methods say which they use
+PRECISIONS = ("auto", "double", "single")  # of an OpenCL device
+OF_SINGLE = 1e-4  # accuracy that single precision is good for, and what it is by default there
+NOT_FOR_ALL = (
+    "nodes",
+    "accuracy",
+    "algorithm",
+    "verify",
+    "truncation",
+    "backend",
+    "precision",
+)  # methods say which they use
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 
@@ -169,6 +179,12 @@ class How:
         f"what is predicted to take longer is refused; default: {cost.TIME_LIMIT_S:g}, inf for none",
         ". The prediction is good to a factor of about 3; above 20 s it is told at once in a LongSolveWarning",
     )
+    precision: str = make_choice_option(
+        "auto",
+        PRECISIONS,
+        "what an OpenCL device computes in; default: auto",
+        f', by rule; "double"; "single", floats for an accuracy of {OF_SINGLE:g} and coarser (docs/how_to/opencl.md)',
+    )
     nodes: int | None = make_number_option(
         MOST_NODES,
         "nodes in each hemisphere",
@@ -182,7 +198,8 @@ class How:
         left_out = {name for name in OPTIONS if (value := getattr(self, name)) is None or value is False}
         told: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
         if self.accuracy is None:
-            told["accuracy"] = WITHOUT_NODES if self.nodes is None else WITH_NODES
+            usual = WITHOUT_NODES if self.nodes is None else WITH_NODES
+            told["accuracy"] = OF_SINGLE if self.precision == "single" else usual
         for name, known in OPTIONS.items():
             value = getattr(self, name)
             value = told.get(name, known.default) if value is None else value
@@ -200,6 +217,12 @@ class How:
             name = "settings" if self.settings else "nodes"
             words = f"takes no {name}: it goes by accuracy; for {name} name the method"
             raise SceneError(f"method {AUTO!r} {words}", "method")
+        if self.precision != "auto" and self.backend is not Backend.OPENCL:
+            words = f"is of backend 'opencl' alone: {self.backend.label!r} computes in doubles"
+            raise SceneError(f"precision {self.precision!r} {words}", "precision")
+        if self.precision == "single" and self.accuracy < OF_SINGLE:
+            words = f"is good for an accuracy of {OF_SINGLE:g} and coarser, not {self.accuracy:g}"
+            raise SceneError(f"precision 'single' {words}", "precision")
         if self.algorithm == "modes" and self.backend.linear_algebra == "device":
             raise SceneError(
                 f"algorithm 'modes' needs an eigensolver, which backend {self.backend.label!r} does not have: "

@@ -42,9 +42,10 @@ class Results:
         return sum(8 * math.prod(shape) for _, shape in self.variables.values())
 
 
-def make_scene_request(file: SceneFile, backend: str = "openmp") -> Request:
-    """What is asked of a scene. Raises SceneError."""
-    how = {"algorithm": ALGORITHM, "backend": backend} | file.options
+def make_scene_request(file: SceneFile, backend: str | None = None) -> Request:
+    """What is asked of a scene, of a backend that its precision goes with unless told otherwise. Raises SceneError."""
+    usual = "openmp" if file.options.get("precision", "auto") == "auto" else "opencl"
+    how = {"algorithm": ALGORITHM, "backend": backend or usual} | file.options
     if how.get("method", EXACT) != EXACT:
         raise SceneError(f"method = {show_toml(how['method'])}: a sweep is made by {EXACT!r} alone", "method")
     with file.located():

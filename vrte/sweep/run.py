@@ -19,7 +19,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.formats.text_file import check_file_name
-from vrte.request.how import check_choice
+from vrte.request.how import PRECISIONS, check_choice
 from vrte.request.request import Request
 from vrte.sweep import store
 from vrte.sweep.chunks import Task, collect_warnings, prepare
@@ -51,6 +51,7 @@ def sweep(
     chunk: int | None = None,
     progress: Progress | None = None,
     time_limit_s: float | None = None,
+    precision: str | None = None,
 ) -> "xarray.Dataset":
     """The Mueller BRDFs, the Stokes fields, or the appearance, of many scenes, as one labelled table.
 
@@ -74,6 +75,8 @@ def sweep(
     time_limit_s : float, optional
         A sweep whose scenes that are left are predicted to take longer is refused; without it none is. Above 20 seconds
         what they take is said at once in a LongSolveWarning.
+    precision : {'auto', 'double', 'single'}, optional
+        With engine "opencl", as for `vrte.brdf`; it wins over the file's.
 
     Returns
     -------
@@ -117,6 +120,12 @@ def sweep(
     limit = math.inf if time_limit_s is None else check_number("time_limit_s", time_limit_s, 0.0, math.inf, "seconds")
     count = count_usable_cpus() if workers is None else check_whole("workers", workers, 1, MOST_WORKERS)
     given = read_sweep(source)
+    if precision is not None:
+        given = replace(
+            given, template={**given.template, "precision": check_choice("precision", precision, PRECISIONS)}
+        )
+    if engine != "opencl" and given.template.get("precision", "auto") != "auto":
+        raise SceneError("precision goes with engine 'opencl' only", "precision")
     if engine == "opencl" and given.kind == TABLE:
         raise SceneError(
             "engine 'opencl' makes tables of BRDFs and fields: an appearance is read by 'threads' or 'dask'"

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from vrte import _core
+from vrte.basics.errors import SceneError
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.execution.engines.engine import Engine
 from vrte.request.backends import Backend
@@ -15,15 +16,20 @@ ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "ope
 KERNELS = ("assemble", "reconstruct", "azimuthal_sum", "add_single_scattering")
 
 
-def choose_engine(backend: Backend, refracts: bool = False) -> Engine:
+def choose_engine(backend: Backend, refracts: bool = False, precision: str = "auto", accuracy: float = 0.0) -> Engine:
     """The engine of a backend; where kernels and linear algebra are of two engines, a processor's with stages of both.
 
-    For scenes that refract, ``refracts``, that is so for a device as well: the processor joins its slabs. Raises
-    DeviceError where there is no device, MissingExtraError without pyopencl."""
+    For scenes that refract, ``refracts``, that is so for a device as well: the processor joins its slabs. ``precision``
+    and ``accuracy``: as asked for, of a device. Raises SceneError where another precision than doubles is asked for and
+    the processor has a part in it, DeviceError where there is no device, MissingExtraError without pyopencl."""
     kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
     if kernels != algebra or (refracts and kernels != "cpu"):
+        if precision == "single":
+            words = "is not for scenes that refract or mirror light: the processor joins their slabs, in doubles"
+            raise SceneError(f"precision {precision!r} {words}", "precision")
         return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
-    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine()
+    told = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
+    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine(**told)
     return engine
 
 

@@ -24,7 +24,9 @@ from vrte.cl.device import find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
+from vrte.cl.precision import choose_precision
 from vrte.cl.session import Session, Traffic
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, weigh_scatterers
 from vrte.discrete_ordinates.orders.base import expand_base
@@ -40,6 +42,11 @@ from vrte.discrete_ordinates.planning.plan import Plan
 STACKS = 14  # extended matrices that an item needs at once, R and T included
 SHARE = 0.5  # of the device's memory
 LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
+IN_DOUBLES = "doubling in doubles"  # of what is in doubt in floats
+BY_SLABS = ("doubling", IN_DOUBLES)  # algorithms that work slab by slab
+# Residuals up to which an answer in floats counts: a tenth of its accuracy of 1e-4, as 1e-9 is of doubles' 1e-8; that
+# of transmission is nine times the error that rounding makes of T, and more (docs/how_to/opencl.md).
+ALLOWED_OF_FLOATS = {"residual_of_reflection": 1e-5, "residual_of_transmission": 5e-4, "residual_of_joints": 1e-5}
 CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
 
 
@@ -84,18 +91,36 @@ class Found:
 
 @dataclass(eq=False)
 class Device:
-    """See `Engine`; ``before``: what had gone to and from the device when the work began."""
+    """See `Engine`. ``asked``: the precision asked for, ``accuracy``: the finest that is; ``before``: what had gone to
+    and from the device when the work began."""
 
+    asked: str = "auto"
+    accuracy: float = 0.0
     before: Traffic = field(default_factory=Traffic)
-
     stages: ClassVar[Any] = _core
-    others: ClassVar[Mapping[str, str]] = {"invariance": "doubling"}
     takes_many: ClassVar[bool] = True
 
     @cached_property
+    def precision(self) -> tuple[str, str]:
+        """The precision, "double" or "single", and why."""
+        return choose_precision(self.asked, self.accuracy, find_chosen_device())
+
+    @cached_property
     def session(self) -> Session:
-        """The device at work."""
-        return open_session()
+        """The device at work on Fourier orders."""
+        return open_session("single" if self.precision[0] == "single" else "double")
+
+    @cached_property
+    def in_doubles(self) -> Session | None:
+        """The same in double precision, for what needs it; None where the device has none."""
+        return open_session() if find_chosen_device().double_precision else None
+
+    @property
+    def others(self) -> Mapping[str, str]:
+        """By which algorithm an order is solved again; what is in doubt in floats is solved in doubles."""
+        if self.precision[0] == "single" and self.in_doubles is not None:
+            return {"invariance": IN_DOUBLES, "doubling": IN_DOUBLES}
+        return {"invariance": "doubling"}
 
     @property
     def piece_bytes(self) -> float:
@@ -147,29 +172,43 @@ class Device:
 
     def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
         """All orders of all pieces of a group; where an order is in doubt, its piece is."""
-        found = SOLVERS[pieces[0].name](self.session, pieces, run)
+        found = self.find(pieces, run)
         lit = np.abs(pieces[0].problem.columns).max(axis=1)
         largest, brightest = look_at(self.session, found, int(np.argmax(lit)))
         answers, first = [], 0
         for piece in pieces:
             items = slice(first, first + piece.orders.size)
-            doubts, bright = find_doubts(piece, found, items), brightest[first] / max(float(lit.max()), 1e-300)
+            doubts, bright = (
+                find_doubts(piece, found, items, self.session.precision),
+                brightest[first] / max(float(lit.max()), 1e-300),
+            )
             first = items.stop
             answers.append(
                 make_empty_answer(doubts) if doubts else make_answer(piece, found, items, largest[items], bright)
             )
         return answers
 
+    def find(self, pieces: list[Piece], run: Run) -> Found:
+        """What a group's items are, in the precision of `session`."""
+        if pieces[0].name != IN_DOUBLES:
+            return SOLVERS[pieces[0].name](self.session, pieces, run)
+        assert self.in_doubles is not None
+        found = solve_by_doubling(self.in_doubles, pieces, run)
+        return replace(found, kernels=self.session.upload(self.in_doubles.download(found.kernels)))
+
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can vouch for."""
-        return (
-            f"the OpenCL device cannot vouch for Fourier order {order} by {piece.name} ({reason}): "
-            "backend 'openmp' has another algorithm"
+        return f"the OpenCL device cannot vouch for Fourier order {order} by {piece.name} ({reason}): " + (
+            "there are no doubles to solve it in"
+            if self.in_doubles is None
+            else "backend 'openmp' has another algorithm"
         )
 
     def diagnostics(self) -> dict[str, Any]:
-        """Which device it was, and what went to and from it for all scenes of the call so far."""
-        return {"device": find_chosen_device().name, "traffic": asdict(self.session.traffic.since(self.before))}
+        """Which device it was, what it computed in, and what went to and from it for all scenes of the call so far."""
+        precision, rule = self.precision
+        told = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
+        return told | {"traffic": asdict(self.session.traffic.since(self.before))}
 
     def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
         """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
@@ -177,42 +216,49 @@ class Device:
         def add(share: Share) -> None:
             with run.booked("fourier sum", self.session.finish):
                 for light in lights:
-                    add_light(self.session, target, light, share)
+                    add_light(self.session, target, light, replace(share, room=share.room[0]))
 
         return add
 
     def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
-        """What adds single scattering in all layers to a share, but where small angles are separated."""
+        """What adds single scattering in all layers to a share, but where small angles are separated; always in
+        doubles: on the processor where the device has none."""
+        opened = self.in_doubles
+        if opened is None:
+            return PROCESSOR.prepare_scattering(target, parts, run)
         problem, wanted = target.problem, target.wanted
         columns: Any = problem.columns, target.kind, wanted.place
 
         def add(share: Share) -> None:
             part, (first, last) = share.part, (share.first, share.last)
-            with run.booked("single scattering", self.session.finish):
+            with run.booked("single scattering", opened.finish):
                 pairs = [(series, path[:, first:last]) for series, path in weigh_scatterers(target, part)]
                 if pairs:
                     seen = problem.mu0[first:last], part.mu, *compute_cos_sin(target.azimuths.distinct), *columns
-                    directions = sums.upload_directions(self.session, *seen)
-                    uploaded = sums.upload_scatterers(self.session, [pairs])
-                    where = upload_azimuths(self.session, target)
-                    sums.add_scattering(self.session, uploaded, directions, where, (0, last - first), share.room)
+                    directions = sums.upload_directions(opened, *seen)
+                    uploaded = sums.upload_scatterers(opened, [pairs])
+                    where = upload_azimuths(opened, target)
+                    sums.add_scattering(opened, uploaded, directions, where, (0, last - first), share.room[-1])
 
         return add
 
     @contextmanager
     def opened(self, share: Share, run: Run) -> Iterator[Share]:
-        """Zeros on the device, added to the result at the end."""
+        """Zeros on the device, added to the result at the end: a table of the orders' light, and where that is in
+        floats one in doubles for single scattering."""
         n_level, _, *rest = share.part.values.shape
         shape = (n_level, share.last - share.first, *rest)
-        room = self.session.zeros(shape)
-        yield replace(share, room=sums.Table(room.data, shape))
+        sessions = dict.fromkeys(one for one in (self.session, self.in_doubles) if one is not None)
+        rooms = [one.zeros(shape) for one in sessions]
+        yield replace(share, room=[sums.Table(room.data, shape) for room in rooms])
         with run.booked("from the device"):
-            share.part.values[:, share.first : share.last] += self.session.download(room)
+            for room in rooms:
+                share.part.values[:, share.first : share.last] += self.session.download(room)
 
 
-def open_engine() -> Device:
-    """The device that is chosen; it is opened when it is used."""
-    return Device()
+def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
+    """The device that is chosen, opened when it is used; ``asked``: the precision, for an ``accuracy``."""
+    return Device(asked, accuracy)
 
 
 def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
@@ -257,7 +303,7 @@ def make_group_key(piece: Piece) -> tuple[Any, ...]:
     problem = piece.problem
     arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
     shape: tuple[Any, ...] = ()
-    if piece.name == "doubling":
+    if piece.name in BY_SLABS:
         pile = cut_layers(problem)
         shape = pile.slabs.size, pile.interface.tobytes(), piece.block.base.orders_reflected > 0
     return piece.name, problem.stokes, problem.n_up, *(a.tobytes() for a in arrays), *shape
@@ -274,7 +320,7 @@ def count_matrix_bytes(piece: Piece) -> float:
     """Of the matrices that a piece needs."""
     problem = piece.problem
     rows, columns = problem.size + problem.rows_out + 16, problem.size + problem.n_rhs
-    slabs = cut_layers(problem).thickness.size if piece.name == "doubling" else 1
+    slabs = cut_layers(problem).thickness.size if piece.name in BY_SLABS else 1
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
@@ -289,9 +335,11 @@ def look_at(opened: Session, found: Found, lit: int) -> tuple[Array, Array]:
     return largest, brightest
 
 
-def find_doubts(piece: Piece, found: Found, items: slice) -> dict[int, str]:
-    """What is wrong with the orders of a piece; all of them are in doubt, or none."""
+def find_doubts(piece: Piece, found: Found, items: slice, precision: str) -> dict[int, str]:
+    """What is wrong with the orders of a piece, solved in a precision; all of them are in doubt, or none."""
     allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
+    if precision == "single" and piece.name != IN_DOUBLES:
+        allowed |= ALLOWED_OF_FLOATS
     doubts = {place: "a matrix is singular" for place in np.flatnonzero(found.singular[items]).tolist()}
     for name, values in found.residuals.items():
         for place in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
