@@ -4,7 +4,8 @@ The rule: devices that compute in double precision before those that do not; of 
 before one in the processor's, these before an accelerator, that before a CPU; of several the one with the largest rate
 of doubles, of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over.
 The environment variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's
-or platform's name that only one device has.
+or platform's name that only one device has; or several of these with commas between them, or "all", for devices that
+share batches, of which the first does what is no batch.
 """
 
 import os
@@ -25,7 +26,8 @@ INSTALL = (
     "a GPU's driver comes from its maker, a processor's with pip install 'vrte[opencl]' or from the system "
     "(Debian and Ubuntu: apt install pocl-opencl-icd)"
 )
-_lock = threading.RLock()
+ALL = "all"
+_lock, _here = threading.RLock(), threading.local()
 _state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
 
 
@@ -170,14 +172,15 @@ def choose(
     (1, 'the only GPU')
     >>> choose([cpu, gpu], "proc")
     (0, 'VRTE_OPENCL_DEVICE=proc')
+    >>> choose([cpu, gpu], "1,0")
+    (1, 'VRTE_OPENCL_DEVICE=1,0; batches are shared by 1, 0')
     >>> choose([cpu, gpu], complaint_of=lambda index: "it fails" if index == 1 else "")
     (0, 'the only CPU (passed over: 1)')
     """
     if asked_for:
-        index = _find_wanted(found, asked_for)
-        if complaint := complaint_of(index):
-            raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
-        return index, f"{VARIABLE}={asked_for}"
+        wanted = find_wanted(found, asked_for, complaint_of)
+        shared = f"; batches are shared by {', '.join(map(str, wanted))}" if len(wanted) > 1 else ""
+        return wanted[0], f"{VARIABLE}={asked_for}{shared}"
     able = sorted(range(len(found)), key=lambda index: _rank(found[index]))
     complaints: dict[int, str] = {}
     for index in able:
@@ -218,12 +221,33 @@ def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> 
     return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {told}"
 
 
-def _find_wanted(found: Sequence[Device], asked_for: str) -> int:
-    if asked_for.isdecimal():
-        matches = [int(asked_for)] if int(asked_for) < len(found) else []
+def find_wanted(
+    found: Sequence[Device], asked_for: str, complaint_of: Callable[[int], str] = lambda index: ""
+) -> list[int]:
+    """The indices of the devices that VRTE_OPENCL_DEVICE names: one, some with commas between them, or all that compute
+    as precisely as the best, that one first.
+
+    Raises DeviceError where one is named twice or does not compute, and as `choose` does.
+    """
+    if asked_for.casefold() == ALL:
+        best = choose(found, "", complaint_of)[0]
+        alike = (i for i, device in enumerate(found) if device.widest == found[best].widest and not complaint_of(i))
+        return sorted(alike, key=lambda i: (i != best, i))
+    wanted = [_find_one(found, part.strip(), asked_for) for part in asked_for.split(",")]
+    if len(set(wanted)) < len(wanted):
+        raise DeviceError(f"{VARIABLE}={asked_for} names a device twice: {list_names(found)}")
+    for index in wanted:
+        if complaint := complaint_of(index):
+            raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
+    return wanted
+
+
+def _find_one(found: Sequence[Device], part: str, asked_for: str) -> int:
+    if part.isdecimal():
+        matches = [int(part)] if int(part) < len(found) else []
     else:
-        part = asked_for.casefold()
-        matches = [i for i, device in enumerate(found) if part in f"{device.platform}\n{device.name}".casefold()]
+        text = part.casefold()
+        matches = [i for i, each in enumerate(found) if text and text in f"{each.platform}\n{each.name}".casefold()]
     if len(matches) != 1:
         problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
         raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {list_names(found)}")
@@ -244,8 +268,18 @@ def find_chosen_device() -> Device:
     Raises as `devices` and `choose` do.
     """
     found = devices()
-    lent = _state.get("lent")
-    return found[lent[0] if lent else choose(found, read_wanted_device(), find_complaint)[0]]
+    index, _ = find_lent_device()
+    return found[choose(found, read_wanted_device(), find_complaint)[0] if index is None else index]
+
+
+def list_sharing_devices() -> list[int]:
+    """The indices of those that share a batch in this thread, the chosen one first.
+
+    Raises as `devices` and `choose` do.
+    """
+    asked_for = read_wanted_device()
+    several = find_lent_device()[0] is None and ("," in asked_for or asked_for.casefold() == ALL)
+    return find_wanted(devices(), asked_for, find_complaint) if several else [devices().index(find_chosen_device())]
 
 
 def read_wanted_device() -> str:
@@ -259,10 +293,9 @@ def session(precision: str = "double") -> Session:
     Raises as `devices` and `choose` do, and DeviceError where the device has no double precision, or the kernels cannot
     be built.
     """
-    _, lent = _state.get("lent") or (0, None)
+    _, lent = find_lent_device()
     if lent is not None:
-        given: Session = lent
-        return given if given.precision == precision else given.in_precision(precision)
+        return lent if lent.precision == precision else lent.in_precision(precision)
     device = find_chosen_device()
     if precision == "double" and not device.double_precision:
         raise DeviceError(f"the OpenCL device {device.name} computes in single precision only: {list_names(devices())}")
@@ -287,6 +320,22 @@ def take_device(index: int, session: Session | None = None) -> Iterator[None]:
         yield
     finally:
         _state["lent"] = before
+
+
+@contextmanager
+def take_device_here(index: int) -> Iterator[None]:
+    """The same in this thread alone, without a session of its own."""
+    _here.lent = index, None
+    try:
+        yield
+    finally:
+        del _here.lent
+
+
+def find_lent_device() -> tuple[int | None, Session | None]:
+    """The index and the session of what `take_device` takes, None where it does not."""
+    lent: tuple[int | None, Session | None] = getattr(_here, "lent", None) or _state.get("lent") or (None, None)
+    return lent
 
 
 def forget() -> None:

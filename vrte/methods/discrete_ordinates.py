@@ -11,8 +11,8 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import choose_engine
+from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
 from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
 from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
@@ -49,7 +49,9 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
             request = flat[0].request
             engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
             own = change_fields(run, kernels=engine.stages) if refracts else run
-            solutions |= dict(zip(places, carry_out([flat[k] for k in places], engine, own, progress), strict=True))
+            solutions |= dict(
+                zip(places, carry_out_on_devices([flat[k] for k in places], engine, own, progress), strict=True)
+            )
     found = (solutions[place] for place in range(len(flat)))
     return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
