@@ -30,19 +30,19 @@ def integers(*lists: Sequence[int]) -> list[np.ndarray]:
 SUMMED = ("kernels", "stokes", "kind", "place", "cosine", "sine", "angle", "sign", "levels", "rows", "scale")
 
 
-def both_sums(opencl: Any, values: tuple[Any, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def both_sums(either_form: Any, values: tuple[Any, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """A table of ones, and what the core and the device add to it, in two pieces."""
     tables = np.ones(shape), np.ones(shape)
     arguments = dict(zip(SUMMED, values, strict=True))
     for first, last in ((0, 1), (1, shape[1])):
         _core.azimuthal_sum(a_crew(2), **arguments, first=first, last=last, out=tables[0])
-        sums.azimuthal_sum(opencl, a_crew(2), **arguments, first=first, last=last, out=tables[1])
+        sums.azimuthal_sum(either_form, a_crew(2), **arguments, first=first, last=last, out=tables[1])
     return tables
 
 
 @pytest.mark.parametrize("stokes", [(0,), (0, 1), (2, 3), (3,), (0, 1, 2, 3)])
 @pytest.mark.parametrize(("kind", "place"), [((0, 0, 1, 1), (3, 0, 2, 1)), ((1,), (0,)), ((0, 1, 0), (1, 1, 0))])
-def test_azimuthal_sum(opencl: Any, stokes: Sequence[int], kind: Sequence[int], place: Sequence[int]) -> None:
+def test_azimuthal_sum(either_form: Any, stokes: Sequence[int], kind: Sequence[int], place: Sequence[int]) -> None:
     orders = np.array([0, 1, 2, 5, 6, 9, 30], np.int32)
     kernels = some_kernels(orders.size, len(kind))[..., list(stokes)]
     azimuths = fold_azimuths(MANY_AZIMUTHS)
@@ -57,11 +57,11 @@ def test_azimuthal_sum(opencl: Any, stokes: Sequence[int], kind: Sequence[int], 
         np.array([1.0, 0.5, 2.0, -3.0]),
     )
     shape = (len(levels), 4, len(rows), MANY_AZIMUTHS.size, 4, max(place) + 1)
-    expected, found = both_sums(opencl, arguments, shape)
+    expected, found = both_sums(either_form, arguments, shape)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
 
 
-def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(opencl: Any) -> None:
+def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(either_form: Any) -> None:
     for n_order, phi in ((70, np.array([33.0])), (0, FULL_TURN)):
         azimuths = fold_azimuths(phi)
         arguments = (
@@ -73,11 +73,11 @@ def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(o
             *integers(range(3), range(21)),
             np.ones(4),
         )
-        expected, found = both_sums(opencl, arguments, (3, 4, 21, phi.size, 4, 1))
+        expected, found = both_sums(either_form, arguments, (3, 4, 21, phi.size, 4, 1))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
 
 
-def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
+def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
     """Kernels as stacks of matrices hold them, other numbers of orders, factors of rows and Stokes components, and a
     buffer that more than these tables share."""
     rng = np.random.default_rng(3)
@@ -87,21 +87,21 @@ def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
     stokes, kind, place, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
     factors = rng.standard_normal((n_out, 4))
-    buffer = opencl.upload(np.ones(first + 3 * size))
+    buffer = either_form.upload(np.ones(first + 3 * size))
     sums.add_orders(
-        opencl,
-        sums.Kernels(opencl.upload(stack), (5 * columns * 24, columns * 24, 0, 4 * 24, 24, 4, 1)),
-        opencl.upload(np.array(n_order, np.int32)),
-        sums.upload_entries(opencl, stokes, kind, place, 4, cosine, sine),
-        sums.upload_azimuths(opencl, azimuths.angle, azimuths.sign, cosine.shape[1]),
-        opencl.upload(np.zeros(1, np.int32)),
-        opencl.upload(rows),
-        opencl.upload(np.array([0.5, 2.0])),
-        opencl.upload(factors),
+        either_form,
+        sums.Kernels(either_form.upload(stack), (columns * 24, 0, 4 * 24, 24, 4, 1)),
+        either_form.upload(np.array([[0, 0, 5, 0], [1, 5, 3, 0]], np.int32)),
+        sums.upload_entries(either_form, stokes, kind, place, 4, cosine, sine),
+        sums.upload_azimuths(either_form, azimuths.angle, azimuths.sign, cosine.shape[1]),
+        either_form.upload(np.zeros(1, np.int32)),
+        either_form.upload(rows),
+        either_form.upload(np.array([0.5, 2.0])),
+        either_form.upload(factors),
         (0, 2),
         sums.Table(buffer, shape, 2, first, size),
     )
-    values = opencl.download(buffer)
+    values = either_form.download(buffer)
     np.testing.assert_array_equal(np.delete(values, np.s_[first : first + 2 * size]), 1.0)
     for scene, count in enumerate(n_order):
         expected = np.ones(shape)
@@ -143,18 +143,18 @@ MIXED = np.array([[1.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.4], [0.0, 1.0, 0.0, 0
 
 @pytest.mark.parametrize("terms", [1, 2, 3, 27])
 @pytest.mark.parametrize(("columns", "place"), [(np.eye(4), (0, 1, 2, 3)), (MIXED, (0, 0, 1)), (MIXED[1:2], (0,))])
-def test_single_scattering(opencl: Any, terms: int, columns: np.ndarray, place: Sequence[int]) -> None:
+def test_single_scattering(either_form: Any, terms: int, columns: np.ndarray, place: Sequence[int]) -> None:
     """Straight on and straight back included, where a plane has to be chosen."""
     arguments = scattering_arguments(SPHERE[:terms], columns, place)
     tables = [np.ones((2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, max(place) + 1)) for _ in range(2)]
     for first, last in ((0, 1), (1, MU0.size)):
         _core.add_single_scattering(a_crew(2), **arguments, first=first, last=last, out=tables[0])
-        sums.add_single_scattering(opencl, a_crew(2), **arguments, first=first, last=last, out=tables[1])
+        sums.add_single_scattering(either_form, a_crew(2), **arguments, first=first, last=last, out=tables[1])
     np.testing.assert_allclose(tables[1], tables[0], rtol=0, atol=1e-14 * np.abs(SPHERE[:terms]).sum())
     np.testing.assert_array_equal(tables[1][:, 0, 1], 1.0)
 
 
-def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
+def test_scatterers_of_many_scenes_are_added_at_once(either_form: Any) -> None:
     """None, two and one in a scene, with other numbers of terms."""
     rng = np.random.default_rng(4)
     tables = [_core.series_table(SPHERE[:terms]) for terms in (27, 3, 10)]
@@ -164,13 +164,13 @@ def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     cosine, sine, angle, sign, columns, kind, place = (arguments[name] for name in names)
     shape = (2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, 4)
     size = int(np.prod(shape))
-    result = opencl.zeros((3 * size + 4,))
+    result = either_form.zeros((3 * size + 4,))
     pairs = list(zip(tables, paths, strict=True))
     sums.add_scattering(
-        opencl,
-        sums.upload_scatterers(opencl, [[], pairs[:2], pairs[2:]]),
-        sums.upload_directions(opencl, MU0, MU, cosine, sine, columns, kind, place),
-        sums.upload_azimuths(opencl, angle, sign, cosine.size),
+        either_form,
+        sums.upload_scatterers(either_form, [[], pairs[:2], pairs[2:]]),
+        sums.upload_directions(either_form, MU0, MU, cosine, sine, columns, kind, place),
+        sums.upload_azimuths(either_form, angle, sign, cosine.size),
         (0, MU0.size),
         sums.Table(result, shape, 3, 4, size),
     )
@@ -178,15 +178,17 @@ def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
         given = {**arguments, "table": table, "path": path}
         _core.add_single_scattering(a_crew(1), **given, first=0, last=MU0.size, out=expected[scene])
-    found = opencl.download(result)[4:].reshape(3, *shape)
+    found = either_form.download(result)[4:].reshape(3, *shape)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
 
 
-def test_what_cannot_be_scattered_is_refused(opencl: Any) -> None:
+def test_what_cannot_be_scattered_is_refused(either_form: Any) -> None:
     arguments = scattering_arguments(SPHERE, np.tile(np.eye(4), (5, 1)), [0] * 20)
     with pytest.raises(ValueError, match="at most 16 columns"):
-        sums.add_single_scattering(opencl, a_crew(1), **arguments, first=0, last=1, out=np.zeros((2, 3, 7, 1, 4, 1)))
+        sums.add_single_scattering(
+            either_form, a_crew(1), **arguments, first=0, last=1, out=np.zeros((2, 3, 7, 1, 4, 1))
+        )
     arguments = scattering_arguments(SPHERE, np.eye(4), range(4))
     arguments["table"] = arguments["table"][:-1]
     with pytest.raises(ValueError, match="series_table"):
-        sums.add_single_scattering(opencl, a_crew(1), **arguments, first=0, last=1, out=np.zeros(1))
+        sums.add_single_scattering(either_form, a_crew(1), **arguments, first=0, last=1, out=np.zeros(1))

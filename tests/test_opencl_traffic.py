@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.cl.session import Traffic
+from vrte.cl.session import Session, Traffic
+from vrte.discrete_ordinates.execution.engines import device_sums
 from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.studies.cases import find_scene
 
@@ -41,3 +42,38 @@ def test_a_result_tells_what_went_to_and_from_the_device(either_form: Any, monke
     assert found.launches > 0
     assert found.reads > 0
     assert found.bytes_down >= 8 * 2 * 2 * 37 * 16
+
+
+def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
+    either_form: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the same Fourier orders; each result is that of its scene alone to the last bit, in chunks as well."""
+    monkeypatch.setattr(engine, "open_session", lambda: either_form)
+    launched: list[str] = []
+    launch = Session.launch
+
+    def noted(session: Session, name: str, *arguments: Any, **named: Any) -> None:
+        launched.append(name)
+        launch(session, name, *arguments, **named)
+
+    monkeypatch.setattr(Session, "launch", noted)
+    mu, phi = np.array([0.3, 0.9]), np.array([0.0, 50.0, 310.0])
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, np.inf)]) for albedo in (0.9, 0.5, 0.7)]
+
+    def solve(scenes: list[vrte.Scene]) -> tuple[list[np.ndarray], int]:
+        launched.clear()
+        found = vrte.brdfs(scenes, mu, mu, phi, nodes=4, backend="opencl", algorithm="invariance")
+        return [one.mueller for one in found], sum(
+            name.startswith(("add_orders", "add_scattering")) for name in launched
+        )
+
+    together, few = solve(scenes)
+    alone = [solve([scene]) for scene in scenes]
+    assert few == max(launches for _, launches in alone)
+    with monkeypatch.context() as patch:
+        patch.setattr(device_sums, "TOGETHER", 1.0)
+        in_chunks, many = solve(scenes)
+    assert many == sum(launches for _, launches in alone)
+    for whole, chunk, (one, _) in zip(together, in_chunks, alone, strict=True):
+        np.testing.assert_array_equal(whole, one[0])
+        np.testing.assert_array_equal(chunk, one[0])

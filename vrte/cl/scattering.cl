@@ -60,6 +60,17 @@ void find_turns(real mu0, real mu, real4 cos_phi, real4 sin_phi, real4* turns)
     turns[3] = 2.0 * c * s / length;
 }
 
+// f of `sum_series` and turns of `find_turns` at four azimuths.
+void see_angles(int terms, __global const real* table, real mu0, real mu, real4 cos_phi, real4 sin_phi, real4* f,
+                real4* turns)
+{
+    real4 x = sqrt((1.0 - mu) * (1.0 + mu)) * sqrt((1.0 - mu0) * (1.0 + mu0)) * cos_phi - mu * mu0;
+    x = x > 1.0 ? (real4)(1.0) : x;
+    x = x < -1.0 ? (real4)(-1.0) : x;
+    sum_series(terms, table, x, f);
+    find_turns(mu0, mu, cos_phi, sin_phi, turns);
+}
+
 // z (Stokes): the phase matrix times one column, (g, h) within (I, Q), kind 0, or (U, V), kind 1.
 void scatter_column(int kind, real g, real h, const real4* f, const real4* turns, real4* z)
 {
@@ -105,9 +116,11 @@ void see_columns(const real4* f, const real4* turns, int n_col, __global const r
 // public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V),
 // place (n_col,) in the result's last axis; the others as `add_orders`, a tile being four angles.
 // Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_here.
+#define SCATTERED INTS first_table, IN tables, long table_stride, INTS terms, IN path, IN mu0, IN mu, IN cos_phi, \
+    IN sin_phi, int n_col, IN columns, INTS kind, INTS place
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_scattering(INTS first_table, IN tables, long table_stride, INTS terms, IN path, IN mu0, IN mu,
-                             IN cos_phi, IN sin_phi, int n_col, IN columns, INTS kind, INTS place, WHERE_OUT)
+__kernel void add_scattering(SCATTERED, EACH, WHERE_OUT)
 {
     const int i = first_in + get_global_id(2) % n_here, last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + 3) / 4, (int)(get_global_id(1) + 1) * tiles_each);
@@ -122,13 +135,10 @@ __kernel void add_scattering(INTS first_table, IN tables, long table_stride, INT
                 lit |= now[t * pairs] != 0.0;
             if (!lit)
                 continue;
-            const real sines = sqrt((1.0 - mu[j]) * (1.0 + mu[j])) * sqrt((1.0 - mu0[i]) * (1.0 + mu0[i]));
             for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                real4 f[6], turns[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
-                x = x > 1.0 ? (real4)(1.0) : x;
-                x = x < -1.0 ? (real4)(-1.0) : x;
-                sum_series(terms[table], tables + table * table_stride, x, f);
-                find_turns(mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), turns);
+                real4 f[6], turns[4];
+                see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, tile),
+                           AT(sin_phi, tile), f, turns);
                 see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
                 for (int t = 0; t < n_level; t++)
                     for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
@@ -140,4 +150,50 @@ __kernel void add_scattering(INTS first_table, IN tables, long table_stride, INT
                         }
             }
         }
+}
+
+// As a GPU wants it: a work-item has four angles of a pair of directions, and the columns of one place in the result at a
+// time. Global size: n_mu times tiles of four angles, rounded up, n_here, scenes.
+__kernel void add_scattering_gpu(SCATTERED, WHERE_OUT)
+{
+    const int tiles = (n_angle + 3) / 4, j = get_global_id(0) / tiles, tile = get_global_id(0) % tiles;
+    const int i = first_in + get_global_id(1);
+    const long scene = get_global_id(2), pairs = (long)n_in * n_mu;
+    if (j >= n_mu)
+        return;
+    out += out_first + scene * out_stride;
+    for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
+        __global const real* now = path + table * n_level * pairs + (long)i * n_mu + j;
+        int lit = 0;
+        for (int t = 0; t < n_level; t++)
+            lit |= now[t * pairs] != 0.0;
+        if (!lit)
+            continue;
+        real4 f[6], turns[4];
+        see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), f,
+                   turns);
+        for (int k = 0; k < n_place; k++) {
+            real4 seen[4], beyond[4];      // Stokes; at the four angles and at their mirror images
+            for (int s = 0; s < 4; s++)
+                seen[s] = beyond[s] = (real4)(0.0);
+            for (int c = 0; c < n_col; c++)
+                if (place[c] == k) {
+                    __global const real* pair = columns + 4 * c + 2 * kind[c];
+                    real4 z[4];
+                    scatter_column(kind[c], pair[0], pair[1], f, turns, z);
+                    for (int s = 0; s < 4; s++) {
+                        seen[s] += z[s];
+                        beyond[s] += (s >= 2) == (kind[c] == 1) ? z[s] : -z[s];
+                    }
+                }
+            for (int t = 0; t < n_level; t++)
+                for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
+                    for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
+                        const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
+                        for (int s = 0; s < 4; s++)
+                            out[(row * 4 + s) * n_place + k] +=
+                                now[t * pairs] * ((const real*)(mirror[use] < 0.0 ? beyond + s : seen + s))[a];
+                    }
+        }
+    }
 }

@@ -10,8 +10,10 @@
 
 // How the directions of a result share the work, and where the result's rows lie.
 #define WHERE_OUT INTS first_use, INTS azimuth, IN mirror, int n_angle, int n_phi, int n_place, int n_level, \
-    int n_in, int n_mu, int first_in, int n_here, int mu_each, int tiles_each, OUT out, long out_first, \
-    long out_stride
+    int n_in, int n_mu, int first_in, int n_here, OUT out, long out_first, long out_stride
+
+// How many directions and tiles of angles a work-item does on a CPU.
+#define EACH int mu_each, int tiles_each
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
 void sum_orders(int n_order, __global const real* from0, __global const real* from1, __global const real* from2,
@@ -46,26 +48,28 @@ void sum_group(__global const real* row, long column_stride, long stokes_stride,
 }
 
 // Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_place) of the result.
-// kernels: (scene, order, n_tau, n_in, n_col, n_out, S) by strides, n_order (scene,) of them; entry (group, 10): column
-// of each of the four, Stokes component of each, which of the waves, where in a row (in fours); sense (group, 4): 1 or
-// -1, 0 for none; waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times the distinct
-// angles; mirrored (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin
+// kernels: (item, n_tau, n_in, n_col, n_out, S) by strides, an item being an order of a scene; shares (share, 4): which
+// scene's table it goes to, its first item, how many of them, and which row of the waves is the first one's; entry
+// (group, 10): column of each of the four, Stokes component of each, which of the waves, where in a row (in fours); sense
+// (group, 4): 1 or -1, 0 for none; waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times
+// the distinct angles; mirrored (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin
 // that are an angle or its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in core/sums.pxi; factors
 // (n_out, S): of a row of the kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
-// Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_level times n_here.
+#define ORDERS IN kernels, long first, long order_stride, long level_stride, long in_stride, long column_stride, \
+    long row_stride, long stokes_stride, INTS shares, int n_group, INTS entry, IN sense, IN waves, int wave_rows, \
+    int wave_ld, IN mirrored, INTS levels, INTS rows, IN scale, IN factors, int n_stokes
+
+// Global size: n_mu / mu_each, tiles of angles / tiles_each, shares times n_level times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_orders(IN kernels, long first, long scene_stride, long order_stride, long level_stride,
-                         long in_stride, long column_stride, long row_stride, long stokes_stride, INTS n_order,
-                         int n_group, INTS entry, IN sense, IN waves, int wave_rows, int wave_ld, IN mirrored,
-                         INTS levels, INTS rows, IN scale, IN factors, int n_stokes, WHERE_OUT)
+__kernel void add_orders(ORDERS, EACH, WHERE_OUT)
 {
     const int i = first_in + get_global_id(2) % n_here, level = get_global_id(2) / n_here % n_level;
-    const long scene = get_global_id(2) / ((long)n_here * n_level);
+    __global const int* share = shares + 4 * (get_global_id(2) / ((long)n_here * n_level));
     const int last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + TILE_ANGLES - 1) / TILE_ANGLES, (int)(get_global_id(1) + 1) * tiles_each);
     real4 sums[BATCH * TILE_ANGLES];
-    kernels += first + scene * scene_stride + levels[level] * level_stride + i * in_stride;
-    out += out_first + scene * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
+    kernels += first + share[1] * order_stride + levels[level] * level_stride + i * in_stride;
+    out += out_first + share[0] * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
     for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
         for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++)
             for (int begin = 0; begin < n_group; begin += BATCH) {
@@ -73,9 +77,9 @@ __kernel void add_orders(IN kernels, long first, long scene_stride, long order_s
                 const int angle = tile * TILE_ANGLES, count = min(BATCH, n_group - begin);
                 for (int g = 0; g < count; g++)
                     sum_group(kernels + rows[j] * row_stride, column_stride, stokes_stride, order_stride,
-                              n_order[scene], now + 10 * g, scale[i] * AT(sense, begin + g),
+                              share[2], now + 10 * g, scale[i] * AT(sense, begin + g),
                               factors + (long)rows[j] * n_stokes,
-                              waves + (long)now[10 * g + 8] * wave_rows * wave_ld + 4 * angle, wave_ld,
+                              waves + ((long)now[10 * g + 8] * wave_rows + share[3]) * wave_ld + 4 * angle, wave_ld,
                               sums + g * TILE_ANGLES);
                 for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
                     for (int use = first_use[a]; use < first_use[a + 1]; use++) {
@@ -87,4 +91,38 @@ __kernel void add_orders(IN kernels, long first, long scene_stride, long order_s
                         }
                     }
             }
+}
+
+// As a GPU wants it: a work-item has one distinct angle of a pair of directions, and one sum at a time; its neighbours
+// have the next angles. Global size: n_mu times n_angle, rounded up, n_level times n_here, shares.
+__kernel void add_orders_gpu(ORDERS, WHERE_OUT)
+{
+    const int j = get_global_id(0) / n_angle, angle = get_global_id(0) % n_angle;
+    const int i = first_in + get_global_id(1) % n_here, level = get_global_id(1) / n_here;
+    __global const int* share = shares + 4 * get_global_id(2);
+    if (j >= n_mu)
+        return;
+    kernels += first + share[1] * order_stride + levels[level] * level_stride + i * in_stride + rows[j] * row_stride;
+    out += out_first + share[0] * out_stride + (((long)level * n_in + i) * n_mu + j) * n_phi * 4 * n_place;
+    factors += (long)rows[j] * n_stokes;
+    for (int g = 0; g < n_group; g++) {
+        __global const int* now = entry + 10 * g;
+        __global const int* component = now + 4;
+        __global const real* wave = waves + ((long)now[8] * wave_rows + share[3]) * wave_ld + 4 * angle;
+        const real4 weight = scale[i] * AT(sense, g) *
+            (real4)(factors[component[0]], factors[component[1]], factors[component[2]], factors[component[3]]);
+        long from[4];
+        for (int k = 0; k < 4; k++)
+            from[k] = now[k] * column_stride + component[k] * stokes_stride;
+        real4 sum = (real4)(0.0);
+        for (int m = 0; m < share[2]; m++) {
+            __global const real* of = kernels + m * order_stride;
+            const real4 value = weight * (real4)(of[from[0]], of[from[1]], of[from[2]], of[from[3]]);
+            sum = value * AT(wave, 0) + sum;
+            wave += wave_ld;
+        }
+        for (int use = first_use[angle]; use < first_use[angle + 1]; use++)
+            *(__global loose4*)(out + ((long)azimuth[use] * n_place + now[9]) * 4) +=
+                mirror[use] < 0.0 ? AT(mirrored, now[8]) * sum : sum;
+    }
 }

@@ -15,7 +15,7 @@ from vrte.cl.stages import stand_in_for
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
 PIECES = 64  # of a launch on a processor, so that its cores end together
-WIDE = 1 << 16  # pieces that a graphics device wants
+LANES = 64  # work-items of a work-group on a GPU
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Table:
     scene takes ``stride`` doubles."""
 
     data: Any
-    shape: tuple[int, int, int, int, int, int]
+    shape: tuple[int, ...]
     scenes: int = 1
     first: int = 0
     stride: int = 0
@@ -57,11 +57,11 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Kernels(Placed):
-    """Light of Fourier orders on a device: (scene, order, n_tau, n_in, n_col, n_out, S), ``strides`` doubles apart from
-    double ``first`` of ``data`` on."""
+    """Light of Fourier orders on a device: (item, n_tau, n_in, n_col, n_out, S), ``strides`` doubles apart from double
+    ``first`` of ``data`` on; an item is an order of a scene."""
 
     data: Any
-    strides: tuple[int, int, int, int, int, int, int]
+    strides: tuple[int, ...]
     first: int = 0
 
     @property
@@ -71,10 +71,9 @@ class Kernels(Placed):
 
 
 def make_dense_kernels(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
-    """Kernels of one scene (order, n_tau, n_in, n_col, n_out, S), or of some (scene, order, ...)."""
+    """Kernels (item, n_tau, n_in, n_col, n_out, S) without gaps."""
     strides = np.cumprod([1, *shape[:0:-1]])[::-1]
-    full = [0] * (7 - len(shape)) + strides.tolist()
-    return Kernels(data, tuple(full), first)
+    return Kernels(data, tuple(strides.tolist()), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,30 +121,32 @@ def launch_into(
     session: Session,
     name: str,
     tile: int,
-    others: int,
+    across: tuple[int, int],
     azimuths: Azimuths,
     incident: tuple[int, int],
     table: Table,
     *arguments: Any,
 ) -> None:
-    """A kernel over outgoing directions, tiles of so many distinct angles, and ``others``; what it adds to comes behind
-    its arguments. Pieces are large on a processor, where each costs time; a graphics device wants many."""
+    """A kernel over outgoing directions, tiles of so many distinct angles, and what lies ``across``, levels and
+    incident directions, then scenes; what it adds to comes behind its arguments. A work-item on a processor does some
+    directions and all tiles, because each costs time; on a GPU one of each."""
     n_level, n_in, n_mu, _, _, n_place = table.shape
+    sizes = n_place, n_level, n_in, n_mu, incident[0], incident[1] - incident[0]
+    into = *sizes, table.data, table.first, table.stride
     tiles = -(-(int(azimuths.first_use.size) - 1) // tile)
-    if session.on_host:
-        mu_each, tiles_each = n_mu * others // PIECES, tiles
-    else:
-        mu_each, tiles_each = n_mu * tiles * others // WIDE, 1
-    mu_each = max(1, min(n_mu, mu_each))
-    sizes = n_place, n_level, n_in, n_mu, incident[0], incident[1] - incident[0], mu_each, tiles_each
-    size = -(-n_mu // mu_each), -(-tiles // tiles_each), others
-    session.launch(name, size, *arguments, azimuths, *sizes, table.data, table.first, table.stride)
+    if session.form == "gpu":
+        number = -(-n_mu * tiles // LANES) * LANES
+        session.launch(name + "_gpu", (number, *across), *arguments, azimuths, *into, group=(LANES, 1, 1))
+        return
+    others = across[0] * across[1]
+    mu_each = max(1, min(n_mu, n_mu * others // PIECES))
+    session.launch(name, (-(-n_mu // mu_each), 1, others), *arguments, mu_each, tiles, azimuths, *into)
 
 
 def add_orders(
     session: Session,
     kernels: Kernels,
-    n_order: Any,
+    shares: Any,
     entries: Entries,
     azimuths: Azimuths,
     levels: Any,
@@ -157,15 +158,17 @@ def add_orders(
 ) -> None:
     """Adds the sum over orders of kernels times cos or sin(m phi) to a table, of all scenes in one launch.
 
-    Device arrays: n_order (scene,): how many of the orders a scene has; levels (n_level,), rows (n_mu,): what of the
-    kernels' n_tau and n_out is wanted; scale (n_in,): factor of each incident direction; factors (n_out, S): of each
-    outgoing one and Stokes component. ``incident``: the first direction and the one behind the last.
+    Device arrays: shares (share, 4) of int32: which scene's table, the first of the kernels' items, how many of them,
+    which row of the waves is the first one's; levels (n_level,), rows (n_mu,): what of the kernels' n_tau and n_out is
+    wanted; scale (n_in,): factor of each incident direction; factors (n_out, S): of each outgoing one and Stokes
+    component. ``incident``: the first direction and the one behind the last. No scene may have two shares.
     """
     _, n_order_most, n_angle_padded, _ = entries.waves.shape
     groups = entries.where.shape[0], entries.where, entries.sense, entries.waves, n_order_most, 4 * n_angle_padded
-    arguments = kernels, n_order, *groups, entries.mirrored, levels, rows, scale, factors, factors.shape[1]
-    others = table.scenes * table.shape[0] * (incident[1] - incident[0])
-    launch_into(session, "add_orders", TILE_OF_ORDERS, others, azimuths, incident, table, *arguments)
+    arguments = kernels, shares, *groups, entries.mirrored, levels, rows, scale, factors, factors.shape[1]
+    tile = 1 if session.form == "gpu" else TILE_OF_ORDERS
+    across = table.shape[0] * (incident[1] - incident[0]), shares.shape[0]
+    launch_into(session, "add_orders", tile, across, azimuths, incident, table, *arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +235,8 @@ def add_scattering(
     tables = scatterers.first, scatterers.tables, most_terms * numbers, scatterers.terms, scatterers.path
     beams = directions.mu0, directions.mu, directions.cosine, directions.sine, directions.kind.size
     arguments = *tables, *beams, directions.columns, directions.kind, directions.place
-    others = table.scenes * (incident[1] - incident[0])
-    launch_into(session, "add_scattering", TILE_OF_SCATTERING, others, azimuths, incident, table, *arguments)
+    across = incident[1] - incident[0], table.scenes
+    launch_into(session, "add_scattering", TILE_OF_SCATTERING, across, azimuths, incident, table, *arguments)
 
 
 @stand_in_for(_core.azimuthal_sum)
@@ -248,7 +251,7 @@ def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
         add_orders(
             session,
             make_dense_kernels(light, kernels.shape),
-            upload(np.array([kernels.shape[0]], np.int32)),
+            upload(np.array([[0, 0, kernels.shape[0], 0]], np.int32)),
             upload_entries(session, *kinds, out.shape[5], given.cosine, given.sine),
             upload_azimuths(session, given.angle, given.sign, n_angle),
             upload(given.levels),

@@ -12,7 +12,7 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
-from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, fill_parts
+from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, fill_results
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux, find_spread_directions
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
@@ -125,7 +125,12 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
                 solve_group(engine, tasks, group, run, steps.ahead)
                 steps.reach(steps.done + sum(piece.orders.size for piece in group))
             steps.reach(before + sum(task.steps for task in tasks))
-        return [finish_task(task, engine, run, steps, start) for task in tasks]
+        targets = [make_target(plan) for plan in plans]
+        lit = [(target, task.lights) for target, task in zip(targets, tasks, strict=True)]
+        parts = fill_results(lit, engine, run, steps.ahead)
+        steps.reach(before + sum(count_steps(plan, engine) for plan in plans))
+        finished = zip(tasks, targets, parts, strict=True)
+        return [finish_task(*each, engine, run, start) for each in finished]
 
 
 def make_task(plan: Plan) -> Task:
@@ -187,11 +192,9 @@ def advise_user(problem: Problem) -> str:
     return "" if resolved else f"; {problem.nodes.size} nodes do not resolve the phase matrix, use more"
 
 
-def finish_task(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -> Solution:
+def finish_task(task: Task, target: Target, parts: list[Array], engine: Engine, run: Run, start: float) -> Solution:
     """All light of a plan added up, and how it was found."""
-    plan, target = task.plan, make_target(task.plan)
-    parts = fill_parts(target, task.lights, engine, run, steps.ahead)
-    steps.done += count_steps(plan, engine) - task.steps
+    plan = task.plan
     task.flux += find_peak_flux(plan.problem, plan.request.tau)
     diagnostics = {
         **plan.diagnostics(),

@@ -4,7 +4,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -78,66 +77,90 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """The incident directions first .. last - 1 of a part; ``room``: where an engine adds them up, if not in place."""
+    """The incident directions first .. last - 1 of a part."""
 
     part: Part
     first: int
     last: int
-    room: Any = None
 
 
 Adder = Callable[[Share], None]
 
 
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """A result on its way: what is to be added up into its parts, zeros at first; ``in_closed_form``: whether single
+    scattering is added so, in all layers, but where small angles are separated."""
+
+    target: Target
+    lights: Sequence[Light]
+    parts: list[Part]
+    in_closed_form: bool
+
+
 class Adding(Protocol):
-    """What an engine does of the sums: it adds to a share of the result that it has opened."""
+    """What an engine does of the sums."""
 
     @property
     def piece_bytes(self) -> float:
         """Of a result that is added up at a time."""
 
-    def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
-        """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
-
-    def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
-        """What adds single scattering in all layers to a share, but where small angles are separated."""
-
-    def opened(self, share: Share, run: Run) -> AbstractContextManager[Share]:
-        """The share as the engine adds to it; at the end the result has it."""
+    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+        """Adds the sums over Fourier orders, (1:6)-(1:8), and single scattering to all parts of all results; told(k)
+        is called when k pieces of them are done."""
 
 
 def fill_parts(
     target: Target, lights: Sequence[Light], engine: Adding, run: Run, told: Callable[[int], None] = lambda done: None
 ) -> list[Array]:
-    """The radiance of every part that is wanted, (n_level, n_in, n_mu, n_phi, 4, n_place), piece by piece in place.
+    """The radiance of every part that is wanted, (n_level, n_in, n_mu, n_phi, 4, n_place): see `fill_results`."""
+    (parts,) = fill_results([(target, lights)], engine, run, told)
+    return parts
+
+
+def fill_results(
+    lit: Sequence[tuple[Target, Sequence[Light]]],
+    engine: Adding,
+    run: Run,
+    told: Callable[[int], None] = lambda done: None,
+) -> list[list[Array]]:
+    """The radiance of every part of many results, (n_level, n_in, n_mu, n_phi, 4, n_place) each.
 
     An engine adds up Fourier orders and single scattering; light of small angles and the beam that the base reflects
-    come from the processor. told(k) is called when k pieces are done.
+    come from the processor. told(k) is called when the engine is done with k pieces.
     """
-    parts, problem = make_parts(target), target.problem
-    if sum(part.values.nbytes for part in parts) < cost.WORTH_THREADS_SUMS:
-        run = change_fields(run, threads=1)
-    in_closed_form = problem.leave_out.single or problem.media is not None
-    if not in_closed_form:
-        lights = [*lights, find_single_scattering(target, run)]
-    by_engine = [engine.prepare_orders(target, lights, run)]
-    by_processor = [prepare_base(target, run)] if problem.media is None else [prepare_vertices(target, run)]
-    if problem.media is None and in_closed_form:
-        by_engine.append(engine.prepare_scattering(target, parts, run))
-        if target.spreads.any():
-            by_processor.insert(0, prepare_spreading(target, run))
-    for k, (first, last) in enumerate(
-        split_into_pieces(target.wanted, target.azimuths.phi.size, engine.piece_bytes), 1
-    ):
-        for part in parts:
-            share = Share(part, first, last)
-            with engine.opened(share, run) as open_share:
-                for add in by_engine:
-                    add(open_share)
-            for add in by_processor:
-                add(share)
-        told(k)
-    return [part.values for part in parts]
+    sums = [prepare_sum(target, lights, run) for target, lights in lit]
+    engine.add_up(sums, run, told)
+    for result in sums:
+        adders, n_phi = prepare_rest(result, choose_sum_threads(result, run)), result.target.azimuths.phi.size
+        for first, last in split_into_pieces(result.target.wanted, n_phi, engine.piece_bytes):
+            for part in result.parts:
+                for add in adders:
+                    add(Share(part, first, last))
+    return [[part.values for part in result.parts] for result in sums]
+
+
+def prepare_sum(target: Target, lights: Sequence[Light], run: Run) -> Sum:
+    """What an engine is to add up; single scattering by orders, where its closed form is not to be used."""
+    leave_out, through_interfaces = target.problem.leave_out, target.problem.media is not None
+    by_orders = not (leave_out.single or through_interfaces)
+    more = [find_single_scattering(target, run)] if by_orders else []
+    return Sum(target, [*lights, *more], make_parts(target), not (by_orders or through_interfaces))
+
+
+def choose_sum_threads(result: Sum, run: Run) -> Run:
+    """The run, on one thread where starting another would take longer than the sums."""
+    small = sum(part.values.nbytes for part in result.parts) < cost.WORTH_THREADS_SUMS
+    return change_fields(run, threads=1) if small else run
+
+
+def prepare_rest(result: Sum, run: Run) -> list[Adder]:
+    """What the processor adds to a result beside an engine."""
+    target = result.target
+    if target.problem.media is not None:
+        return [prepare_vertices(target, run)]
+    spread = result.in_closed_form and bool(target.spreads.any())
+    return [*([prepare_spreading(target, run)] if spread else []), prepare_base(target, run)]
 
 
 def make_parts(target: Target) -> list[Part]:

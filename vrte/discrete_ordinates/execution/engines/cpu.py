@@ -1,7 +1,7 @@
 """The processor: one block of orders after another by the compiled core, or by other stages on the same arrays."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -21,8 +21,11 @@ from vrte.discrete_ordinates.execution.sums import (
     Light,
     Part,
     Share,
+    Sum,
     Target,
+    choose_sum_threads,
     prepare_closed_form,
+    split_into_pieces,
     weigh_scatterers,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -127,10 +130,20 @@ class Processor:
 
         return add
 
-    @contextmanager
-    def opened(self, share: Share, run: Run) -> Iterator[Share]:
-        """The share itself: it is added to in place."""
-        yield share
+    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+        """Result after result, piece by piece in place."""
+        done = 0
+        for result in sums:
+            target, of = result.target, choose_sum_threads(result, run)
+            adders = [self.prepare_orders(target, result.lights, of)]
+            if result.in_closed_form:
+                adders.append(self.prepare_scattering(target, result.parts, of))
+            for first, last in split_into_pieces(target.wanted, target.azimuths.phi.size, self.piece_bytes):
+                for part in result.parts:
+                    for add in adders:
+                        add(Share(part, first, last))
+                done += 1
+                told(done)
 
 
 PROCESSOR = Processor()

@@ -26,16 +26,15 @@ from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.precision import choose_precision
 from vrte.cl.session import Session, Traffic
-from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.execution.engines.device_sums import add_up
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
-from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, weigh_scatterers
+from vrte.discrete_ordinates.execution.sums import Light, Sum
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.doubling import find_asymmetry
 from vrte.discrete_ordinates.orders.invariance import find_flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, find_allowed_residuals
 from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
-from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin
 from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan
 
@@ -210,92 +209,15 @@ class Device:
         told = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
         return told | {"traffic": asdict(self.session.traffic.since(self.before))}
 
-    def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
-        """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
-
-        def add(share: Share) -> None:
-            with run.booked("fourier sum", self.session.finish):
-                for light in lights:
-                    add_light(self.session, target, light, replace(share, room=share.room[0]))
-
-        return add
-
-    def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
-        """What adds single scattering in all layers to a share, but where small angles are separated; always in
-        doubles: on the processor where the device has none."""
-        opened = self.in_doubles
-        if opened is None:
-            return PROCESSOR.prepare_scattering(target, parts, run)
-        problem, wanted = target.problem, target.wanted
-        columns: Any = problem.columns, target.kind, wanted.place
-
-        def add(share: Share) -> None:
-            part, (first, last) = share.part, (share.first, share.last)
-            with run.booked("single scattering", opened.finish):
-                pairs = [(series, path[:, first:last]) for series, path in weigh_scatterers(target, part)]
-                if pairs:
-                    seen = problem.mu0[first:last], part.mu, *compute_cos_sin(target.azimuths.distinct), *columns
-                    directions = sums.upload_directions(opened, *seen)
-                    uploaded = sums.upload_scatterers(opened, [pairs])
-                    where = upload_azimuths(opened, target)
-                    sums.add_scattering(opened, uploaded, directions, where, (0, last - first), share.room[-1])
-
-        return add
-
-    @contextmanager
-    def opened(self, share: Share, run: Run) -> Iterator[Share]:
-        """Zeros on the device, added to the result at the end: a table of the orders' light, and where that is in
-        floats one in doubles for single scattering."""
-        n_level, _, *rest = share.part.values.shape
-        shape = (n_level, share.last - share.first, *rest)
-        sessions = dict.fromkeys(one for one in (self.session, self.in_doubles) if one is not None)
-        rooms = [one.zeros(shape) for one in sessions]
-        yield replace(share, room=[sums.Table(room.data, shape) for room in rooms])
-        with run.booked("from the device"):
-            for room in rooms:
-                share.part.values[:, share.first : share.last] += self.session.download(room)
+    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+        """Results that are alike together, in pieces that the device has room for; single scattering always in
+        doubles."""
+        add_up(self.session, self.in_doubles, sums, run, told, self.piece_bytes)
 
 
 def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
     """The device that is chosen, opened when it is used; ``asked``: the precision, for an ``accuracy``."""
     return Device(asked, accuracy)
-
-
-def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
-    """Those of a result."""
-    azimuths: Any = target.azimuths
-    return sums.upload_azimuths(opened, azimuths.angle, azimuths.sign, azimuths.distinct.size)
-
-
-def add_light(opened: Session, target: Target, light: Light, share: Share) -> None:
-    """Some orders, added into a share's room."""
-    wanted, azimuths, part, first, last = target.wanted, target.azimuths, share.part, share.first, share.last
-    kind: Any = target.kind[light.columns]
-    stokes: Any = light.stokes
-    place: Any = wanted.place[light.columns]
-    n_place, upload = part.values.shape[5], opened.constant
-
-    def make() -> Any:
-        return sums.upload_entries(opened, stokes, kind, place, n_place, *azimuths.cos_sin(light.orders))
-
-    tables = light.orders, stokes, kind, place, azimuths.distinct
-    entries = opened.remembered(("entries", n_place, *(table.tobytes() for table in tables)), make)
-    held = light.kernels
-    _, per_order, per_level, per_beam, *_ = held.strides
-    levels = part.levels if per_order > per_level else np.zeros_like(part.levels)  # light of the top alone has one
-    sums.add_orders(
-        opened,
-        sums.Kernels(held.data, held.strides, held.first + first * per_beam),
-        upload(np.array([light.orders.size], np.int32)),
-        entries,
-        upload_azimuths(opened, target),
-        upload(levels),
-        upload(part.rows),
-        upload(np.ascontiguousarray(wanted.scale[first:last])),
-        upload(light.factors),
-        (0, last - first),
-        share.room,
-    )
 
 
 def make_group_key(piece: Piece) -> tuple[Any, ...]:
