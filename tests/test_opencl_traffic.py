@@ -31,7 +31,7 @@ def count_traffic(
     session: Any, monkeypatch: pytest.MonkeyPatch, scene: vrte.Scene, algorithm: str, nodes: int, n_mu: int
 ) -> Traffic:
     """Of one BRDF, as its diagnostics tell it."""
-    monkeypatch.setattr(engine, "open_session", lambda: session)
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": session.in_precision(precision))
     mu = np.linspace(0.05, 1.0, n_mu)
     made = vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), nodes=nodes, backend="opencl", algorithm=algorithm)
     return Traffic(**made.diagnostics["traffic"])
@@ -48,7 +48,7 @@ def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
     either_form: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the same Fourier orders; each result is that of its scene alone to the last bit, in chunks as well."""
-    monkeypatch.setattr(engine, "open_session", lambda: either_form)
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": either_form.in_precision(precision))
     launched: list[str] = []
     launch = Session.launch
 

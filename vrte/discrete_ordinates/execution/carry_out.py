@@ -128,7 +128,7 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
         targets = [make_target(plan) for plan in plans]
         lit = [(target, task.lights) for target, task in zip(targets, tasks, strict=True)]
         parts = fill_results(lit, engine, run, steps.ahead)
-        steps.reach(before + sum(count_steps(plan, engine) for plan in plans))
+        steps.done = before + sum(count_steps(plan, engine) for plan in plans)
         finished = zip(tasks, targets, parts, strict=True)
         return [finish_task(*each, engine, run, start) for each in finished]
 
