@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,9 @@ from vrte.cl import device
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.matrices import download_stack, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import FORMS, WORK_GROUP, Session, Traffic, open_session
-from vrte.discrete_ordinates.execution.carry_out import carry_out
-from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
+from vrte.methods.discrete_ordinates import solve_plans
 from vrte.optics.phase_matrix import henyey_greenstein, rayleigh
 from vrte.optics.spheres import spheres
 from vrte.request.request import make_brdf_request
@@ -42,6 +42,8 @@ from vrte.studies.devices import Costs, measure_costs
 
 LONGEST = 120.0  # seconds of all checks together
 SAME, CLOSE = 1e-11, 1e-10  # of the largest light: by the same steps, and by fixed points that end at some accuracy
+OF_FLOATS = 1e-4  # of single precision
+SURFACE, MODES = "a surface", "eigenvectors of the processor, light by the device"  # in doubles alone
 LITTLE = 4e6  # bytes of matrices that a device with little memory holds at once
 Told = Callable[[str], None]
 
@@ -103,6 +105,7 @@ def make_scenes() -> dict[str, Scene]:
     }
 
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 ASKED: dict[str, Any] = {
     "accuracy": 1e-11,
     "mu_i": [0.25, 0.9],
@@ -110,6 +113,7 @@ ASKED: dict[str, Any] = {
     "phi": [0.0, 35.0, 110.0, 180.0],
     "nodes": 8,
 }
+IN_FLOATS: dict[str, Any] = {"precision": "single", "accuracy": OF_FLOATS}
 DEPTHS: dict[str, Any] = {
     "mu0": 0.6,
     "mu": [0.9, 0.2, -0.2, -0.9],
@@ -134,26 +138,37 @@ def measure_gap(found: Any, right: Any) -> float:
 
 @dataclass(eq=False)
 class Verification:
-    """The checks of a device in one form."""
+    """The checks of a device in one form, in doubles or, where it has none, in floats."""
 
     session: Session
     found: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Of the device."""
+        return {"backend": "opencl"} | (IN_FLOATS if self.session.precision == "single" else {})
+
     def list_checks(self) -> dict[str, tuple[float, Callable[[], float]]]:
         """By name, what is allowed and what finds the largest difference, the quick ones first."""
-        return {
+        checks = {
             "products and inverses": (1e-12, self.check_matrices),
             "invariance, no bottom": (CLOSE, lambda: self.compare_brdf("endless", "invariance")),
             "doubling, no bottom": (SAME, lambda: self.compare_brdf("endless", "doubling")),
             "doubling, four layers on a base, transmission": (SAME, lambda: self.compare_brdf("pile", "doubling")),
             "twelve depths": (SAME, self.compare_depths),
-            "a surface": (SAME, lambda: self.compare_brdf("surface", "doubling")),
-            "eigenvectors of the processor, light by the device": (CLOSE, self.compare_modes),
+            SURFACE: (SAME, lambda: self.compare_brdf("surface", "doubling")),
+            MODES: (CLOSE, self.compare_modes),
             "a batch of scenes": (CLOSE, self.compare_batch),
             "each as by itself": (0.0, self.compare_alone),
             "less memory than they need": (0.0, self.compare_little_memory),
             "stopped midway, then solved again": (0.0, self.compare_stopped),
+            "in floats, no bottom": (OF_FLOATS, lambda: self.compare_brdf("endless", "invariance", IN_FLOATS)),
+            "in floats, four layers on a base": (OF_FLOATS, lambda: self.compare_brdf("pile", "doubling", IN_FLOATS)),
         }
+        if self.session.precision == "double":
+            return checks
+        exact = {name: (allowed and OF_FLOATS, call) for name, (allowed, call) in checks.items()}
+        return {name: check for name, check in exact.items() if name not in (SURFACE, MODES) and "floats" not in name}
 
     def check_matrices(self) -> float:
         """Of products and inverses of several sizes, NumPy's."""
@@ -170,11 +185,11 @@ class Verification:
             gaps.append(measure_gap(download_stack(self.session, stack), np.linalg.inv(square)))
         return max(gaps)
 
-    def compare_brdf(self, name: str, algorithm: str) -> float:
-        """One scene, with light at the bottom where there is one."""
+    def compare_brdf(self, name: str, algorithm: str, more: Mapping[str, Any] = NOTHING) -> float:
+        """One scene, with light at the bottom where there is one; ``more`` is asked of the device."""
         scene = make_scenes()[name]
         asked = ASKED | {"algorithm": algorithm, "transmission": np.isfinite(scene.thickness)}
-        found, right = (brdf(scene, **asked, backend=backend) for backend in ("opencl", "openmp"))
+        found, right = (brdf(scene, **(asked | own)) for own in ({**self.asked, **more}, {"backend": "openmp"}))
         if right.transmission is None or found.transmission is None:
             return measure_gap(found.mueller, right.mueller)
         return max(measure_gap(found.mueller, right.mueller), measure_gap(found.transmission, right.transmission))
@@ -182,7 +197,8 @@ class Verification:
     def compare_depths(self) -> float:
         """Radiance at depths inside a pile, and the fluxes there."""
         asked = DEPTHS | {"algorithm": "doubling"}
-        found, right = (radiance(make_scenes()["pile"], **asked, backend=name) for name in ("opencl", "openmp"))
+        backends = self.asked, {"backend": "openmp"}
+        found, right = (radiance(make_scenes()["pile"], **(asked | own)) for own in backends)
         names = "stokes", "flux_up", "flux_down"
         return max(measure_gap(getattr(found, name), getattr(right, name)) for name in names)
 
@@ -201,7 +217,7 @@ class Verification:
 
     def solve_batch(self, progress: Progress | None = None) -> list[Array]:
         """Mueller matrices of all."""
-        return [each.mueller for each in brdfs(make_batch(), **ASKED, backend="opencl", progress=progress)]
+        return [each.mueller for each in brdfs(make_batch(), **(ASKED | self.asked), progress=progress)]
 
     def compare_with_batch(self, found: Sequence[Array]) -> float:
         """With what the batch gave before."""
@@ -210,7 +226,7 @@ class Verification:
 
     def compare_alone(self) -> float:
         """The first two of the batch, each by itself."""
-        return self.compare_with_batch([brdf(scene, **ASKED, backend="opencl").mueller for scene in make_batch()[:2]])
+        return self.compare_with_batch([brdf(scene, **(ASKED | self.asked)).mueller for scene in make_batch()[:2]])
 
     def compare_little_memory(self) -> float:
         """The batch on a device that holds a part of it at once."""
@@ -225,7 +241,7 @@ class Verification:
 
     def compare_stopped(self) -> float:
         """The batch stopped on its way, as Ctrl-C does, and then solved."""
-        asked: Any = {name: value for name, value in ASKED.items()} | {"backend": "opencl"}
+        asked: Any = ASKED | self.asked
         requests = [choose_method(make_brdf_request(scene, **asked)) for scene in make_batch()]
         run = make_run(requests[0])
         plans = [plan_request(request, run) for request in requests]
@@ -237,7 +253,7 @@ class Verification:
 
         with limit_room(self.session, LITTLE):
             try:
-                carry_out(plans, choose_engine(requests[0].backend), run, stop)
+                solve_plans(plans, run, stop)
             except KeyboardInterrupt:
                 pass
             else:
@@ -271,9 +287,6 @@ def verify_device(
     all_devices = device.devices()
     chosen = all_devices.index(device.find_chosen_device()) if index is None else check_index(all_devices, index)
     found, begin = all_devices[chosen], time.perf_counter()
-    with device.take_device(chosen):
-        if not found.double_precision:
-            device.session()  # says so
     checks: list[Check] = []
     left_out: list[str] = []
     launched: set[str] = set()
@@ -281,7 +294,7 @@ def verify_device(
     for form in list_forms(found):
         told(f"compiling, form {form!r}")
         with device.raise_device_errors():
-            opened = open_session(found.handle, form=form)
+            opened = open_session(found.handle, form, found.widest)
         with device.take_device(chosen, opened):
             listed = Verification(opened).list_checks()
             for name, (allowed, call) in listed.items():
@@ -298,7 +311,7 @@ def verify_device(
         kernels = set(opened.kernels.types)
     costs, gold = None, {}
     in_time = time.perf_counter() - begin < 0.5 * seconds
-    if in_time and not wanted and all(check.passed for check in checks):
+    if in_time and not wanted and found.double_precision and all(check.passed for check in checks):
         told("gold, timed")
         with device.take_device(chosen), device.raise_device_errors():
             costs = measure_costs(device.session(), 16.0)
@@ -368,7 +381,8 @@ def describe_verified(found: Verified) -> str:
     lines = [
         f"vrte {vrte.__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}",
-        f"{own.name} ({own.kind}) on {own.platform}, driver {own.driver}, {own.handle.version.strip()}",
+        f"{own.name} ({own.kind}, {'doubles' if own.double_precision else 'no doubles'}) on {own.platform}, driver "
+        f"{own.driver}, {own.handle.version.strip()}",
         f"{own.units} compute units at {own.clock / 1e6:.0f} MHz, {own.memory / 1e9:.1f} GB, largest array "
         f"{own.largest / 1e9:.1f} GB, local memory {own.handle.local_mem_size} B, work-groups of "
         f"{own.handle.max_work_group_size}, architecture {own.architecture}",

@@ -107,7 +107,7 @@ class Device:
     @cached_property
     def session(self) -> Session:
         """The device at work on Fourier orders."""
-        return open_session("single") if self.precision[0] == "single" else open_session()
+        return open_session("single" if self.precision[0] == "single" else "double")
 
     @cached_property
     def in_doubles(self) -> Session | None:
