@@ -53,6 +53,7 @@ WORTH_STAGES = 5e6  # cubes of unknowns: look again, between orders, at how many
 WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
 WORTH_THREADS_BOUNDS = 1e6  # spherical functions
 WORTH_THREADS_STAGES = 1e5  # products of matrices, in multiplications, of all stages
+WORTH_A_JOB = 1e6  # products of matrices, in multiplications: orders that a thread takes at a time
 WORTH_THREADS_SUMS = 1e5  # bytes of a result
 BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 

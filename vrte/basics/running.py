@@ -5,9 +5,11 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -15,6 +17,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_whole
+from vrte.basics.fields import change_fields
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
@@ -41,6 +44,17 @@ class Run:
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
     told: bool = False
+
+    @cached_property
+    def helpers(self) -> ThreadPoolExecutor:
+        """The threads beside the one that the run is called in, which `send_home` ends."""
+        return ThreadPoolExecutor(self.threads - 1, "vrte-job")
+
+    def send_home(self) -> None:
+        """Ends the threads that helped, so that a process forked later finds none."""
+        helpers = vars(self).pop("helpers", None)
+        if helpers is not None:
+            helpers.shutdown()
 
     def timed(self, name: str) -> "Timed":
         """A crew for one loop of `_core`, whose time is booked under `name`; KeyboardInterrupt where it was stopped."""
@@ -134,6 +148,43 @@ def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
         raise box["error"]
     result: Result = box["result"]
     return result
+
+
+def run_jobs(
+    run: Run, jobs: Sequence[Callable[[Run], Result]], told: Callable[[int], None] = lambda done: None
+) -> list[Result]:
+    """What each job finds: done side by side by the threads of a run, each of them on one, the first ones first.
+
+    told(k) is called in this thread when k jobs are done. Idle threads sleep: those of OpenMP spin for a while.
+    """
+    workers = min(run.threads, len(jobs))
+    found: list[Any] = [None] * len(jobs)
+    failed: dict[int, BaseException] = {}
+    places, done = iter(range(len(jobs))), []
+    runs = [change_fields(run, threads=1, stages={}) for _ in range(workers)]
+
+    def work(own: Run) -> None:
+        for place in places:
+            try:
+                found[place] = jobs[place](own)
+                done.append(place)
+                if own is runs[0]:
+                    told(len(done))
+            except BaseException as error:
+                failed[place] = error
+                for _ in places:  # nobody begins another
+                    pass
+
+    others = [run.helpers.submit(work, own) for own in runs[1:]]
+    work(runs[0])
+    for each in others:
+        each.result()
+    for own in runs:
+        for name, clock in own.stages.items():
+            run.book(name, clock["wall_seconds"] / workers, clock["thread_seconds"])
+    if failed:
+        raise failed[min(failed)]
+    return found
 
 
 def wait_for(done: threading.Event, seconds: float) -> bool:

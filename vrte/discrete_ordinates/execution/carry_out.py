@@ -73,20 +73,22 @@ class Task:
         last = -1
         while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
             block = blocks[self.blocks]
-            orders = block.orders[block.orders < self.left]
-            self.blocks, self.steps, last = self.blocks + 1, self.steps + block.orders.size, int(block.orders[-1])
+            last = int(block.orders[-1])
+            orders = block.orders if last < self.left else block.orders[block.orders < self.left]
+            self.blocks, self.steps = self.blocks + 1, self.steps + block.orders.size
             if orders.size:
                 taken.append(Piece(place, self.plan, block, orders, block.choice.name))
         return taken
 
     def note(self, piece: Piece, answer: Answer) -> None:
         """Puts down what was found for a piece."""
-        block, light, orders = piece.block, answer.light, answer.light.orders.tolist()
-        self.lights.append(light)
+        block, orders = piece.block, answer.light.orders.tolist()
+        self.lights.append(answer.light)
         for order, largest in zip(orders, answer.largest, strict=True):
             self.found[order] = np.maximum(self.found[order], largest) if order in self.found else largest
         if orders[0] == 0:
-            self.flux[..., list(block.columns)] += answer.flux
+            for place, column in enumerate(block.columns):
+                self.flux[..., column] += answer.flux[..., place]
             if block.stokes[0] == 0:
                 self.brightest = np.maximum(self.brightest, answer.brightest)
         self.unknowns += len(orders) * block.problem.size
@@ -103,9 +105,12 @@ def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progres
     Raises AccuracyError where no algorithm can vouch for an order, SceneError or DeviceError where there is too little
     memory, DeviceError where a device fails.
     """
-    steps = Steps(progress, sum(count_steps(plan, engine) for plan in plans))
+    steps = Steps(progress, sum(count_steps(plan, engine) for plan in plans) if progress is not None else 0)
     batches = [plans] if engine.takes_many else [[plan] for plan in plans]
-    return [solution for batch in batches for solution in carry_out_together(batch, engine, run, steps)]
+    try:
+        return [solution for batch in batches for solution in carry_out_together(batch, engine, run, steps)]
+    finally:
+        run.send_home()
 
 
 def count_steps(plan: Plan, engine: Engine) -> int:
@@ -128,7 +133,8 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
         targets = [make_target(plan) for plan in plans]
         lit = [(target, task.lights) for target, task in zip(targets, tasks, strict=True)]
         parts = fill_results(lit, engine, run, steps.ahead)
-        steps.done = before + sum(count_steps(plan, engine) for plan in plans)
+        if steps.progress is not None:
+            steps.done = before + sum(count_steps(plan, engine) for plan in plans)
         finished = zip(tasks, targets, parts, strict=True)
         return [finish_task(*each, engine, run, start) for each in finished]
 

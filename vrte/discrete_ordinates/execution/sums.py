@@ -84,7 +84,7 @@ class Share:
     last: int
 
 
-Adder = Callable[[Share], None]
+Adder = Callable[..., None]  # of a share, and of the run that does it, where that is another than it was prepared for
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +163,16 @@ def prepare_rest(result: Sum, run: Run) -> list[Adder]:
     return [*([prepare_spreading(target, run)] if spread else []), prepare_base(target, run)]
 
 
+def halve_piece(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]:
+    """First and last + 1 of so many parts, or of as many as there are.
+
+    >>> list(halve_piece(2, 7, 2))
+    [(2, 4), (4, 7)]
+    """
+    parts = min(parts, last - first)
+    return itertools.pairwise(first + k * (last - first) // parts for k in range(parts + 1))
+
+
 def make_parts(target: Target) -> list[Part]:
     """Empty arrays; the problem has light going up first, in the order of the request otherwise."""
     mu, wanted = target.mu, target.wanted
@@ -230,9 +240,9 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
         first: int,
         last: int,
         values: Array,
-        threads: int = run.threads,
+        own: Run = run,
     ) -> None:
-        with change_fields(run, threads=threads).timed(stage) as crew:
+        with own.timed(stage) as crew:
             run.kernels.add_single_scattering(
                 crew,
                 table=table,
@@ -256,7 +266,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
 
 def prepare_spreading(target: Target, run: Run) -> Adder:
     """What adds one scattering of the beam, as it spreads by small angles, (2:4), where that is asked for."""
-    scatter, problem = prepare_closed_form(target, run), target.problem
+    scatter, problem, alone = prepare_closed_form(target, run), target.problem, change_fields(run, threads=1)
     anisotropic = Anisotropic(target.scene, problem)
 
     def add(share: Share) -> None:
@@ -271,7 +281,7 @@ def prepare_spreading(target: Target, run: Run) -> Adder:
                     for o, table in zip(towards[places].tolist(), tables, strict=True):
                         here = problem.mu0[i : i + 1], part.mu[o : o + 1], 0, 1
                         values = part.values[t : t + 1, i : i + 1, o : o + 1]
-                        scatter("small angles", _core.series_table(table), strength, *here, values, 1)
+                        scatter("small angles", _core.series_table(table), strength, *here, values, alone)
                     begin = time.perf_counter()
 
     return add
@@ -281,9 +291,9 @@ def prepare_base(target: Target, run: Run) -> Adder:
     """What adds the beam that the base reflects."""
     wanted, base = target.wanted, target.scene.below
 
-    def add(share: Share) -> None:
+    def add(share: Share, own: Run = run) -> None:
         part, place = share.part, (wanted.place, wanted.scale, share.first, share.last)
-        with run.booked("single scattering"):
+        with own.booked("single scattering"):
             add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
 
     return add

@@ -56,6 +56,12 @@ class Problem:
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
 
     @cached_property
+    def off_nodes(self) -> tuple[Array, IntArray]:
+        """Outgoing and incident cosines, each once and ascending, and the place of every one of them."""
+        cosines, places = np.unique(np.concatenate([self.mu_out, self.mu0]), return_inverse=True)
+        return cosines, places.astype(np.int32)
+
+    @cached_property
     def depth(self) -> Array:
         """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
         found: Array = self.above[self.level_layer] + self.level

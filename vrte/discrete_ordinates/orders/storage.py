@@ -1,7 +1,5 @@
 """Doubles that one Fourier order's arrays take, by each route."""
 
-import numpy as np
-
 from vrte import _core
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers, merge_materials
@@ -16,8 +14,8 @@ def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
 
 def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by invariance."""
-    directions = np.union1d(problem.mu_out, problem.mu0)
-    work = _core.invariance_work(problem.nodes.size, directions.size, len(problem.stokes), int(problem.terms.max()))
+    directions = problem.off_nodes[0].size
+    work = _core.invariance_work(problem.nodes.size, directions, len(problem.stokes), int(problem.terms.max()))
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 

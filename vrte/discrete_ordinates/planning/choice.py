@@ -101,7 +101,7 @@ def count_operations_of_modes(problem: Problem) -> float:
 def count_operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:
     """Of each order, roughly."""
     rank = 2.0 * problem.terms[0]
-    rows = problem.size + len(problem.stokes) * np.union1d(problem.mu_out, problem.mu0).size
+    rows = problem.size + len(problem.stokes) * problem.off_nodes[0].size
     return 4.0 * rows * problem.size * rank * predict_iterations(strength, accuracy)
 
 

@@ -1,11 +1,10 @@
-"""The last few plans of small requests: the same scene, seen once more along the same directions, is planned once."""
+"""The last few plans: the same scene, seen once more along the same directions, is planned once."""
 
 import threading
 import time
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.fields import change_fields
 from vrte.basics.running import Run
 from vrte.request.request import Request
 
@@ -13,6 +12,23 @@ if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan
 
 MOST_PLANS = 32
+MOST_NUMBERS = 50_000  # of a plan, roughly
+TOLD = (  # of a request, beside its scene and numbers
+    "kind",
+    "fluxes_only",
+    "nodes",
+    "accuracy",
+    "algorithm",
+    "truncation",
+    "backend",
+    "verify",
+    "method",
+    "method_rule",
+    "nodes_rule",
+    "illuminate",
+    "time_limit_s",
+    "given",
+)
 
 _plans: "OrderedDict[tuple[Any, ...], Plan]" = OrderedDict()
 _lock = threading.Lock()
@@ -21,30 +37,36 @@ _lock = threading.Lock()
 def name_request(request: Request, run: Run) -> tuple[Any, ...] | None:
     """What two requests with the same plan have in common; None for those that are not worth to be kept.
 
-    A scene is itself alone: another one like it is planned anew. Small ones alone are kept, of a base that is no
-    function of a user's.
+    A scene is itself alone: another one like it is planned anew. What would take much memory is not kept, nor what
+    depends on a function of a user's, nor a choice of nodes, which has things to say.
     """
-    if not run.brief or request.mu is None or request.settings:
+    scene = request.scene
+    terms = sum(layer.phase_matrix.terms for layer in scene.layers)
+    if request.nodes is None or request.mu is None or request.settings or scene.below.is_uneven or scene.keeps_beams:
         return None
-    arrays = request.mu0, request.columns, request.mu, request.phi, request.tau, request.under
-    how = request.accuracy, request.algorithm, request.truncation, request.backend, request.nodes, request.verify
-    rules = request.kind, request.fluxes_only, request.method_rule, request.nodes_rule, request.wanted is None
-    numbers = tuple(None if one is None else one.tobytes() for one in arrays)
-    return (request.scene, run.threads, request.columns.shape, numbers, how, rules)
+    if terms * (request.nodes + len(scene.layers)) + request.mu.size + request.mu0.size > MOST_NUMBERS:
+        return None
+    arrays: list[Any] = [request.mu0, request.columns, request.mu, request.phi, request.tau, request.under]
+    wanted = request.wanted
+    if wanted is not None:
+        arrays += [wanted.place, wanted.scale, *(each for part in wanted.parts for each in part)]
+    numbers = tuple([None if one is None else (one.shape, one.tobytes()) for one in arrays])
+    how = tuple([getattr(request, name) for name in TOLD])
+    return scene, run.threads, how, numbers
 
 
-def find_plan(name: tuple[Any, ...] | None, request: Request, run: Run) -> "Plan | None":
-    """The plan of a request like this one, for this one."""
+def find_plan(name: tuple[Any, ...] | None, run: Run) -> "Plan | None":
+    """The plan of a request of that name."""
+    if name is None:
+        return None
     begin = time.perf_counter()
     with _lock:
-        found = _plans.get(name) if name is not None else None
-        if found is None or name is None:
+        found = _plans.get(name)
+        if found is None:
             return None
         _plans.move_to_end(name)
     run.book("planning", time.perf_counter() - begin)
-    if request.wanted is None:
-        return change_fields(found, request=request)
-    return change_fields(found, request=request, wanted=request.wanted)
+    return found
 
 
 def keep_plan(name: tuple[Any, ...] | None, plan: "Plan") -> None:

@@ -254,7 +254,7 @@ def describe_interfaces(scene: Scene, mu0: Array) -> dict[str, Any]:
 def plan_request(request: Request, run: Run) -> Plan:
     """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
     name = name_request(request, run)
-    known = find_plan(name, request, run)
+    known = find_plan(name, run)
     if known is not None:
         return known
     whole = make_plan(request, run)

@@ -1,8 +1,11 @@
 """The processor: one block of orders after another by the compiled core, or by other stages on the same arrays."""
 
+import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +17,7 @@ from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.fields import change_fields
 from vrte.basics.memory import PIECE_BYTES
-from vrte.basics.running import Run
+from vrte.basics.running import Run, run_jobs
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import (
     Adder,
@@ -24,6 +27,7 @@ from vrte.discrete_ordinates.execution.sums import (
     Sum,
     Target,
     choose_sum_threads,
+    halve_piece,
     prepare_closed_form,
     split_into_pieces,
     weigh_scatterers,
@@ -37,6 +41,8 @@ from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
+
+SHARES = 3  # of the incident directions, that each thread adds up
 
 
 @dataclass(frozen=True)
@@ -65,19 +71,27 @@ class Processor:
                 check_memory(problem, plan.blocks, result, azimuths, run.threads)
 
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
-        """One after the other."""
-        return ([piece] for piece in pieces)
+        """Together, so that threads have work; one after another where light is refracted."""
+        refracted = any(piece.problem.media is not None for piece in pieces)
+        return ([piece] for piece in pieces) if refracted or len(pieces) < 2 else iter([list(pieces)])
 
     def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
-        """All orders of the one piece, a few at a time to bound memory."""
-        (piece,) = pieces
-        problem, orders = piece.problem, piece.orders
-        run = choose_threads(run, problem, orders)
-        return [
-            make_answer(
-                piece, *solve_orders(problem, piece.block.base, orders, piece.name, run, piece.plan.accuracy, told)
-            )
-        ]
+        """A few orders at a time to bound memory: each few by one thread where there are enough for all, otherwise
+        piece by piece by all threads together."""
+        jobs = cut_into_jobs(pieces, run)
+        if jobs:
+            ahead = list(itertools.accumulate(job.orders.size for job in jobs))
+            found = run_jobs(run, [job.solve for job in jobs], lambda done: told(ahead[done - 1]))
+            parts = [[part for job, part in zip(jobs, found, strict=True) if job.piece is each] for each in pieces]
+            return [make_answer(piece, *join_found(part)) for piece, part in zip(pieces, parts, strict=True)]
+        answers: list[Answer] = []
+        before = 0
+        for piece in pieces:
+            own = choose_threads(run, piece.problem, piece.orders)
+            asked = piece.problem, piece.block.base, piece.orders, piece.name, own, piece.plan.accuracy
+            answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, told, before))))
+            before += piece.orders.size
+        return answers
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """Both algorithms and what was wrong."""
@@ -93,11 +107,11 @@ class Processor:
         azimuths, wanted, kind = target.azimuths, target.wanted, target.kind
         prepared = [(light, *azimuths.cos_sin(light.orders)) for light in lights]
 
-        def add(share: Share) -> None:
+        def add(share: Share, own: Run = run) -> None:
             part = share.part
             for light, cosine, sine in prepared:
-                with run.timed("fourier sum") as crew:
-                    run.kernels.azimuthal_sum(
+                with own.timed("fourier sum") as crew:
+                    own.kernels.azimuthal_sum(
                         crew,
                         kernels=light.kernels,
                         stokes=light.stokes,
@@ -123,10 +137,10 @@ class Processor:
         with run.booked("single scattering"):
             tables = {id(part): weigh_scatterers(target, part) for part in parts}
 
-        def add(share: Share) -> None:
+        def add(share: Share, own: Run = run) -> None:
             for table, path in tables[id(share.part)]:
                 place = mu0, share.part.mu, share.first, share.last
-                scatter("single scattering", table, path, *place, share.part.values)
+                scatter("single scattering", table, path, *place, share.part.values, own)
 
         return add
 
@@ -138,12 +152,16 @@ class Processor:
             adders = [self.prepare_orders(target, result.lights, of)]
             if result.in_closed_form:
                 adders.append(self.prepare_scattering(target, result.parts, of))
-            for first, last in split_into_pieces(target.wanted, target.azimuths.phi.size, self.piece_bytes):
-                for part in result.parts:
-                    for add in adders:
-                        add(Share(part, first, last))
-                done += 1
-                told(done)
+            pieces = list(split_into_pieces(target.wanted, target.azimuths.phi.size, self.piece_bytes))
+            if of.kernels is _core and 1 < of.threads <= target.wanted.scale.size:
+                ends = [part for piece in pieces for part in halve_piece(*piece, SHARES * of.threads)]
+                jobs = [partial(add_shares, adders, [Share(part, *each) for part in result.parts]) for each in ends]
+                run_jobs(of, jobs, partial(tell_part, told, done, len(pieces), len(jobs)))
+            else:
+                for place, (first, last) in enumerate(pieces, done + 1):
+                    add_shares(adders, [Share(part, first, last) for part in result.parts], of)
+                    told(place)
+            done += len(pieces)
 
 
 PROCESSOR = Processor()
@@ -159,15 +177,58 @@ def open_stages() -> Any:
     return _core
 
 
-def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
-    """The run, on one thread where starting another would take longer than the solve."""
-    n = float(problem.size)
-    work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
-    return (
-        run
-        if work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1
-        else change_fields(run, threads=1)
-    )
+def add_shares(adders: Sequence[Adder], shares: Sequence[Share], run: Run) -> None:
+    """All that is added to the same incident directions."""
+    for share in shares:
+        for add in adders:
+            add(share, run)
+
+
+def tell_part(told: Callable[[int], None], before: int, pieces: int, jobs: int, done: int) -> None:
+    """Says how many pieces are done, after so many of the jobs that they are cut into."""
+    told(before + done * pieces // jobs)
+
+
+Found = tuple[IntArray, Orders | None, dict[int, str]]  # see `solve_orders`
+
+
+def tell_more(told: Callable[[int], None], before: int, done: int) -> None:
+    """Says that so many are done, and others before them."""
+    told(before + done)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A few orders of a piece, on their route."""
+
+    piece: Piece
+    route: Route
+    orders: IntArray
+
+    def solve(self, run: Run) -> Found:
+        """See `try_orders`."""
+        return try_orders(self.route, self.orders, run)
+
+
+def cut_into_jobs(pieces: Sequence[Piece], run: Run) -> list[Job]:
+    """The orders of pieces, a few at a time, for threads that each take the next; none where there are fewer than
+    threads, where they are too small for it, or where they share what is refracted."""
+    if run.threads == 1 or run.kernels is not _core or sum(piece.orders.size for piece in pieces) < run.threads:
+        return []
+    jobs = []
+    for piece in pieces:
+        problem, orders = piece.problem, piece.orders
+        if problem.media is not None:
+            return []
+        route = make_route(piece.name, problem, piece.block.base, int(orders[-1]) + 1, piece.plan.accuracy)
+        each = problem.albedo.size * float(problem.size) ** 2 * (problem.size + problem.n_rhs)
+        least, most = math.ceil(cost.WORTH_A_JOB / each), max(1, route.chunk(run.threads) // run.threads)
+        first = 0
+        while first < orders.size:  # many at first, so that there are few calls, and few in the end
+            step = min(most, max(least, math.ceil((orders.size - first) / (2 * run.threads))))
+            jobs.append(Job(piece, route, orders[first : first + step]))
+            first += step
+    return jobs if len(jobs) >= run.threads else []
 
 
 def solve_orders(
@@ -178,29 +239,48 @@ def solve_orders(
     run: Run,
     accuracy: float,
     told: Callable[[int], None] = lambda done: None,
-) -> tuple[IntArray, Orders | None, dict[int, str]]:
+) -> Found:
     """Orders by the named algorithm, a few at a time to bound memory: which of them it vouches for, what it found for
     them, with the fluxes of the first, and what is wrong with each of the others."""
     route = make_route(name, problem, base, int(orders[-1]) + 1, accuracy)
+    step = orders.size if run.brief else route.chunk(run.threads)
+    found = []
+    for first in range(0, orders.size, step):
+        found.append(try_orders(route, orders[first : first + step], run))
+        told(min(first + step, orders.size))
+    return join_found(found)
+
+
+def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
+    """The run, on one thread where starting another would take longer than the solve."""
+    if run.threads == 1:
+        return run
+    n = float(problem.size)
+    work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
+    worth = work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1
+    return run if worth else change_fields(run, threads=1)
+
+
+def join_found(parts: list[Found]) -> Found:
+    """What was found for a few orders each, for all of them."""
+    if len(parts) == 1:
+        return parts[0]
     right: list[IntArray] = []
     found: list[Orders] = []
     doubts: dict[int, str] = {}
-    step = route.chunk(run.threads)
-    for first in range(0, orders.size, step):
-        kept, result, doubtful = try_orders(route, orders[first : first + step], run)
+    for kept, result, doubtful in parts:
+        doubts |= doubtful
         if result is not None and kept.size:
             found.append(result)
             right.append(kept)
-        doubts |= doubtful
-        told(min(first + step, orders.size))
     if len(found) < 2:
-        return right[0] if right else orders[:0], found[0] if found else None, doubts
+        return right[0] if right else parts[0][0][:0], found[0] if found else None, doubts
     kernels = np.concatenate([part.kernels for part in found])
     residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
     return np.concatenate(right), change_fields(found[0], kernels=kernels, residuals=residuals), doubts
 
 
-def try_orders(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
+def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
     """Which of the orders a route vouches for, what it finds for them, and what is wrong with each of the others."""
     try:
         found = route.solve(orders, run)
@@ -208,8 +288,9 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orde
         return orders[:0], None, dict.fromkeys(orders.tolist(), str(error))
     doubts: dict[int, str] = {}
     for name, values in found.residuals.items():
-        for place in np.flatnonzero(~(values <= route.allowed[name])).tolist():
-            doubts[place] = f"{name} {values[place]:.2g}, allowed {route.allowed[name]:g}"
+        for place, value in enumerate(values.tolist()):
+            if not value <= route.allowed[name]:
+                doubts[place] = f"{name} {value:.2g}, allowed {route.allowed[name]:g}"
     finite = np.isfinite(found.kernels)
     if not finite.all():
         for place in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
@@ -226,10 +307,15 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
     """What is found for the orders that are vouched for."""
     if found is None:
         return make_empty_answer(doubts)
-    block, kernels, lit = piece.block, found.kernels, np.abs(piece.problem.columns).max(axis=1)
+    block, kernels = piece.block, found.kernels
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
     # order by order: the absolute values of all of them would take as much memory again
-    largest = np.stack([np.abs(values).max(axis=(2, 3, 4), initial=0.0) for values in kernels])
-    first = np.abs(kernels[0, :, :, int(np.argmax(lit)), :, 0])  # not of incident I, which may be none
-    brightest = first.max(axis=2, initial=0.0) / max(float(lit.max()), 1e-300)
-    return Answer(light, np.stack([found.flux_up, found.flux_down]), largest, brightest, found.residuals, doubts)
+    largest = np.empty(kernels.shape[:3])
+    for order, values in enumerate(kernels):
+        np.abs(values).max(axis=(2, 3, 4), initial=0.0, out=largest[order])
+    brightest = largest[0]
+    if orders[0] == 0 and block.stokes[0] == 0:
+        lit = np.abs(piece.problem.columns).max(axis=1).tolist()
+        first = np.abs(kernels[0, :, :, lit.index(max(lit)), :, 0])  # not of incident I, which may be none
+        brightest = first.max(axis=2, initial=0.0) / max(*lit, 1e-300)
+    return Answer(light, np.array([found.flux_up, found.flux_down]), largest, brightest, found.residuals, doubts)
