@@ -1,5 +1,25 @@
 # Homogeneous solution, (1:40)-(1:45): s' = -F d, d' = -E s; s = X y, d = Y z, so y' = -z, z' = -lambda y.
 
+cdef extern from "core/symmetric.h":
+    ctypedef int vrte_eigensolver(int, double*, double*, double*, double*) noexcept nogil
+    vrte_eigensolver* vrte_best_eigensolver(bint wide) noexcept nogil
+
+cdef enum:
+    MOST_LOOPED = 96     # rows up to which loops are quicker than LAPACK's blocks
+
+
+def symmetric_eigenproblem(const double[:, ::1] matrix, bint wide=True):
+    """Eigenvalues (n,) in no order and vectors (vector, n) of a symmetric matrix (n, n), steep rows first, by the loops
+    that `homogeneous` takes for small ones. Raises ArithmeticError where they do not settle. `wide=False` leaves AVX2
+    unused."""
+    cdef int n = <int>matrix.shape[0]
+    cdef double[:, ::1] spent = np.array(matrix), vectors = np.empty((n, n))
+    cdef double[::1] values = np.empty(n), work = np.empty(3 * n)
+    if vrte_best_eigensolver(wide)(n, &spent[0, 0], &values[0], &vectors[0, 0], &work[0]) != 0:
+        raise ArithmeticError("the eigenvalues do not settle")
+    return np.asarray(values), np.asarray(vectors)
+
+
 def homogeneous_work(n):
     """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
     return 5 * n * n + 50 * n + 8
@@ -218,14 +238,20 @@ cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im
     cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
     cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
     cdef double one = 1.0
+    cdef doubles matrix = X
     copy(<size_t>n * n, f, L)
     dpotrf(&lower, &n, L, &n, &info)
     if info != 0:
         return info
-    copy(<size_t>n * n, e, X)
-    dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
-    dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, X, &n)
-    dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
+    if n <= MOST_LOOPED:
+        matrix = spare
+    copy(<size_t>n * n, e, matrix)
+    dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, matrix, &n)
+    dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, matrix, &n)
+    if n <= MOST_LOOPED:
+        info = vrte_best_eigensolver(True)(n, matrix, lam_re, X, spare + <size_t>n * n)
+    else:
+        dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
     set_zero(n, lam_im)
     if info == 0:
         if Y != NULL:
