@@ -6,9 +6,9 @@ cdef extern from "core/scattering.h":
                                  const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
 
-# which copies of loops this processor runs; those of single scattering and of small symmetric matrices are there twice
-CPU_VARIANT = ("single scattering and small symmetric matrices by AVX2 and FMA" if vrte_best_scatterer(True) != vrte_best_scatterer(False)
-               else "one for all processors")
+# which copies of loops this processor runs; those of single scattering and small symmetric matrices are there twice
+CPU_VARIANT = ("single scattering and small symmetric matrices by AVX2 and FMA"
+               if vrte_best_scatterer(True) != vrte_best_scatterer(False) else "one for all processors")
 
 
 def series_table(const double[:, :] coefficients):
