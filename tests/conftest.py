@@ -3,7 +3,6 @@
 import csv
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +79,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 @pytest.fixture(params=["cpu", pytest.param("gpu", marks=pytest.mark.slow)])  # compiles for long
 def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
     """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""
-    return in_form(opencl, request.param)
-
-
-def in_form(session: Any, form: str) -> Any:
-    """The same device's kernels in another form."""
-    return session if session.form == form else replace(session, form=form)
+    return opencl.in_form(request.param)
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

@@ -1,6 +1,5 @@
 """Engines: every stage of each against the compiled core, and whole solves on each against the processor's."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -71,7 +70,7 @@ def recorded(name: str, algorithm: str) -> list[tuple[str, dict[str, Any], dict[
 def form(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sessions with products and inverses in the form that a test asks for."""
     if wanted := getattr(request, "param", None):
-        monkeypatch.setattr(device, "open_session", lambda: replace(opencl, form=wanted))
+        monkeypatch.setattr(device, "open_session", lambda: opencl.in_form(wanted))
 
 
 @pytest.mark.parametrize("form", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)], indirect=True)
@@ -197,7 +196,7 @@ def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: 
     for name in ("over a base", "endless"):
         expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)
         with monkeypatch.context() as patch:
-            patch.setattr(engine, "open_session", lambda: replace(opencl, form="gpu"))
+            patch.setattr(engine, "open_session", lambda: opencl.in_form("gpu"))
             found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
         close(found.mueller, expected.mueller, 1e-9)
 

@@ -8,7 +8,6 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -426,7 +425,7 @@ class TestSolve:
     def test_the_form_for_a_gpu(
         self, thickness: float, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(device, "open_session", lambda handle: replace(opencl, form="gpu"))
+        monkeypatch.setattr(device, "open_session", lambda handle: opencl.in_form("gpu"))
         matrix = vrte.PhaseMatrix(
             a1=[1.0, 0.5, 0.2], a2=[0, 0, 0.9], a3=[0, 0, 0.5], a4=[0, 0.3, 0.1], b1=[0, 0, 0.2], b2=[0, 0, 0.1]
         )

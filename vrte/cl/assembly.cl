@@ -45,7 +45,7 @@ int next_strip(int rows)
 // then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
 // where nothing is scattered. Global size: pieces of `each` directions, items.
 __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, IN mu, IN weights, IN factors,
-                             STACK(phi), __global int* restrict counts, INTS items)
+                             ALONE(phi), __global int* restrict counts, INTS items)
 {
     const long item = items[get_global_id(1)];
     const int m = order[item], stokes = popcount(members), end = min(n_all, each * ((int)get_global_id(0) + 1));
@@ -95,19 +95,24 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
     }
 }
 
-// psi = factor phi B^T on the double4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
-// (odd = 0) or F's of the degrees m .. end - 1; V's column of phi counts v_sign times.
-void multiply_by_coefficients(int m, int end, int members, int odd, real factor, real v_sign,
-                              __global const real* coefficients, int first, int last, __global const real* phi,
-                              int ld, __global real* psi, int psi_ld)
+// psi = factor phi B^T on the real4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
+// (odd = 0) or F's of the degrees begin .. end - 1, phi and psi being those of the degree m on; V's column of phi counts
+// v_sign times.
+void multiply_by_coefficients(int m, int begin, int end, int members, int odd, real factor, real v_sign,
+                              __global const real* restrict coefficients, int first, int last,
+                              __global const real* restrict phi, int ld, __global real* restrict psi, int psi_ld)
 {
-    for (int l = m; l < end; l++) {
+    const int before = (begin - m + 1) / 2 * columns_of_kind(m, members, odd)
+        + (begin - m) / 2 * columns_of_kind(m, members, !odd);
+    phi += before * (long)ld;
+    psi += before * (long)psi_ld;
+    for (int l = begin; l < end; l++) {
         __global const real* c = coefficients + 6 * l;
         const int kind = ((l - m) & 1) != odd, few = columns_of_kind(m, members, kind);
         if (few == 2) {
             const real b00 = factor * (kind ? c[2] : c[0]), b01 = factor * (kind ? -v_sign * c[5] : -c[4]);
             const real b10 = factor * (kind ? c[5] : -c[4]), b11 = factor * (kind ? v_sign * c[3] : c[1]);
-            for (int i = first; i < last; i++) {
+            SPREAD(i, first, last) {
                 const real4 x = AT(phi, i), y = AT(phi + ld, i);
                 PUT(psi, i) = b00 * x + b01 * y;
                 PUT(psi + psi_ld, i) = b10 * x + b11 * y;
@@ -115,7 +120,7 @@ void multiply_by_coefficients(int m, int end, int members, int odd, real factor,
         } else if (few == 1) {
             const bool left = has_first(m, members, kind);
             const real b = factor * (kind ? (left ? c[2] : v_sign * c[3]) : (left ? c[0] : c[1]));
-            for (int i = first; i < last; i++)
+            SPREAD(i, first, last)
                 PUT(psi, i) = b * AT(phi, i);
         }
         phi += few * (long)ld;
@@ -123,28 +128,30 @@ void multiply_by_coefficients(int m, int end, int members, int odd, real factor,
     }
 }
 
-// psi = albedo phi B^T, F's columns odd_sign times. Global size: pieces of `each` strips of 8 rows, items.
+// psi = albedo phi B^T, F's columns odd_sign times. Pieces: `each` degrees, items.
+SHARED
 __kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign, real odd_sign, INTS counts,
-                                 STACK(phi), STACK(psi), INTS items)
+                                 ALONE(phi), ALONE(psi), INTS items)
 {
-    const long item = items[get_global_id(1)];
-    const int first = 2 * each * get_global_id(0), last = min(2 * n_strip, first + 2 * each);
+    const long item = items[get_group_id(1)];
+    const int m = order[item], begin = m + each * (int)get_group_id(0), end = min(terms[material[item]], begin + each);
     const real factor = albedo[material[item]];
     if (factor == 0.0)
         return;
     for (int odd = 0; odd < 2; odd++) {
-        const long begin = first_column(counts, item, odd);
-        multiply_by_coefficients(order[item], terms[material[item]], members, odd, odd ? odd_sign * factor : factor, v_sign,
-                                 coefficients + material[item] * (long)6 * n_term, first, last,
-                                 OF_ITEM(phi) + begin * phi_ld, phi_ld, OF_ITEM(psi) + begin * psi_ld, psi_ld);
+        const long column = first_column(counts, item, odd);
+        multiply_by_coefficients(m, begin, end, members, odd, odd ? odd_sign * factor : factor, v_sign,
+                                 coefficients + material[item] * (long)6 * n_term, 0, 2 * n_strip,
+                                 OF_ITEM(phi) + column * phi_ld, phi_ld, OF_ITEM(psi) + column * psi_ld, psi_ld);
     }
 }
 
-// The diagonals 1/mu of E and F. Global size: items.
-__kernel void add_rates(int n, int stokes, IN mu, STACK(E), STACK(F), INTS items)
+// The diagonals 1/mu of E and F. Pieces: items.
+SHARED
+__kernel void add_rates(int n, int stokes, IN mu, ALONE(E), ALONE(F), INTS items)
 {
-    const long item = items[get_global_id(0)];
-    for (int i = 0; i < n; i++) {
+    const long item = items[get_group_id(0)];
+    SPREAD(i, 0, n) {
         OF_ITEM(E)[(long)i * E_ld + i] += 1.0 / mu[i / stokes];
         OF_ITEM(F)[(long)i * F_ld + i] += 1.0 / mu[i / stokes];
     }

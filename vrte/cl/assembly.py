@@ -18,9 +18,8 @@ from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
-STRIPS_A_PIECE = 8
+DEGREES_A_PIECE = 20
 STRIPS_TOGETHER = 10  # of a product: they share what is read of the other factor
-LANES = 32  # work-items of a work-group on a GPU, where pieces are small
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +91,8 @@ def launch_pieces(
 ) -> None:
     """A kernel over ``size`` pieces of work an item: on a CPU ``each`` of them are done at once, elsewhere one. Among
     the arguments ``...`` stands for that number; ``between``: sizes of the launch between the pieces and the items."""
-    on_host = session.form == "cpu"
-    number, at_once, group = (-(-size // each), each, 1) if on_host else (-(-size // LANES) * LANES, 1, LANES)
+    on_host, lanes = session.form == "cpu", session.lanes
+    number, at_once, group = (-(-size // each), each, 1) if on_host else (-(-size // lanes) * lanes, 1, lanes)
     filled = (at_once if argument is ... else argument for argument in arguments)
     whole = (number, *between, items.size)
     session.launch(name, whole, *filled, items, group=(group, *(1 for _ in whole[1:])))
@@ -136,9 +135,9 @@ def multiply_by_coefficients(
     session: Session, what: Scattering, counts: Any, phi: Stack, psi: Stack, v_sign: float = 1.0, odd_sign: float = 1.0
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
-    strips = pad_to_strips(phi.rows) // STRIP
-    arguments = what, strips, ..., v_sign, odd_sign, counts, phi, psi
-    launch_pieces(session, "times_coefficients", strips, STRIPS_A_PIECE, what.items, *arguments)
+    each = DEGREES_A_PIECE if session.form == "cpu" else 1
+    arguments = what, pad_to_strips(phi.rows) // STRIP, each, v_sign, odd_sign, counts, phi, psi, what.items
+    session.launch("times_coefficients", (-(-what.n_term // each), what.items.size), *arguments)
 
 
 def assemble(

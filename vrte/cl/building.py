@@ -41,17 +41,22 @@ def parse_argument_types(text: str, real: Any = np.float64) -> dict[str, list[An
 
 class Kernels(dict[str, Any]):
     """The kernels of a program by name, each made when it is first asked for, with the types of its arguments: a launch
-    takes 4 microseconds with them, 200 without."""
+    takes 4 microseconds with them, 200 without. ``groups``: the size of the work-group that each asks for, in three
+    dimensions."""
 
     def __init__(self, program: Any, text: str, real: Any = np.float64) -> None:
         super().__init__()
         self.program, self.types = program, parse_argument_types(text, real)
+        self.groups: dict[str, tuple[int, ...]] = {}
 
     def __missing__(self, name: str) -> Any:
         import pyopencl
 
         self[name] = pyopencl.Kernel(self.program, name)
         self[name].set_scalar_arg_dtypes(self.types[name])
+        asked = pyopencl.kernel_work_group_info.COMPILE_WORK_GROUP_SIZE
+        device = self.program.devices[0]
+        self.groups[name] = tuple(max(1, size) for size in self[name].get_work_group_info(asked, device))
         return self[name]
 
 

@@ -30,8 +30,44 @@
 
 typedef real4 loose4 __attribute__((aligned(REAL_BYTES)));     // four that begin at any of them
 
+// A SHARED kernel's pieces of work are shared by LANES work-items each, a work-group, on a GPU; on a processor one work-item
+// does a piece. "Pieces" above such a kernel says how many a launch has. SPREAD: a lane's part of what is numbered first ..
+// last - 1, neighbours to neighbours; TOGETHER: each lane sees what the others wrote.
+#define SHARED __attribute__((reqd_work_group_size(LANES, 1, 1)))
+#define LANE ((int)get_local_id(0))
+#define SPREAD(i, first, last) for (int i = (first) + LANE; i < (last); i += LANES)
+#if LANES > 1
+#define TOGETHER barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
+#else
+#define TOGETHER
+#endif
+
+// The larger one, or what is no number.
+real larger(real a, real b)
+{
+    return b > a || b != b ? b : a;
+}
+
+// The largest that any lane of a piece has, to all of them; shelf: room for one of each.
+real largest_of_lanes(real mine, __local real* shelf)
+{
+    if (LANES == 1)
+        return mine;
+    shelf[LANE] = mine;
+    for (int apart = LANES / 2; apart > 0; apart /= 2) {
+        TOGETHER
+        if (LANE < apart)
+            shelf[LANE] = larger(shelf[LANE], shelf[LANE + apart]);
+    }
+    TOGETHER
+    const real found = shelf[0];
+    TOGETHER
+    return found;
+}
+
 // What kernels take for a stack of matrices and of vectors; where its item begins.
 #define STACK(x) __global real* x, long x##_first, int x##_ld, long x##_stride
+#define ALONE(x) __global real* restrict x, long x##_first, int x##_ld, long x##_stride    // nothing else leads there
 #define OF_ITEM(x) (x + x##_first + item * x##_stride)
 
 // Memory that nothing else of a kernel leads to: what is read, and what is written.

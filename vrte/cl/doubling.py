@@ -149,7 +149,7 @@ class Doubling:
         """(1 - v v^T) a (1 - v v^T) on the nodes."""
         s = self.sizes
         for name, columns in (("turn_columns", s.columns), ("turn_rows", s.ld // STRIP)):
-            self.algebra.launch(name, chosen, s, s.stokes, self.v, a.data, columns=columns)
+            self.algebra.launch(name, chosen, s, s.stokes, self.v, a.data, columns=self.algebra.count_pieces(columns))
 
     def steepest(self) -> Array:
         """The largest rate of each item, (item,): 1/mu, or the root of the 1-norm of F E."""

@@ -114,6 +114,10 @@ class Algebra:
         items = self.where(chosen)
         self.session.launch(name, (items.size,) if columns is None else (columns, items.size), *arguments, items)
 
+    def count_pieces(self, number: int) -> int:
+        """Pieces of work, where each lane of one has one of a ``number``."""
+        return -(-number // self.session.lanes)
+
     def multiply(self, chosen: BoolArray, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0) -> None:
         """c = alpha a b + beta c, stacks; c is neither a nor b."""
         multiply_stacks(self.session, self.where(chosen), a, b, c, alpha, beta)
@@ -179,7 +183,8 @@ class Algebra:
     def largest(self, chosen: BoolArray, a: Stack, sums: bool = False) -> Any:
         """Of a's elements, or of the sums over its columns, (item,) on the device."""
         sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
-        self.launch("column_sizes", chosen, a.rows, a.columns, sums, a, sizes, columns=a.columns)
+        pieces = self.count_pieces(a.columns)
+        self.launch("column_sizes", chosen, a.rows, a.columns, sums, a, sizes, columns=pieces)
         self.launch("largest_size", chosen, a.columns, sizes, found)
         return found
 

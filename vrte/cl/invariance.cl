@@ -254,7 +254,7 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
                         phi_ld, R, H, H_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
                 const long begin = first_column(counts, item, odd);
-                multiply_by_coefficients(order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
+                multiply_by_coefficients(order[item], order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
                                          coefficients + of * (long)6 * n_term, 0, 2, H + STRIP * strip + begin * H_ld, H_ld,
                                          HC + (strip * (long)h_columns + begin) * STRIP, STRIP);
             }

@@ -221,8 +221,8 @@ class Joining:
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:
         """out = x M + beta out, rows of order 0."""
-        n = self.sizes.n
-        self.algebra.launch("row_times", self.piles.turned, n, x, M, beta, out, columns=n)
+        n, algebra = self.sizes.n, self.algebra
+        algebra.launch("row_times", self.piles.turned, n, x, M, beta, out, columns=algebra.count_pieces(n))
 
     def flux_row_of(self, a: Any, out: Any) -> None:
         """out = a + T's row of the flux, rows of order 0."""

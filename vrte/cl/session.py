@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,8 @@ SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how man
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
 OPTIONS_OF = {"double": OPTIONS, "single": (*OPTIONS, "-D", "SINGLE", "-cl-single-precision-constant")}
-FORMS = ("cpu", "gpu")
+LANES = {"cpu": 1, "gpu": 64}  # work-items that share a piece of work, by form
+FORMS = tuple(LANES)
 WORK_GROUP = 256  # work-items of a group in the form for a GPU
 FORKED = (
     "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
@@ -102,8 +104,8 @@ class DeviceArray(Placed):
 @dataclass(eq=False)
 class Session:
     """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next
-    array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
-    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory).
+    array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of the kernels, "cpu" (a
+    work-item a column, a strip or a matrix) or "gpu" (a work-group, tiles in local memory).
     ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
     as doubles; ``room``: bytes that matrices take at most, though there be more; ``beside``: sessions on the same queue
     and memory, by form and precision."""
@@ -131,14 +133,26 @@ class Session:
         """What is below has no digits to check."""
         return _core.NO_LIGHT if self.precision == "double" else FAINTEST_OF_FLOATS
 
+    @property
+    def lanes(self) -> int:
+        """Work-items that share a piece of work."""
+        return LANES[self.form]
+
     def in_precision(self, precision: str) -> "Session":
         """This session, or that on the same queue and memory whose kernels compute in another precision; they are
         compiled when it is first asked for."""
+        return self._open_beside(self.form, precision)
+
+    def in_form(self, form: str) -> "Session":
+        """The same for another form of the kernels."""
+        return self._open_beside(form, self.precision)
+
+    def _open_beside(self, form: str, precision: str) -> "Session":
         self.beside.setdefault((self.form, self.precision), self)
-        wanted = self.form, precision
+        wanted = form, precision
         if wanted not in self.beside:
-            kernels = build_kernels(self.context, read_sources(precision), OPTIONS_OF[precision], REALS[precision])
-            self.beside[wanted] = replace(self, kernels=kernels, constants={}, precision=precision)
+            kernels = build_form(self.context, *wanted)
+            self.beside[wanted] = replace(self, kernels=kernels, constants={}, form=form, precision=precision)
         return self.beside[wanted]
 
     def narrow(self, values: Any) -> Any:
@@ -228,13 +242,18 @@ class Session:
         return found.astype(np.float64) if found.dtype == np.float32 else found
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
-        """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``group``:
-        the size of a work-group, one work-item without it."""
+        """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:
+        how many pieces of work, each for a work-group as large as the kernel says, of one work-item where it says
+        nothing; or with ``group`` how many work-items, in work-groups of that size."""
         if 0 in size:
             return
         self._check_process()
         self.traffic.launches += 1
-        self.kernels[name](self.queue, size, group or (1,) * len(size), *flatten_arguments(arguments))
+        kernel = self.kernels[name]
+        if group is None:
+            group = self.kernels.groups[name][: len(size)]
+            size = tuple(map(mul, size, group))
+        kernel(self.queue, size, group, *flatten_arguments(arguments))
 
     def local_memory(self, size: int) -> Any:
         """An argument of a kernel: so many bytes of local memory for each work-group."""
@@ -288,7 +307,7 @@ def read_sources(precision: str = "double") -> str:
 
 
 def open_session(device: Any, form: str | None = None, precision: str = "double") -> Session:
-    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind,
+    """A session on a pyopencl device; ``form`` of the kernels: by default that of the device's kind,
     "cpu" also where work-groups of 256 are too large for it; ``precision``: "double" or "single".
 
     Raises DeviceError where the kernels cannot be built.
@@ -297,12 +316,17 @@ def open_session(device: Any, form: str | None = None, precision: str = "double"
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    kernels = build_kernels(context, read_sources(precision), OPTIONS_OF[precision], REALS[precision])
-    queue = pyopencl.CommandQueue(context)
     if form is None:
         groups = device.max_work_group_size >= WORK_GROUP
         form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
+    kernels, queue = build_form(context, form, precision), pyopencl.CommandQueue(context)
     return Session(context, queue, kernels, _make_memory_pool(queue), form, precision=precision)
+
+
+def build_form(context: Any, form: str, precision: str) -> Kernels:
+    """The kernels of a form and a precision, compiled."""
+    options = *OPTIONS_OF[precision], "-D", f"LANES={LANES[form]}"
+    return build_kernels(context, read_sources(precision), options, REALS[precision])
 
 
 def _make_memory_pool(queue: Any) -> Any:

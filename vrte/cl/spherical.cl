@@ -63,10 +63,11 @@ real below(int m, real l, real k)
 }
 
 // What all directions of an item share: factors (item, n_term + 1, 4) of each step, the starts' factor and growth last.
-// Global size: items.
+// Pieces: items.
+SHARED
 __kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
 {
-    const long item = items[get_global_id(0)];
+    const long item = items[get_group_id(0)];
     const int m = order[item];
     real factor = m % 2 ? -1.0 : 1.0, growth = factor;
     factors += item * 4 * (n_term + 1);
@@ -74,10 +75,11 @@ __kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
         factor *= sqrt((2.0 * j - 1.0) / (2.0 * j));
     for (int j = 2; j < m; j++)
         growth *= 0.5 * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)));
-    for (int l = m; l < n_term; l++) {
+    SPREAD(l, m, n_term) {
         const bool polar = l >= 2;
         PUT(factors, l) = (real4)((l + 1.0) * below(m, l, 0.0), l * below(m, l + 1.0, 0.0),
                                     polar ? (l + 1.0) * below(m, l, 2.0) : 0.0, polar ? l * below(m, l + 1.0, 2.0) : 1.0);
     }
-    PUT(factors, n_term) = (real4)(factor, growth, 0.0, 0.0);
+    if (LANE == 0)
+        PUT(factors, n_term) = (real4)(factor, growth, 0.0, 0.0);
 }
