@@ -61,6 +61,11 @@ class Call:
         pyopencl.enqueue_copy(self.session.queue, found, self.given[name])
         return found
 
+    @property
+    def pieces(self) -> float:
+        """Work-groups of the launch."""
+        return float(np.prod(self.size) / np.prod(self.group))
+
     @cached_property
     def items(self) -> IntArray:
         """Those listed that have not left the loop that they are in."""
@@ -157,9 +162,11 @@ def weigh_columns(touched: float, flops: float = 1.0, rows: str = "ld") -> Calla
 
 
 def count_columns_of(call: Call) -> float:
-    """As many as an extended matrix has, or as were launched."""
+    """As many as an extended matrix has, or the kernel is told, or has work-groups."""
     given = call.given
-    return float(given["n"] + given["r"]) if {"n", "r", "p"} <= given.keys() else float(call.size[0])
+    if {"n", "r", "p"} <= given.keys():
+        return float(given["n"] + given["r"])
+    return float(given.get("columns", call.size[0] / call.group[0]))
 
 
 def weigh_rows(touched: float, flops: float, *names: str) -> Callable[[Call], Work]:
@@ -178,11 +185,11 @@ def weigh_coefficients(call: Call) -> Work:
 
 
 def weigh_leaving(call: Call) -> Work:
-    return weigh_elements(float(np.prod(call.size)) * call.n_mu * call.stokes, 2.0, 1.0)
+    return weigh_elements(call.pieces * call.n_mu * call.stokes, 2.0, 1.0)
 
 
 def weigh_largest(call: Call) -> Work:
-    return weigh_elements(float(np.prod(call.size)) * call.n_col * call.n_seen * call.stokes, 1.0, 2.0)
+    return weigh_elements(call.pieces * call.n_col * call.n_seen * call.stokes, 1.0, 2.0)
 
 
 # One row a kernel of the form for a GPU.
@@ -220,7 +227,7 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "prepare_inverse": weigh_columns(2.0, 1.0),
         "product_gpu": weigh_product,
         "put_flux_row": weigh_rows(6.0, ROOT, "n"),
-        "row_times": weigh_columns(1.0, 2.0, "n"),
+        "row_times": lambda call: weigh_elements(float(call.items.size * call.n**2), 1.0, 2.0),
         "times_coefficients": weigh_coefficients,
         "turn_columns": weigh_columns(0.75, 1.0, "n"),
         "turn_rows": weigh_columns(0.75, 1.0, "n"),
@@ -317,7 +324,7 @@ class Watched(dict[str, Any]):
 
     def __init__(self, kernels: Any, names: Mapping[str, list[str]]) -> None:
         super().__init__()
-        self.kernels, self.names = kernels, names
+        self.kernels, self.names, self.groups = kernels, names, kernels.groups
         self.recorder: Recorder | None = None
 
     def __missing__(self, name: str) -> Any:
