@@ -15,28 +15,34 @@ typedef struct
 } Settling;
 
 // mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
-// last one again. Global size: 1.
-__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, OUT out)
+// last one again; written from double `to` on. Global size: 1.
+__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, long to, OUT out)
 {
     for (int i = 0; i < next_strip(stokes * n_mu); i++) {
         const real cosine = mu[first + min(i / stokes, n_mu - 1)];
-        out[i] = i % stokes == v_place ? -cosine : cosine;
+        out[to + i] = i % stokes == v_place ? -cosine : cosine;
     }
 }
 
-// rate (item,): what a step gains at least, the largest albedo |B_l| / (2 l + 1). Global size: items.
-__kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
+// What a step gains at least, the largest albedo |B_l| / (2 l + 1) of the degrees m .. terms - 1.
+real rate_of_item(int m, int terms, real albedo, __global const real* coefficients)
 {
-    const int item = items[get_global_id(0)], of = material[item];
     real largest = 0.0;
-    for (int l = order[item]; l < terms[of]; l++) {
-        __global const real* c = coefficients + ((long)of * n_term + l) * 6;
+    for (int l = m; l < terms; l++) {
+        __global const real* c = coefficients + 6 * l;
         const real half_gap = 0.5 * (c[0] - c[1]);
         const real first = 0.5 * fabs(c[0] + c[1]) + sqrt(half_gap * half_gap + c[4] * c[4]);
         const real norm = fmax(first, fmax(fabs(c[2]), fabs(c[3])) + fabs(c[5]));
-        largest = fmax(largest, albedo[of] * norm / (2.0 * l + 1.0));
+        largest = fmax(largest, albedo * norm / (2.0 * l + 1.0));
     }
-    rate[item] = fmin(largest, 0.999);
+    return fmin(largest, 0.999);
+}
+
+// rate (item,). Global size: items.
+__kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
+{
+    const int item = items[get_global_id(0)], of = material[item];
+    rate[item] = rate_of_item(order[item], terms[of], albedo[of], coefficients + (long)of * n_term * 6);
 }
 
 #define SHARE_OF_COLUMN(x) if (j + x < columns) { \
@@ -278,15 +284,16 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
 // on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to
 // column. Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
-__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col, IN off_mu, INTS out,
-                                 INTS into, IN columns, STACK(Ruu), IN Ru, int strip_step, int column_step, long stride,
+__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col, IN off_mu, long mu_first, INTS out,
+                                 INTS into, IN columns, STACK(Ruu), IN Ru, long Ru_first, int strip_step, int column_step, long stride,
                                  OUT up, OUT on_nodes, INTS items)
 {
     const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
     const int from = stokes * into[beam], n_up = stokes * n_out;
     const int first = each * get_global_id(0), last = min(n_up + n, first + each);
     Ruu = OF_ITEM(Ruu) + (long)from * Ruu_ld;
-    Ru += item * stride;
+    Ru += Ru_first + item * stride;
+    off_mu += mu_first;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
         __global const real* of = columns + c * stokes;
@@ -310,12 +317,59 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
     }
 }
 
-// The same steps as a GPU wants them: a work-group makes a tile of a product, and R and the last steps too are stored
-// column by column.
+// The same steps as a GPU wants them: a work-group makes a tile of a product, R and the last steps too are stored column
+// by column, and items of all sizes go together. HC is not stored: what makes it of H is.
 
-#define RUNNING 0
-#define SETTLED 1   // in this step: H is made once more
-#define LEFT 2
+// Where an item's matrices begin in the memory that all items share, their columns' distances, and how many rows R has on
+// the other side.
+typedef struct
+{
+    long phi, rows_phi, nodes_H, H, R, row_mu, column_mu, pairs, phi_ld, nodes_H_ld, ld, n;
+} Place;
+
+// Of every column of HC: which two of H's it is made of, and how many times each.
+#define PAIRS __global const int2* restrict pair_of, __global const real2* restrict weight_of
+
+#define RUNS 0      // what an item's state is
+#define LEFT 1
+
+// What makes HC's columns, and of every listed item counts (item, 2), tolerance, rate and that it is listed, all
+// behind those of `first_item` items before,
+// `room` columns an item. Global size: degrees, items.
+__kernel void invariance_pairs(SCATTERING, int first_item, long first_pair, int room, INTS counts,
+                               __global int2* restrict pair_of, __global real2* restrict weight_of,
+                               __global int* restrict counts_of, IN tolerance_here, OUT tolerance, OUT rate,
+                               __global int* restrict listed, INTS items)
+{
+    const int item = items[get_global_id(1)], of = material[item], m = order[item], l = m + get_global_id(0);
+    const real factor = albedo[of];
+    __global const real* c = coefficients + ((long)of * n_term + l) * 6;
+    if (get_global_id(0) == 0) {
+        listed[first_item + item] = RUNS;
+        tolerance[first_item + item] = tolerance_here[item];
+        rate[first_item + item] = rate_of_item(m, terms[of], factor, coefficients + (long)of * n_term * 6);
+        counts_of[2 * (first_item + item)] = counts[2 * item];
+        counts_of[2 * (first_item + item) + 1] = counts[2 * item + 1];
+    }
+    if (l >= terms[of] || factor == 0.0)
+        return;
+    pair_of += first_pair + item * (long)room;
+    weight_of += first_pair + item * (long)room;
+    for (int odd = 0; odd < 2; odd++) {
+        const int kind = ((l - m) & 1) != odd, few = columns_of_kind(m, members, kind);
+        const int at = first_column(counts, item, odd) + (l - m + 1) / 2 * columns_of_kind(m, members, odd)
+            + (l - m) / 2 * columns_of_kind(m, members, !odd);
+        const real share = odd ? -factor : factor;
+        const bool left = has_first(m, members, kind);
+        for (int k = 0; k < few; k++)
+            pair_of[at + k] = (int2)(at, at + few - 1);
+        if (few == 2) {
+            weight_of[at] = (real2)(share * (kind ? c[2] : c[0]), share * (kind ? c[5] : -c[4]));
+            weight_of[at + 1] = (real2)(share * (kind ? c[5] : -c[4]), share * (kind ? -c[3] : c[1]));
+        } else if (few == 1)
+            weight_of[at] = (real2)(share * (kind ? (left ? c[2] : -c[3]) : (left ? c[0] : c[1])), 0.0);
+    }
+}
 
 #define GPU_LANES (GPU_GROUP * GPU_GROUP)
 
@@ -332,26 +386,36 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
     mine[3] = LARGER(mine[3], fabs(change)); \
     mine[4] = LARGER(mine[4], fabs(now));
 
-// As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64
-// columns, items.
+// Columns of HC, from those of H.
+#undef GPU_A
+#define GPU_A(k, i) (weight_of[k].x * H[(long)pair_of[k].x * ld + (i)] + weight_of[k].y * H[(long)pair_of[k].y * ld + (i)])
+
+// As `step_of_strip`, of a tile; found (item, tile, 5), room for `tiles` of each. Global size: 16 work-items a tile of 64
+// rows, 16 a tile of 64 columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_step_gpu(int ld, int n, INTS counts, IN row_mu, IN signed_mu, IN HC, STACK(H), int h_columns,
-                                  STEPS, OUT found, INTS state, INTS items)
+__kernel void invariance_step_gpu(__global const Place* restrict places, INTS counts_of, IN mus, PAIRS, IN nodes_H,
+                                  IN H, STEPS, int tiles, OUT found, INTS state)
 {
     __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
-    const long item = items[get_global_id(2)], place = item * ld * n;
-    const bool runs = state[item] == RUNNING;
-    const int rows = runs ? ld : 0, columns = n, inner = runs ? number_of_columns(counts, item, 2) : 0;
-    const int a_ld = ld, b_row = H_ld, b_column = 1;
-    __global const real* A = HC + item * ld * h_columns;
-    __global const real* B = OF_ITEM(H);
+    const long item = get_global_id(2);
+    const Place of = places[item];
+    const int rows = of.ld, columns = of.n, inner = number_of_columns(counts_of, item, 2), ld = rows;
+    const int b_row = of.nodes_H_ld, b_column = 1;
+    __global const real* B = nodes_H + of.nodes_H;
+    __global const real* row_mu = mus + of.row_mu;
+    __global const real* signed_mu = mus + of.column_mu;
     real mine[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
-    R += place;
-    led += place;
-    moved += place;
-    moved_1 += place;
-    moved_2 += place;
     GPU_PLACES
+    if (state[item] != RUNS || top >= rows || left >= columns)
+        return;
+    H += of.H;
+    pair_of += of.pairs;
+    weight_of += of.pairs;
+    R += of.R;
+    led += of.R;
+    moved += of.R;
+    moved_1 += of.R;
+    moved_2 += of.R;
     GPU_SUM_TERMS
     GPU_EACH_ELEMENT(GPU_SHARE)
     for (int v = 0; v < 5; v++)
@@ -365,76 +429,97 @@ __kernel void invariance_step_gpu(int ld, int n, INTS counts, IN row_mu, IN sign
             }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    found += ((item * get_num_groups(1) + get_group_id(1)) * get_num_groups(0) + get_group_id(0)) * 5;
-    if (here < 5 && runs)
+    found += (item * tiles + get_group_id(1) * ((rows + GPU_TILE - 1) / GPU_TILE) + get_group_id(0)) * 5;
+    if (here < 5)
         found[here] = sums[here][0];
 }
 
-// Global size: items.
-__kernel void invariance_judge(int step, int most, int tiles, IN found, JUDGED, __global Settling* restrict settling,
-                               __global int* restrict state, INTS items)
+// What an item's next R is made of, from what all its tiles found; see `judged`.
+Settling judge_item(int step, int tiles, __global const real* found, real rate, real tolerance, Settling before,
+                    bool* done)
 {
-    const long item = items[get_global_id(0)];
-    if (state[item] != RUNNING) {
-        state[item] = LEFT;
-        return;
-    }
     real sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
     for (int tile = 0; tile < tiles; tile++) {
-        __global const real* part = found + (item * tiles + tile) * 5;
         for (int k = 0; k < 3; k++)
-            sums[k] += part[k];
+            sums[k] += found[5 * tile + k];
         for (int k = 3; k < 5; k++)
-            sums[k] = LARGER(sums[k], part[k]);
+            sums[k] = LARGER(sums[k], found[5 * tile + k]);
     }
-    bool done;
-    const Settling now = judged(step, sums, rate[item], tolerance[item], settling[item], &done);
-    settling[item] = now;
-    steps[item]++;
-    if (done)
-        state[item] = SETTLED;
-    if (done || step == most - 1)
-        if (!(now.missing <= residual[item]))
-            residual[item] = now.missing;
+    return judged(step, sums, rate, tolerance, before, done);
 }
 
-// R of the last steps, zero at the start. Global size: elements of a matrix rounded up, items.
-__kernel void invariance_mix(int starting, int size, STEPS, __global const Settling* restrict settling, INTS state,
-                             INTS items)
+// An element of the next R: shares of what the last steps led to.
+real mix_element(__local const real* share, __global const real* led, __global const real* led_1,
+                 __global const real* led_2, long k)
 {
-    const long item = items[get_global_id(1)], k = item * size + get_global_id(0);
-    if (get_global_id(0) >= size || state[item] == LEFT)
-        return;
-    __global const real* share = settling[item].share;
-    real value = 0.0;
-    if (!starting) {
-        value = share[0] * led[k];
-        if (share[1] != 0.0)
-            value += share[1] * led_1[k];
-        if (share[2] != 0.0)
-            value += share[2] * led_2[k];
-    }
-    R[k] = value;
+    real value = share[0] * led[k];
+    if (share[1] != 0.0)
+        value += share[1] * led_1[k];
+    if (share[2] != 0.0)
+        value += share[2] * led_2[k];
+    return value;
 }
 
+#undef GPU_A
+#define GPU_A(k, i) mix_element(share, led, led_1, led_2, (long)(k) * ld + (i))
 #define GPU_ADD_PHI \
-    H[(long)j * H_ld + i] = value + (j < columns_E ? 1.0 : -1.0) * phi_row[(long)j * phi_ld + i];
+    H[(long)j * ld + i] = value + (j < columns_E ? 1.0 : -1.0) * phi_row[(long)j * phi_ld + i];
 
-// H = +-phi + R phi_nodes. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
+// Whether an item has settled, R of its last steps, zero before the first (step -1), and H = +-phi + R phi_nodes. What it
+// reads of how the item settles is what the step before left, what it leaves is apart: all work-groups of an item judge
+// alike, and the first one keeps it; those of an item that has left return at once. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_renew_gpu(int starting, int n, INTS counts, STACK(phi), IN R, STACK(H), INTS state, INTS items)
+__kernel void invariance_renew_gpu(int step, int most, __global const Place* restrict places, INTS counts_of, IN phi,
+                                   OUT H, STEPS, int tiles, IN found, IN rate, IN tolerance, OUT residual,
+                                   __global int* restrict steps, __global const Settling* restrict settling_before,
+                                   __global Settling* restrict settling, INTS state_before,
+                                   __global int* restrict state)
 {
-    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
-    const long item = items[get_global_id(2)];
-    const bool runs = state[item] != LEFT;
-    const int rows = runs ? H_ld : 0, columns = number_of_columns(counts, item, 2);
-    const int columns_E = number_of_columns(counts, item, 0), inner = runs && !starting ? n : 0;
-    const int a_ld = H_ld, b_row = 1, b_column = phi_ld;
-    __global const real* A = R + item * H_ld * n;
-    __global const real* B = phi + item * phi_stride;
-    __global const real* phi_row = B + phi_first;
-    H = OF_ITEM(H);
+    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], share[3];
+    const long item = get_global_id(2);
+    const Place of = places[item];
+    const int columns = number_of_columns(counts_of, item, 2), columns_E = number_of_columns(counts_of, item, 0);
+    const int rows = of.ld, ld = rows, phi_ld = of.phi_ld, b_row = 1, b_column = phi_ld;
+    const int inner = step < 0 ? 0 : of.n;
+    __global const real* B = phi + of.phi;
+    __global const real* phi_row = phi + of.rows_phi;
     GPU_PLACES
+    if (state_before[item] == LEFT) {
+        if (here == 0 && top == 0 && left == 0)
+            state[item] = LEFT;
+        return;
+    }
+    if (top >= rows || (left > 0 && left >= columns))
+        return;
+    if (here == 0) {
+        const int across = (rows + GPU_TILE - 1) / GPU_TILE, along = (of.n + GPU_TILE - 1) / GPU_TILE;
+        bool done = false;
+        Settling now = settling_before[item];
+        if (step >= 0)
+            now = judge_item(step, across * along, found + item * tiles * 5, rate[item], tolerance[item], now, &done);
+        for (int k = 0; k < 3; k++)
+            share[k] = now.share[k];
+        if (top == 0 && left == 0) {
+            settling[item] = now;
+            state[item] = done ? LEFT : RUNS;
+            steps[item] += step >= 0;
+            if ((done || step == most - 1) && !(now.missing <= residual[item]))
+                residual[item] = now.missing;
+        }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    H += of.H;
+    R += of.R;
+    led += of.R;
+    led_1 += of.R;
+    led_2 += of.R;
+    if (left == 0)
+        for (int j = 0; j < of.n; j++)
+            for (int i = top + here; i < min(rows, top + GPU_TILE); i += GPU_LANES)
+                R[(long)j * ld + i] = step < 0 ? 0.0 : mix_element(share, led, led_1, led_2, (long)j * ld + i);
     GPU_SUM_TERMS
     GPU_EACH_ELEMENT(GPU_ADD_PHI)
 }
+
+#undef GPU_A
+#define GPU_A(k, i) A[(long)(k) * a_ld + (i)]

@@ -1,10 +1,10 @@
 """The top of a layer without end, by invariance, on a device: `_core.reflect_endless` for all items at once.
 
-Every item takes its own steps, so that what comes out of one does not depend on which others there are. On a GPU all
-take a step together, and those that have settled leave the list; on a CPU a work-item takes all steps of an item."""
+Every item takes its own steps, so that what comes out of one does not depend on which others there are. On a CPU a
+work-item takes all steps of an item, on a GPU all take a step together: see `settling`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,35 +20,53 @@ from vrte.cl.assembly import (
     multiply_by_coefficients,
     multiply_over_columns,
 )
-from vrte.cl.matrices import GROUP, STRIP, Stack, count_work_items, make_stack, pad_to_strips
+from vrte.cl.matrices import STRIP, Stack, make_stack, pad_to_strips
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
-STEPS_A_LOOK = 4  # fixed points between two looks at what has settled, each of which waits
-MIXED = 64  # work-items of a work-group that makes R on a GPU
 V = 3
 
 
 @dataclass(frozen=True, eq=False)
+class Asked:
+    """Layers without end on the same nodes, and what is asked of them, on the device. directions: nodes, then off the
+    nodes; out, into: places among the latter; columns (n_col, S); tolerance (item,)."""
+
+    what: Scattering
+    directions: Any
+    weights: Any
+    out: Any
+    into: Any
+    columns: Any
+    tolerance: Any
+
+    @property
+    def n_off(self) -> int:
+        """Directions off the nodes."""
+        return int(self.directions.size - self.weights.size)
+
+
+@dataclass(frozen=True, eq=False)
 class Endless:
-    """On the device: up (item, n_in, n_col, S n_out), on_nodes (item, n_in n_col, n), residual and steps (item,), as of
-    `_core.reflect_endless`."""
+    """On the device: up (item, n_in, n_col, S n_out), on_nodes (item, n_in n_col, n), residual and steps, (item,) from
+    item ``first`` on, as of `_core.reflect_endless`."""
 
     up: Any
     on_nodes: Any
     residual: Any
     steps: Any
+    first: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Some rows: phi, H and HC of E's and F's columns, Hf with the other sign; signed_mu: the cosine of each row, minus
-    where it is V's."""
+    """Some rows: phi and H of E's and F's columns, Hf with the other sign; signed_mu: the cosine of each row, minus
+    where it is V's, from the ``mu_first``-th number on."""
 
     phi: Stack
     H: Stack
-    HC: Stack
     signed_mu: Any
+    mu_first: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,24 +106,43 @@ def reflect_endless(
     directions: nodes, then off the nodes; out, into: places among the latter; columns (n_col, S); tolerance (item,).
     A GPU is waited for at every few steps, and ``stop[0]`` looked at, then nothing that comes out counts."""
     what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
-    n_off = directions.size - weights.size
-    phi = compute_parity_columns(session, what, directions, weights, n_off)
-    nodes = make_sheet(session, what, phi, 0, directions, 0, weights.size)
-    off = make_sheet(session, what, phi, 1, directions, weights.size, n_off)
+    (found,) = reflect_sorts(session, [Asked(what, directions, weights, out, into, columns, tolerance)], stop)
+    return found
+
+
+def reflect_sorts(session: Session, asked: Sequence[Asked], stop: IntArray | None = None) -> list[Endless]:
+    """The same for layers on several sets of nodes, or of several sets of Stokes parameters."""
+    if session.form == "gpu":
+        from vrte.cl import settling
+
+        return settling.reflect_together(session, asked, stop)
+    return [reflect_alone(session, one, stop) for one in asked]
+
+
+def reflect_alone(session: Session, asked: Asked, stop: IntArray | None) -> Endless:
+    """As a CPU wants it: all steps of an item by one work-item."""
+    what, n_node, items = asked.what, asked.weights.size, asked.what.items
+    columns = compute_parity_columns(session, what, asked.directions, asked.weights, asked.n_off)
+    nodes = make_sheet(session, what, columns, 0, asked.directions, 0, n_node)
+    off = make_sheet(session, what, columns, 1, asked.directions, n_node, asked.n_off)
     rate, residual, steps = (
         session.empty((what.room,)),
         session.zeros((what.room,)),
         session.zeros((what.room,), np.int32),
     )
     session.launch("invariance_rate", (items.size,), what, rate, items)
-    judged = Judged(rate, tolerance, residual, steps)
-    room = [session.empty((what.room, nodes.phi.rows, max(nodes.H.ld, off.H.ld))) for _ in range(6)]
+    judged = Judged(rate, asked.tolerance, residual, steps)
+    n = nodes.phi.rows
+    shape = what.room, n, max(nodes.H.ld, off.H.ld)
+    # the first two steps read by how much steps moved that there were not, and do nothing with it
+    room = [session.empty(shape) for _ in range(4)] + [session.zeros(shape) for _ in range(2)]
     for rows in (nodes, off):
-        R = session.empty((what.room, nodes.phi.rows, rows.H.ld))
-        points = FixedPoints(session, what, phi.counts, rows, nodes, judged, R, room[:3], room[3:])
+        R, HC = session.empty((what.room, n, rows.H.ld)), stack_like(session, what, rows.H)
         if stop is None or not stop[0]:
-            points.settle_each() if session.form == "cpu" else points.settle_together(stop)
-    up, on_nodes = compute_off_node_results(session, what, phi.counts, off, R, nodes.phi.rows, out, into, columns)
+            sizes = session.device.max_compute_units, _core.MOST_STEPS, rows.H.ld // STRIP, rows is nodes, n
+            arrays = columns.counts, rows.signed_mu, nodes.signed_mu, rows.phi, nodes.H, R, *room, rows.H, HC.columns
+            session.launch("invariance_settle", (items.size,), what, *sizes, *arrays, HC.data, judged, items)
+    up, on_nodes = compute_off_node_results(session, asked, columns.counts, off, R, 0, n * off.H.ld, n)
     return Endless(up, on_nodes, residual, steps)
 
 
@@ -114,103 +151,37 @@ def place_of_v(what: Scattering) -> int:
     return what.members.index(V) if V in what.members else -1
 
 
+def stack_like(session: Session, what: Scattering, stack: Stack) -> Stack:
+    """Another stack of that shape, yet to be written."""
+    return make_stack(session, what.room, stack.rows, stack.columns, bare=True)
+
+
 def make_sheet(
     session: Session, what: Scattering, columns: Columns, part: int, directions: Any, first: int, n_mu: int
 ) -> Sheet:
     """Of some directions, the part of phi's rows that is theirs."""
     rows = what.stokes * n_mu
     signed_mu = session.empty((pad_to_strips(rows),))
-    session.launch("cosines_of_rows", (1,), n_mu, what.stokes, place_of_v(what), directions, first, signed_mu)
-    H, HC = (make_stack(session, what.room, rows, columns.phi.columns, bare=True) for _ in range(2))
-    return Sheet(columns.rows(part, rows), H, HC, signed_mu)
+    put_cosines(session, what, directions, first, n_mu, signed_mu, 0)
+    return Sheet(
+        columns.rows(part, rows), make_stack(session, what.room, rows, columns.phi.columns, bare=True), signed_mu
+    )
 
 
-@dataclass(eq=False)
-class FixedPoints:
-    """Steps for R of some rows, the nodes' or others, as many as each item needs, and their H with it.
-
-    ``led`` to which R the last steps led, ``moved`` by how much, this one first: memory for matrices like R. On a CPU
-    R, the last steps and HC are stored strip by strip, on a GPU column by column."""
-
-    session: Session
-    what: Scattering
-    counts: Any
-    rows: Sheet
-    nodes: Sheet
-    judged: Judged
-    R: Any
-    led: list[Any]
-    moved: list[Any]
-
-    @property
-    def n(self) -> int:
-        """Columns of R."""
-        return self.nodes.phi.rows
-
-    @property
-    def cosines(self) -> tuple[Any, ...]:
-        """Of R's rows and columns, behind the number of E's and F's columns."""
-        return self.counts, self.rows.signed_mu, self.nodes.signed_mu
-
-    def settle_each(self) -> None:
-        """All steps of an item by one work-item: what belongs to it stays in the cache, and nobody waits for others."""
-        H, units = self.rows.H, self.session.device.max_compute_units
-        sizes = units, _core.MOST_STEPS, H.ld // STRIP, self.rows is self.nodes, self.n
-        steps = self.R, *self.led, *self.moved
-        arguments = *sizes, *self.cosines, self.rows.phi, self.nodes.H, *steps, H, H.columns, self.rows.HC.data
-        items = self.what.items
-        self.session.launch("invariance_settle", (items.size,), self.what, *arguments, self.judged, items)
-
-    def settle_together(self, stop: IntArray | None) -> None:
-        """A step of all items, and another, without those that have settled."""
-        session, what, items = self.session, self.what, self.what.items
-        across, along = count_work_items(self.rows.H.ld, self.n)
-        tiles = across // GROUP * along // GROUP
-        found, state = session.empty((what.room, tiles, 5)), session.zeros((what.room,), np.int32)
-        settling = session.zeros((what.room, 7))
-        self.renew(items, settling, state, starting=True)
-        for step in range(_core.MOST_STEPS):
-            self.step(items, found, state)
-            judging = step, _core.MOST_STEPS, tiles, found, self.judged, settling, state, items
-            session.launch("invariance_judge", (items.size,), *judging)
-            self.renew(items, settling, state)
-            self.led, self.moved = self.led[2:] + self.led[:2], self.moved[2:] + self.moved[:2]
-            if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:
-                items = list_unsettled(session, items, state)
-                if not items.size or (stop is not None and stop[0]):
-                    return
-
-    def step(self, items: Any, found: Any, state: Any) -> None:
-        """Where R leads, and what that moves; found (item, tile, 5)."""
-        H, ld = self.nodes.H, self.rows.H.ld
-        arguments = ld, self.n, *self.cosines, self.rows.HC.data, H, H.columns, self.R, *self.led, *self.moved
-        size = *count_work_items(ld, self.n), items.size
-        self.session.launch("invariance_step_gpu", size, *arguments, found, state, items, group=(GROUP, GROUP, 1))
-
-    def renew(self, items: Any, settling: Any, state: Any, starting: bool = False) -> None:
-        """R of the steps, then H, then HC."""
-        H, size, launch = self.rows.H, self.rows.H.ld * self.n, self.session.launch
-        mixed = starting, size, self.R, *self.led, *self.moved, settling, state, items
-        launch("invariance_mix", (-(-size // MIXED) * MIXED, items.size), *mixed, group=(MIXED, 1))
-        renewed = starting, self.n, self.counts, self.rows.phi, self.R, H, state, items
-        launch(
-            "invariance_renew_gpu", (*count_work_items(H.ld, H.columns), items.size), *renewed, group=(GROUP, GROUP, 1)
-        )
-        listed = replace(self.what, items=items)
-        multiply_by_coefficients(self.session, listed, self.counts, H, self.rows.HC, v_sign=-1.0, odd_sign=-1.0)
-
-
-def list_unsettled(session: Session, items: Any, state: Any) -> Any:
-    """The listed items that go on; waits."""
-    listed = session.download(items)
-    going_on = listed[session.download(state)[listed] == 0]
-    return items if going_on.size == listed.size else session.constant(going_on)
+def put_cosines(
+    session: Session, what: Scattering, directions: Any, first: int, n_mu: int, signed_mu: Any, to: int
+) -> None:
+    """The cosine of each row of some directions."""
+    sizes = n_mu, what.stokes, place_of_v(what)
+    session.launch("cosines_of_rows", (1,), *sizes, directions, first, to, signed_mu)
 
 
 def compute_off_node_results(
-    session: Session, what: Scattering, counts: Any, off: Sheet, Ru: Any, n: int, out: Any, into: Any, columns: Any
+    session: Session, asked: Asked, counts: Any, off: Sheet, Ru: Any, first: int, stride: int, n: int
 ) -> tuple[Any, Any]:
-    """From off the nodes to off the nodes, less what is scattered once, and to the nodes."""
+    """From off the nodes to off the nodes, less what is scattered once, and to the nodes; Ru of each item from double
+    ``first`` on, ``stride`` apart."""
+    what, out, into, columns = asked.what, asked.out, asked.into, asked.columns
     u, n_in, n_col = off.phi.rows, into.size, columns.shape[0]
     Ruu, psi = (make_stack(session, what.room, u, size, bare=True) for size in (u, off.phi.columns))
     for columns_of, alpha, beta in [(off.H, 1.0, 0.0), (off.phi, -1.0, 1.0)]:
@@ -221,8 +192,8 @@ def compute_off_node_results(
     ld, size = off.H.ld, what.stokes * out.size + n
     steps = (STRIP * n, STRIP) if session.form == "cpu" else (STRIP, ld)  # strip by strip, or column by column
     sizes = n, ..., what.stokes, place_of_v(what), out.size, n_col
-    arguments = *sizes, off.signed_mu, out, into, columns, Ruu, Ru, *steps, ld * n, up, on_nodes
-    launch_pieces(session, "invariance_results", size, size, what.items, *arguments, between=(n_in,))
+    arrays = off.signed_mu, off.mu_first, out, into, columns, Ruu, Ru, first, *steps, stride, up, on_nodes
+    launch_pieces(session, "invariance_results", size, size, what.items, *sizes, *arrays, between=(n_in,))
     return up, on_nodes
 
 
@@ -243,5 +214,5 @@ def reflect_endless_arrays(session: Session, crew: Crew, given: Any) -> None:
     asked = {name: getattr(given, name) for name in ("directions", "weights", "out", "into", "columns")}
     uploaded: dict[str, Any] = {name: upload(values) for name, values in (scene | asked).items()}
     found = reflect_endless(session, *pairs, given.members.tolist(), **uploaded, stop=crew.stop)
-    for name, values in vars(found).items():
-        getattr(given, name)[...] = session.download(values)
+    for name in ("up", "on_nodes", "residual", "steps"):
+        getattr(given, name)[...] = session.download(getattr(found, name))

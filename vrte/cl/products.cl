@@ -84,6 +84,8 @@ __kernel void product(PRODUCT)
     const int row = get_local_id(0), column = get_local_id(1), here = row + GPU_GROUP * column; \
     const int top = GPU_TILE * get_group_id(0), left = GPU_TILE * get_group_id(1);
 
+#define GPU_A(k, i) A[(long)(k) * a_ld + (i)]   // column k, row i of A; other kernels have it made of something else
+
 // sum = the work-item's elements of A B; neighbours in the work-group read neighbours in memory: rows of A, and of B
 // whichever index has the step 1.
 #define GPU_SUM_TERMS \
@@ -94,7 +96,7 @@ __kernel void product(PRODUCT)
     for (int begin = 0; begin < inner; begin += GPU_DEPTH) { \
         for (int at = here; at < GPU_DEPTH * GPU_TILE; at += GPU_GROUP * GPU_GROUP) { \
             const int k = at / GPU_TILE, i = at % GPU_TILE; \
-            a_tile[k][i] = begin + k < inner && top + i < rows ? A[(long)(begin + k) * a_ld + top + i] : 0.0; \
+            a_tile[k][i] = begin + k < inner && top + i < rows ? GPU_A(begin + k, top + i) : 0.0; \
         } \
         for (int at = here; at < GPU_DEPTH * GPU_TILE; at += GPU_GROUP * GPU_GROUP) { \
             const int k = b_row == 1 ? at % GPU_DEPTH : at / GPU_TILE, j = b_row == 1 ? at / GPU_DEPTH : at % GPU_TILE; \

@@ -236,10 +236,14 @@ class Session:
         self._check_process()
         found = np.empty(values.shape, values.dtype)
         if found.nbytes:
-            self.traffic.bytes_down += found.nbytes
-            self.traffic.reads += 1
             pyopencl.enqueue_copy(self.queue, found, values.data)
+            self.count_read(found.nbytes)
         return found.astype(np.float64) if found.dtype == np.float32 else found
+
+    def count_read(self, size: int) -> None:
+        """Puts down that the host has waited for so many bytes."""
+        self.traffic.reads += 1
+        self.traffic.bytes_down += size
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:

@@ -13,7 +13,6 @@ def start_download(session: Session, values: DeviceArray, slot: int) -> Coming:
     """Starts a copy of the device's array to the host and returns what waits for it, as a context in which the numbers
     may be read. A GPU copies, on a queue of its own, to memory that is locked for that: one place a ``slot``, written
     over by the next copy there. A processor's memory is the host's already."""
-    session.traffic.bytes_down += values.nbytes
     if session.form == "cpu":
         return lambda: read_in_place(session, values)
     import pyopencl
@@ -26,8 +25,8 @@ def start_download(session: Session, values: DeviceArray, slot: int) -> Coming:
 
     @contextmanager
     def wait() -> Iterator[Any]:
-        session.traffic.reads += 1
         landed.wait()
+        session.count_read(values.nbytes)
         yield room[: values.nbytes].view(values.dtype).reshape(values.shape)
 
     return wait
@@ -38,10 +37,10 @@ def read_in_place(session: Session, values: DeviceArray) -> Iterator[Any]:
     """The memory of an array of a processor's device, which need not be copied."""
     import pyopencl
 
-    session.traffic.reads += 1
     seen, _ = pyopencl.enqueue_map_buffer(
         session.queue, values.data, pyopencl.map_flags.READ, 0, values.shape, values.dtype
     )
+    session.count_read(values.nbytes)
     yield seen
     seen.base.release(session.queue)
 

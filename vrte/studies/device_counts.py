@@ -104,16 +104,25 @@ def weigh_product(call: Call) -> Work:
     return weigh_tiles(call.rows, call.columns, inner, 2.0 if call.beta else 1.0)
 
 
+def read_places(call: Call, state: str) -> tuple[Array, Array, Array]:
+    """Of the items that have not left: rows of R on this side, on the other, and columns."""
+    places = call.read("places").view(np.int64).reshape(-1, 12).astype(float)
+    columns = call.read("counts_of")[: 2 * len(places)].reshape(-1, 2).sum(axis=1).astype(float)
+    running = call.read(state)[: len(places)] == 0
+    return places[running, 10], places[running, 11], columns[running]
+
+
 def weigh_step(call: Call) -> Work:
     """Five sums of what moved beside the product, over R and the last steps; what has settled is passed over."""
-    running = call.read("state")[call.items] == 0
-    return weigh_tiles(call.ld, call.n, call.count_columns(2)[running], 5.0)
+    rows, n, columns = read_places(call, "state")
+    return weigh_tiles(rows, n, columns, 5.0)
 
 
 def weigh_renewal(call: Call) -> Work:
-    columns = call.count_columns(2)
-    inner = np.full(columns.size, 0.0 if call.starting else float(call.n))
-    return weigh_tiles(call.H_ld, columns, inner, 2.0)
+    """R is made of the last three steps as it is read, and written; what has settled is passed over."""
+    rows, n, columns = read_places(call, "state_before")
+    work = weigh_tiles(rows, columns, n if call.step >= 0 else 0.0 * n, 2.0)
+    return Work(work.flops, work.bytes + REAL * 3.0 * float((rows * n).sum()), work.local, work.rounds)
 
 
 def weigh_inverse(call: Call) -> Work:
@@ -143,11 +152,9 @@ def weigh_scattering(call: Call) -> Work:
 
 def weigh_orders(call: Call) -> Work:
     """Every group of four elements, every order and angle; a row of the result is read and written."""
-    scenes = call.size[2] / (call.n_here * call.n_level)
-    rows = scenes * call.n_here * call.n_level * call.n_mu
-    orders = float(np.mean(call.read("n_order")[: max(1, int(scenes))]))
-    angles = np.ceil(call.n_angle / 12.0) * 12.0
-    flops = rows * call.n_group * orders * (8.0 * angles + 8.0 * angles / 12.0)
+    rows = float(call.size[2] * call.n_here * call.n_level * call.n_mu)
+    orders = float(np.mean(call.read("shares")[: 4 * call.size[2]].reshape(-1, 4)[:, 2]))
+    flops = rows * call.n_group * orders * 12.0 * call.n_angle
     written = 2.0 * rows * call.n_phi * 4.0 * call.n_place
     return Work(flops, REAL * (written + rows * call.n_group * 4.0 * orders))
 
@@ -195,9 +202,9 @@ def weigh_largest(call: Call) -> Work:
 # One row a kernel of the form for a GPU.
 FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
     {
-        "add_orders": weigh_orders,
+        "add_orders_gpu": weigh_orders,
         "add_rates": weigh_rows(4.0, 2.0 * ROOT, "n"),
-        "add_scattering": weigh_scattering,
+        "add_scattering_gpu": weigh_scattering,
         "add_straight": weigh_columns(2.0, 2.0),
         "blend": weigh_columns(2.0, 2.0, "rows"),
         "clear_nodes": weigh_rows(3.0, 2.0 * ROOT, "n"),
@@ -210,9 +217,7 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "extend": weigh_columns(2.0, 2.0),
         "fade": weigh_columns(3.0, 3.0, "rows"),
         "go_straight": weigh_rows(2.0, 2.0 * ROOT, "r", "o"),
-        "invariance_judge": lambda call: weigh_elements(float(call.size[0] * call.tiles * 5), 1.0, 2.0),
-        "invariance_mix": lambda call: weigh_elements(float(call.items.size * call.given["size"]), 4.0, 5.0),
-        "invariance_rate": weigh_rows(6.0, 2.0 * ROOT, "n_term"),
+        "invariance_pairs": weigh_rows(16.0, 2.0 * ROOT, "n_term"),
         "invariance_renew_gpu": weigh_renewal,
         "invariance_results": weigh_results,
         "invariance_step_gpu": weigh_step,
@@ -296,11 +301,10 @@ class Recorder(Session):
         self.events.append(Event(what, time.thread_time() - self.last, **more))
         self.last = time.thread_time()
 
-    def download(self, values: DeviceArray) -> Any:
-        """Waits for an array."""
-        found = super().download(values)
-        self.note("read", bytes=values.nbytes)
-        return found
+    def count_read(self, size: int) -> None:
+        """Has waited for so many bytes."""
+        super().count_read(size)
+        self.note("read", bytes=size)
 
     def finish(self) -> None:
         """Waits for all."""
