@@ -101,8 +101,7 @@ def radiance(
         check_differentiable(request)
     run = make_run(request)
     found_all = run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
-    found = make_field(request, *found_all)
-    return found.beam(0) if is_one_number(mu0) else found
+    return make_field(request, *found_all, alone=is_one_number(mu0))
 
 
 def is_one_number(value: Any) -> bool:
@@ -111,13 +110,17 @@ def is_one_number(value: Any) -> bool:
 
 
 def make_field(
-    request: Request, directions: Array, solution: Solution, derivatives: Sequence[Derivative] = ()
+    request: Request,
+    directions: Array,
+    solution: Solution,
+    derivatives: Sequence[Derivative] = (),
+    alone: bool = False,
 ) -> Field:
-    """What was found, as a result of as many beams as were asked for."""
+    """What was found, as a result of as many beams as were asked for, or of a beam ``alone``, without their axis."""
     tau, incident = request.asked_tau, request.incident
     assert tau is not None
     assert incident is not None
-    warn_of_negative(request, np.moveaxis(solution.parts[0], 1, 0)[..., 0, 0], solution.diagnostics)
+    warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
     if request.scene.keeps_beams:
         index = locate_depths(request.scene, request.tau, find_under(request)).medium(request.scene.media)
@@ -130,32 +133,35 @@ def make_field(
     if request.fluxes_only:
         directions = directions[:0]
     shown = slice(directions.size)
+    beam: Any = 0 if alone else slice(None)
     return Field(
-        stokes=seen[:, :, shown],
-        flux_up=freeze_copy(fluxes[0]),
-        flux_down=freeze_copy(fluxes[1]),
-        direct=freeze_copy(beams[0]),
+        stokes=seen[beam][..., shown, :, :],
+        flux_up=freeze_copy(fluxes[0][beam]),
+        flux_down=freeze_copy(fluxes[1][beam]),
+        direct=freeze_copy(beams[0][beam]),
         tau=tau,
         mu=directions,
         phi=request.phi,
-        mu0=request.mu0,
+        mu0=float(request.mu0[0]) if alone else request.mu0,
         incident_stokes=incident,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
-        direct_up=freeze_copy(beams[1]) if request.scene.keeps_beams else None,
+        direct_up=freeze_copy(beams[1][beam]) if request.scene.keeps_beams else None,
         index=None if index is None else freeze_copy(index),
-        jacobian={name: found[0][:, :, shown] for name, found in changes.items()},
-        flux_up_jacobian={name: found[1] for name, found in changes.items()},
-        flux_down_jacobian={name: found[2] for name, found in changes.items()},
-        direct_jacobian={name: found[0] for name, found in by_beams.items()},
-        direct_up_jacobian={name: found[1] for name, found in by_beams.items()} if request.scene.keeps_beams else None,
+        jacobian={name: found[0][beam][..., shown, :, :] for name, found in changes.items()},
+        flux_up_jacobian={name: found[1][beam] for name, found in changes.items()},
+        flux_down_jacobian={name: found[2][beam] for name, found in changes.items()},
+        direct_jacobian={name: found[0][beam] for name, found in by_beams.items()},
+        direct_up_jacobian=(
+            {name: found[1][beam] for name, found in by_beams.items()} if request.scene.keeps_beams else None
+        ),
     )
 
 
 def gather_light(request: Request, solution: Solution) -> tuple[Array, Array, Array]:
     """Stokes vectors (n_in, n_tau, n_mu, n_phi, 4) and fluxes up and down, (n_in, n_tau), as seen from the side that is
     lit."""
-    seen = np.moveaxis(settle_array(solution.parts[0])[..., 0], 1, 0)
-    up, down = (np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down))
+    seen = settle_array(solution.parts[0])[..., 0].swapaxes(0, 1)
+    up, down = solution.flux_up.sum(axis=-1).T, solution.flux_down.sum(axis=-1).T
     if request.illuminate == "top":
         return seen, up, down
     seen = mirror_stokes(seen)

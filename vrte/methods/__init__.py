@@ -1,6 +1,7 @@
 """Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
 
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 
 from vrte.basics import cost
@@ -17,6 +18,7 @@ from vrte.request.request import Request, estimate_operations
 from vrte.results.solution import Solution
 
 
+@cache
 def find_method(name: str) -> Method:
     """What a method's file says of it.
 

@@ -14,8 +14,7 @@ from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
 from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, fill_results
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import find_peak_flux, find_spread_directions
-from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
+from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.discrete_ordinates.planning.needs import calibrate_bounds, count_orders_that_matter
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.results.solution import Solution
@@ -148,10 +147,7 @@ def make_task(plan: Plan) -> Task:
 
 def make_target(plan: Plan) -> Target:
     """What the light of a plan is added up into."""
-    request, problem = plan.request, plan.problem
-    azimuths = fold_azimuths(request.phi, problem.leave_out.azimuths)
-    spreads = find_spread_directions(plan.truncation, problem, plan.mu)
-    return Target(plan.wanted, request.scene, problem, plan.mu, azimuths, spreads)
+    return Target(plan.wanted, plan.request.scene, plan.problem, plan.mu, plan.azimuths, plan.spreads)
 
 
 def count_orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:

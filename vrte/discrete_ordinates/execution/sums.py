@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -54,7 +55,7 @@ class Target:
     azimuths: Azimuths
     spreads: BoolArray
 
-    @property
+    @cached_property
     def kind(self) -> IntArray:
         """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
         return find_column_kinds(self.problem.columns)
@@ -198,6 +199,8 @@ def find_column_kinds(columns: Array) -> IntArray:
 
 def count_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:
     """Pieces that the result is filled in, each some of the incident directions."""
+    if wanted.scale.size == 1:
+        return 1
     return max(1, min(wanted.scale.size, math.ceil(8.0 * wanted.doubles(n_phi) / piece_bytes)))
 
 

@@ -1,6 +1,7 @@
 """The azimuths of a result, folded by mirror symmetry: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,9 +23,17 @@ class Azimuths:
 
     def cos_sin(self, orders: IntArray) -> tuple[Array, Array]:
         """cos and sin of m phi, (order, n_angle) each, twice for m > 0."""
-        twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-        cosine, sine = compute_cos_sin(orders[:, None] * self.distinct)
-        return twice * cosine, twice * sine
+        name = orders.tobytes()
+        if name not in self._found:
+            twice = np.where(orders == 0, 1.0, 2.0)[:, None]
+            cosine, sine = compute_cos_sin(orders[:, None] * self.distinct)
+            self._found[name] = twice * cosine, twice * sine
+        return self._found[name]
+
+    @cached_property
+    def _found(self) -> dict[bytes, tuple[Array, Array]]:
+        """Cosines and sines by their orders: those of one plan."""
+        return {}
 
 
 def fold_azimuths(phi: Array, mirror: bool = True) -> Azimuths:

@@ -128,9 +128,9 @@ def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -
 
     bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
     """
-    tail = 2.0 * np.cumsum(np.minimum(bounds, LARGEST_BOUND)[::-1], axis=0)[::-1]
-    matters = ~(tail <= ORDERS * accuracy * brightest).all(axis=(1, 2))
-    return max(1, int(np.count_nonzero(matters)))
+    tail = 2.0 * np.minimum(bounds, LARGEST_BOUND)[::-1].cumsum(axis=0)[::-1]
+    small = (tail <= ORDERS * accuracy * brightest).reshape(bounds.shape[0], -1).all(axis=1)
+    return max(1, bounds.shape[0] - int(np.count_nonzero(small)))
 
 
 def choose_stages(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:

@@ -2,12 +2,13 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, BoolArray
 from vrte.basics.fields import change_fields
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
@@ -19,8 +20,10 @@ from vrte.discrete_ordinates.orders.truncating import (
     Truncation,
     choose_truncation,
     count_terms_carried,
+    find_spread_directions,
     has_scalar_among_polarizing,
 )
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
 from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
 from vrte.discrete_ordinates.planning.needs import (
@@ -168,6 +171,16 @@ class Plan:
         8
         """
         return list_plan_facts(self)
+
+    @cached_property
+    def azimuths(self) -> Azimuths:
+        """Those asked for, folded."""
+        return fold_azimuths(self.request.phi, self.problem.leave_out.azimuths)
+
+    @cached_property
+    def spreads(self) -> BoolArray:
+        """Towards which directions ``mu`` light of small angles stands for single scattering, (n_mu,)."""
+        return find_spread_directions(self.truncation, self.problem, self.mu)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -36,8 +36,6 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, Route, make_route
 from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.discrete_ordinates.orders.truncating import find_spread_directions
-from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
@@ -62,13 +60,12 @@ class Processor:
         """Raises SceneError where a plan needs more memory than there is."""
         for plan in plans:
             request, problem = plan.request, plan.problem
-            spreads = find_spread_directions(plan.truncation, problem, plan.mu).any()
+            spreads = plan.spreads.any()
             if not run.brief or spreads:
                 result = plan.wanted.doubles(request.phi.size) + (
                     count_scratch_doubles(request.scene) if spreads else 0.0
                 )
-                azimuths = fold_azimuths(request.phi, problem.leave_out.azimuths)
-                check_memory(problem, plan.blocks, result, azimuths, run.threads)
+                check_memory(problem, plan.blocks, result, plan.azimuths, run.threads)
 
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
         """Together, so that threads have work; one after another where light is refracted."""
