@@ -117,7 +117,7 @@ def test_the_command_line_has_each_option_in_the_same_words(command: str, capsys
         ({"time_limit_s": -1}, "time_limit_s must be seconds, not -1"),
         ({"algorithm": "modes", "backend": "opencl"}, "algorithm 'modes' needs an eigensolver"),
         ({"method": AUTO, "nodes": 8}, "method 'auto' takes no nodes"),
-        ({"precision": "half"}, "precision must be 'auto', 'double', 'single', not 'half'"),
+        ({"precision": "half"}, "precision must be 'auto', 'double', 'single', 'mixed', not 'half'"),
         ({"precision": "single"}, "precision 'single' is of backend 'opencl' alone: 'openmp' computes in doubles"),
         ({"precision": "double", "backend": "opencl+lapack"}, "precision 'double' is of backend 'opencl' alone"),
         (

@@ -177,10 +177,19 @@ def put_cosines(
 
 
 def compute_off_node_results(
-    session: Session, asked: Asked, counts: Any, off: Sheet, Ru: Any, first: int, stride: int, n: int
+    session: Session,
+    asked: Asked,
+    counts: Any,
+    off: Sheet,
+    Ru: Any,
+    first: int,
+    stride: int,
+    n: int,
+    steps: tuple[int, int] | None = None,
 ) -> tuple[Any, Any]:
     """From off the nodes to off the nodes, less what is scattered once, and to the nodes; Ru of each item from double
-    ``first`` on, ``stride`` apart."""
+    ``first`` on, ``stride`` apart; ``steps``: how far strips of 8 rows are apart, and columns, by default on a CPU
+    strip by strip, on a GPU column by column."""
     what, out, into, columns = asked.what, asked.out, asked.into, asked.columns
     u, n_in, n_col = off.phi.rows, into.size, columns.shape[0]
     Ruu, psi = (make_stack(session, what.room, u, size, bare=True) for size in (u, off.phi.columns))
@@ -190,7 +199,7 @@ def compute_off_node_results(
     up = session.empty((what.room, n_in, n_col, what.stokes * out.size))
     on_nodes = session.empty((what.room, n_in * n_col, n))
     ld, size = off.H.ld, what.stokes * out.size + n
-    steps = (STRIP * n, STRIP) if session.form == "cpu" else (STRIP, ld)  # strip by strip, or column by column
+    steps = steps or ((STRIP * n, STRIP) if session.form == "cpu" else (STRIP, ld))
     sizes = n, ..., what.stokes, place_of_v(what), out.size, n_col
     arrays = off.signed_mu, off.mu_first, out, into, columns, Ruu, Ru, first, *steps, stride, up, on_nodes
     launch_pieces(session, "invariance_results", size, size, what.items, *sizes, *arrays, between=(n_in,))

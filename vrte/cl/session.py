@@ -24,15 +24,17 @@ SOURCES = (
     "spherical",
     "assembly",
     "invariance",
+    "correction",
     "doubling",
     "joining",
     "sums",
     "scattering",
     "complexes",
     "reconstruction",
+    "widening",
 )
 FAINTEST_OF_FLOATS = 1e-30
-IN_DOUBLES = {"scattering", "complexes", "reconstruction"}  # left out of a program in single precision
+IN_DOUBLES = {"scattering", "complexes", "reconstruction", "widening"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
@@ -244,6 +246,15 @@ class Session:
         """Puts down that the host has waited for so many bytes."""
         self.traffic.reads += 1
         self.traffic.bytes_down += size
+
+    def copy_items(self, source: DeviceArray, target: DeviceArray, items: Iterable[int]) -> None:
+        """Copies what belongs to some items, axis 0, from one array to another of its kind."""
+        import pyopencl
+
+        size = target.nbytes // target.shape[0]
+        for item in items:
+            part = {"byte_count": size, "src_offset": item * size, "dst_offset": item * size}
+            pyopencl.enqueue_copy(self.queue, target.data, source.data, **part)
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:

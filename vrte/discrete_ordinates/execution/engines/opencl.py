@@ -19,7 +19,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
 from vrte.basics.running import Run
-from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
+from vrte.cl import assembly, doubling, invariance, joining, mixed, reconstruction, sums
 from vrte.cl.device import find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
@@ -91,18 +91,19 @@ class Found:
 @dataclass(eq=False)
 class Device:
     """See `Engine`. ``asked``: the precision asked for, ``accuracy``: the finest that is; ``before``: what had gone to
-    and from the device when the work began."""
+    and from the device when the work began; ``doubted``: orders that floats did not settle, and doubles solved."""
 
     asked: str = "auto"
     accuracy: float = 0.0
     before: Traffic = field(default_factory=Traffic)
+    doubted: int = 0
     stages: ClassVar[Any] = _core
     takes_many: ClassVar[bool] = True
 
     @cached_property
     def precision(self) -> tuple[str, str]:
-        """The precision, "double" or "single", and why."""
-        return choose_precision(self.asked, self.accuracy, find_chosen_device())
+        """The precision, "double", "single" or "mixed", and why."""
+        return choose_precision(self.asked, self.accuracy, find_chosen_device(), open_session)
 
     @cached_property
     def session(self) -> Session:
@@ -189,11 +190,19 @@ class Device:
 
     def find(self, pieces: list[Piece], run: Run) -> Found:
         """What a group's items are, in the precision of `session`."""
+        if pieces[0].name == "invariance" and self.precision[0] == "mixed":
+            return solve_by_invariance(self.session, pieces, run, self.reflect_mixed)
         if pieces[0].name != IN_DOUBLES:
             return SOLVERS[pieces[0].name](self.session, pieces, run)
         assert self.in_doubles is not None
         found = solve_by_doubling(self.in_doubles, pieces, run)
         return replace(found, kernels=self.session.upload(self.in_doubles.download(found.kernels)))
+
+    def reflect_mixed(self, opened: Session, asked: Sequence[Any], stop: IntArray) -> invariance.Endless:
+        """What layers without end send back, in floats with corrections; counts the orders that it took doubles for."""
+        found, doubted = mixed.reflect_endless_mixed(opened, asked, stop)
+        self.doubted += doubted.size
+        return found
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can vouch for."""
@@ -206,7 +215,8 @@ class Device:
     def diagnostics(self) -> dict[str, Any]:
         """Which device it was, what it computed in, and what went to and from it for all scenes of the call so far."""
         precision, rule = self.precision
-        told = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
+        told: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
+        told |= {"orders_doubted": self.doubted} if precision == "mixed" else {}
         return told | {"traffic": asdict(self.session.traffic.since(self.before))}
 
     def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
@@ -472,30 +482,39 @@ def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, sha
     return kernels
 
 
-def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
+def reflect_in_one_precision(opened: Session, asked: Sequence[Any], stop: IntArray) -> invariance.Endless:
+    """`reflect_endless` with arrays of the host."""
+    return invariance.reflect_endless(opened, *mixed.upload_all(opened, asked), *[stop])
+
+
+def solve_by_invariance(
+    opened: Session,
+    pieces: list[Piece],
+    run: Run,
+    reflect: Callable[..., invariance.Endless] = reflect_in_one_precision,
+) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
-    problem, upload = pieces[0].problem, opened.constant
+    problem = pieces[0].problem
     off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     orders = np.concatenate([piece.orders for piece in pieces])
+    asked = (
+        np.arange(orders.size, dtype=np.int32),
+        orders,
+        np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
+        tuple(problem.stokes),
+        pad_coefficients([piece.problem.coefficients[:1] for piece in pieces]),
+        np.array([piece.problem.terms[0] for piece in pieces], np.int32),
+        np.array([piece.problem.albedo[0] for piece in pieces]),
+        np.concatenate([problem.nodes, off]),
+        problem.weights,
+        places[:n_out].astype(np.int32),
+        places[n_out:].astype(np.int32),
+        problem.columns,
+        np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
+    )
     with run.booked("invariance", opened.finish):
-        made = invariance.reflect_endless(
-            opened,
-            upload(np.arange(orders.size, dtype=np.int32)),
-            upload(orders),
-            upload(np.repeat(np.arange(len(pieces), dtype=np.int32), sizes)),
-            problem.stokes,
-            upload(pad_coefficients([piece.problem.coefficients[:1] for piece in pieces])),
-            upload(np.array([piece.problem.terms[0] for piece in pieces], np.int32)),
-            upload(np.array([piece.problem.albedo[0] for piece in pieces])),
-            upload(np.concatenate([problem.nodes, off])),
-            upload(problem.weights),
-            upload(places[:n_out].astype(np.int32)),
-            upload(places[n_out:].astype(np.int32)),
-            upload(problem.columns),
-            upload(np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes)),
-            run.stop,
-        )
+        made = reflect(opened, asked, run.stop)
         shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes)
         flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
         if (orders == 0).any():
