@@ -18,7 +18,16 @@ from vrte.cl.matrices import (
 )
 from vrte.cl.session import Session
 
-SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129))  # rows, inner, columns
+SIZES = (
+    (1, 1, 1),
+    (3, 5, 2),
+    (8, 8, 8),
+    (13, 40, 7),
+    (65, 17, 66),
+    (100, 30, 129),
+    (96, 33, 31),
+    (120, 7, 80),
+)  # rows, inner, columns
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from vrte.cl.session import Placed, Session
 STRIP = 8  # rows that a product is made by
 PANEL = 16  # columns that are eliminated at once
 GROUP, TILE = 16, 64  # of `product_gpu`: work-items, and elements of the product, along each side
+TILED = {64: "product_gpu", 40: "product_gpu_40", 32: "product_gpu_32"}  # kernels by their tile
 CREW = 256  # work-items that invert a matrix together in `invert_gpu`
 LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory that it has other uses for, and some to spare
 
@@ -100,9 +101,17 @@ def multiply_stacks(
     if session.form == "cpu":
         session.launch("product", (-(-rows // (STRIP * each)), 1, items.size), *arguments)
     else:
-        session.launch(
-            "product_gpu", (*count_work_items(rows, c.columns), items.size), *arguments, group=(GROUP, GROUP, 1)
-        )
+        tile = choose_tile(rows, c.columns)
+        session.launch(TILED[tile], (-(-rows // tile), -(-c.columns // tile), items.size), *arguments)
+
+
+def choose_tile(rows: int, columns: int) -> int:
+    """The tile that pads a matrix least; of equals the largest, which reads least.
+
+    >>> choose_tile(160, 160), choose_tile(96, 96), choose_tile(128, 64), choose_tile(88, 80)
+    (40, 32, 64, 32)
+    """
+    return min(TILED, key=lambda tile: -(-rows // tile) * -(-columns // tile) * tile * tile)
 
 
 def count_work_items(rows: int, columns: int) -> tuple[int, int]:

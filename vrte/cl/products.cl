@@ -53,8 +53,8 @@ int number_of_columns(__global const int* counts, long item, int part)
 // C = alpha A B + beta C; A (rows, inner), B's element (k, j) at k b_row + j b_column (so that either factor may be a
 // transpose), C (rows, columns), rows with their padding. Where part is not -1, the sum is over A's columns and B's rows
 // of that part.
-#define PRODUCT int rows, int each, int columns, int all, real alpha, real beta, int part, INTS counts, STACK(A), \
-    __global const real* B, long B_first, int b_row, int b_column, long B_stride, STACK(C), INTS items
+#define PRODUCT int rows, int each, int columns, int all, real alpha, real beta, int part, INTS counts, ALONE(A), \
+    IN B, long B_first, int b_row, int b_column, long B_stride, ALONE(C), INTS items
 #define FACTORS \
     const long item = items[get_global_id(2)]; \
     const int inner = part < 0 ? all : number_of_columns(counts, item, part); \
@@ -132,13 +132,37 @@ __kernel void product(PRODUCT)
     __global real* now = C + (long)j * c_ld + i; \
     *now = beta == 0.0 ? alpha * value : alpha * value + beta * *now;
 
-// Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
+#define GPU_PRODUCT \
+    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1]; \
+    FACTORS \
+    GPU_PLACES \
+    GPU_SUM_TERMS \
+    GPU_EACH_ELEMENT(GPU_STORE)
+
+// Pieces of all three: tiles of the rows, tiles of the columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
 __kernel void product_gpu(PRODUCT)
 {
-    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
-    FACTORS
-    GPU_PLACES
-    GPU_SUM_TERMS
-    GPU_EACH_ELEMENT(GPU_STORE)
+    GPU_PRODUCT
 }
+
+// The same by tiles of 40 and of 32, for sizes that tiles of 64 pad too much.
+#undef GPU_GROUP
+#undef GPU_EACH
+#define GPU_GROUP 8
+#define GPU_EACH 5
+__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
+__kernel void product_gpu_40(PRODUCT)
+{
+    GPU_PRODUCT
+}
+
+#undef GPU_EACH
+#define GPU_EACH 4
+__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
+__kernel void product_gpu_32(PRODUCT)
+{
+    GPU_PRODUCT
+}
+#undef GPU_GROUP
+#define GPU_GROUP 16

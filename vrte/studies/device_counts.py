@@ -80,17 +80,17 @@ class Call:
         return pairs.sum(axis=1) if part == 2 else pairs[:, part]
 
 
-def pad_to_tiles(length: Any) -> Any:
+def pad_to_tiles(length: Any, tile: int) -> Any:
     """What tiles make of rows or columns."""
-    return np.ceil(np.asarray(length) / TILE) * TILE
+    return np.ceil(np.asarray(length) / tile) * tile
 
 
-def weigh_tiles(rows: Any, columns: Any, inner: Array, beside: float) -> Work:
+def weigh_tiles(rows: Any, columns: Any, inner: Array, beside: float, tile: int = TILE, each: int = 4) -> Work:
     """A product (rows, inner) x (inner, columns) of each item by tiles; ``beside``: matrices (rows, columns) that are
-    read or written. A work-item reads two doubles of local memory for each of its 4 multiply-adds' rows."""
-    flops = 2.0 * (pad_to_tiles(rows) * pad_to_tiles(columns) * np.ceil(inner / DEPTH) * DEPTH).sum()
+    read or written. A work-item reads 2 ``each`` numbers of local memory for its each^2 multiply-adds."""
+    flops = 2.0 * (pad_to_tiles(rows, tile) * pad_to_tiles(columns, tile) * np.ceil(inner / DEPTH) * DEPTH).sum()
     count = (rows * inner + inner * columns + beside * rows * columns).sum()
-    return Work(flops, REAL * float(count), 2.0 * flops, float(np.ceil(inner / DEPTH).max(initial=0)))
+    return Work(flops, REAL * float(count), REAL / each * flops, float(np.ceil(inner / DEPTH).max(initial=0)))
 
 
 def weigh_elements(count: float, touched: float = 2.0, flops: float = 1.0) -> Work:
@@ -98,10 +98,15 @@ def weigh_elements(count: float, touched: float = 2.0, flops: float = 1.0) -> Wo
     return Work(flops * count, REAL * touched * count)
 
 
-def weigh_product(call: Call) -> Work:
-    items = call.items
-    inner = np.full(items.size, float(call.all)) if call.part < 0 else call.count_columns(call.part)
-    return weigh_tiles(call.rows, call.columns, inner, 2.0 if call.beta else 1.0)
+def weigh_product(tile: int, each: int = 4) -> Callable[[Call], Work]:
+    """A product by tiles of that size, a work-item with ``each`` elements along either side."""
+
+    def weigh(call: Call) -> Work:
+        items = call.items
+        inner = np.full(items.size, float(call.all)) if call.part < 0 else call.count_columns(call.part)
+        return weigh_tiles(call.rows, call.columns, inner, 2.0 if call.beta else 1.0, tile, each)
+
+    return weigh
 
 
 def read_places(call: Call, state: str) -> tuple[Array, Array, Array]:
@@ -230,7 +235,9 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "mirror_flux": weigh_rows(2.0, 1.0, "n"),
         "parity_columns": weigh_degrees,
         "prepare_inverse": weigh_columns(2.0, 1.0),
-        "product_gpu": weigh_product,
+        "product_gpu": weigh_product(TILE),
+        "product_gpu_32": weigh_product(32),
+        "product_gpu_40": weigh_product(40, 5),
         "put_flux_row": weigh_rows(6.0, ROOT, "n"),
         "row_times": lambda call: weigh_elements(float(call.items.size * call.n**2), 1.0, 2.0),
         "times_coefficients": weigh_coefficients,
