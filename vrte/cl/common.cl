@@ -65,9 +65,9 @@ real largest_of_lanes(real mine, __local real* shelf)
     return found;
 }
 
-// What kernels take for a stack of matrices and of vectors; where its item begins.
+// What kernels take for a stack of matrices and of vectors, ALONE: that no other argument leads to; where its item begins.
 #define STACK(x) __global real* x, long x##_first, int x##_ld, long x##_stride
-#define ALONE(x) __global real* restrict x, long x##_first, int x##_ld, long x##_stride    // nothing else leads there
+#define ALONE(x) __global real* restrict x, long x##_first, int x##_ld, long x##_stride
 #define OF_ITEM(x) (x + x##_first + item * x##_stride)
 
 // Memory that nothing else of a kernel leads to: what is read, and what is written.
