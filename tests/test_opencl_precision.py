@@ -133,6 +133,14 @@ class TestSingle:
     def test_it_is_not_doubles_that_are_measured(self, opencl: Any) -> None:
         assert find_error(solve("Rayleigh", precision="single"), solve("Rayleigh", accuracy=1e-4)) > 1e-9
 
+    def test_each_precision_is_planned_for_itself(self, opencl: Any) -> None:
+        """Plans are kept from call to call: what is asked for afterwards is not what was asked for before."""
+        precisions = "single", "double", "mixed", "single"
+        scene = vrte.Scene([layer(vrte.rayleigh(), 0.9, 0.5)])  # the very same: plans go by that
+        asked = {"nodes": 4, "backend": "opencl", "accuracy": 1e-4}
+        made = [vrte.brdf(scene, 0.5, 0.5, precision=one, **asked).diagnostics["precision"] for one in precisions]
+        assert tuple(made) == precisions
+
     def test_what_is_in_doubt_is_solved_in_doubles(self, opencl: Any) -> None:
         """Where nothing absorbs, light that gets through 1e4 has lost its digits in floats."""
         made = solve("albedo 1, tau 1e4", precision="single").diagnostics

@@ -61,7 +61,8 @@ __kernel void look_at_missing(int rows, IN row_mu, IN signed_mu, STACK(Y), STACK
     }
 }
 
-// gap (item,): the largest of what is missing; missing (item,): the same as it is estimated of the whole way, relative.
+// gap (item,): the largest of what is missing; missing (item,): the same as it is estimated of the whole way, relative. It
+// is R that is kept, not X, which would be closer by the rate.
 // Global size: items.
 __kernel void judge_missing(int columns, IN found, IN rate, OUT gap, OUT missing, INTS items)
 {
@@ -72,7 +73,7 @@ __kernel void judge_missing(int columns, IN found, IN rate, OUT gap, OUT missing
         largest = larger(largest, found[(item * columns + j) * 2 + 1]);
     }
     gap[item] = most;
-    missing[item] = largest > 0.0 ? most * rate[item] / (1.0 - rate[item]) / largest : most;
+    missing[item] = largest > 0.0 ? most / (1.0 - rate[item]) / largest : most;
 }
 
 // led = r + P over the rates, moved = led - R, and their sums found (item, column, 5) as of `invariance_step_gpu`;

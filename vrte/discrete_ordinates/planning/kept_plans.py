@@ -21,6 +21,7 @@ TOLD = (  # of a request, beside its scene and numbers
     "algorithm",
     "truncation",
     "backend",
+    "precision",
     "verify",
     "method",
     "method_rule",
