@@ -75,6 +75,34 @@ def mode_coordinates(
 # doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions
 def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
 def symmetric_eigenproblem(matrix: Array, wide: bool = True) -> tuple[Array, Array]: ...
+def fractions_work(n: int, n_out: int, n_rhs: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
+def reflect_by_fractions(
+    crew: Crew,
+    *,
+    orders: IntArray,
+    members: IntArray,
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    thickness: Array,
+    directions: Array,
+    weights: Array,
+    n_out: int,
+    columns: Array,
+    place: Array,
+    share: Array,
+    constant: float,
+    E: Array,
+    F: Array,
+    G_E: Array,
+    G_F: Array,
+    source_s: Array,
+    source_d: Array,
+    out: Array,
+    on_nodes: Array,
+    residual: Array,
+    info: IntArray,
+) -> None: ...
 def homogeneous_work(n: int) -> int: ...
 def boundary_work(n: int, n_layer: int, n_rhs: int) -> int: ...
 def extended_size(n: int, r: int, o: int) -> int: ...

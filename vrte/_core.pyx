@@ -50,6 +50,7 @@ include "core/extended.pxi"
 include "core/doubling.pxi"
 include "core/joining.pxi"
 include "core/invariance.pxi"
+include "core/fractions.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.
 include "core/sums.pxi"

@@ -33,6 +33,11 @@ VERIFYING = 4.0  # times as long, by both algorithms
 # operations of discrete ordinates over n^3, counted; lower powers of n are in the formulas
 MODES_GENERAL, MODES_SYMMETRIC = 45.0, 18.0  # of a layer's modes, eigenproblem included
 BOUNDARY = 14.0  # of a layer that meets another
+COLUMNS_A_TERM = {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}  # of both parities, by the number of Stokes parameters
+POLES, POLES_A_FACTOR = 3.0, 1.45  # of tanh's partial fractions, and for each factor of two in thickness over mu
+A_POLE = 6e4  # that the calls for a fraction take the time of
+FRACTIONS_BESIDE = 5.0  # over n^3, of what comes after the fractions
+WORTH_FRACTIONS = 0.8  # where they are predicted to take so much of the time of modes
 SOLVING, DOUBLING = 60.0, 1000.0  # of an order and layer by modes and by doubling, before anything is planned
 # products of matrices
 PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included

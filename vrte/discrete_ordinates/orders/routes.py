@@ -11,6 +11,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
+from vrte.discrete_ordinates.orders.fractions import find_face_fluxes, find_face_kernels, reflect_by_fractions
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_endless
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
@@ -21,7 +22,11 @@ from vrte.discrete_ordinates.orders.refracting import Refracting
 from vrte.discrete_ordinates.orders.responses import respond
 from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.discrete_ordinates.orders.storage import count_doubles_of_doubling, count_doubles_of_modes
+from vrte.discrete_ordinates.orders.storage import (
+    count_doubles_of_doubling,
+    count_doubles_of_fractions,
+    count_doubles_of_modes,
+)
 from vrte.discrete_ordinates.orders.surfaced import Surfaced, is_under_one_surface
 from vrte.scene.boundary import Boundary
 
@@ -122,11 +127,34 @@ class Invariance:
         return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
 
 
-Route = Modes | Doubling | Invariance | Refracting | Surfaced
-ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
+class Fractions:
+    """Partial fractions of tanh: both faces of one slab over black ground, of few terms."""
+
+    name = "fractions"
+    allowed: ClassVar = {"residual_of_fractions": 1e-9}
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem = problem
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return count_orders_at_once(count_doubles_of_fractions(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        faces = reflect_by_fractions(self.problem, orders, assemble(self.problem, orders, run), run)
+        fluxes = find_face_fluxes(self.problem, orders, faces)
+        return Orders(
+            find_face_kernels(self.problem, faces), *fluxes, {"residual_of_fractions": faces.residual.max(axis=1)}
+        )
+
+
+Route = Modes | Doubling | Invariance | Fractions | Refracting | Surfaced
+ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Fractions]] = {
     "modes": Modes,
     "doubling": Doubling,
     "invariance": Invariance,
+    "fractions": Fractions,
 }
 
 
@@ -147,6 +175,8 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     """What a route leaves out of the orders of a problem: the name of a switch, and the reason with {orders} in it."""
     if name == "invariance":
         return [("halves", "the other is its mirror image")]
+    if name == "fractions":
+        return []
     if name == "doubling":
         pile = cut_layers(problem)
         twice, kind = pile.slabs.size - pile.material.size, "slab"
@@ -160,4 +190,4 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     return [*found, *([("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else [])]
 
 
-OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling"}
+OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling", "fractions": "modes"}

@@ -9,6 +9,8 @@ def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory."""
     if name == "doubling":
         return count_doubles_of_doubling(cut_layers(problem))
+    if name == "fractions":
+        return count_doubles_of_fractions(problem)
     return count_doubles_of_invariance(problem) if name == "invariance" else count_doubles_of_modes(problem)
 
 
@@ -17,6 +19,24 @@ def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     directions = problem.off_nodes[0].size
     work = _core.invariance_work(problem.nodes.size, directions, len(problem.stokes), int(problem.terms.max()))
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
+
+
+MOST_FRACTIONS = 20  # for the steepest slab that fractions are taken for
+
+
+def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by partial fractions."""
+    n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
+    work = _core.fractions_work(
+        n,
+        problem.mu_out.size,
+        n_rhs,
+        problem.directions.size,
+        problem.coefficients.shape[1],
+        len(problem.stokes),
+        MOST_FRACTIONS,
+    )
+    return float(2 * n * (n + out + into) + 2 * n_rhs * (n + out)), float(work)
 
 
 def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:

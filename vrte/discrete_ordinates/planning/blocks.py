@@ -94,7 +94,8 @@ def make_blocks(
         strength = needs.strength[chosen]
         if problem.is_refracted and members[0] == 0:  # whose flux invariance would not conserve to rounding
             strength = np.concatenate([[1.0], strength[1:]])
-        for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver):
+        alone = chosen if below is BLACK else None
+        for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
 

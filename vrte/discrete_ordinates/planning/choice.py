@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
+from vrte.discrete_ordinates.orders.fractions import FINEST as FINEST_FRACTIONS
+from vrte.discrete_ordinates.orders.fractions import STEEPEST
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.request.how import BY_RULE
@@ -14,6 +16,7 @@ from vrte.request.how import BY_RULE
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 STRONGEST = 0.98  # q of orders whose iterations settle
+THICKEST = 4.0  # slab whose faces partial fractions find: light that passes is a difference
 FINEST = 1e-13  # accuracy that iterations are taken for
 
 
@@ -26,10 +29,15 @@ class Choice:
 
 
 def choose_algorithms(
-    algorithm: str, problem: Problem, strength: Array, accuracy: float, eigensolver: bool = True
+    algorithm: str,
+    problem: Problem,
+    strength: Array,
+    accuracy: float,
+    eigensolver: bool = True,
+    orders: IntArray | None = None,
 ) -> list[tuple[slice, Choice]]:
     """The route asked for, or for "auto" and "direct" those that the rule takes, each for some of the orders;
-    ``strength`` (order,): their q, which falls.
+    ``strength`` (order,): their q, which falls. ``orders``: their numbers, given over black ground alone.
 
     Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
     doubling where there is no ``eigensolver``.
@@ -57,10 +65,29 @@ def choose_algorithms(
     if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST and problem.media is None:
         share = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
-    parts = [(slice(0, first), choose_modes_or_doubling(problem))] if first else []
+    parts = split_at_fractions(problem, orders, first, accuracy) if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
+    return parts
+
+
+def split_at_fractions(
+    problem: Problem, orders: IntArray | None, count: int, accuracy: float
+) -> list[tuple[slice, Choice]]:
+    """The first so many orders: partial fractions from where on they are quicker than eigenproblems, since the terms
+    that are left get fewer with every order."""
+    other = choose_modes_or_doubling(problem)
+    first = count
+    if orders is not None and is_for_fractions(problem, accuracy):
+        share = count_operations_of_fractions(problem, orders[:count]) / count_operations_of_modes(problem)
+        first = int(np.count_nonzero(share >= cost.WORTH_FRACTIONS))
+    parts = [(slice(0, first), other)] if first else []
+    if first < count:
+        reason = (
+            f"auto: few terms, one slab on black; predicted to take {share[first]:.2g} of the time of modes and less"
+        )
+        parts.append((slice(first, count), Choice("fractions", reason)))
     return parts
 
 
@@ -96,6 +123,27 @@ def count_operations_of_modes(problem: Problem) -> float:
     n = problem.size
     solving = (cost.MODES_SYMMETRIC if problem.is_symmetric else cost.MODES_GENERAL) * n**3
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
+
+
+def is_for_fractions(problem: Problem, accuracy: float) -> bool:
+    """Whether nothing but the light that leaves one slab that is not too thick is asked for."""
+    if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS:
+        return False
+    thickness, at_faces = float(problem.thickness[0]), (problem.level == 0.0) | (problem.level == problem.thickness[0])
+    steepest = 0.5 * thickness / float(problem.directions.min())
+    return 0.0 < thickness <= THICKEST and steepest <= STEEPEST and bool(at_faces.all())
+
+
+def count_operations_of_fractions(problem: Problem, orders: IntArray) -> Array:
+    """Of each order over black ground, roughly; what is counted is the rank of the scattering that is left."""
+    n, stokes = float(problem.size), len(problem.stokes)
+    rank = cost.COLUMNS_A_TERM[stokes] * np.clip(problem.terms[0] - orders, 0.0, None)
+    steepest = max(0.5 * float(problem.thickness[0]) / float(problem.directions.min()), 2.0)
+    poles = cost.POLES + cost.POLES_A_FACTOR * math.log2(steepest)
+    edges = 4.0 * n * n * (problem.n_rhs + problem.rows_out)
+    a_pole = cost.A_POLE + 2.0 * n * n * rank + 4.0 * n * rank**2 + 0.7 * rank**3
+    found: Array = poles * a_pole + cost.FRACTIONS_BESIDE * n**3 + edges
+    return found
 
 
 def count_operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:

@@ -8,7 +8,11 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.choice import count_operations_of_invariance, count_operations_of_modes
+from vrte.discrete_ordinates.planning.choice import (
+    count_operations_of_fractions,
+    count_operations_of_invariance,
+    count_operations_of_modes,
+)
 from vrte.request.wanted import Wanted
 
 
@@ -17,6 +21,8 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
     problem = block.problem
     if block.choice.name == "invariance":
         return float(count_operations_of_invariance(problem, strength, accuracy).sum())
+    if block.choice.name == "fractions":
+        return float(count_operations_of_fractions(problem, block.orders).sum())
     each = (
         count_operations_of_doubling(problem)
         if block.choice.name == "doubling"
