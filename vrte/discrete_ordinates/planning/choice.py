@@ -65,7 +65,8 @@ def choose_algorithms(
     if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST and problem.media is None:
         share = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
-    parts = split_at_fractions(problem, orders, first, accuracy) if first else []
+    given = orders if algorithm == "auto" else None
+    parts = split_at_fractions(problem, given, first, accuracy) if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
