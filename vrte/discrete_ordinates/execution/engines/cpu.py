@@ -302,7 +302,7 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
 
 def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
     """What is found for the orders that are vouched for."""
-    if found is None:
+    if found is None or not orders.size:
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
