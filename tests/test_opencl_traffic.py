@@ -77,3 +77,36 @@ def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
     for whole, chunk, (one, _) in zip(together, in_chunks, alone, strict=True):
         np.testing.assert_array_equal(whole, one[0])
         np.testing.assert_array_equal(chunk, one[0])
+
+
+# Gold, 40 nodes, 20 x 20 x 37 directions: launches and reads at most, by form of the kernels
+THICK = {"cpu": (100, 25), "gpu": (200, 15)}
+
+
+@pytest.mark.slow
+def test_few_launches_and_reads_of_thick_gold(either_form: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = count_traffic(either_form, monkeypatch, find_scene("gold"), "invariance", 40, 20)
+    launches, reads = THICK[either_form.form]
+    assert found.launches < launches
+    assert found.reads < reads
+
+
+@pytest.mark.slow  # compiles for long
+def test_orders_of_all_blocks_go_together_on_a_gpu(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same numbers as block by block, to the last bit, and no order more."""
+    session = opencl.in_form("gpu")
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": session.in_precision(precision))
+    mu, scene = np.array([0.2, 0.6]), find_scene("gold")
+
+    def solve() -> vrte.Brdf:
+        return vrte.brdf(scene, mu, mu, [0.0, 40.0], nodes=8, backend="opencl", algorithm="invariance")
+
+    together = solve()
+    monkeypatch.setattr(engine.Device, "looks_ahead", False)
+    apart = solve()
+    np.testing.assert_array_equal(together.mueller, apart.mueller)
+    for name in ("orders", "orders_by", "unknowns", "residual_of_invariance"):
+        assert together.diagnostics[name] == apart.diagnostics[name]
+    few, many = (Traffic(**made.diagnostics["traffic"]) for made in (together, apart))
+    assert few.launches < 0.7 * many.launches
+    assert few.reads < min(15, many.reads)

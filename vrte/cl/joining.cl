@@ -86,10 +86,11 @@ __kernel void leaving(int r, int n_level, int n_mu, int n_up, int n_out, int sto
 }
 
 // The largest of kernels (item, level, n_in, n_col, n_mu, S), in the first n_seen directions, that each item has at each
-// level for each beam, and of I in column `lit` alone; (item, level, n_in) both. Pieces: incident directions, levels, items.
+// level for each beam, and of I in column `lit` alone; (item, level, n_in) both, from those doubles
+// of `light` on. Pieces: incident directions, levels, items.
 SHARED
 __kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_seen, int stokes, int lit, IN kernels,
-                            OUT largest, OUT brightest)
+                            OUT light, long largest, long brightest)
 {
     __local real shelf[LANES];
     const long place = (get_group_id(2) * n_level + get_group_id(1)) * n_in + get_group_id(0);
@@ -103,7 +104,7 @@ __kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_se
     found = largest_of_lanes(found, shelf);
     intensity = largest_of_lanes(intensity, shelf);
     if (LANE == 0) {
-        largest[place] = found;
-        brightest[place] = intensity;
+        light[largest + place] = found;
+        light[brightest + place] = intensity;
     }
 }

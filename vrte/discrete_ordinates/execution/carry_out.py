@@ -9,6 +9,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
+from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
@@ -63,14 +64,14 @@ class Task:
     unknowns: int = 0
     agreement: Agreement | None = None
 
-    def next_pieces(self, place: int) -> list[Piece]:
-        """Blocks that come before the next look at how many orders are left, with their orders."""
+    def next_pieces(self, place: int, ahead: bool = False) -> list[Piece]:
+        """Blocks that come before the next look at how many orders are left, with their orders; all with ``ahead``."""
         blocks = self.plan.blocks
         if self.blocks < len(blocks) and blocks[self.blocks].orders[0] > max(self.found, default=self.left):
             self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
         taken: list[Piece] = []
         last = -1
-        while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
+        while self.blocks < len(blocks) and (ahead or not taken or blocks[self.blocks].orders[0] <= last):
             block = blocks[self.blocks]
             last = int(block.orders[-1])
             orders = block.orders if last < self.left else block.orders[block.orders < self.left]
@@ -78,6 +79,21 @@ class Task:
             if orders.size:
                 taken.append(Piece(place, self.plan, block, orders, block.choice.name))
         return taken
+
+    def cut(self, piece: Piece, answer: Answer) -> tuple[Piece, Answer] | None:
+        """A piece solved ahead without the orders that, with what is noted by now, do not matter; None without any."""
+        if piece.orders[0] > max(self.found, default=self.left):
+            self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
+        count = int(np.count_nonzero(piece.orders < self.left))
+        if count in (0, piece.orders.size):
+            return (piece, answer) if count else None
+        piece = change_fields(piece, orders=piece.orders[:count])
+        if answer.doubts:
+            doubts = {order: reason for order, reason in answer.doubts.items() if order < self.left}
+            return piece, change_fields(answer, doubts=doubts)
+        light = change_fields(answer.light, orders=answer.light.orders[:count])
+        residuals = {name: values[:count] for name, values in answer.residuals.items()}
+        return piece, change_fields(answer, light=light, largest=answer.largest[:count], residuals=residuals)
 
     def note(self, piece: Piece, answer: Answer) -> None:
         """Puts down what was found for a piece."""
@@ -124,10 +140,18 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
     with engine.at_work():
         engine.check_memory(plans, run)
         tasks = [make_task(plan) for plan in plans]
-        while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place)]:
+        ahead = engine.looks_ahead and not any(task.agreement for task in tasks)
+        while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place, ahead)]:
+            solved: dict[int, Answer] = {}
             for group in engine.grouped(pieces):
-                solve_group(engine, tasks, group, run, steps.ahead)
+                if ahead:
+                    solved |= zip(map(id, group), engine.solve(group, run, steps.ahead), strict=True)
+                else:
+                    solve_group(engine, tasks, group, run, steps.ahead)
                 steps.reach(steps.done + sum(piece.orders.size for piece in group))
+            for piece in pieces if ahead else ():
+                if pair := tasks[piece.place].cut(piece, solved[id(piece)]):
+                    take_answers(engine, tasks, [pair], run)
             steps.reach(before + sum(task.steps for task in tasks))
         targets = [make_target(plan) for plan in plans]
         lit = [(target, task.lights) for target, task in zip(targets, tasks, strict=True)]
@@ -166,8 +190,13 @@ def solve_group(
     told: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Solves pieces that go together and notes what was found with their tasks; orders in doubt are solved again."""
+    take_answers(engine, tasks, list(zip(group, engine.solve(group, run, told), strict=True)), run)
+
+
+def take_answers(engine: Engine, tasks: Sequence[Task], answers: Sequence[tuple[Piece, Answer]], run: Run) -> None:
+    """Notes what was found for pieces with their tasks; orders in doubt are solved again."""
     again = []
-    for piece, answer in zip(group, engine.solve(group, run, told), strict=True):
+    for piece, answer in answers:
         task = tasks[piece.place]
         if answer.doubts:
             again.append(make_second_try(engine, piece, answer))

@@ -81,6 +81,10 @@ class Engine(Adding, Protocol):
     def takes_many(self) -> bool:
         """Whether the plans of many scenes are carried out together."""
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether all orders that may matter are solved at once, though the first may tell that the last do not."""
+
     def at_work(self) -> AbstractContextManager[Any]:
         """Held while plans are carried out."""
 

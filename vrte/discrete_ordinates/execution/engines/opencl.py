@@ -5,6 +5,7 @@ norms, gaps, residuals, and the largest light, which says how many orders are le
 """
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -26,7 +27,7 @@ from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.precision import choose_precision
 from vrte.cl.session import Session, Traffic
-from vrte.discrete_ordinates.execution.engines.device_sums import add_up
+from vrte.discrete_ordinates.execution.engines.device_sums import add_up, note_stage
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Light, Sum
 from vrte.discrete_ordinates.orders.base import expand_base
@@ -76,12 +77,14 @@ def run_alone(stage: Callable[..., None], opened: Session, *arguments: Any, **na
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a group's items are, one behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) on the device,
-    ``shape`` that; what they are to be multiplied with, (n_out, S); flux (item, n_tau, 2, n_in, n_col); residuals by
-    name, (item,); singular (item,): above 0 where a matrix was."""
+    """What items of a sort are, one behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) on the device,
+    ``shape`` that; incoming (n_col,): the largest element of each column; factors (n_out, S): what kernels are to be
+    multiplied with; flux (item, n_tau, 2, n_in, n_col); residuals by name, (item,); singular (item,): above 0 where a
+    matrix was."""
 
     kernels: Any
     shape: tuple[int, ...]
+    incoming: Array
     factors: Array
     flux: Array
     residuals: dict[str, Array]
@@ -99,6 +102,11 @@ class Device:
     doubted: int = 0
     stages: ClassVar[Any] = _core
     takes_many: ClassVar[bool] = True
+
+    @property
+    def looks_ahead(self) -> bool:
+        """A GPU has idle work-items for a few orders more, and waits for each look."""
+        return self.session.form == "gpu"
 
     @cached_property
     def precision(self) -> tuple[str, str]:
@@ -152,7 +160,7 @@ class Device:
         """Pieces that are alike, as many as the device has room for."""
         groups: dict[tuple[Any, ...], list[Piece]] = {}
         for piece in pieces:
-            groups.setdefault(make_group_key(piece), []).append(piece)
+            groups.setdefault(make_group_key(piece, self.session.form), []).append(piece)
         room = find_matrix_room(self.session)
         for waiting in groups.values():
             taken: list[Piece] = []
@@ -172,37 +180,41 @@ class Device:
 
     def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
         """All orders of all pieces of a group; where an order is in doubt, its piece is."""
-        found = self.find(pieces, run)
-        lit = np.abs(pieces[0].problem.columns).max(axis=1)
-        largest, brightest = look_at(self.session, found, int(np.argmax(lit)))
-        answers, first = [], 0
+        sorts: dict[Any, list[Piece]] = {}
         for piece in pieces:
-            items = slice(first, first + piece.orders.size)
-            doubts, bright = (
-                find_doubts(piece, found, items, self.session.precision),
-                brightest[first] / max(float(lit.max()), 1e-300),
-            )
-            first = items.stop
-            answers.append(
-                make_empty_answer(doubts) if doubts else make_answer(piece, found, items, largest[items], bright)
-            )
-        return answers
+            sorts.setdefault(make_sort_key(piece), []).append(piece)
+        found = self.find(list(sorts.values()), run)
+        seen = look_at(self.session, found)
+        answers: dict[int, Answer] = {}
+        for some, part, (largest, brightest) in zip(sorts.values(), found, seen, strict=True):
+            first = 0
+            for piece in some:
+                items = slice(first, first + piece.orders.size)
+                doubts = find_doubts(piece, part, items, self.session.precision)
+                light = largest[items], brightest[first]
+                first = items.stop
+                answers[id(piece)] = make_empty_answer(doubts) if doubts else make_answer(piece, part, items, *light)
+        return [answers[id(piece)] for piece in pieces]
 
-    def find(self, pieces: list[Piece], run: Run) -> Found:
-        """What a group's items are, in the precision of `session`."""
-        if pieces[0].name == "invariance" and self.precision[0] == "mixed":
-            return solve_by_invariance(self.session, pieces, run, self.reflect_mixed)
-        if pieces[0].name != IN_DOUBLES:
-            return SOLVERS[pieces[0].name](self.session, pieces, run)
-        assert self.in_doubles is not None
-        found = solve_by_doubling(self.in_doubles, pieces, run)
-        return replace(found, kernels=self.session.upload(self.in_doubles.download(found.kernels)))
+    def find(self, sorts: list[list[Piece]], run: Run) -> list[Found]:
+        """What the items of each sort are, in the precision of `session`."""
+        name, doubles = sorts[0][0].name, self.in_doubles
+        if name == "invariance":
+            reflect = self.reflect_mixed if self.precision[0] == "mixed" else reflect_in_one_precision
+            return solve_by_invariance(self.session, sorts, run, reflect)
+        if name != IN_DOUBLES:
+            return [solve_by_doubling(self.session, pieces, run) for pieces in sorts]
+        assert doubles is not None
+        solved = [solve_by_doubling(doubles, pieces, run) for pieces in sorts]
+        return [replace(found, kernels=self.session.upload(doubles.download(found.kernels))) for found in solved]
 
-    def reflect_mixed(self, opened: Session, asked: Sequence[Any], stop: IntArray) -> invariance.Endless:
+    def reflect_mixed(
+        self, opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
+    ) -> list[invariance.Endless]:
         """What layers without end send back, in floats with corrections; counts the orders that it took doubles for."""
-        found, doubted = mixed.reflect_endless_mixed(opened, asked, stop)
-        self.doubted += doubted.size
-        return found
+        pairs = [mixed.reflect_endless_mixed(opened, one, stop) for one in asked]
+        self.doubted += sum(doubted.size for _, doubted in pairs)
+        return [found for found, _ in pairs]
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can vouch for."""
@@ -230,8 +242,17 @@ def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
     return Device(asked, accuracy)
 
 
-def make_group_key(piece: Piece) -> tuple[Any, ...]:
-    """Alike for pieces that can be solved in one call."""
+def make_group_key(piece: Piece, form: str) -> tuple[Any, ...]:
+    """Alike for pieces that can be solved in one call: by invariance on a GPU whatever their nodes and Stokes
+    parameters."""
+    problem = piece.problem
+    if piece.name == "invariance" and form == "gpu":
+        return piece.name, problem.n_up, problem.mu_out.tobytes(), problem.mu0.tobytes()
+    return make_sort_key(piece)
+
+
+def make_sort_key(piece: Piece) -> tuple[Any, ...]:
+    """Alike for pieces whose matrices have the same sizes."""
     problem = piece.problem
     arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
     shape: tuple[Any, ...] = ()
@@ -256,15 +277,23 @@ def count_matrix_bytes(piece: Piece) -> float:
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
-def look_at(opened: Session, found: Found, lit: int) -> tuple[Array, Array]:
-    """The largest of each item at each depth for each beam, and I in the column ``lit``, (item, n_tau, n_in)."""
-    items, levels, n_in, n_col, n_mu, stokes = found.shape
-    both = [opened.empty((items, levels, n_in)) for _ in range(2)]
-    seen = int(np.count_nonzero(found.factors.any(axis=1)))
-    shape = (np.int32(k) for k in (levels, n_in, n_col, n_mu, seen, stokes, lit))
-    opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, *both)
-    largest, brightest = (float(np.abs(found.factors).max()) * opened.download(a) for a in both)
-    return largest, brightest
+def look_at(opened: Session, solved: Sequence[Found]) -> list[tuple[Array, Array]]:
+    """Of each sort of pieces the largest of each item at each depth for each beam, and I in the brightest column per
+    unit of what comes in, (item, n_tau, n_in); one look for all."""
+    sizes = [math.prod(found.shape[:3]) for found in solved]
+    room, first, seen = opened.empty((2 * sum(sizes),)), 0, []
+    for found, size in zip(solved, sizes, strict=True):
+        items, levels, n_in, n_col, n_mu, stokes = found.shape
+        rows = int(np.count_nonzero(found.factors.any(axis=1)))
+        shape = levels, n_in, n_col, n_mu, rows, stokes, int(np.argmax(found.incoming))
+        opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, room, first, first + size)
+        first += 2 * size
+    light, first = opened.download(room), 0
+    for found, size in zip(solved, sizes, strict=True):
+        both = float(np.abs(found.factors).max()) * light[first : first + 2 * size].reshape(2, *found.shape[:3])
+        seen.append((both[0], both[1] / max(float(found.incoming.max()), 1e-300)))
+        first += 2 * size
+    return seen
 
 
 def find_doubts(piece: Piece, found: Found, items: slice, precision: str) -> dict[int, str]:
@@ -346,11 +375,11 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Assembly, doubling and joining of all orders of all pieces."""
     batch = Batch(pieces, [cut_layers(piece.problem) for piece in pieces])
     problem, frame, pile = batch.problem, batch.frame, batch.piles[0]
-    with run.booked("assembly", opened.finish):
+    with note_stage(opened, run, "assembly"):
         matrices = assemble_batch(opened, batch)
-    with run.booked("doubling", opened.finish):
+    with note_stage(opened, run, "doubling"):
         slabs = doubling.Doubling(opened, frame, list_slab_items(batch), matrices).run(run.stop)
-    with run.booked("joining", opened.finish):
+    with note_stage(opened, run, "joining"):
         piles = joining.Piles(
             slab=batch.places(
                 lambda piece, pile: find_first_rows(piece, pile.thickness.size) + pile.slabs, count_slabs
@@ -372,6 +401,7 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     return Found(
         kernels,
         (*shape, *directions),
+        np.abs(problem.columns).max(axis=1),
         np.ones(directions),
         flux,
         {
@@ -482,23 +512,53 @@ def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, sha
     return kernels
 
 
-def reflect_in_one_precision(opened: Session, asked: Sequence[Any], stop: IntArray) -> invariance.Endless:
-    """`reflect_endless` with arrays of the host."""
-    return invariance.reflect_endless(opened, *mixed.upload_all(opened, asked), *[stop])
+def reflect_in_one_precision(
+    opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
+) -> list[invariance.Endless]:
+    """What layers without end send back, all sorts of them together where the device wants it."""
+    uploaded = [tuple(mixed.upload_all(opened, one)) for one in asked]
+    sorts = [invariance.Asked(assembly.Scattering(*one[:7]), *one[7:]) for one in uploaded]
+    return invariance.reflect_sorts(opened, sorts, stop)
 
 
 def solve_by_invariance(
     opened: Session,
-    pieces: list[Piece],
+    sorts: list[list[Piece]],
     run: Run,
-    reflect: Callable[..., invariance.Endless] = reflect_in_one_precision,
-) -> Found:
+    reflect: Callable[[Session, Sequence[tuple[Any, ...]], IntArray], list[invariance.Endless]],
+) -> list[Found]:
     """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
+    with note_stage(opened, run, "invariance"):
+        made = reflect(opened, [gather_layers(pieces) for pieces in sorts], run.stop)
+        found = []
+        for pieces, light in zip(sorts, made, strict=True):
+            problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
+            directions = problem.mu_out.size, len(problem.stokes)
+            shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
+            flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
+            if (orders == 0).any():
+                nodal = opened.download(light.on_nodes)
+                flux[:, 0, 0] = np.concatenate([find_flux_up(problem, each) for each in nodal])
+            factors = np.zeros(directions)
+            factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
+            incoming = np.abs(problem.columns).max(axis=1)
+            found.append(Found(light.up.reshape(shape), shape, incoming, factors, flux, {}, np.zeros(shape[0])))
+        residual: dict[int, Array] = {}
+        for one, light in zip(found, made, strict=True):  # those of all sorts may lie in one array
+            if id(light.residual) not in residual:
+                residual[id(light.residual)] = opened.download(light.residual)
+            items = slice(light.first, light.first + one.shape[0])
+            one.residuals["residual_of_invariance"] = residual[id(light.residual)][items]
+    return found
+
+
+def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
+    """The arguments of `reflect_endless` for a sort of pieces, on the host."""
     problem = pieces[0].problem
     off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     orders = np.concatenate([piece.orders for piece in pieces])
-    asked = (
+    return (
         np.arange(orders.size, dtype=np.int32),
         orders,
         np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
@@ -513,19 +573,3 @@ def solve_by_invariance(
         problem.columns,
         np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
     )
-    with run.booked("invariance", opened.finish):
-        made = reflect(opened, asked, run.stop)
-        shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes)
-        flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
-        if (orders == 0).any():
-            flux[:, 0, 0] = np.concatenate([find_flux_up(problem, nodal) for nodal in opened.download(made.on_nodes)])
-        factors = np.zeros(shape[4:])
-        factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
-    residuals = {"residual_of_invariance": opened.download(made.residual)}
-    return Found(made.up.reshape(shape), shape, factors, flux, residuals, np.zeros(shape[0]))
-
-
-SOLVERS: dict[str, Callable[[Session, list[Piece], Run], Found]] = {
-    "doubling": solve_by_doubling,
-    "invariance": solve_by_invariance,
-}
