@@ -13,10 +13,12 @@ import pytest
 import vrte
 from vrte.basics import cost
 from vrte.basics.running import start_run
+from vrte.calls import forecast
 from vrte.calls.plan import make_request
 from vrte.cli import main
 from vrte.methods import find_method, predict_seconds
 from vrte.request.how import METHODS
+from vrte.request.request import Request
 
 POLARIZING = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)])
 THICK = vrte.Scene([vrte.Layer(POLARIZING, 1.0, 100.0)])
@@ -180,3 +182,17 @@ def test_particles_of_many_terms_say_so(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("vrte.basics.cost.LONG", 0.0)
     with pytest.warns(vrte.LongSolveWarning, match="most of it for a phase matrix of .* smaller particles"):
         vrte.spheres(1.5, radius_um=1.0, wavelength_um=0.5)
+
+
+def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(cost, "LOOKING", 0.02)
+    monkeypatch.setattr(cost, "foretell", lambda seconds, *others: told.append(seconds))
+    request = make_request("brdf", vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), mu_i=0.5, mu_o=0.5, nodes=4)
+
+    def asked_at(place: int) -> tuple[Request, float]:
+        return request, 0.5 if place == 0 else 0.0  # 240 times 0.5 s would be 2 minutes
+
+    monkeypatch.setattr(forecast, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
+    forecast.foretell_all(240, asked_at, "scenes")
+    assert 240 * 0.03 < told[0] < 240 * 0.2

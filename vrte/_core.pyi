@@ -55,7 +55,29 @@ def facet_orders(
     out: Array,
 ) -> None: ...
 def path_integrals(
-    *, above: Array, thickness: Array, level: Array, level_layer: IntArray, chosen: IntArray, mu0: Array, mu: Array
+    *,
+    above: Array,
+    thickness: Array,
+    level: Array,
+    level_layer: IntArray,
+    chosen: IntArray,
+    mu0: Array,
+    mu: Array,
+    piles: int = ...,
+) -> Array: ...
+def mode_coordinates_of_piles(
+    *,
+    lam_re: Array,
+    lam_im: Array,
+    even: Array,
+    odd: Array,
+    c: Array,
+    zeta: Array,
+    mu0: Array,
+    fading: IntArray,
+    thickness: Array,
+    above: Array,
+    depth: Array,
 ) -> Array: ...
 def mode_coordinates(
     *,
@@ -116,24 +138,25 @@ class Stages(Protocol):
 
     # fmt: off
     def order_bounds(self, crew: Crew, *, coefficients: Array, terms: IntArray, albedo: Array, directions: Array,
-        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array) -> None: ...
+        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array, piles: int = ...) -> None: ...
     def assemble(self, crew: Crew, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray,
         albedo: Array, directions: Array, weights: Array, n_out: int, E: Array, F: Array, G_E: Array, G_F: Array,
-        source_s: Array, source_d: Array) -> None: ...
+        source_s: Array, source_d: Array, pile: IntArray | None = ...) -> None: ...
     def homogeneous(self, crew: Crew, *, orders: IntArray, conserving: bool, quick: bool, clear: bool,
         albedo: Array, directions: Array, weights: Array, E: Array, F: Array, lam_re: Array, lam_im: Array, X: Array,
-        Y: Array, X_lu: Array, X_pivots: IntArray, residual: Array, info: IntArray) -> None: ...
+        Y: Array, X_lu: Array, X_pivots: IntArray, residual: Array, info: IntArray,
+        pile: IntArray | None = ...) -> None: ...
     def particular(self, crew: Crew, *, F: Array, source_s: Array, source_d: Array, mu0: Array, columns: Array,
         lam_re: Array, lam_im: Array, X: Array, Y: Array, X_lu: Array, X_pivots: IntArray, c: Array,
         zeta: Array) -> None: ...
     def boundary(self, crew: Crew, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
         clear: IntArray, thickness: Array, mu0: Array, above: Array, base_row: IntArray, base: Array,
         base_source: Array, top: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, residual: Array,
-        info: IntArray) -> None: ...
+        info: IntArray, pile: IntArray | None = ...) -> None: ...
     def reconstruct(self, crew: Crew, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
         c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, base_row: IntArray,
         base_out: Array, thickness: Array, above: Array, mu0: Array, mu_out: Array, n_up: int, level: Array,
-        level_layer: IntArray, out: Array) -> None: ...
+        level_layer: IntArray, out: Array, pile: IntArray | None = ...) -> None: ...
     def double_slabs(self, crew: Crew, *, orders: IntArray, conserving: bool, clear: bool, settled: bool,
         material: IntArray, thickness: Array, albedo: Array, asymmetry: Array, nodes: Array, weights: Array, mu0: Array,
         columns: Array, mu_out: Array, E: Array, F: Array, G_E: Array, G_F: Array, source_s: Array, source_d: Array,
@@ -150,7 +173,7 @@ class Stages(Protocol):
         first: int, last: int, out: Array) -> None: ...
     def add_single_scattering(self, crew: Crew, *, table: Array, path: Array, mu0: Array, mu: Array, cos_phi: Array,
         sin_phi: Array, angle: IntArray, sign: Array, columns: Array, kind: IntArray, place: IntArray, first: int,
-        last: int, out: Array, wide: bool = ...) -> None: ...
+        last: int, out: Array, wide: bool = ..., piles: int = ...) -> None: ...
     # fmt: on
 
 _stages: Stages

@@ -14,6 +14,7 @@ from vrte.basics.errors import LongSolveWarning, SceneError
 LONG = 20.0  # that are told
 TIME_LIMIT_S = 3600.0  # beyond which a solve is refused, by default
 LOOKING = 0.7  # after which no other one of many solves is looked at, to tell how long they take
+LOADING = 5.0  # the same where only the first was looked at: it may have been loading what all others share
 SECONDS_OF_TERMS = 1e-7  # of a phase matrix of spheres, over the square of its terms
 SECONDS_OF_ORDERS = 2e-9  # of a transition matrix in random orientation, over the sixth power of its orders
 A_CALL = 3e-3  # of any solve, beside its plan and its operations

@@ -5,6 +5,7 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
+from vrte.calls.alike import make_alike_request, solve_alike_ones
 from vrte.calls.brdf import make_brdf, solve_brdf
 from vrte.calls.derivatives import check_differentiable, read_derivatives
 from vrte.calls.forecast import foretell_all
@@ -80,11 +81,13 @@ def brdfs(
     asked = locals()
     given = list(asked.pop("scenes"))
     names = asked.pop("derivatives")
-    requests, variations = [], []
+    requests: list[Request] = []
+    variations = []
     for place, scene in enumerate(given, 1):
         try:
             variations.append(read_derivatives(check_scene(scene), names))
-            requests.append(choose_method(make_brdf_request(scene, **asked)))
+            request = make_alike_request(requests[0], scene) if requests else None
+            requests.append(request or choose_method(make_brdf_request(scene, **asked)))
         except SceneError as error:
             raise error.behind(f"scene {place} of {len(given)}") from error
     return solve_brdfs(requests, progress, "scenes", variations=variations)
@@ -113,8 +116,12 @@ def solve_brdfs(
         run = make_run(requests[0])
         run.told = told
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
+    together = {} if any(variations) else solve_alike_ones(requests, told, progress)
     found = []
     for place, (request, some) in enumerate(zip(requests, variations, strict=True)):
+        if place in together:
+            found.append(together[place])
+            continue
         part = share_progress(progress, place, count)
         found.append(solve_brdf(request, part, told, some))
         if part is not None:

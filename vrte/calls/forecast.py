@@ -45,7 +45,9 @@ def foretell_all(
         solving.append(seconds)
         limit = request.time_limit_s if limit is None else limit
         quick = beside + count * (looked[-1] + seconds) < cost.LONG / 100.0
-        if (place and quick) or time.perf_counter() - begin > cost.LOOKING:
+        # the first alone says little: what is loaded for it is no matter of the others
+        patience = cost.LOOKING if len(looked) > 1 else cost.LOADING
+        if (place and quick) or time.perf_counter() - begin > patience:
             break
     if limit is None or not looked:
         return False

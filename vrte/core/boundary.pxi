@@ -60,7 +60,7 @@ def boundary_work(n, n_layer, n_rhs):
 cdef struct Boundary:
     int n, n_layer, n_in, n_rhs
     given lam_re, lam_im, X, Y, c, zeta
-    given_ints clear
+    given_ints clear, pile
     given thickness, mu0, above
     given_ints base_row
     given base, base_source, top
@@ -76,7 +76,8 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
              const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
              const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
              const double[:, :, ::1] top, double[:, :, :, ::1] even, double[:, :, :, ::1] odd,
-             double[:, :, ::1] base_down, int[:, ::1] fading, double[:, ::1] residual, int[::1] info):
+             double[:, :, ::1] base_down, int[:, ::1] fading, double[:, ::1] residual, int[::1] info,
+             const int[::1] pile=None):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
@@ -85,17 +86,20 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
     top (N, S, S): what an interface above the layers sends back down along each node, of no nodes where there is none.
     even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base;
     fading (order, layer): whether every mode of a layer fades, which is decided here, and says what its amplitudes are
-    of; residual (order, layer): of the linear systems, relative.
+    of; residual (order, layer): of the linear systems, relative. pile: as of `assemble`.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
     cdef Boundary task = Boundary(
         n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
+        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], NULL,
+        &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
         &base_source[0, 0, 0], NULL, <int>top.shape[2], top.shape[0] > 0,
         &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
         &residual[0, 0])
     if task.topped:
         task.top = &top[0, 0, 0]
+    if pile is not None:
+        task.pile = &pile[0]
     run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n,
               &info[0])
 
@@ -115,9 +119,10 @@ cdef struct Slab:
 cdef Slab slab_at(const Boundary* t, int item, int layer, Desk desk) noexcept nogil:
     cdef size_t n = t.n, nn = n * n, nr = n * t.n_rhs, at = <size_t>item * t.n_layer + layer
     cdef doubles systems = desk.work + 5 * layer * nn, vectors = desk.work + 5 * (t.n_layer * nn + layer * nr)
+    cdef int here = first_layer(t.pile, t.n_layer, item) + layer
     return Slab(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[layer], t.fading[at]), t.n_rhs,
-        t.n_rhs // t.n_in, t.c + at * nr, t.zeta + at * nr, t.mu0, t.above[layer], systems, systems + nn,
+        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.fading[at]), t.n_rhs,
+        t.n_rhs // t.n_in, t.c + at * nr, t.zeta + at * nr, t.mu0, t.above[here], systems, systems + nn,
         systems + 2 * nn, systems + 3 * nn, systems + 4 * nn, vectors, vectors + nr, vectors + 2 * nr,
         vectors + 3 * nr, vectors + 4 * nr,
         desk.pivots + 2 * layer * n)
@@ -126,6 +131,7 @@ cdef Slab slab_at(const Boundary* t, int item, int layer, Desk desk) noexcept no
 cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Boundary* t = <const Boundary*>task
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
+    cdef int first = first_layer(t.pile, n_layer, item), last = first + n_layer - 1
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
     cdef bint joined = n_layer > 1 or row >= 0 or t.topped
     cdef double missing = 0.0
@@ -136,7 +142,8 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef Slab slab
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
-        slab.modes.fading = t.thickness[layer] > ENDLESS or slowest_rate(&slab.modes) * t.thickness[layer] > FADING
+        slab.modes.fading = (
+            t.thickness[first + layer] > ENDLESS or slowest_rate(&slab.modes) * t.thickness[first + layer] > FADING)
         t.fading[<size_t>item * n_layer + layer] = slab.modes.fading
         info = slab_systems(&slab, scratch, spare)
         if info != 0:
@@ -146,10 +153,10 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
         copy(nn, t.base + row * nn, below)
         for i in range(nr):
             up[i] = t.base_source[row * nr + i] * exp(
-                -(t.above[n_layer - 1] + t.thickness[n_layer - 1]) / t.mu0[i // (slab.per_beam * <size_t>n)])
+                -(t.above[last] + t.thickness[last]) / t.mu0[i // (slab.per_beam * <size_t>n)])
     for layer in range(n_layer - 1 if joined else -1, -1, -1):
         slab = slab_at(t, item, layer, desk)
-        if t.clear[layer]:
+        if t.clear[first + layer]:
             join_clear_layer(&slab, below, up)
             continue
         info = join_layer(&slab, row < 0 and layer == n_layer - 1, pivots_below, below, up, scratch, spare)

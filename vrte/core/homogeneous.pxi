@@ -29,7 +29,7 @@ cdef struct Homogeneous:
     Nodes nodes
     int n_layer
     bint conserving, quick, clear
-    given_ints orders
+    given_ints orders, pile
     given albedo, E, F
     doubles lam_re, lam_im, X, Y, X_lu
     ints X_pivots
@@ -40,7 +40,7 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
                 const double[::1] directions, const double[::1] weights, const double[:, :, :, ::1] E,
                 const double[:, :, :, ::1] F, double[:, :, ::1] lam_re, double[:, :, ::1] lam_im,
                 double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu, int[:, :, ::1] X_pivots,
-                double[:, ::1] residual, int[:, ::1] info):
+                double[:, ::1] residual, int[:, ::1] info, const int[::1] pile=None):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
     conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
@@ -51,11 +51,14 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
     |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading, which only a
     phase matrix with more terms than the nodes carry has.
     """
-    cdef int n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
+    cdef int n_layer = <int>X.shape[1], n = <int>X.shape[3]
     cdef Homogeneous task = Homogeneous(
         Nodes(n, n // <int>weights.shape[0], &directions[0], &weights[0]), n_layer, conserving, quick, clear,
-        &orders[0], &albedo[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0],
+        &orders[0], NULL, &albedo[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0],
+        &X[0, 0, 0, 0],
         &Y[0, 0, 0, 0], &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
+    if pile is not None:
+        task.pile = &pile[0]
     run_items(crew, homogeneous_one, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
 
 
@@ -77,7 +80,8 @@ cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
     cdef ints X_pivots = t.X_pivots + at
     cdef Halved h = Halved(
-        t.nodes, t.conserving and t.orders[item // t.n_layer] == 0, t.quick, t.albedo[item % t.n_layer], t.E + first,
+        t.nodes, t.conserving and t.orders[item // t.n_layer] == 0, t.quick,
+        t.albedo[layer_of(t.pile, t.n_layer, item)], t.E + first,
         t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
     cdef bint paired = False       # X^-1 = Y^T
     cdef bint growing = False      # a mode that neither fades nor grows: phase matrices with too many terms have one

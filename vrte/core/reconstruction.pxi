@@ -55,7 +55,7 @@ def reconstruction_work(n, rows, n_rhs, n_layer):
 cdef struct Reconstruction:
     int n, stokes, n_out, n_up, n_layer, n_in, n_rhs, n_level
     given G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down
-    given_ints fading, base_row
+    given_ints fading, base_row, pile
     given base_out, thickness, above, mu0, mu_out, level
     given_ints level_layer
     doubles out
@@ -67,7 +67,8 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
                 const double[:, :, :, ::1] even, const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down,
                 const int[:, ::1] fading, const int[::1] base_row, const double[:, :, ::1] base_out,
                 const double[::1] thickness, const double[::1] above, const double[::1] mu0, const double[::1] mu_out,
-                int n_up, const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out):
+                int n_up, const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out,
+                const int[::1] pile=None):
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
     The last stage of a solve by modes: it takes what the earlier ones leave. n is the number of Stokes parameters S
@@ -109,6 +110,9 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
         Which layer that is.
     out : ndarray (order, n_tau, n_rhs, S n_out)
         Filled with radiance times 2 pi for a unit beam; upward rows are flipped by D = diag(1, 1, -1, -1).
+    pile : ndarray of int (order,), optional
+        Of which of several scenes each item is, whose layers and levels lie one behind the other; level_layer is the
+        same of all.
 
     References
     ----------
@@ -116,11 +120,14 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2], n_out = <int>mu_out.shape[0]
     cdef Reconstruction task = Reconstruction(
-        n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>level.shape[0],
+        n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>out.shape[1],
         &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
         &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
-        &base_row[0], &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0], &level_layer[0],
+        &base_row[0], NULL, &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0],
+        &level_layer[0],
         &out[0, 0, 0, 0])
+    if pile is not None:
+        task.pile = &pile[0]
     run_items(crew, reconstruct_one, &task, <int>X.shape[0],
               reconstruction_work(n, <int>out.shape[3], n_rhs, n_layer), 0, NULL)
 
@@ -166,14 +173,16 @@ cdef void through_levels(const Reconstruction* t, int item, int layer, bint upwa
     cdef int rows = t.stokes * t.n_out, level, skipped = 0 if upward else t.stokes * t.n_up
     cdef size_t size = <size_t>rows * t.n_rhs, at = <size_t>item * t.n_layer + layer, nr = <size_t>t.n * t.n_rhs
     cdef doubles part = running + size, out = t.out + item * t.n_level * size
+    cdef int here = first_layer(t.pile, t.n_layer, item) + layer
+    cdef given levels = t.level + first_layer(t.pile, t.n_level, item)
     cdef Path path = Path(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[layer], t.fading[at]), upward, t.stokes, rows,
+        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.fading[at]), upward, t.stokes, rows,
         t.n_up if upward else t.n_out - t.n_up, t.n_rhs, t.n_rhs // t.n_in, g_e + skipped, g_f + skipped, t.c + at * nr,
         t.zeta + at * nr, t.even + at * nr, t.odd + at * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
-        t.above[layer], 0.0, 0.0, 0.0)
+        t.above[here], 0.0, 0.0, 0.0)
     for level in range(t.n_level):
         if t.level_layer[level] == layer:
-            path.depth = t.level[level]
+            path.depth = levels[level]
             through_layer(&path, running + skipped, out + level * size + skipped, part + size)
     if layer != (0 if upward else t.n_layer - 1):
         path.depth = 0.0 if upward else path.modes.thickness
@@ -381,6 +390,23 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
         j = j + width
 
 
+def mode_coordinates_of_piles(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im,
+                              const double[:, :, ::1] even, const double[:, :, ::1] odd, const double[:, :, ::1] c,
+                              const double[:, :, ::1] zeta, const double[::1] mu0, const int[::1] fading,
+                              const double[::1] thickness, const double[::1] above, const double[::1] depth):
+    """`mode_coordinates` of one layer of each of many scenes, all arrays (pile, ...): (pile, 2, n_rhs, n)."""
+    cdef int n_pile = <int>lam_re.shape[0], n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], k
+    cdef double[:, :, :, ::1] out = np.zeros((n_pile, 2, n_rhs, n))
+    cdef double complex[:, ::1] profile = np.empty((6, n), complex)
+    cdef double[::1] part = np.empty(n)
+    cdef Modes a
+    for k in range(n_pile):
+        a = modes_at(n, 0, &lam_re[k, 0], &lam_im[k, 0], NULL, NULL, thickness[k], fading[k])
+        coordinates_of(&a, n_rhs, <int>mu0.shape[0], &even[k, 0, 0], &odd[k, 0, 0], &c[k, 0, 0], &zeta[k, 0, 0],
+                       &mu0[0], above[k], depth[k], &profile[0, 0], &part[0], &out[k, 0, 0, 0])
+    return np.asarray(out)
+
+
 def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even,
                      const double[:, ::1] odd, const double[:, ::1] c, const double[:, ::1] zeta,
                      const double[::1] mu0, bint fading, double thickness, double above, double depth):
@@ -388,29 +414,39 @@ def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, cons
 
     even, odd, c, zeta (n_rhs, n); mu0 (n_in,); fading: of `boundary`; above: optical depth of the layer's top.
     """
-    cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0], per_beam = n_rhs // <int>mu0.shape[0], r, j, f
+    cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0]
     cdef Modes a = modes_at(n, 0, &lam_re[0], &lam_im[0], NULL, NULL, thickness, fading)
     cdef double[:, :, ::1] out = np.zeros((2, n_rhs, n))
-    cdef double complex[:, ::1] profile = np.empty((6, n), complex)    # of even, odd, c: y and z
+    cdef double complex[:, ::1] profile = np.empty((6, n), complex)
     cdef double[::1] part = np.empty(n)
+    coordinates_of(&a, n_rhs, <int>mu0.shape[0], &even[0, 0], &odd[0, 0], &c[0, 0], &zeta[0, 0], &mu0[0], above, depth,
+                   &profile[0, 0], &part[0], &out[0, 0, 0])
+    return np.asarray(out)
+
+
+cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given odd, given c, given zeta, given mu0,
+                         double above, double depth, cplx* profile, doubles part, doubles out) noexcept nogil:
+    """Fills out (2, n_rhs, n), zeros before; profile (6, n): of even, odd, c: y and z; part (n,)."""
+    cdef int n = a.n, per_beam = n_rhs // n_in, r, j, f
     cdef double light, faded
     cdef given coordinates
     cdef cplx k, response
-    profiles(&a, depth, &profile[0, 0])
+    cdef size_t row
+    profiles(a, depth, profile)
     for r in range(n_rhs):
+        row = <size_t>r * n
         light = exp(-above / mu0[r // per_beam])
         faded = light * exp(-depth / mu0[r // per_beam])
         for j in range(n):
-            k = rate_of(&a, j)
+            k = rate_of(a, j)
             response = light * beam_response(k, 1.0 / mu0[r // per_beam], depth) if depth > 0.0 else make(0.0, 0.0)
-            profile[4, j], profile[5, j] = response, times(k, response)
-            out[1, r, j] = faded * zeta[r, j]
+            profile[4 * n + j], profile[5 * n + j] = response, times(k, response)
+            out[(<size_t>n_rhs + r) * n + j] = faded * zeta[row + j]
         for f in range(6):
-            coordinates = &even[r, 0] if f < 2 else &odd[r, 0] if f < 4 else &c[r, 0]
-            scale_coordinates(n, &lam_im[0], &profile[f, 0], coordinates, &part[0])
+            coordinates = even + row if f < 2 else odd + row if f < 4 else c + row
+            scale_coordinates(n, a.lam_im, profile + f * n, coordinates, part)
             for j in range(n):
-                out[f % 2, r, j] += part[j]
-    return np.asarray(out)
+                out[(<size_t>(f % 2) * n_rhs + r) * n + j] += part[j]
 
 
 # (1:24)-(1:25)

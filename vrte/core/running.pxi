@@ -30,6 +30,16 @@ cdef struct Desk:
     given_ints stop
 
 
+cdef inline int first_layer(given_ints pile, int n_layer, int item) noexcept nogil:
+    """Of the scene that an item is of, among those of all scenes; `pile` is NULL where there is one scene."""
+    return 0 if pile == NULL else pile[item] * n_layer
+
+
+cdef inline int layer_of(given_ints pile, int n_layer, int item) noexcept nogil:
+    """The layer of an item that is one layer of one order, among those of all scenes."""
+    return first_layer(pile, n_layer, item // n_layer) + item % n_layer
+
+
 # one item of a stage's task; LAPACK's verdict, 0: fine
 ctypedef int (*Stage)(const void* task, int item, Desk desk) noexcept nogil
 

@@ -33,37 +33,43 @@ def series_table(const double[:, :] coefficients):
 
 
 def path_integrals(*, const double[::1] above, const double[::1] thickness, const double[::1] level,
-                   const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu):
+                   const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu,
+                   int piles=1):
     """Optical path integrals of one scattering in each layer, (layer, chosen, n_in, n_mu); mu signed, > 0 up.
 
     The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
-    above, thickness (layer,); level, level_layer (n_tau,): depths below the top of a layer; chosen: which of them.
+    above, thickness (layer,); level, level_layer (n_tau,): depths below the top of a layer; chosen: which of them. Of
+    several `piles` with as many layers and levels each, all of these lie one behind the other but level_layer and
+    chosen, which are the same of all.
     """
-    cdef int n_layer = <int>above.shape[0], n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], layer, place, i, j, at
-    cdef double[:, :, :, ::1] out = np.zeros((n_layer, chosen.shape[0], n_in, n_mu))
+    cdef int n_layer = <int>above.shape[0] // piles, n_level = <int>level.shape[0] // piles
+    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], place, row, i, j, at, layer, pile
+    cdef double[:, :, :, ::1] out = np.zeros((piles * n_layer, chosen.shape[0], n_in, n_mu))
     cdef double depth, length, start, way, rate, rate_in
     with nogil:
         for place in range(<int>chosen.shape[0]):
             at = level_layer[chosen[place]]
-            depth = level[chosen[place]]
-            for layer in range(n_layer):
-                way = path_between(layer, at, depth, &thickness[0])
+            for row in range(piles * n_layer):
+                pile = row // n_layer
+                layer = row % n_layer
+                depth = level[pile * n_level + chosen[place]]
+                way = path_between(layer, at, depth, &thickness[pile * n_layer])
                 for i in range(n_in):
                     rate_in = 1.0 / mu0[i]
                     for j in range(n_mu):
                         if mu[j] > 0.0 and layer >= at:        # light going up comes from below tau
                             rate = 1.0 / mu[j]
-                            start = above[layer] + depth if layer == at else above[layer]
-                            length = thickness[layer] - depth if layer == at else thickness[layer]
-                            out[layer, place, i, j] = (
+                            start = above[row] + depth if layer == at else above[row]
+                            length = thickness[row] - depth if layer == at else thickness[row]
+                            out[row, place, i, j] = (
                                 exp(-start * rate_in - way * rate) * -expm1(-length * (rate_in + rate))
                                 * rate / (rate_in + rate))
                         elif mu[j] < 0.0 and layer <= at:
                             rate = -1.0 / mu[j]
-                            length = depth if layer == at else thickness[layer]
+                            length = depth if layer == at else thickness[row]
                             if length > 0.0:
-                                out[layer, place, i, j] = (
-                                    length * rate * exp(-above[layer] * rate_in - way * rate)
+                                out[row, place, i, j] = (
+                                    length * rate * exp(-above[row] * rate_in - way * rate)
                                     * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
     return np.asarray(out)
 
@@ -83,7 +89,7 @@ cdef double path_between(int layer, int at, double depth, given thickness) noexc
 
 cdef struct Scattering:
     vrte_scatterer* scatter
-    int terms, n_level, n_in, n_mu, n_angle, n_phi, n_col, n_place, first
+    int terms, n_level, n_in, n_mu, n_angle, n_phi, n_col, n_place, first, n_here
     given_ints angle, kind, place
     given table, path, mu0, mu, cos_phi, sin_phi, sign, columns
     doubles out
@@ -94,12 +100,13 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi,
                           const int[::1] angle, const double[::1] sign, const double[:, ::1] columns,
                           const int[::1] kind, const int[::1] place, int first, int last,
-                          double[:, :, :, :, :, ::1] out, bint wide=True):
+                          double[:, :, :, :, :, ::1] out, bint wide=True, int piles=1):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
     table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
-    `wide=False` leaves AVX2 unused.
+    `wide=False` leaves AVX2 unused. Of several `piles` with as many terms and levels each, tables and paths lie one
+    behind the other.
     """
     cdef int n_mu = <int>mu.shape[0], n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
     if n_col > MOST_COLUMNS:
@@ -109,19 +116,24 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
     if out.size == 0:
         return
     cdef Scattering task = Scattering(
-        vrte_best_scatterer(wide), <int>table.shape[0], <int>path.shape[0], <int>path.shape[1], n_mu, n_angle,
-        <int>angle.shape[0], n_col, <int>out.shape[5], first, &angle[0], &kind[0], &place[0], &table[0, 0],
+        vrte_best_scatterer(wide), <int>table.shape[0] // piles, <int>path.shape[0] // piles, <int>path.shape[1], n_mu,
+        n_angle,
+        <int>angle.shape[0], n_col, <int>out.shape[5], first, last - first, &angle[0], &kind[0], &place[0],
+        &table[0, 0],
         &path[0, 0, 0], &mu0[0], &mu[0], &cos_phi[0], &sin_phi[0], &sign[0], &columns[0, 0], &out[0, 0, 0, 0, 0, 0])
-    run_items(crew, scatter_pair, &task, (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
+    run_items(crew, scatter_pair, &task, piles * (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
 
 
 cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
     cdef const Scattering* s = <const Scattering*>task
     cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level
-    cdef int first = 0, t, f, k, i = s.first + item // s.n_mu, j = item % s.n_mu
+    cdef int first = 0, t, f, k, i = s.first + item // s.n_mu % s.n_here
+    cdef int j = item % s.n_mu
     cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
-    cdef given path = s.path + pair, sign = s.sign
+    cdef size_t level = <size_t>(item // (s.n_here * s.n_mu)) * n_level       # the first of the pile
+    cdef given path = s.path + level * each + pair, sign = s.sign
+    cdef given table = s.table + level // n_level * s.terms * SERIES
     cdef given_ints angle = s.angle
     cdef doubles z = desk.work
     cdef double strength
@@ -135,7 +147,7 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     if not lit:
         return 0
     while first < n_angle:
-        s.scatter(s.terms, s.table, s.mu0[i], s.mu[j], min(<int>VRTE_BLOCK, n_angle - first), s.cos_phi + first,
+        s.scatter(s.terms, table, s.mu0[i], s.mu[j], min(<int>VRTE_BLOCK, n_angle - first), s.cos_phi + first,
                   s.sin_phi + first, n_col, s.kind, s.columns, z + first, n_angle)
         first += VRTE_BLOCK
     for t in range(n_level):
@@ -146,7 +158,7 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
             target[k] = k % 4 * n_place + s.place[k // 4]
             factor[0][k] = strength
             factor[1][k] = strength if (k % 4 >= 2) == (s.kind[k // 4] == 1) else -strength
-        to = s.out + (t * each + pair) * n_phi * 4 * n_place
+        to = s.out + ((level + t) * each + pair) * n_phi * 4 * n_place
         for f in range(n_phi):
             now = &factor[sign[f] < 0.0][0]
             for k in range(4 * n_col):

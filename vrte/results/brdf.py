@@ -1,5 +1,6 @@
 """The polarized subsurface BRDF of a scene, and its transmission."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,6 +108,13 @@ class Brdf(Result):
         there = {name: shape for name, shape in shapes.items() if getattr(self, name) is not None}
         self._freeze(there)
         self._freeze_derivatives(BRDF_DERIVATIVES, there)
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "diagnostics" or "_tell" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        found = vars(self)["diagnostics"] = vars(self)["_tell"]()
+        vars(self).pop("_tell", None)
+        return found
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
@@ -271,3 +279,10 @@ class Brdf(Result):
         0.25
         """
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
+
+
+def make_settled_brdf(tell: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
+    """A result whose arrays are read-only and fit together; ``tell`` makes its diagnostics when they are asked for."""
+    found = object.__new__(Brdf)
+    found.__dict__.update(given, _tell=tell)
+    return found

@@ -36,7 +36,12 @@ TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
 
 def is_quick(problem: Problem, accuracy: float) -> bool:
     """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
-    return problem.leave_out.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+    return problem.leave_out.symmetric and is_quick_on(problem.nodes.size, accuracy)
+
+
+def is_quick_on(nodes: int, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough on so many nodes."""
+    return accuracy >= QUICK * max(1.0, nodes / 16.0) ** 3.3
 
 
 class Modes:

@@ -1,0 +1,139 @@
+"""Scenes that are alike, solved together on the processor, as many at a time as fit into the caches."""
+
+import itertools
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import settle_array
+from vrte.basics.blas import keep_to_one_thread
+from vrte.basics.fields import change_fields
+from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
+from vrte.discrete_ordinates.execution.together import Together, solve_alike
+from vrte.discrete_ordinates.planning.alike import (
+    Alike,
+    Likeness,
+    estimate_bytes,
+    find_likeness,
+    is_shared_request,
+    plan_alike,
+)
+from vrte.discrete_ordinates.planning.plan import plan_request
+from vrte.methods import make_run
+from vrte.methods.discrete_ordinates import warn_of_negative
+from vrte.request.request import Request
+from vrte.results.brdf import Brdf, make_settled_brdf
+from vrte.scene.scene import Scene
+
+BATCH_BYTES = 16e6  # of what is worked with for the scenes that are solved in one go, by each thread
+FEWEST = 2  # scenes that are worth it
+
+
+def make_alike_request(request: Request, scene: Scene) -> Request | None:
+    """The same asked of another scene; None where that has to be checked anew."""
+    if not is_shared_request(request) or find_likeness(scene, request) is None:
+        return None
+    levels = settle_array(np.array([0.0, scene.thickness][: request.tau.size]))
+    return change_fields(request, scene=scene, tau=levels)
+
+
+def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress | None) -> dict[int, Brdf]:
+    """The BRDFs of those that can be solved with others, by their places among requests that differ in their scenes
+    alone."""
+    if len(requests) < FEWEST or not is_shared_request(requests[0]):
+        return {}
+    batches = sort_into_batches(requests)
+    if not batches:
+        return {}
+    run = make_run(requests[0])
+    run = Run(requests[0].threads or run.threads, kernels=run.kernels) if run.brief else run
+    run.told = told
+    found: dict[int, Brdf] = {}
+
+    ends = list(itertools.accumulate(len(places) for _, places in batches))
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(100 * ends[done - 1], 100 * len(requests))
+
+    def solve() -> None:
+        try:
+            with keep_to_one_thread():
+                for part in run_jobs(run, [partial(solve_batch, requests, *batch) for batch in batches], tell):
+                    found.update(part)
+            tell(len(batches))
+        finally:
+            run.send_home()
+
+    run_interruptible(run, solve)
+    return found
+
+
+def sort_into_batches(requests: Sequence[Request]) -> list[tuple[Likeness, list[int]]]:
+    """Places of scenes of one likeness, so many that they fit into the caches; those with most orders first."""
+    first = requests[0]
+    assert first.nodes is not None
+    alike: dict[Likeness, list[int]] = {}
+    for place, request in enumerate(requests):
+        likeness = find_likeness(request.scene, first)
+        if likeness is not None:
+            alike.setdefault(likeness, []).append(place)
+    batches = []
+    for likeness, places in alike.items():
+        terms = max(layer.phase_matrix.terms for place in places for layer in requests[place].scene.layers)
+        terms = min(terms, 2 * first.nodes)
+        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, likeness, terms)))
+        if len(places) >= FEWEST:
+            batches += [(likeness, places[k : k + step]) for k in range(0, len(places), step)]
+    return batches
+
+
+def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[int], run: Run) -> dict[int, Brdf]:
+    """Those of one batch that its plan stands for, and that came out right."""
+    scenes = [requests[place].scene for place in places]
+    alike, fits = plan_alike(requests[places[0]], likeness, scenes, run)
+    if not fits.any():
+        return {}
+    found = solve_alike(alike, run)
+    right = np.flatnonzero(fits & found.right).tolist()
+    for k in np.flatnonzero(alike.cut & fits & found.right).tolist():
+        told = {"terms_cut": True, "nodes": alike.nodes.size}
+        warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], told)
+    thickness = np.array([scene.thickness for scene in scenes])
+    through = settle_array(np.exp(-thickness[:, None] / alike.request.mu0))
+    reflectance = settle_array(found.flux / alike.request.mu0)
+    mu_o = settle_array(alike.mu[alike.mu > 0.0])
+    return {
+        places[k]: make_settled_brdf(
+            partial(tell_diagnostics, requests[places[k]], alike, found, k, run),
+            mueller=found.parts[0][k],
+            reflectance=reflectance[k],
+            mu_i=alike.request.mu0,
+            mu_o=mu_o,
+            phi=alike.request.phi,
+            transmission=found.parts[1][k] if len(found.parts) > 1 else None,
+            direct_transmittance=through[k],
+        )
+        for k in right
+    }
+
+
+def tell_diagnostics(request: Request, alike: Alike, found: Together, place: int, run: Run) -> dict[str, Any]:
+    """How one of them was found; its own plan is made for that."""
+    plan = plan_request(request, Run(1))
+    orders = int(found.orders[place])
+    return {
+        **plan.diagnostics(),
+        "threads": 1,
+        "openmp": True,
+        "orders": orders,
+        "unknowns": int(found.unknowns[place]),
+        "orders_by": {"modes": sum(int(wanted[:, place].sum()) for wanted in alike.wanted.values())},
+        "orders_repeated": None,
+        **{name: float(values[place]) for name, values in found.residuals.items()},
+        "solved_together": alike.size,
+        "illuminate": request.illuminate,
+        "index_outside": request.scene.index_above,
+    }
