@@ -5,7 +5,7 @@ import numpy as np
 from bench.workers import Worker
 
 PAIRS = 5
-WORTH = 0.9
+WORTH = 0.95
 
 WORKER = """
 import sys, time

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 import vrte
 
@@ -94,6 +95,26 @@ def test_tiny_scene() -> None:
     milliseconds = 1e3 * float(np.median(seconds))
     print(f"\na call on a tiny scene: {milliseconds:.2f} ms")
     assert milliseconds < 1.0
+
+
+@pytest.mark.parametrize("kind", ["radiance", "brdf"])
+def test_tiny_call(kind: str) -> None:
+    """One Rayleigh layer, 4 nodes, one direction, one thread, the same scene again and scenes never seen. CPU time,
+    medians of 200 calls; the target is 0.4 ms."""
+    call = getattr(vrte, kind)
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5 + 1e-4 * place)]) for place in range(250)]
+
+    def measure(asked: list[vrte.Scene]) -> float:
+        seconds = []
+        for scene in asked:
+            start = time.thread_time()
+            call(scene, 0.6, **({"mu": 0.5} if kind == "radiance" else {"mu_o": 0.5}), nodes=4, threads=1)
+            seconds.append(time.thread_time() - start)
+        return 1e3 * float(np.median(seconds[50:]))
+
+    again, new = measure(250 * scenes[:1]), measure(scenes)
+    print(f"\na tiny {kind}: {again:.2f} ms of a scene seen before, {new:.2f} ms of another")
+    assert again <= 0.4
 
 
 def test_brdf_peak_memory() -> None:

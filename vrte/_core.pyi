@@ -93,6 +93,41 @@ def mode_coordinates(
     above: float,
     depth: float,
 ) -> Array: ...
+def modes_at_once(
+    crew: Crew,
+    *,
+    orders: IntArray,
+    members: IntArray,
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    directions: Array,
+    weights: Array,
+    n_up: int,
+    n_out: int,
+    columns: Array,
+    conserving: bool,
+    quick: bool,
+    clear: bool,
+    clear_layers: IntArray,
+    thickness: Array,
+    above: Array,
+    base_row: IntArray,
+    base: Array,
+    base_source: Array,
+    base_out: Array,
+    flip: Array,
+    level: Array,
+    level_layer: IntArray,
+    rates: Array,
+    modes: Array,
+    amplitudes: Array,
+    fading: IntArray,
+    residual: Array,
+    spent: Array,
+    missed: IntArray,
+    out: Array,
+) -> None: ...
 
 # doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions
 def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
@@ -125,6 +160,9 @@ def reflect_by_fractions(
     residual: Array,
     info: IntArray,
 ) -> None: ...
+def at_once_work(
+    n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
+) -> int: ...
 def homogeneous_work(n: int) -> int: ...
 def boundary_work(n: int, n_layer: int, n_rhs: int) -> int: ...
 def extended_size(n: int, r: int, o: int) -> int: ...

@@ -44,6 +44,7 @@ include "core/homogeneous.pxi"
 include "core/particular.pxi"
 include "core/boundary.pxi"
 include "core/reconstruction.pxi"
+include "core/at_once.pxi"
 
 # The same fields without an eigenproblem: slabs doubled and joined, a layer without end by invariance.
 include "core/extended.pxi"

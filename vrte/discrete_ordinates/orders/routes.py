@@ -5,9 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.at_once import solve_at_once
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
@@ -62,6 +64,8 @@ class Modes:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
+        if run.threads == 1 and run.kernels is _core and self.kinds is None:
+            return solve_at_once(self.problem, orders, self.base, self.quick, run)
         matrices = assemble(self.distinct, orders, run)
         modes = find_modes(self.distinct, orders, matrices, run, self.quick)
         beam = find_beam_field(self.distinct, matrices, modes, run)
