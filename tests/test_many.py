@@ -42,6 +42,7 @@ def assert_same(found, alone):
         assert (one is None) == (other is None)
         assert one is None or np.array_equal(one, other), name
     assert found.jacobian is None
+    assert not set(alone.diagnostics) - set(found.diagnostics)
     for name, value in alone.diagnostics.items():
         if name not in ("stages", "wall_seconds", "threads", "polarized_light"):
             assert found.diagnostics[name] == value, name

@@ -1,6 +1,7 @@
 """Scenes that are alike, solved together on the processor, as many at a time as fit into the caches."""
 
 import itertools
+import time
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -92,11 +93,16 @@ def sort_into_batches(requests: Sequence[Request]) -> list[tuple[Likeness, list[
 
 def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[int], run: Run) -> dict[int, Brdf]:
     """Those of one batch that its plan stands for, and that came out right."""
+    begin, whole = time.perf_counter(), run
+    run = change_fields(whole, stages={})
     scenes = [requests[place].scene for place in places]
     alike, fits = plan_alike(requests[places[0]], likeness, scenes, run)
     if not fits.any():
         return {}
     found = solve_alike(alike, run)
+    for name, clock in run.stages.items():
+        whole.book(name, clock["wall_seconds"], clock["thread_seconds"])
+    wall = time.perf_counter() - begin
     right = np.flatnonzero(fits & found.right).tolist()
     for k in np.flatnonzero(alike.cut & fits & found.right).tolist():
         told = {"terms_cut": True, "nodes": alike.nodes.size}
@@ -107,7 +113,7 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(
-            partial(tell_diagnostics, requests[places[k]], alike, found, k, run),
+            partial(tell_diagnostics, requests[places[k]], alike, found, k, run, wall),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
             mu_i=alike.request.mu0,
@@ -120,7 +126,9 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     }
 
 
-def tell_diagnostics(request: Request, alike: Alike, found: Together, place: int, run: Run) -> dict[str, Any]:
+def tell_diagnostics(
+    request: Request, alike: Alike, found: Together, place: int, run: Run, wall: float
+) -> dict[str, Any]:
     """How one of them was found; its own plan is made for that."""
     plan = plan_request(request, Run(1))
     orders = int(found.orders[place])
@@ -134,6 +142,11 @@ def tell_diagnostics(request: Request, alike: Alike, found: Together, place: int
         "orders_repeated": None,
         **{name: float(values[place]) for name, values in found.residuals.items()},
         "solved_together": alike.size,
+        "stages": {  # its share of those of all
+            name: {clock: seconds / alike.size for clock, seconds in clocks.items()}
+            for name, clocks in run.stages.items()
+        },
+        "wall_seconds": wall / alike.size,
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,
     }
