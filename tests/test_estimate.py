@@ -10,7 +10,7 @@ import pytest
 import vrte
 from vrte.basics.errors import DeviceError
 from vrte.cl import device
-from vrte.cl.matrices import count_work_items, make_stack, multiply_stacks
+from vrte.cl.matrices import choose_tile, make_stack, multiply_stacks
 from vrte.cl.session import Session, read_sources
 from vrte.studies import devices, estimate
 from vrte.studies.device_counts import FORMULAS, Event, Recorder, Work, name_arguments, record_events
@@ -46,8 +46,9 @@ class TestCounts:
         with record_events(recorder, weighing=True) as events:
             multiply_stacks(recorder, items, a, b, c)
         (event,) = (event for event in events if event.what == "launch")
-        across, along = count_work_items(rows, columns)
-        assert event.groups * event.lanes == across * along * 2
+        tile = choose_tile(rows, columns)
+        assert event.groups == -(-rows // tile) * -(-columns // tile) * 2
+        assert event.lanes == (256 if tile == 64 else 64)
         least = 2.0 * rows * inner * columns * 2
         assert least <= event.work.flops <= least * 64 * 64 * 16 / (8 * 3 * 5)
         assert event.work.bytes == 8 * 2 * (rows * inner + inner * columns + rows * columns)
