@@ -102,7 +102,7 @@ def test_orders_of_all_blocks_go_together_on_a_gpu(opencl: Any, monkeypatch: pyt
         return vrte.brdf(scene, mu, mu, [0.0, 40.0], nodes=8, backend="opencl", algorithm="invariance")
 
     together = solve()
-    monkeypatch.setattr(engine.Device, "looks_ahead", False)
+    monkeypatch.setattr(engine.Device, "looks_ahead", ())
     apart = solve()
     np.testing.assert_array_equal(together.mueller, apart.mueller)
     for name in ("orders", "orders_by", "unknowns", "residual_of_invariance"):

@@ -140,7 +140,8 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
     with engine.at_work():
         engine.check_memory(plans, run)
         tasks = [make_task(plan) for plan in plans]
-        ahead = engine.looks_ahead and not any(task.agreement for task in tasks)
+        names = {block.choice.name for plan in plans for block in plan.blocks}
+        ahead = names <= set(engine.looks_ahead) and not any(task.agreement for task in tasks)
         while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place, ahead)]:
             solved: dict[int, Answer] = {}
             for group in engine.grouped(pieces):

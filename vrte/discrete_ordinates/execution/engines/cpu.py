@@ -51,7 +51,7 @@ class Processor:
     piece_bytes: float = PIECE_BYTES
     others: ClassVar[Mapping[str, str]] = OTHER
     takes_many: ClassVar[bool] = False
-    looks_ahead: ClassVar[bool] = False
+    looks_ahead: ClassVar[Sequence[str]] = ()
 
     def at_work(self) -> AbstractContextManager[Any]:
         """One thread of BLAS in each of ours."""

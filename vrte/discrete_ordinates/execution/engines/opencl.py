@@ -104,9 +104,9 @@ class Device:
     takes_many: ClassVar[bool] = True
 
     @property
-    def looks_ahead(self) -> bool:
-        """A GPU has idle work-items for a few orders more, and waits for each look."""
-        return self.session.form == "gpu"
+    def looks_ahead(self) -> Sequence[str]:
+        """A GPU has idle work-items for a few orders more where those of all blocks go in the same launches."""
+        return ("invariance",) if self.session.form == "gpu" else ()
 
     @cached_property
     def precision(self) -> tuple[str, str]:
