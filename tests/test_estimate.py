@@ -56,8 +56,8 @@ class TestCounts:
     @pytest.mark.slow
     def test_every_kernel_of_a_solve_has_its_row(self, recorder: Recorder) -> None:
         calls = [
-            lambda: vrte.brdf(scene(np.inf), **ALONE, algorithm="invariance"),
-            lambda: vrte.brdf(scene(2.0, vrte.Lambertian(0.4)), **ALONE, algorithm="doubling", transmission=True),
+            lambda turn: vrte.brdf(scene(np.inf), **ALONE, algorithm="invariance"),
+            lambda turn: vrte.brdf(scene(2.0, vrte.Lambertian(0.4)), **ALONE, algorithm="doubling", transmission=True),
         ]
         for solve in calls:
             events = estimate.count_events(recorder, solve)
@@ -74,10 +74,20 @@ class TestCounts:
         assert not set(FORMULAS) - set(names)
         assert names["product_gpu"][-5:] == ["C", "C_first", "C_ld", "C_stride", "items"]
 
+    def test_what_comes_down_is_what_came_down_when_it_was_weighed(self, recorder: Recorder) -> None:
+        values = recorder.upload(np.arange(5000.0))
+        with record_events(recorder, weighing=True):
+            recorder.download(values)
+        with record_events(recorder) as events:
+            found = recorder.download(recorder.zeros((5000,)))
+        np.testing.assert_array_equal(found, np.arange(5000.0))
+        assert [event.what for event in events] == ["fill", "read", "host"]
+        assert events[1].bytes == 40000.0
+
     @pytest.mark.slow
     def test_twice_the_scenes_are_twice_the_work(self, recorder: Recorder) -> None:
         def count(scenes: list[vrte.Scene]) -> Work:
-            return add_work(estimate.count_events(recorder, lambda: vrte.brdfs(scenes, **ALONE)))
+            return add_work(estimate.count_events(recorder, lambda turn: vrte.brdfs(scenes, **ALONE)))
 
         one, two = count([scene(np.inf)]), count([scene(np.inf), scene(np.inf)])
         assert two.flops == pytest.approx(2.0 * one.flops, rel=0.1)
@@ -102,11 +112,13 @@ class TestModel:
 
     def test_host_and_device_beside_each_other(self) -> None:
         work = Event("launch", 1e-3, "combine", groups=1e6, lanes=64, work=Work(1e6, 3.35e9))
-        beside = predict_run(H100, [work] * 10)
+        machine = replace(H100, call=0.0)
+        beside = predict_run(machine, [work] * 10)
         assert beside.seconds == pytest.approx(11e-3, rel=0.02)  # the device begins when the host has asked
-        waiting = predict_run(H100, [work, Event("read", 0.0, bytes=8.0)] * 10)
+        waiting = predict_run(machine, [work, Event("read", 0.0, bytes=8.0)] * 10)
         assert waiting.seconds == pytest.approx(20e-3, rel=0.02)
         assert beside.device == pytest.approx(waiting.device, rel=0.01)
+        assert predict_run(H100, [work] * 10).host == pytest.approx(10e-3 + 10 * H100.call)
         assert predict_run(H100, [work], scale=4.0).device == pytest.approx(4e-3, rel=0.02)
 
     def test_figures_of_data_sheets(self) -> None:
@@ -119,7 +131,7 @@ class TestCommand:
     def test_the_table(
         self, opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        monkeypatch.setattr(estimate, "make_gold", lambda thickness, wavelength_um=0.0: scene(thickness))
+        monkeypatch.setattr(estimate, "make_gold", lambda thickness, wavelength_um=0.0, turn=0: scene(thickness))
         monkeypatch.setattr(estimate.count_tasks, "__defaults__", (estimate.count_tasks.__defaults__[0], 2, 6))
         assert call("devices", "--estimate", "h100") == 0
         lines = capsys.readouterr().out.splitlines()
@@ -129,7 +141,7 @@ class TestCommand:
     def test_the_device_itself_is_measured(
         self, opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        monkeypatch.setattr(estimate, "make_gold", lambda thickness, wavelength_um=0.0: scene(thickness))
+        monkeypatch.setattr(estimate, "make_gold", lambda thickness, wavelength_um=0.0, turn=0: scene(thickness))
         monkeypatch.setattr(estimate.time_tasks, "__defaults__", (estimate.time_tasks.__defaults__[0], 2, 6))
         monkeypatch.setattr(devices, "SECONDS", 1e-4)
         assert call("devices", "--estimate", "this") == 0

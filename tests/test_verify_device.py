@@ -28,6 +28,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
     def opened(handle: Any, form: str, precision: str) -> Session:
         session = open_session(handle, form, precision)
+        assert session.kernels[name]  # whose work-groups a launch asks for
         session.kernels[name] = lambda *_: None
         return session
 

@@ -61,22 +61,26 @@ class Call:
         pyopencl.enqueue_copy(self.session.queue, found, self.given[name])
         return found
 
+    def read_rows(self, name: str, width: int) -> IntArray:
+        """The same, so many in a row; the memory may be larger than what is in use."""
+        found = self.read(name)
+        return found[: found.size // width * width].reshape(-1, width)
+
     @property
-    def pieces(self) -> float:
-        """Work-groups of the launch."""
-        return float(np.prod(self.size) / np.prod(self.group))
+    def pieces(self) -> tuple[int, ...]:
+        """Work-groups in each dimension."""
+        return tuple(size // each for size, each in zip(self.size, self.group, strict=True))
 
     @cached_property
     def items(self) -> IntArray:
-        """Those listed that have not left the loop that they are in."""
-        count = self.size[-1] // (self.group[-1] if len(self.size) == 1 else 1)
+        """Those listed."""
+        count = self.pieces[-1]
         listed = self.read("items")[:count] if "items" in self.given else np.arange(count, dtype=np.int32)
-        return listed[self.read("state")[listed] < 2] if "state" in self.given else listed
+        return listed
 
     def count_columns(self, part: int) -> Array:
         """E's columns (part 0), F's (1) or both (2) of each of these items."""
-        counts = self.read("counts")
-        pairs = counts[: counts.size // 2 * 2].reshape(-1, 2)[self.items].astype(float)
+        pairs = self.read_rows("counts", 2)[self.items].astype(float)
         return pairs.sum(axis=1) if part == 2 else pairs[:, part]
 
 
@@ -109,25 +113,26 @@ def weigh_product(tile: int, each: int = 4) -> Callable[[Call], Work]:
     return weigh
 
 
-def read_places(call: Call, state: str) -> tuple[Array, Array, Array]:
-    """Of the items that have not left: rows of R on this side, on the other, and columns."""
-    places = call.read("places").view(np.int64).reshape(-1, 12).astype(float)
-    columns = call.read("counts_of")[: 2 * len(places)].reshape(-1, 2).sum(axis=1).astype(float)
-    running = call.read(state)[: len(places)] == 0
-    return places[running, 10], places[running, 11], columns[running]
+def read_running(call: Call, state: str) -> tuple[Array, Array, Array]:
+    """Of the items that have not settled: rows and columns of R, and columns of H, of which each item has its own."""
+    running = np.flatnonzero(call.read(state)[: call.pieces[-1]] == 0)
+    places = call.read_rows("places", 24).view(np.int64)  # of `Place` in invariance.cl, the last two
+    rows, columns = places[running, 10:].astype(float).T
+    return rows, columns, call.read_rows("counts_of", 2)[running].sum(axis=1).astype(float)
 
 
 def weigh_step(call: Call) -> Work:
-    """Five sums of what moved beside the product, over R and the last steps; what has settled is passed over."""
-    rows, n, columns = read_places(call, "state")
-    return weigh_tiles(rows, n, columns, 5.0)
+    """Columns of HC are made of two of H's; five matrices like R beside the product."""
+    rows, columns, inner = read_running(call, "state")
+    return weigh_tiles(rows, columns, inner, 5.0)
 
 
 def weigh_renewal(call: Call) -> Work:
-    """R is made of the last three steps as it is read, and written; what has settled is passed over."""
-    rows, n, columns = read_places(call, "state_before")
-    work = weigh_tiles(rows, columns, n if call.step >= 0 else 0.0 * n, 2.0)
-    return Work(work.flops, work.bytes + REAL * 3.0 * float((rows * n).sum()), work.local, work.rounds)
+    """R is mixed of the last three steps as its tiles are read; written once."""
+    rows, columns, inner = read_running(call, "state_before")
+    made = weigh_tiles(rows, inner, np.zeros_like(rows) if call.step < 0 else columns, 2.0)
+    mixed = float((3.0 * rows * columns).sum())
+    return Work(made.flops + 5.0 * mixed, made.bytes + REAL * mixed, made.local, made.rounds)
 
 
 def weigh_inverse(call: Call) -> Work:
@@ -156,12 +161,14 @@ def weigh_scattering(call: Call) -> Work:
 
 
 def weigh_orders(call: Call) -> Work:
-    """Every group of four elements, every order and angle; a row of the result is read and written."""
-    rows = float(call.size[2] * call.n_here * call.n_level * call.n_mu)
-    orders = float(np.mean(call.read("shares")[: 4 * call.size[2]].reshape(-1, 4)[:, 2]))
-    flops = rows * call.n_group * orders * 12.0 * call.n_angle
-    written = 2.0 * rows * call.n_phi * 4.0 * call.n_place
-    return Work(flops, REAL * (written + rows * call.n_group * 4.0 * orders))
+    """Every group of four elements, every order and angle, of which each reads what its neighbours have in the cache,
+    as fast as local memory; a row of the result is read and written."""
+    orders = call.read_rows("shares", 4)[: call.size[2], 2].astype(float)
+    rows = float(call.n_here * call.n_level * call.n_mu)
+    steps = rows * call.n_group * orders.sum()
+    written = 2.0 * rows * orders.size * call.n_phi * 4.0 * call.n_place
+    count = REAL * (written + 4.0 * steps)
+    return Work(12.0 * steps * call.n_angle, count, 8.0 * REAL * steps * call.n_angle)
 
 
 def weigh_columns(touched: float, flops: float = 1.0, rows: str = "ld") -> Callable[[Call], Work]:
@@ -174,11 +181,9 @@ def weigh_columns(touched: float, flops: float = 1.0, rows: str = "ld") -> Calla
 
 
 def count_columns_of(call: Call) -> float:
-    """As many as an extended matrix has, or the kernel is told, or has work-groups."""
+    """As many as an extended matrix has, or as were launched."""
     given = call.given
-    if {"n", "r", "p"} <= given.keys():
-        return float(given["n"] + given["r"])
-    return float(given.get("columns", call.size[0] / call.group[0]))
+    return float(given["n"] + given["r"]) if {"n", "r", "p"} <= given.keys() else float(call.pieces[0])
 
 
 def weigh_rows(touched: float, flops: float, *names: str) -> Callable[[Call], Work]:
@@ -197,11 +202,11 @@ def weigh_coefficients(call: Call) -> Work:
 
 
 def weigh_leaving(call: Call) -> Work:
-    return weigh_elements(call.pieces * call.n_mu * call.stokes, 2.0, 1.0)
+    return weigh_elements(float(np.prod(call.pieces)) * call.n_mu * call.stokes, 2.0, 1.0)
 
 
 def weigh_largest(call: Call) -> Work:
-    return weigh_elements(call.pieces * call.n_col * call.n_seen * call.stokes, 1.0, 2.0)
+    return weigh_elements(float(np.prod(call.pieces)) * call.n_col * call.n_seen * call.stokes, 1.0, 2.0)
 
 
 # One row a kernel of the form for a GPU.
@@ -222,7 +227,8 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "extend": weigh_columns(2.0, 2.0),
         "fade": weigh_columns(3.0, 3.0, "rows"),
         "go_straight": weigh_rows(2.0, 2.0 * ROOT, "r", "o"),
-        "invariance_pairs": weigh_rows(16.0, 2.0 * ROOT, "n_term"),
+        "invariance_pairs": weigh_rows(20.0, 2.0 * ROOT, "n_term"),
+        "invariance_rate": weigh_rows(6.0, 2.0 * ROOT, "n_term"),
         "invariance_renew_gpu": weigh_renewal,
         "invariance_results": weigh_results,
         "invariance_step_gpu": weigh_step,
@@ -289,10 +295,13 @@ class Event:
 @dataclass(eq=False)
 class Recorder(Session):
     """A session that puts down what it is asked for, and that says of itself that it is no processor; ``weighing``:
-    whether the work of each launch is found too, for which memory is read between launches."""
+    the work of each launch is found too, for which memory is read between launches; otherwise it only seems to
+    compute, which shows what the host does: what comes down is what came down when it was weighed, ``kept``."""
 
     events: list[Event] = field(default_factory=list)
-    weighing: bool = False
+    weighing: bool = True
+    kept: list[Any] = field(default_factory=list)
+    place: int = 0
     thread: int = 0
     last: float = 0.0
 
@@ -313,19 +322,30 @@ class Recorder(Session):
         super().count_read(size)
         self.note("read", bytes=size)
 
+    def download(self, values: DeviceArray) -> Any:
+        """Waits for an array."""
+        if self.weighing:
+            self.kept.append(super().download(values))
+            return self.kept[-1].copy()
+        self.place += 1
+        self.count_read(values.nbytes)
+        return self.kept[self.place - 1].copy()
+
     def finish(self) -> None:
         """Waits for all."""
-        super().finish()
+        if self.weighing:
+            super().finish()
         self.note("wait")
 
     def put(self, values: Array, made: DeviceArray) -> None:
         """Copies to the device."""
-        super().put(values, made)
+        if self.weighing:
+            super().put(values, made)
         self.note("put", bytes=made.nbytes)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
         """Fills memory."""
-        made = super().zeros(shape, dtype)
+        made = super().zeros(shape, dtype) if self.weighing else self.empty(shape, dtype)
         self.note("fill", bytes=made.nbytes, groups=max(1.0, made.nbytes / 2048.0), lanes=64)
         return made
 
@@ -335,8 +355,14 @@ class Watched(dict[str, Any]):
 
     def __init__(self, kernels: Any, names: Mapping[str, list[str]]) -> None:
         super().__init__()
-        self.kernels, self.names, self.groups = kernels, names, kernels.groups
+        self.kernels, self.names = kernels, names
         self.recorder: Recorder | None = None
+
+    @property
+    def groups(self) -> Mapping[str, tuple[int, ...]]:
+        """The size of the work-group that each asks for."""
+        found: Mapping[str, tuple[int, ...]] = self.kernels.groups
+        return found
 
     def __missing__(self, name: str) -> Any:
         kernel = self.kernels[name]
@@ -349,7 +375,9 @@ class Watched(dict[str, Any]):
                 given = dict(zip(self.names[name], arguments, strict=True))
                 work = FORMULAS[name](Call(recorder, given, size, group))
                 recorder.last = time.thread_time()
-            kernel(queue, size, group, *arguments)
+                kernel(queue, size, group, *arguments)
+            else:
+                kernel.set_args(*arguments)
             lanes = int(np.prod(group))
             recorder.note("launch", name=name, groups=float(np.prod(size)) / lanes, lanes=lanes, work=work)
 
@@ -368,11 +396,16 @@ def make_recorder(opened: Session) -> Recorder:
 
 @contextmanager
 def record_events(recorder: Recorder, weighing: bool = False) -> Iterator[list[Event]]:
-    """The events of what is solved within it, one of the caller's own thread at the end."""
+    """The events of what is solved within it, one of the caller's own thread at the end; to be weighed first."""
     start = time.thread_time()
-    recorder.events, recorder.weighing = [], weighing
+    recorder.events, recorder.weighing, recorder.place = [], weighing, 0
+    if weighing:
+        recorder.kept = []
     recorder.thread, recorder.last = threading.get_ident(), start
-    yield recorder.events
+    try:
+        yield recorder.events
+    finally:
+        recorder.weighing = True
     if recorder.thread != threading.get_ident():
         recorder.events.append(Event("host", time.thread_time() - start))
     else:

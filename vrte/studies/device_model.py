@@ -21,7 +21,7 @@ GROUPS, THREADS = 32.0, 2048.0  # work-groups and work-items that a unit holds a
 class Machine:
     """A GPU: compute units, their clock (Hz), multiply-adds a unit and clock in doubles and in floats, bytes a second
     of memory and of the way to the host, work-items in step (``warp``), bytes of local memory a unit and clock, and
-    seconds that a launch and a blocking read cost beside their work."""
+    seconds that a launch and a blocking read cost beside their work, and a call of the driver costs the host."""
 
     name: str
     units: float
@@ -34,6 +34,7 @@ class Machine:
     local: float
     launch: float
     read: float
+    call: float
 
     @property
     def peak(self) -> float:
@@ -44,15 +45,15 @@ class Machine:
 # Units, clocks, rates, bandwidths: NVIDIA H100 Tensor Core GPU data sheet and architecture paper (SXM5), A100 80GB data
 # sheet (SXM), Ada architecture paper (RTX 4090), AMD Instinct MI300X data sheet; the link is PCIe of 16 lanes, one way.
 # Local memory: 128 bytes a clock and unit in NVIDIA's programming guide and in AMD's CDNA 3 paper. The seconds of a
-# launch and of a read are assumptions: no data sheet has them.
+# launch, a read and a call are assumptions: no data sheet has them.
 MACHINES: Mapping[str, Machine] = MappingProxyType(
     {
         machine.name: machine
         for machine in (
-            Machine("H100", 132, 1.98e9, 64, 128, 3.35e12, 64e9, 32, 128, 3e-6, 12e-6),
-            Machine("A100", 108, 1.41e9, 32, 64, 2.04e12, 32e9, 32, 128, 3e-6, 12e-6),
-            Machine("RTX 4090", 128, 2.52e9, 2, 128, 1.01e12, 32e9, 32, 128, 3e-6, 12e-6),
-            Machine("MI300X", 304, 2.10e9, 64, 128, 5.3e12, 64e9, 64, 128, 6e-6, 25e-6),
+            Machine("H100", 132, 1.98e9, 64, 128, 3.35e12, 64e9, 32, 128, 3e-6, 12e-6, 4e-6),
+            Machine("A100", 108, 1.41e9, 32, 64, 2.04e12, 32e9, 32, 128, 3e-6, 12e-6, 4e-6),
+            Machine("RTX 4090", 128, 2.52e9, 2, 128, 1.01e12, 32e9, 32, 128, 3e-6, 12e-6, 4e-6),
+            Machine("MI300X", 304, 2.10e9, 64, 128, 5.3e12, 64e9, 64, 128, 6e-6, 25e-6, 6e-6),
         )
     }
 )
@@ -98,7 +99,7 @@ def predict_run(machine: Machine, events: Sequence[Event], scale: float = 1.0, h
     kernels: dict[str, float] = {}
     limits: dict[str, float] = {}
     for event in events:
-        now += host * event.host
+        now += host * event.host + (machine.call if event.what != "host" else 0.0)
         if event.what == "launch":
             seconds, limit = predict_launch(machine, event, scale)
             kernels[event.name] = kernels.get(event.name, 0.0) + seconds
@@ -112,9 +113,10 @@ def predict_run(machine: Machine, events: Sequence[Event], scale: float = 1.0, h
         limits[limit] = limits.get(limit, 0.0) + seconds
         ready = max(now, ready) + seconds
         at_work += seconds
-        if event.what == "read":
+        if event.what in ("read", "put"):
             now = max(now, ready) + machine.read
-    return Forecast(max(now, ready), host * sum(event.host for event in events), at_work, kernels, limits)
+    calls = machine.call * sum(event.what != "host" for event in events)
+    return Forecast(max(now, ready), calls + host * sum(event.host for event in events), at_work, kernels, limits)
 
 
 def add_work(events: Sequence[Event]) -> Work:
