@@ -266,6 +266,7 @@ class TestFaults:
 
     def test_after_a_lost_device_the_next_call_starts_anew(self, reopening: dict[str, Any]) -> None:
         first = device.session()
+        assert first.kernels["product"]  # made, with its work-groups, before it fails
         first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
         with pytest.raises(DeviceError, match="was lost"), device.raise_device_errors():
             first.launch("product", (1,))

@@ -1,6 +1,5 @@
 """Scenes that are alike, solved together on the processor, as many at a time as fit into the caches."""
 
-import itertools
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -53,17 +52,17 @@ def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress
     run.told = told
     found: dict[int, Brdf] = {}
 
-    ends = list(itertools.accumulate(len(places) for _, places in batches))
-
     def tell(done: int) -> None:
         if progress is not None:
-            progress(100 * ends[done - 1], 100 * len(requests))
+            progress(100 * len(found), 100 * len(requests))
+
+    def solve_one(batch: tuple[Likeness, list[int]], own: Run) -> None:
+        found.update(solve_batch(requests, *batch, own))
 
     def solve() -> None:
         try:
             with keep_to_one_thread():
-                for part in run_jobs(run, [partial(solve_batch, requests, *batch) for batch in batches], tell):
-                    found.update(part)
+                run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
             tell(len(batches))
         finally:
             run.send_home()
@@ -105,15 +104,23 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     wall = time.perf_counter() - begin
     right = np.flatnonzero(fits & found.right).tolist()
     for k in np.flatnonzero(alike.cut & fits & found.right).tolist():
-        told = {"terms_cut": True, "nodes": alike.nodes.size}
-        warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], told)
+        cut = {"terms_cut": True, "nodes": alike.nodes.size}
+        warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], cut)
+    told = {
+        "solved_together": alike.size,
+        "stages": {  # its share of those of all
+            name: {clock: seconds / alike.size for clock, seconds in clocks.items()}
+            for name, clocks in run.stages.items()
+        },
+        "wall_seconds": wall / alike.size,
+    }
     thickness = np.array([scene.thickness for scene in scenes])
     through = settle_array(np.exp(-thickness[:, None] / alike.request.mu0))
     reflectance = settle_array(found.flux / alike.request.mu0)
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(
-            partial(tell_diagnostics, requests[places[k]], alike, found, k, run, wall),
+            partial(tell_diagnostics, requests[places[k]], list_numbers(alike, found, k), told),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
             mu_i=alike.request.mu0,
@@ -126,27 +133,25 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     }
 
 
-def tell_diagnostics(
-    request: Request, alike: Alike, found: Together, place: int, run: Run, wall: float
-) -> dict[str, Any]:
-    """How one of them was found; its own plan is made for that."""
-    plan = plan_request(request, Run(1))
-    orders = int(found.orders[place])
+def list_numbers(alike: Alike, found: Together, place: int) -> dict[str, Any]:
+    """What was found of how one of them was solved."""
     return {
-        **plan.diagnostics(),
-        "threads": 1,
-        "openmp": True,
-        "orders": orders,
+        "orders": int(found.orders[place]),
         "unknowns": int(found.unknowns[place]),
         "orders_by": {"modes": sum(int(wanted[:, place].sum()) for wanted in alike.wanted.values())},
         "orders_repeated": None,
         **{name: float(values[place]) for name, values in found.residuals.items()},
-        "solved_together": alike.size,
-        "stages": {  # its share of those of all
-            name: {clock: seconds / alike.size for clock, seconds in clocks.items()}
-            for name, clocks in run.stages.items()
-        },
-        "wall_seconds": wall / alike.size,
+    }
+
+
+def tell_diagnostics(request: Request, numbers: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
+    """How one of them was found; its own plan is made for that."""
+    return {
+        **plan_request(request, Run(1)).diagnostics(),
+        "threads": 1,
+        "openmp": True,
+        **numbers,
+        **told,
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,
     }

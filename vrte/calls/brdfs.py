@@ -117,13 +117,14 @@ def solve_brdfs(
         run.told = told
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
     together = {} if any(variations) else solve_alike_ones(requests, told, progress)
-    found = []
+    found, done = [], len(together)
     for place, (request, some) in enumerate(zip(requests, variations, strict=True)):
         if place in together:
             found.append(together[place])
             continue
-        part = share_progress(progress, place, count)
+        part = share_progress(progress, done, count)
         found.append(solve_brdf(request, part, told, some))
+        done += 1
         if part is not None:
             part(1, 1)
     return found
