@@ -114,6 +114,7 @@ ASKED: dict[str, Any] = {
     "nodes": 8,
 }
 IN_FLOATS: dict[str, Any] = {"precision": "single", "accuracy": OF_FLOATS}
+MIXED: dict[str, Any] = {"precision": "mixed"}  # floats, corrected in doubles
 DEPTHS: dict[str, Any] = {
     "mu0": 0.6,
     "mu": [0.9, 0.2, -0.2, -0.9],
@@ -162,6 +163,7 @@ class Verification:
             "each as by itself": (0.0, self.compare_alone),
             "less memory than they need": (0.0, self.compare_little_memory),
             "stopped midway, then solved again": (0.0, self.compare_stopped),
+            "corrected floats, no bottom": (CLOSE, lambda: self.compare_brdf("endless", "invariance", MIXED)),
             "in floats, no bottom": (OF_FLOATS, lambda: self.compare_brdf("endless", "invariance", IN_FLOATS)),
             "in floats, four layers on a base": (OF_FLOATS, lambda: self.compare_brdf("pile", "doubling", IN_FLOATS)),
         }
@@ -173,7 +175,7 @@ class Verification:
     def check_matrices(self) -> float:
         """Of products and inverses of several sizes, NumPy's."""
         gaps = []
-        for rows, inner, columns in ((5, 3, 7), (40, 33, 48), (130, 80, 70)):
+        for rows, inner, columns in ((5, 3, 7), (40, 33, 48), (64, 50, 64), (130, 80, 70)):
             a, b = (np.random.default_rng(rows).random((3, *shape)) for shape in ((inner, rows), (columns, inner)))
             items = self.session.upload(np.arange(3, dtype=np.int32))
             made = make_stack(self.session, 3, rows, columns)
@@ -306,7 +308,7 @@ def verify_device(
                     continue
                 told(f"{name}, form {form!r}")
                 checks.append(perform_check(name, form, allowed, call))
-        launched |= set(opened.kernels)
+        launched |= {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
         asked.append(opened.traffic)
         kernels = set(opened.kernels.types)
     costs, gold = None, {}
