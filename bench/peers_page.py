@@ -37,7 +37,8 @@ METHOD = f"""## What is compared
   changed. The row "12 orders" tells it how many azimuthal orders there are (`num_forced_azimuth`), which it does not
   see by itself; that row has no target.
 - Times are CPU times of the process. Set-up, the median of {SETUPS}, is what can be kept for another solve of the same
-  kind: the scene, nanodisort's arrays, sasktran2's engine and atmosphere. Solve is the median of {ROUNDS[0]} to
+  kind: the scene and its plan, which vrte keeps of the last scenes that it has seen, nanodisort's arrays, sasktran2's
+  engine and atmosphere. Solve is the median of {ROUNDS[0]} to
   {ROUNDS[1]} calls, the codes in turn.
 - Errors are the largest over all directions and depths, relative to the largest I. They are counted from nanodisort's
   own answer on {REFERENCE_STREAMS} streams, for Siewert's scene from vrte's on as many by doubling, which is not the
