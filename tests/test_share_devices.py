@@ -86,6 +86,7 @@ class TestSolve:
             if each.diagnostics["device"] == both[0].name:
                 np.testing.assert_array_equal(each.mueller, right.mueller)
 
+    @pytest.mark.slow
     def test_one_scene_goes_to_the_first(self, both: list[Device]) -> None:
         assert vrte.brdf(scenes(1)[0], **ASKED).diagnostics["device"] == both[0].name
 

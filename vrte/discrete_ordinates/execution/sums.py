@@ -164,10 +164,10 @@ def prepare_rest(result: Sum, run: Run) -> list[Adder]:
     return [*([prepare_spreading(target, run)] if spread else []), prepare_base(target, run)]
 
 
-def halve_piece(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]:
+def split_evenly(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]:
     """First and last + 1 of so many parts, or of as many as there are.
 
-    >>> list(halve_piece(2, 7, 2))
+    >>> list(split_evenly(2, 7, 2))
     [(2, 4), (4, 7)]
     """
     parts = min(parts, last - first)

@@ -27,8 +27,8 @@ from vrte.discrete_ordinates.execution.sums import (
     Sum,
     Target,
     choose_sum_threads,
-    halve_piece,
     prepare_closed_form,
+    split_evenly,
     split_into_pieces,
     weigh_scatterers,
 )
@@ -152,7 +152,7 @@ class Processor:
                 adders.append(self.prepare_scattering(target, result.parts, of))
             pieces = list(split_into_pieces(target.wanted, target.azimuths.phi.size, self.piece_bytes))
             if of.kernels is _core and 1 < of.threads <= target.wanted.scale.size:
-                ends = [part for piece in pieces for part in halve_piece(*piece, SHARES * of.threads)]
+                ends = [part for piece in pieces for part in split_evenly(*piece, SHARES * of.threads)]
                 jobs = [partial(add_shares, adders, [Share(part, *each) for part in result.parts]) for each in ends]
                 run_jobs(of, jobs, partial(tell_part, told, done, len(pieces), len(jobs)))
             else:
