@@ -98,7 +98,7 @@ class Mixing:
 
     @property
     def n(self) -> int:
-        """Columns of R."""
+        """Unknowns on the nodes: columns of the reflection R."""
         return self.wide.nodes.phi.rows
 
     def run(self, stop: IntArray | None) -> tuple[Endless, IntArray]:

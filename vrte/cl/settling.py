@@ -38,7 +38,7 @@ class Sort:
 
     @property
     def room(self) -> int:
-        """How many items."""
+        """How many fixed points are sought at once."""
         return self.asked.what.room
 
     @property

@@ -338,13 +338,13 @@ class Recorder(Session):
         self.note("wait")
 
     def put(self, values: Array, made: DeviceArray) -> None:
-        """Copies to the device."""
+        """Counts an array that goes up to the device."""
         if self.weighing:
             super().put(values, made)
         self.note("put", bytes=made.nbytes)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
-        """Fills memory."""
+        """Counts memory of the device that is filled with zeros."""
         made = super().zeros(shape, dtype) if self.weighing else self.empty(shape, dtype)
         self.note("fill", bytes=made.nbytes, groups=max(1.0, made.nbytes / 2048.0), lanes=64)
         return made

@@ -146,7 +146,7 @@ class Verification:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """Of the device."""
+        """What every call asks of the device: its backend, and floats where it has no doubles."""
         return {"backend": "opencl"} | (IN_FLOATS if self.session.precision == "single" else {})
 
     def list_checks(self) -> dict[str, tuple[float, Callable[[], float]]]:
@@ -212,7 +212,7 @@ class Verification:
         return measure_gap(found.stokes, right.stokes)
 
     def compare_batch(self) -> float:
-        """Scenes together."""
+        """How far scenes solved in one call are from the processor's."""
         self.found["batch"] = self.solve_batch()
         right = [each.mueller for each in brdfs(make_batch(), **ASKED, backend="openmp")]
         return max(measure_gap(*pair) for pair in zip(self.found["batch"], right, strict=True))

@@ -85,7 +85,7 @@ class Alike:
 
     @property
     def size(self) -> int:
-        """How many scenes."""
+        """How many scenes are planned together."""
         return len(self.scenes)
 
     @property

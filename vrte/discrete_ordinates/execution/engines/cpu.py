@@ -204,7 +204,7 @@ class Job:
     orders: IntArray
 
     def solve(self, run: Run) -> Found:
-        """See `try_orders`."""
+        """Which of its orders count, what is found for them, and what is wrong with the others."""
         return try_orders(self.route, self.orders, run)
 
 
