@@ -112,9 +112,10 @@ report: $(VENV)/report.stamp
 	$(BIN)/vrte report -o out/report
 	$(BIN)/vrte report --figures -o out/report
 
-# two at a time, a file to each: many tests wait for processes, browsers and disks
+# Two at a time, a file to each: many tests wait for processes, browsers and disks. Where no bytecode may be written, each
+# process that they start would compile vrte anew, 0.3 s each.
 test: lint
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 test-all: lint
 	$(BIN)/python -m pytest -q -m "slow or not slow"

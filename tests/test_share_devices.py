@@ -105,6 +105,7 @@ class TestSolve:
         assert str(raised.value).startswith(f"{both[1].name} ({both[1].platform})")
         assert len(vrte.brdfs(scenes(), **ASKED)) == 5
 
+    @pytest.mark.slow
     def test_ctrl_c_reaches_all(self, both: list[Device], monkeypatch: pytest.MonkeyPatch) -> None:
         begun = threading.Barrier(3)
         whole = carry_out.carry_out_together
