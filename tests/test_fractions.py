@@ -4,14 +4,21 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.errors import AccuracyError
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.fractions import STEEPEST, find_tangent, reflect_by_fractions
+from vrte.discrete_ordinates.orders.fractions import (
+    STEEPEST,
+    Faces,
+    find_tangent,
+    reflect_by_fractions,
+    scatter_by_fractions,
+)
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import Doubling, Fractions
-from vrte.discrete_ordinates.planning.choice import is_for_fractions
+from vrte.discrete_ordinates.orders.routes import Doubling, Fractions, Scatterings
+from vrte.discrete_ordinates.planning.choice import choose_fractions, is_for_fractions
 from vrte.scene.boundary import BLACK
 
 from .samples import spheroids
@@ -26,12 +33,12 @@ def discretise(albedo: float, thickness: float, nodes: int = 6) -> Problem:
     return discretise_scene(scene, np.array([0.05, 0.7]), np.eye(4), MU_OUT, np.array([0.0, thickness]), nodes)
 
 
-@pytest.mark.parametrize("largest", [1e-3, 3.0, 70.0, STEEPEST])
+@pytest.mark.parametrize("largest", [1e-3, 3.0, 70.0, 700.0, STEEPEST])
 def test_they_add_up_to_tanh(largest: float) -> None:
     """Everywhere up to the largest x, to a tenth of FINEST; all are positive."""
     tangent, x = find_tangent(largest), np.geomspace(1e-6, largest, 997)
     sums = tangent.constant + (tangent.share / np.add.outer(x * x, tangent.place)).sum(axis=1)
-    assert np.abs(sums * x / np.tanh(x) - 1.0).max() < 3e-10
+    assert np.abs(sums * x / np.tanh(x) - 1.0).max() < 1e-10
     assert min(tangent.place.min(), tangent.share.min(), tangent.constant) > 0.0
 
 
@@ -48,7 +55,82 @@ def test_they_are_what_doubling_finds(albedo: float, thickness: float) -> None:
     assert found.residuals["residual_of_fractions"].max() < 1e-13
 
 
-def test_scenes_do_not_see_each_other() -> None:
+@pytest.mark.parametrize("albedo", [1.0, 0.97, 1e-6])
+@pytest.mark.parametrize("thickness", [1e-6, 0.01, 1.0, 4.0])
+def test_scatterings_are_what_doubling_finds(albedo: float, thickness: float) -> None:
+    """Scattering by scattering, relative to the largest of all orders, or to a share of what is scattered once: where
+    that is 1e12 times as much, what is scattered again need not have nine digits."""
+    problem, once = discretise(albedo, thickness), albedo * thickness
+    found, wanted = (route(problem, BLACK, 12, 1e-8).solve(ORDERS, Run(1)) for route in (Scatterings, Doubling))
+    for mine, theirs in zip(
+        (found.kernels, found.flux_up, found.flux_down), (wanted.kernels, wanted.flux_up, wanted.flux_down), strict=True
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max() + 1e-12 * once)
+    assert found.residuals["residual_of_scatterings"].max() < 1e-11
+
+
+def sum_by_definition(problem: Problem, order: int) -> np.ndarray:
+    """(1 + E f(F E))^-1 -+ (1 + F f(E F))^-1 on the nodes, of the beams as nodes without weight, by dense inverses."""
+    matrices, tangent = (
+        assemble(problem, np.array([order], np.int32), Run(1)),
+        find_tangent(0.5 * float(problem.thickness[0]) / float(problem.directions.min())),
+    )
+    n, r, half = problem.size, problem.n_rhs, 0.5 * float(problem.thickness[0])
+    beams = np.kron(np.eye(problem.mu0.size), problem.columns)  # (n_rhs, S n_in)
+
+    def extend(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
+        return np.block(
+            [
+                [inside.T, -source.T @ beams.T],
+                [np.zeros((r, n)), np.diag(np.repeat(1.0 / problem.mu0, r // problem.mu0.size))],
+            ]
+        )
+
+    E, F = extend(matrices.E[0, 0], matrices.source_d[0, 0]), extend(matrices.F[0, 0], matrices.source_s[0, 0])
+    one = np.eye(n + r)
+
+    def reflect(E: np.ndarray, F: np.ndarray) -> np.ndarray:
+        poles = zip(tangent.place, tangent.share, strict=True)
+        tanh = half * (tangent.constant * one + sum(s * np.linalg.inv(half**2 * F @ E + p * one) for p, s in poles))
+        return np.linalg.inv(one + E @ tanh)[:n, n:].T
+
+    even, odd = reflect(E, F), reflect(F, E)
+    return np.array([even - odd, even + odd])
+
+
+@pytest.mark.parametrize("order", [0, 1, 5])
+@pytest.mark.parametrize("find", ["operators", "scatterings"])
+def test_they_are_what_is_defined(order: int, find: str) -> None:
+    """Light on the nodes by inverses of whole matrices, beams among the unknowns."""
+    problem, orders = discretise(0.97, 1.0), np.array([order], np.int32)
+    found = (
+        reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
+        if find == "operators"
+        else scatter_by_fractions(problem, orders, 1e-10, Run(1))
+    )
+    np.testing.assert_allclose(found.on_nodes[0, 0], sum_by_definition(problem, order), rtol=0.0, atol=2e-10)
+
+
+@pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.isotropic(), vrte.henyey_greenstein(0.2, 24)])
+def test_scatterings_of_other_matter(phase: vrte.PhaseMatrix) -> None:
+    """b2 = 0, scalars, more terms than columns: as operators find them."""
+    scene = vrte.Scene([vrte.Layer(phase, 0.99, 2.0)])
+    problem = discretise_scene(scene, np.array([0.6]), np.eye(4)[:1], MU_OUT, np.array([0.0]), 12)
+    orders = np.arange(3, dtype=np.int32)
+    wanted = reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
+    found = scatter_by_fractions(problem, orders, 1e-9, Run(1))
+    np.testing.assert_allclose(found.out, wanted.out, rtol=0.0, atol=1e-10 * np.abs(wanted.out).max())
+    np.testing.assert_allclose(found.on_nodes, wanted.on_nodes, rtol=0.0, atol=1e-10 * np.abs(wanted.on_nodes).max())
+
+
+def test_scatterings_that_do_not_settle_are_told() -> None:
+    """Light finds no way out of a thick layer that absorbs none of it."""
+    with pytest.raises(AccuracyError, match="scatterings of order 0 do not settle"):
+        scatter_by_fractions(discretise(1.0, 300.0), np.array([0], np.int32), 1e-8, Run(1))
+
+
+@pytest.mark.parametrize("find", ["operators", "scatterings"])
+def test_scenes_do_not_see_each_other(find: str) -> None:
     """Scenes side by side, on two threads, give the bits of each alone, the fractions being the same."""
     one, other = discretise(0.9, 3.9), discretise(1.0, 3.95)
     both = change_fields(
@@ -58,9 +140,15 @@ def test_scenes_do_not_see_each_other() -> None:
         albedo=np.array([0.9, 1.0]),
         thickness=np.array([3.9, 3.95]),
     )
-    together = reflect_by_fractions(both, ORDERS, assemble(both, ORDERS, Run(2)), Run(2))
+
+    def solve(problem: Problem, threads: int) -> Faces:
+        if find == "scatterings":
+            return scatter_by_fractions(problem, ORDERS, 1e-8, Run(threads))
+        return reflect_by_fractions(problem, ORDERS, assemble(problem, ORDERS, Run(threads)), Run(threads))
+
+    together = solve(both, 2)
     for place, problem in enumerate((one, other)):
-        alone = reflect_by_fractions(problem, ORDERS, assemble(problem, ORDERS, Run(1)), Run(1))
+        alone = solve(problem, 1)
         assert np.array_equal(alone.out[:, 0], together.out[:, place])
         assert np.array_equal(alone.on_nodes[:, 0], together.on_nodes[:, place])
 
@@ -72,8 +160,14 @@ def test_the_rule_takes_them_where_terms_are_few() -> None:
     assert not is_for_fractions(problem, 1e-12)
     assert not is_for_fractions(change_fields(problem, level=np.array([0.0, 0.5])), 1e-8)
     assert not is_for_fractions(discretise(0.9, 30.0), 1e-8)
+    few = change_fields(problem, mu0=problem.mu0[:1], directions=problem.directions[:-1], columns=np.eye(4)[:1])
+    assert choose_fractions(few, np.arange(12, dtype=np.int32))[0] == "scatterings"
+    many = change_fields(problem, mu0=np.tile(problem.mu0, 10), directions=np.tile(problem.directions, 10))
+    assert choose_fractions(many, np.arange(12, dtype=np.int32))[0] == "fractions"
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.97, 1.0)])
     found = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8)
     modes = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8, algorithm="modes")
-    assert "few terms, one slab on black" in found.diagnostics["algorithm_rule"]
+    assert "few terms, few beams, one slab on black" in found.diagnostics["algorithm_rule"]
+    assert found.diagnostics["orders_by"] == {"scatterings": found.diagnostics["orders"]}
+    assert found.diagnostics["residual_of_scatterings"] < 1e-10
     np.testing.assert_allclose(found.stokes, modes.stokes, rtol=0.0, atol=1e-9 * modes.stokes.max())

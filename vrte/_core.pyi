@@ -160,6 +160,29 @@ def reflect_by_fractions(
     residual: Array,
     info: IntArray,
 ) -> None: ...
+def scatterings_work(n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
+def scatter_by_fractions(
+    crew: Crew,
+    *,
+    orders: IntArray,
+    members: IntArray,
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    thickness: Array,
+    directions: Array,
+    weights: Array,
+    n_out: int,
+    columns: Array,
+    place: Array,
+    share: Array,
+    constant: float,
+    tolerance: float,
+    out: Array,
+    on_nodes: Array,
+    residual: Array,
+    info: IntArray,
+) -> None: ...
 def at_once_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
 ) -> int: ...

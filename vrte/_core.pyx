@@ -52,6 +52,7 @@ include "core/doubling.pxi"
 include "core/joining.pxi"
 include "core/invariance.pxi"
 include "core/fractions.pxi"
+include "core/scatterings.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.
 include "core/sums.pxi"

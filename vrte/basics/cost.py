@@ -38,6 +38,7 @@ COLUMNS_A_TERM = {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}  # of both parities, by the nu
 POLES, POLES_A_FACTOR = 3.0, 1.45  # of tanh's partial fractions, and for each factor of two in thickness over mu
 A_POLE = 6e4  # that the calls for a fraction take the time of
 FRACTIONS_BESIDE = 5.0  # over n^3, of what comes after the fractions
+SCATTERINGS, A_SCATTERING = 4.0, 2e4  # for a beam, of either half, in the time that modes take for it; its calls
 WORTH_FRACTIONS = 0.8  # where they are predicted to take so much of the time of modes
 SOLVING, DOUBLING = 60.0, 1000.0  # of an order and layer by modes and by doubling, before anything is planned
 # products of matrices

@@ -11,7 +11,13 @@ from vrte.pictures.figures import FAINT, make_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLOURS = {"modes": "#1f4e79", "doubling": "#d98200", "invariance": "#2a8f5b", "fractions": "#8a3f8f"}
+COLOURS = {
+    "modes": "#1f4e79",
+    "doubling": "#d98200",
+    "invariance": "#2a8f5b",
+    "fractions": "#8a3f8f",
+    "scatterings": "#b5446e",
+}
 
 
 def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":

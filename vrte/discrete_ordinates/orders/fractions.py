@@ -14,10 +14,12 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 
-STEEPEST = 512.0  # half a thickness over the lowest mu, up to which fractions are found to FINEST in doubles
+STEEPEST = 8192.0  # half a thickness over the lowest mu, up to which fractions are found to FINEST in doubles
 FINEST = 1e-9  # accuracy that they are taken for; they are right to a tenth of it
 PLACES_A_FACTOR = 60  # places a factor of two in x, where the fractions are fitted
 LOWEST = 1e-2  # of them
+EXACT = ((np.arange(2) + 0.5) * np.pi) ** 2  # the lowest poles, which are those of tanh itself
+SETTLED = 1e-3  # of the accuracy asked for: what moments of the light of an order may be off by
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +40,22 @@ def find_tangent(largest: float) -> Tangent:
 
 @cache
 def fit_tangent(largest: float) -> Tangent:
-    """By the AAA algorithm: rational interpolation where the error is largest, with the smallest singular vector as
-    weights; poles by an eigenproblem, shares by least squares."""
+    """By the AAA algorithm, beside the lowest poles: rational interpolation where the error is largest, with the
+    smallest singular vector as weights; poles by an eigenproblem, shares by least squares."""
     x = np.geomspace(LOWEST, largest, PLACES_A_FACTOR * math.ceil(math.log2(largest / LOWEST)))
-    square, wanted = (x / largest) ** 2, np.tanh(x) / x
+    square, whole = (x / largest) ** 2, np.tanh(x) / x
+    wanted = whole - (2.0 / np.add.outer(x * x, EXACT)).sum(axis=1)
     chosen: list[int] = []
     weights = np.ones(0)
     found = np.full_like(wanted, wanted.mean())
     while True:
-        error = np.abs(found / wanted - 1.0)
+        error = np.abs(found - wanted) / whole
         if error.max() < 0.1 * FINEST:
             break
         chosen.append(int(np.argmax(error)))
         left = np.setdiff1d(np.arange(x.size), chosen)
         cauchy = 1.0 / np.subtract.outer(square[left], square[chosen])
-        gaps = np.subtract.outer(wanted[left], wanted[chosen]) * cauchy / wanted[left, None]
+        gaps = np.subtract.outer(wanted[left], wanted[chosen]) * cauchy / whole[left, None]
         weights = np.linalg.svd(gaps, full_matrices=False)[2][-1]
         found = wanted.copy()
         found[left] = (cauchy @ (weights * wanted[chosen])) / (cauchy @ weights)
@@ -61,8 +64,8 @@ def fit_tangent(largest: float) -> Tangent:
     arrow[0, 1:], arrow[1:, 0], ones[0, 0] = weights, 1.0, 0.0
     arrow[1:, 1:] = np.diag(square[chosen])
     roots = np.asarray(scipy.linalg.eigvals(arrow, ones).real, float)
-    place: Array = np.sort(-1.0 * roots[np.isfinite(roots)])
-    columns = np.hstack([1.0 / np.add.outer(square, place), np.ones((x.size, 1))]) / wanted[:, None]
+    place: Array = np.concatenate([EXACT / largest**2, np.sort(-1.0 * roots[np.isfinite(roots)])])
+    columns = np.hstack([1.0 / np.add.outer(square, place), np.ones((x.size, 1))]) / whole[:, None]
     lengths = np.linalg.norm(columns, axis=0)
     shares = np.linalg.lstsq(columns / lengths, np.ones(x.size), rcond=None)[0] / lengths
     return Tangent(place * largest**2, shares[:-1] * largest**2, float(shares[-1]))
@@ -78,16 +81,21 @@ class Faces:
     residual: Array
 
 
-def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Faces:
-    """Both faces of every layer, each a scene by itself. Raises AccuracyError where a system is singular."""
+def prepare_faces(problem: Problem, orders: IntArray) -> tuple[Faces, Tangent, IntArray]:
+    """Room for what is found, the fractions, and info (order, scene)."""
     shape, n_rhs = (orders.size, problem.albedo.size), problem.n_rhs
-    tangent = find_tangent(0.5 * float(problem.thickness.max()) / float(problem.directions.min()))
     faces = Faces(
         out=np.empty((*shape, 2, n_rhs, problem.rows_out)),
         on_nodes=np.empty((*shape, 2, n_rhs, problem.size)),
         residual=np.empty(shape),
     )
-    info = np.zeros(shape, np.int32)
+    tangent = find_tangent(0.5 * float(problem.thickness.max()) / float(problem.directions.min()))
+    return faces, tangent, np.zeros(shape, np.int32)
+
+
+def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Faces:
+    """Both faces of every layer, each a scene by itself. Raises AccuracyError where a system is singular."""
+    faces, tangent, info = prepare_faces(problem, orders)
     with run.timed("fractions") as crew:
         _core.reflect_by_fractions(
             crew,
@@ -117,6 +125,36 @@ def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled
         )
     if info.any():
         raise AccuracyError(f"a system of the fractions of order {orders[np.argwhere(info)[0][0]]} is singular")
+    return faces
+
+
+def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:
+    """The same for a few beams, without matrices. Raises AccuracyError where scatterings do not settle."""
+    faces, tangent, info = prepare_faces(problem, orders)
+    with run.timed("fractions") as crew:
+        _core.scatter_by_fractions(
+            crew,
+            orders=orders,
+            members=np.array(problem.stokes, np.int32),
+            coefficients=problem.coefficients,
+            terms=problem.terms,
+            albedo=problem.albedo,
+            thickness=problem.thickness,
+            directions=problem.directions,
+            weights=problem.weights,
+            n_out=problem.mu_out.size,
+            columns=problem.columns,
+            place=tangent.place,
+            share=tangent.share,
+            constant=tangent.constant,
+            tolerance=SETTLED * accuracy,
+            out=faces.out,
+            on_nodes=faces.on_nodes,
+            residual=faces.residual,
+            info=info,
+        )
+    if info.any():
+        raise AccuracyError(f"scatterings of order {orders[np.argwhere(info)[0][0]]} do not settle")
     return faces
 
 

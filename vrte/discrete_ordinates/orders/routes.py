@@ -13,7 +13,13 @@ from vrte.discrete_ordinates.orders.at_once import solve_at_once
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.fractions import find_face_fluxes, find_face_kernels, reflect_by_fractions
+from vrte.discrete_ordinates.orders.fractions import (
+    Faces,
+    find_face_fluxes,
+    find_face_kernels,
+    reflect_by_fractions,
+    scatter_by_fractions,
+)
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_endless
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
@@ -28,6 +34,7 @@ from vrte.discrete_ordinates.orders.storage import (
     count_doubles_of_doubling,
     count_doubles_of_fractions,
     count_doubles_of_modes,
+    count_doubles_of_scatterings,
 )
 from vrte.discrete_ordinates.orders.surfaced import Surfaced, is_under_one_surface
 from vrte.scene.boundary import Boundary
@@ -152,18 +159,41 @@ class Fractions:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         faces = reflect_by_fractions(self.problem, orders, assemble(self.problem, orders, run), run)
-        fluxes = find_face_fluxes(self.problem, orders, faces)
-        return Orders(
-            find_face_kernels(self.problem, faces), *fluxes, {"residual_of_fractions": faces.residual.max(axis=1)}
-        )
+        return collect_faces(self.problem, orders, faces, "residual_of_fractions")
 
 
-Route = Modes | Doubling | Invariance | Fractions | Refracting | Surfaced
-ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Fractions]] = {
+class Scatterings:
+    """The same for a few beams, scattering by scattering."""
+
+    name = "scatterings"
+    allowed: ClassVar = {"residual_of_scatterings": 1e-9}
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem, self.accuracy = problem, accuracy
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return count_orders_at_once(count_doubles_of_scatterings(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        faces = scatter_by_fractions(self.problem, orders, self.accuracy, run)
+        return collect_faces(self.problem, orders, faces, "residual_of_scatterings")
+
+
+def collect_faces(problem: Problem, orders: IntArray, faces: Faces, residual: str) -> Orders:
+    """What the faces of one slab say, residuals under their name."""
+    fluxes = find_face_fluxes(problem, orders, faces)
+    return Orders(find_face_kernels(problem, faces), *fluxes, {residual: faces.residual.max(axis=1)})
+
+
+Route = Modes | Doubling | Invariance | Fractions | Scatterings | Refracting | Surfaced
+ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Fractions] | type[Scatterings]] = {
     "modes": Modes,
     "doubling": Doubling,
     "invariance": Invariance,
     "fractions": Fractions,
+    "scatterings": Scatterings,
 }
 
 
@@ -184,7 +214,7 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     """What a route leaves out of the orders of a problem: the name of a switch, and the reason with {orders} in it."""
     if name == "invariance":
         return [("halves", "the other is its mirror image")]
-    if name == "fractions":
+    if name in ("fractions", "scatterings"):
         return []
     if name == "doubling":
         pile = cut_layers(problem)
@@ -199,4 +229,10 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     return [*found, *([("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else [])]
 
 
-OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling", "fractions": "modes"}
+OTHER = {
+    "modes": "doubling",
+    "doubling": "modes",
+    "invariance": "doubling",
+    "fractions": "modes",
+    "scatterings": "modes",
+}

@@ -11,6 +11,8 @@ def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
         return count_doubles_of_doubling(cut_layers(problem))
     if name == "fractions":
         return count_doubles_of_fractions(problem)
+    if name == "scatterings":
+        return count_doubles_of_scatterings(problem)
     return count_doubles_of_invariance(problem) if name == "invariance" else count_doubles_of_modes(problem)
 
 
@@ -21,7 +23,7 @@ def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
-MOST_FRACTIONS = 20  # for the steepest slab that fractions are taken for
+MOST_FRACTIONS = 26  # for the steepest slab that fractions are taken for
 
 
 def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
@@ -37,6 +39,20 @@ def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
         MOST_FRACTIONS,
     )
     return float(2 * n * (n + out + into) + 2 * n_rhs * (n + out)), float(work)
+
+
+def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, scattering by scattering."""
+    work = _core.scatterings_work(
+        problem.size,
+        problem.mu_out.size,
+        problem.mu0.size,
+        problem.directions.size,
+        problem.coefficients.shape[1],
+        len(problem.stokes),
+        MOST_FRACTIONS,
+    )
+    return float(2 * problem.n_rhs * (problem.size + problem.rows_out)), float(work)
 
 
 def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:

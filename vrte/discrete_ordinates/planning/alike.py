@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.planning.blocks import STEPS, choose_node_counts
 from vrte.discrete_ordinates.planning.choice import (
     ONE_LAYER,
     THIN,
-    count_operations_of_fractions,
+    choose_fractions,
     count_operations_of_modes,
     is_for_fractions,
 )
@@ -370,7 +370,7 @@ def is_partly_by_fractions(alike: Alike, place: int, stokes: int) -> bool:
     if not is_for_fractions(problem, alike.request.accuracy):
         return False
     orders = np.arange(alike.terms[place, 0], dtype=np.int32)
-    share = count_operations_of_fractions(problem, orders) / count_operations_of_modes(problem)
+    share = choose_fractions(problem, orders)[1] / count_operations_of_modes(problem)
     return bool((share < cost.WORTH_FRACTIONS).any())
 
 

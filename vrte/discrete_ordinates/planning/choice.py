@@ -81,14 +81,16 @@ def split_at_fractions(
     other = choose_modes_or_doubling(problem)
     first = count
     if orders is not None and is_for_fractions(problem, accuracy):
-        share = count_operations_of_fractions(problem, orders[:count]) / count_operations_of_modes(problem)
+        name, operations = choose_fractions(problem, orders[:count])
+        share = operations / count_operations_of_modes(problem)
         first = int(np.count_nonzero(share >= cost.WORTH_FRACTIONS))
     parts = [(slice(0, first), other)] if first else []
     if first < count:
+        few = "terms" if name == "fractions" else "terms, few beams"
         reason = (
-            f"auto: few terms, one slab on black; predicted to take {share[first]:.2g} of the time of modes and less"
+            f"auto: few {few}, one slab on black; predicted to take {share[first]:.2g} of the time of modes and less"
         )
-        parts.append((slice(first, count), Choice("fractions", reason)))
+        parts.append((slice(first, count), Choice(name, reason)))
     return parts
 
 
@@ -127,21 +129,42 @@ def count_operations_of_modes(problem: Problem) -> float:
 
 
 def is_for_fractions(problem: Problem, accuracy: float) -> bool:
-    """Whether nothing but the light that leaves one slab that is not too thick is asked for, and modes take a general
-    eigenproblem: beside a symmetric one, measured from 8 to 60 nodes, fractions gain nothing."""
-    if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS or problem.is_symmetric:
+    """Whether nothing but the light that leaves one slab that is not too thick is asked for."""
+    if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS:
         return False
     thickness, at_faces = float(problem.thickness[0]), (problem.level == 0.0) | (problem.level == problem.thickness[0])
     steepest = 0.5 * thickness / float(problem.directions.min())
     return 0.0 < thickness <= THICKEST and steepest <= STEEPEST and bool(at_faces.all())
 
 
+def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
+    """How partial fractions are taken, as operators or scattering by scattering, and the operations of each order.
+
+    Beside a symmetric eigenproblem, measured from 8 to 60 nodes, operators gain nothing."""
+    found = {"scatterings": count_operations_of_scatterings(problem, orders)}
+    if not problem.is_symmetric:
+        found["fractions"] = count_operations_of_fractions(problem, orders)
+    return min(found.items(), key=lambda item: float(item[1].sum()))
+
+
+def count_rank_and_poles(problem: Problem, orders: IntArray) -> tuple[Array, float]:
+    """Of the scattering that is left of each order, and of tanh up to the steepest direction; roughly."""
+    rank = cost.COLUMNS_A_TERM[len(problem.stokes)] * np.clip(problem.terms[0] - orders, 0.0, None)
+    steepest = max(0.5 * float(problem.thickness[0]) / float(problem.directions.min()), 2.0)
+    return rank, cost.POLES + cost.POLES_A_FACTOR * math.log2(steepest)
+
+
+def count_operations_of_scatterings(problem: Problem, orders: IntArray) -> Array:
+    """Of each order over black ground, roughly."""
+    rank, poles = count_rank_and_poles(problem, orders)
+    a_scattering = cost.A_SCATTERING + 4.0 * problem.size * rank * (poles + 1.0)
+    found: Array = 2.0 * cost.SCATTERINGS * problem.n_rhs * a_scattering + problem.size * rank**2
+    return found
+
+
 def count_operations_of_fractions(problem: Problem, orders: IntArray) -> Array:
     """Of each order over black ground, roughly; what is counted is the rank of the scattering that is left."""
-    n, stokes = float(problem.size), len(problem.stokes)
-    rank = cost.COLUMNS_A_TERM[stokes] * np.clip(problem.terms[0] - orders, 0.0, None)
-    steepest = max(0.5 * float(problem.thickness[0]) / float(problem.directions.min()), 2.0)
-    poles = cost.POLES + cost.POLES_A_FACTOR * math.log2(steepest)
+    n, (rank, poles) = float(problem.size), count_rank_and_poles(problem, orders)
     edges = 4.0 * n * n * (problem.n_rhs + problem.rows_out)
     a_pole = cost.A_POLE + 2.0 * n * n * rank + 4.0 * n * rank**2 + 0.7 * rank**3
     found: Array = poles * a_pole + cost.FRACTIONS_BESIDE * n**3 + edges

@@ -12,6 +12,7 @@ from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_fractions,
     count_operations_of_invariance,
     count_operations_of_modes,
+    count_operations_of_scatterings,
 )
 from vrte.request.wanted import Wanted
 
@@ -23,6 +24,8 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
         return float(count_operations_of_invariance(problem, strength, accuracy).sum())
     if block.choice.name == "fractions":
         return float(count_operations_of_fractions(problem, block.orders).sum())
+    if block.choice.name == "scatterings":
+        return float(count_operations_of_scatterings(problem, block.orders).sum())
     each = (
         count_operations_of_doubling(problem)
         if block.choice.name == "doubling"

@@ -1,0 +1,340 @@
+# The same faces of slabs over black ground for a few beams, scattering by scattering. With the fractions of
+# core/fractions.pxi, u = f(A) v needs x_k = (A + p_k)^-1 v, and (1 + E f(A)) v = beam. E and F being diagonal but for
+# phi psi^T, all that one scattering has to know of the field are its moments a_k = psi_e^T x_k, c_k = psi_f^T E x_k and
+# psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
+# the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F).
+
+cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
+
+
+def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles):
+    """Doubles of scratch memory that one thread of `scatter_by_fractions` needs."""
+    g, o, into, k = 4 * n_term, stokes * n_out, stokes * n_in, poles + 1
+    columns = 3 * n_all * n_term + n_all + g * (4 * n + o + 2 * into)
+    half = g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
+    return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 4) * (MOST_SCATTERED + 1) + 2 * (
+        n + o) + 2 * poles
+
+
+cdef struct Scatterings:
+    int n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles
+    given_ints orders, members, terms
+    given coefficients, albedo, thickness, directions, weights, columns, place, share
+    double constant, tolerance
+    doubles out, on_nodes, residual
+
+
+def scatter_by_fractions(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
+                         const int[::1] terms, const double[::1] albedo, const double[::1] thickness,
+                         const double[::1] directions, const double[::1] weights, int n_out,
+                         const double[:, ::1] columns, const double[::1] place, const double[::1] share,
+                         double constant, double tolerance, double[:, :, :, :, ::1] out,
+                         double[:, :, :, :, ::1] on_nodes, double[:, ::1] residual, int[:, ::1] info):
+    """What `reflect_by_fractions` finds, beam by beam and scattering by scattering.
+
+    Arguments as there, without matrices; tolerance: of the moments, over those of a beam that is scattered evenly.
+    residual (order, scene): what one more scattering changes them by, in the same unit; info: 1 where it settles not.
+    """
+    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_layer = <int>albedo.shape[0]
+    cdef int n_term = <int>coefficients.shape[1], n_col = <int>columns.shape[0], stokes = <int>members.shape[0]
+    cdef int n_in = n_all - n_node - n_out, poles = <int>place.shape[0]
+    cdef Scatterings task = Scatterings(
+        n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, &orders[0], &members[0], &terms[0],
+        &coefficients[0, 0, 0], &albedo[0], &thickness[0], &directions[0], &weights[0], &columns[0, 0], &place[0],
+        &share[0], constant, tolerance, &out[0, 0, 0, 0, 0], &on_nodes[0, 0, 0, 0, 0], &residual[0, 0])
+    run_items(crew, scatterings_one, &task, <int>orders.shape[0] * n_layer,
+              scatterings_work(stokes * n_node, n_out, n_in, n_all, n_term, stokes, poles), 0, &info[0, 0])
+
+
+cdef struct Rows:
+    # nodes or outgoing directions: how one scattering makes v and x_k of moments, row by row
+    int n
+    doubles lead         # (n, g): [phi_f, D phi_e], from [c; a]
+    doubles gap          # (n, poles): 1/(D^2 + p)
+    doubles rate, start  # (n,): D = 1/mu, 1/(1 + D f(D^2))
+    doubles made         # (n, poles + 1)
+
+
+cdef struct Half:
+    # of one parity: g moments, those of the other kind first, so many; k = poles + 1 columns of them, that of v first
+    int g, other, poles, k
+    double constant
+    given place, weight  # (poles,): p and its share
+    doubles back         # (n, g): [D psi_f, psi_e], to the moments
+    doubles mixing       # (other, g - other): psi_f^T phi_e
+    doubles given_to     # (g, k): [c; a] of the moments
+    Rows nodes, outside
+
+
+cdef inline void fill_rows(Rows* rows, const Half* half, given mu, int n_mu, int stokes) noexcept nogil:
+    """gap, rate and start of the directions."""
+    cdef int i, k
+    cdef double rate, total, gap
+    for i in range(rows.n):
+        rate = 1.0 / mu[i // stokes]
+        rows.rate[i] = rate
+        rows.start[i] = half.constant
+    for k in range(half.poles):
+        for i in range(rows.n):
+            gap = 1.0 / (rows.rate[i] * rows.rate[i] + half.place[k])
+            rows.gap[<size_t>k * rows.n + i] = gap
+            rows.start[i] += half.weight[k] * gap
+    for i in range(rows.n):
+        rows.start[i] = 1.0 / (1.0 + rows.rate[i] * rows.start[i])
+
+
+cdef void pass_to(const Half* half, given moments, given first) noexcept nogil:
+    """given_to = [c; a] of each fraction and, first, [0; psi^T f(A) v], of moments [c + mixing a; a]; those of
+    `first`, which the beam gave, are left out of all but the mixing unless it is NULL."""
+    cdef int g = half.g, f = half.other, i, k
+    cdef doubles to = half.given_to
+    copy(<size_t>g * half.k, moments, to)
+    product(b"N", b"N", f, half.poles, g - f, -1.0, half.mixing, f, moments + g + f, g, 1.0, to + g, g)
+    if first != NULL:
+        for i in range(g * half.k):
+            to[i] -= first[i]
+    for i in range(f):
+        to[i] = 0.0
+    for i in range(f, g):
+        to[i] *= half.constant
+    for k in range(half.poles):
+        for i in range(f, g):
+            to[i] += half.weight[k] * to[<size_t>(k + 1) * g + i]
+
+
+cdef void make_field(const Half* half, const Rows* rows, bint fractions) noexcept nogil:
+    """made = v, then all x_k if asked for, of what `pass_to` passes on."""
+    cdef int n = rows.n, i, k
+    cdef doubles v = rows.made, x
+    cdef given gap
+    cdef double weight
+    multiply(n, half.k, half.g, 1.0, rows.lead, half.given_to, 0.0, v)
+    for i in range(n):
+        v[i] /= rows.rate[i] * rows.rate[i]
+    for k in range(half.poles):
+        x, gap, weight = v + <size_t>(k + 1) * n, rows.gap + <size_t>k * n, half.weight[k]
+        for i in range(n):
+            v[i] -= weight * gap[i] * x[i]
+    for i in range(n):
+        v[i] *= rows.rate[i] * rows.start[i]
+    if not fractions:
+        return
+    for k in range(half.poles):
+        x, gap = v + <size_t>(k + 1) * n, rows.gap + <size_t>k * n
+        for i in range(n):
+            x[i] = gap[i] * (x[i] + v[i])
+
+
+cdef void scatter_once(const Half* half, given moments, doubles found) noexcept nogil:
+    """found = T moments."""
+    cdef int i
+    pass_to(half, moments, NULL)
+    make_field(half, &half.nodes, True)
+    product(b"T", b"N", half.g, half.k, half.nodes.n, 1.0, half.back, half.nodes.n, half.nodes.made, half.nodes.n,
+            0.0, found, half.g)
+    for i in range(half.other):
+        found[i] = 0.0
+
+
+cdef inline void meet(size_t size, int count, given basis, given vector, double* shares) noexcept nogil:
+    """shares = basis^T vector."""
+    cdef char form = b"T"
+    cdef int one = 1, rows = <int>size
+    cdef double unit = 1.0, zero = 0.0
+    dgemv(&form, &rows, &count, &unit, <doubles>basis, &rows, <doubles>vector, &one, &zero, shares, &one)
+
+
+cdef int find_moments(const Half* half, given first, double tolerance, doubles moments, doubles memory,
+                      double* change) noexcept nogil:
+    """moments = T moments + first, by GMRES down to the tolerance and one more scattering, which changes them by
+    `change`; 1 where they settle not."""
+    cdef int size = half.g * half.k, one = 1, step = 0, i, j, again
+    cdef int most = MOST_SCATTERED
+    cdef doubles basis = memory, H = basis + <size_t>(most + 1) * size, shares = H + most * (most + 1)
+    cdef doubles left = shares + most + 1, cosines = left + most + 1     # sines after them
+    cdef double length = sqrt(ddot(&size, <doubles>first, &one, <doubles>first, &one)), a, b, c
+    cdef doubles w
+    cdef doubles column
+    copy(size, first, moments)
+    change[0] = 0.0
+    if length == 0.0:
+        return 0
+    for i in range(size):
+        basis[i] = first[i] / length
+    left[0] = length
+    while step < most and fabs(left[step]) > tolerance:
+        w, column = basis + <size_t>(step + 1) * size, H + step * (most + 1)
+        scatter_once(half, basis + <size_t>step * size, w)
+        for i in range(size):
+            w[i] = basis[<size_t>step * size + i] - w[i]
+        set_zero(most + 1, column)
+        for again in range(2):
+            meet(size, step + 1, basis, w, shares)
+            product(b"N", b"N", size, 1, step + 1, -1.0, basis, size, shares, step + 1, 1.0, w, size)
+            for j in range(step + 1):
+                column[j] += shares[j]
+        length = sqrt(ddot(&size, w, &one, w, &one))
+        for j in range(step):
+            a, b, c = column[j], column[j + 1], cosines[2 * j]
+            column[j] = c * a + cosines[2 * j + 1] * b
+            column[j + 1] = c * b - cosines[2 * j + 1] * a
+        a = hypot(column[step], length)
+        cosines[2 * step], cosines[2 * step + 1] = column[step] / a, length / a
+        column[step] = a
+        left[step + 1] = -cosines[2 * step + 1] * left[step]
+        left[step] *= cosines[2 * step]
+        if length > 0.0:
+            for i in range(size):
+                w[i] /= length
+        step += 1
+    if not fabs(left[step]) <= tolerance:
+        return 1
+    for j in range(step - 1, -1, -1):
+        for i in range(j + 1, step):
+            left[j] -= H[i * (most + 1) + j] * left[i]
+        left[j] /= H[j * (most + 1) + j]
+    w = basis + <size_t>step * size
+    set_zero(size, w)
+    product(b"N", b"N", size, 1, step, 1.0, basis, size, left, step, 0.0, w, size)
+    scatter_once(half, w, moments)
+    for i in range(size):
+        moments[i] += first[i]
+        a = moments[i] - w[i]
+        change[0] += a * a
+    change[0] = sqrt(change[0])
+    return 0
+
+
+cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Scatterings* t = <const Scatterings*>task
+    cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
+    cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in
+    cdef int poles = t.poles, K = poles + 1, i, j, k, s, kind, g, gk, count, other, column, beam
+    cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
+    cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
+    cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
+    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo[layer],
+                                 t.coefficients + <size_t>6 * layer * t.n_term)
+    cdef doubles prt = desk.work, scale = prt + <size_t>3 * t.n_all * t.n_term, memory = scale + t.n_all
+    cdef doubles phi[2]
+    cdef doubles psi[2]
+    cdef doubles phi_out[2]
+    cdef doubles psi_in[2]
+    cdef doubles phi_in, place, weight, moments, first, v
+    cdef int width[2]
+    cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
+    cdef Half half
+    t.residual[at] = 0.0
+    if terms <= m or x.albedo == 0.0:
+        set_zero(2 * orr, out)
+        set_zero(2 * nr, on_nodes)
+        return 0
+    spherical(m, terms, is_polar(x.p), t.directions, t.n_all, prt)
+    for i in range(t.n_node):
+        scale[i] = sqrt(t.weights[i] / t.directions[i])
+    for kind in range(2):
+        count = columns_of(&x, kind)
+        width[kind] = count
+        phi[kind], psi[kind] = memory, memory + <size_t>n * count
+        phi_out[kind] = psi[kind] + <size_t>n * count
+        psi_in[kind] = phi_out[kind] + <size_t>o * count
+        phi_in = psi_in[kind] + <size_t>into * count
+        memory = phi_in + <size_t>into * count
+        parity_columns(&x, kind, prt, t.n_all, 0, t.n_node, scale, phi[kind])
+        times_coefficients(&x, kind, 1.0, n, phi[kind], psi[kind])
+        parity_columns(&x, kind, prt, t.n_all, t.n_node, t.n_out, NULL, phi_out[kind])
+        parity_columns(&x, kind, prt, t.n_all, t.n_node + t.n_out, t.n_in, NULL, phi_in)
+        times_coefficients(&x, kind, 1.0, into, phi_in, psi_in[kind])
+    g = width[0] + width[1]
+    gk = g * K
+    place, weight = memory, memory + poles
+    for k in range(poles):
+        place[k], weight[k] = t.place[k] / (h * h), t.share[k] / h
+    half.g, half.poles, half.k, half.constant = g, poles, K, t.constant * h
+    half.place, half.weight = place, weight
+    half.back = weight + poles
+    half.mixing = half.back + <size_t>n * g
+    half.given_to = half.mixing + <size_t>width[0] * width[1]
+    half.nodes.n, half.outside.n = n, o
+    half.nodes.lead = half.given_to + gk
+    half.nodes.gap = half.nodes.lead + <size_t>n * g
+    half.nodes.rate = half.nodes.gap + <size_t>n * poles
+    half.nodes.start = half.nodes.rate + n
+    half.nodes.made = half.nodes.start + n
+    half.outside.lead = half.nodes.made + <size_t>n * K
+    half.outside.gap = half.outside.lead + <size_t>o * g
+    half.outside.rate = half.outside.gap + <size_t>o * poles
+    half.outside.start = half.outside.rate + o
+    half.outside.made = half.outside.start + o
+    first = half.outside.made + <size_t>o * K
+    moments = first + gk
+    memory = moments + gk
+    fill_rows(&half.nodes, &half, t.directions, t.n_node, stokes)
+    fill_rows(&half.outside, &half, mu_out, t.n_out, stokes)
+    for kind in range(2):               # 0: the even half; 1: the odd one, by E and F exchanged
+        other = width[1 - kind]
+        half.other = other
+        copy(<size_t>n * other, phi[1 - kind], half.nodes.lead)
+        copy(<size_t>n * width[kind], psi[kind], half.back + <size_t>n * other)
+        for j in range(other):
+            for i in range(n):
+                half.back[<size_t>j * n + i] = half.nodes.rate[i] * psi[1 - kind][<size_t>j * n + i]
+            for i in range(o):
+                half.outside.lead[<size_t>j * o + i] = half.outside.rate[i] * phi_out[1 - kind][<size_t>j * o + i]
+        for j in range(width[kind]):
+            for i in range(n):
+                half.nodes.lead[<size_t>(other + j) * n + i] = half.nodes.rate[i] * phi[kind][<size_t>j * n + i]
+            for i in range(o):
+                rate = half.outside.rate[i]
+                half.outside.lead[<size_t>(other + j) * o + i] = rate * rate * phi_out[kind][<size_t>j * o + i]
+        product(b"T", b"N", other, width[kind], n, 1.0, psi[1 - kind], n, phi[kind], n, 0.0, half.mixing, other)
+        for column in range(r):
+            beam = column // t.n_col
+            rate = 1.0 / mu0[beam]
+            start = half.constant
+            for k in range(poles):
+                start += weight[k] / (rate * rate + place[k])
+            start = 1.0 / (1.0 + rate * start)
+            for j in range(g):
+                total = 0.0
+                for s in range(stokes):
+                    i = beam * stokes + s
+                    gap = psi_in[1 - kind][<size_t>j * into + i] if j < other else (
+                        psi_in[kind][<size_t>(j - other) * into + i])
+                    total += gap * t.columns[(column % t.n_col) * stokes + s]
+                first[j] = start * total
+            total = start * start
+            for k in range(poles):
+                gap = 1.0 / (rate * rate + place[k])
+                total += start * start * gap * gap * (1.0 + rate * rate)
+                for j in range(g):
+                    first[(k + 1) * g + j] = gap * first[j] * (rate if j < other else 1.0)
+            set_zero(other, first)
+            total = x.albedo * sqrt(total)
+            if find_moments(&half, first, t.tolerance * total, moments, memory, &change) != 0:
+                return 1
+            largest = max(largest, change / total)
+            pass_to(&half, moments, NULL)
+            make_field(&half, &half.nodes, False)
+            v = half.nodes.made
+            for i in range(n):
+                j = column * n + i
+                if kind == 0:
+                    on_nodes[j] = v[i]
+                else:
+                    even = on_nodes[j]
+                    on_nodes[j], on_nodes[nr + j] = even - v[i], even + v[i]
+            if o == 0:
+                continue
+            pass_to(&half, moments, first)
+            make_field(&half, &half.outside, False)
+            v = half.outside.made
+            for i in range(o):
+                j = column * o + i
+                if kind == 0:
+                    out[j] = v[i]
+                else:
+                    even = out[j]
+                    out[j], out[orr + j] = even - v[i], even + v[i]
+    t.residual[at] = largest
+    return 0
