@@ -12,7 +12,7 @@ def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles):
     g, o, into, k = 4 * n_term, stokes * n_out, stokes * n_in, poles + 1
     columns = 3 * n_all * n_term + n_all + g * (4 * n + o + 2 * into)
     half = g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
-    return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 4) * (MOST_SCATTERED + 1) + 2 * (
+    return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (
         n + o) + 2 * poles
 
 
@@ -147,11 +147,11 @@ cdef inline void meet(size_t size, int count, given basis, given vector, double*
 cdef int find_moments(const Half* half, given first, double tolerance, doubles moments, doubles memory,
                       double* change) noexcept nogil:
     """moments = T moments + first, by GMRES down to the tolerance and one more scattering, which changes them by
-    `change`; 1 where they settle not."""
-    cdef int size = half.g * half.k, one = 1, step = 0, i, j, again
+    `change`; 1 where they settle not, or that is more than ten times the tolerance."""
+    cdef int size = half.g * half.k, one = 1, step = 0, i, j
     cdef int most = MOST_SCATTERED
-    cdef doubles basis = memory, H = basis + <size_t>(most + 1) * size, shares = H + most * (most + 1)
-    cdef doubles left = shares + most + 1, cosines = left + most + 1     # sines after them
+    cdef doubles basis = memory, H = basis + <size_t>(most + 1) * size
+    cdef doubles left = H + most * (most + 1), cosines = left + most + 1     # sines after them
     cdef double length = sqrt(ddot(&size, <doubles>first, &one, <doubles>first, &one)), a, b, c
     cdef doubles w
     cdef doubles column
@@ -167,12 +167,8 @@ cdef int find_moments(const Half* half, given first, double tolerance, doubles m
         scatter_once(half, basis + <size_t>step * size, w)
         for i in range(size):
             w[i] = basis[<size_t>step * size + i] - w[i]
-        set_zero(most + 1, column)
-        for again in range(2):
-            meet(size, step + 1, basis, w, shares)
-            product(b"N", b"N", size, 1, step + 1, -1.0, basis, size, shares, step + 1, 1.0, w, size)
-            for j in range(step + 1):
-                column[j] += shares[j]
+        meet(size, step + 1, basis, w, column)
+        product(b"N", b"N", size, 1, step + 1, -1.0, basis, size, column, step + 1, 1.0, w, size)
         length = sqrt(ddot(&size, w, &one, w, &one))
         for j in range(step):
             a, b, c = column[j], column[j + 1], cosines[2 * j]
@@ -202,7 +198,7 @@ cdef int find_moments(const Half* half, given first, double tolerance, doubles m
         a = moments[i] - w[i]
         change[0] += a * a
     change[0] = sqrt(change[0])
-    return 0
+    return 0 if change[0] <= 10.0 * tolerance else 1
 
 
 cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:

@@ -10,7 +10,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.fields import change_fields
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
-from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
+from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms, is_by_scatterings
 from vrte.discrete_ordinates.planning.needs import Needs, count_layers_reached, count_nodes_seen, list_stokes_sets
 from vrte.scene.boundary import BLACK, Boundary
 
@@ -62,7 +62,7 @@ def make_blocks(
     everywhere = fed_back or not leave_out.nodes or problem.media is not None
     sets = list_stokes_sets(problem) if leave_out.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
-    if not everywhere:
+    if not everywhere and not (eigensolver and is_by_scatterings(algorithm, problem, orders, accuracy)):
         needed = count_nodes_seen(needs, brightest, accuracy)[: orders.size]
         nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)

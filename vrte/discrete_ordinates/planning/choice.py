@@ -147,6 +147,16 @@ def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
     return min(found.items(), key=lambda item: float(item[1].sum()))
 
 
+def is_by_scatterings(algorithm: str, problem: Problem, orders: IntArray, accuracy: float) -> bool:
+    """Whether all orders, over black ground, go scattering by scattering: fewer nodes save less than a block takes."""
+    if algorithm != "auto" or not is_for_fractions(problem, accuracy):
+        return False
+    name, operations = choose_fractions(problem, orders)
+    return name == "scatterings" and bool(
+        (operations < cost.WORTH_FRACTIONS * count_operations_of_modes(problem)).all()
+    )
+
+
 def count_rank_and_poles(problem: Problem, orders: IntArray) -> tuple[Array, float]:
     """Of the scattering that is left of each order, and of tanh up to the steepest direction; roughly."""
     rank = cost.COLUMNS_A_TERM[len(problem.stokes)] * np.clip(problem.terms[0] - orders, 0.0, None)
