@@ -12,7 +12,7 @@ from tests import exact
 from vrte import _core
 from vrte.basics.blas import find_blas_libraries, keep_to_one_thread
 from vrte.basics.cost import BRIEF, BRIEF_ALONE
-from vrte.basics.running import Run, start_run
+from vrte.basics.running import Crew, Run, start_run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.particular import find_beam_field
@@ -35,6 +35,7 @@ def test_what_is_brief() -> None:
     assert operations(SCALAR, 8) < operations(POLAR, 8) < BRIEF
     assert operations(SCALAR, 8) < operations(SCALAR, 8, algorithm="doubling")
     assert operations(LARGE, 100) > BRIEF_ALONE
+    assert operations(LARGE, 16) < BRIEF_ALONE < operations(LARGE, 16, mu=np.linspace(0.1, 1.0, 5_000))
     assert operations(SCALAR, 8, mu=np.linspace(0.1, 1.0, 100_000)) > BRIEF_ALONE
     assert operations(SCALAR, None) == operations(SCALAR, 8, mu=None) == np.inf
     based = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.MuellerBase(lambda i, o, phi: np.eye(4) / np.pi))
@@ -83,6 +84,42 @@ def test_symmetric_modes_invert_themselves(nodes: int) -> None:
             np.testing.assert_allclose(identity, np.broadcast_to(np.eye(problem.size), identity.shape), atol=1e-11)
     # each c alone depends on how k stands to 1/mu0, but c X summed over the modes does not depend on their scale
     np.testing.assert_allclose(fields[0], fields[1], atol=1e-10 * np.abs(fields[1]).max())
+
+
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize("n_phi", [1, 8, 37])
+def test_scalar_series_apiece(n_phi: int, wide: bool) -> None:
+    """F11 alone, of another phase function for each direction, against Legendre series; U and V scatter nothing."""
+    random = np.random.default_rng(3)
+    mu, mu0, phi = np.array([0.9, -0.3, 1.0]), 0.6, np.linspace(0.0, np.pi, n_phi)
+    coefficients = np.zeros((mu.size, 31, 6))
+    coefficients[..., 0] = random.uniform(-1.0, 1.0, (mu.size, 31))
+    out, path = np.zeros((1, 1, mu.size, n_phi, 4, 2)), random.uniform(0.5, 1.0, (1, 1, mu.size))
+    _core.add_single_scattering(
+        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        table=_core.series_table(coefficients.reshape(-1, 6), mu.size),
+        path=path,
+        mu0=np.array([mu0]),
+        mu=mu,
+        cos_phi=np.cos(phi),
+        sin_phi=np.sin(phi),
+        angle=np.arange(n_phi, dtype=np.int32),
+        sign=np.ones(n_phi),
+        columns=np.array([[2.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]]),
+        kind=np.array([0, 1], np.int32),
+        place=np.array([0, 1], np.int32),
+        first=0,
+        last=1,
+        out=out,
+        wide=wide,
+        apiece=True,
+    )
+    cosine = np.sqrt((1.0 - mu**2) * (1.0 - mu0**2))[:, None] * np.cos(phi) - mu0 * mu[:, None]
+    for o, series in enumerate(coefficients[..., 0]):
+        expected = 2.0 * path[0, 0, o] * np.polynomial.legendre.legval(cosine[o], series)
+        np.testing.assert_allclose(out[0, 0, o, :, 0, 0], expected, rtol=1e-12, atol=1e-12)
+    assert not out[..., 1:, :].any()
+    assert not out[..., 1].any()
 
 
 def test_path_integrals_by_quadrature() -> None:

@@ -46,6 +46,7 @@ PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included
 PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by invariance
 PRODUCTS_A_JOINT = 8.0  # where two slabs meet
 STEPS_ENDLESS = 8  # doublings of a layer without end
+A_SPREADING = 500.0  # operations of a degree and direction, of light of small angles
 A_TERM = 12.0  # operations of six series in closed form
 
 # time over that of a layer's modes, as measured (docs/explanation/accuracy.md)

@@ -58,6 +58,30 @@ VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, do
     }
 }
 
+/* F11 alone, of a phase matrix that has no other: 8 cosines at a time, whose functions stay in registers. */
+enum { VRTE_FEW = 8 };
+VRTE_INLINE void vrte_scalar_series(int terms, const double* table, int count, const double* x, double* f) {
+    for (int first = 0; first < count; first += VRTE_FEW) {
+        double p[VRTE_FEW], p_old[VRTE_FEW], sum[VRTE_FEW];
+        const double* at = x + first;
+        for (int i = 0; i < VRTE_FEW; i++) {
+            sum[i] = table[7] + table[SERIES + 7] * at[i];
+            p[i] = 1.5 * at[i] * at[i] - 0.5;
+            p_old[i] = at[i];
+        }
+        for (int l = 2; l < terms; l += 2) {
+            const double *s = table + SERIES * l, *t = s + SERIES;
+            for (int i = 0; i < VRTE_FEW; i++) {
+                double p_next = s[0] * at[i] * p[i] - s[1] * p_old[i];
+                sum[i] += s[7] * p[i] + t[7] * p_next;
+                p[i] = t[0] * at[i] * p_next - t[1] * p[i];
+                p_old[i] = p_next;
+            }
+        }
+        for (int i = 0; i < VRTE_FEW; i++) f[first + i] = sum[i];
+    }
+}
+
 /* cos and sin of twice the angles from the scattering plane to the meridian planes, outgoing then incident: 4 rows
    of turns. l is theta-hat, r = l x k; n, normal to the scattering plane, is k x k'; in a plane with r_s = n:
    cos(sigma) = n.r and sin(sigma) = -n.l. Straight on and straight back the meridian plane serves. */
@@ -104,7 +128,7 @@ VRTE_INLINE void vrte_scattered(int kind, double g, double h, int count, const d
     }
 }
 
-VRTE_INLINE void vrte_scatter(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
                               const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
                               size_t stride) {
     double x[VRTE_BLOCK] = {0.0}, f[6 * VRTE_BLOCK], turns[4 * VRTE_BLOCK];
@@ -112,6 +136,17 @@ VRTE_INLINE void vrte_scatter(int terms, const double* table, double mu0, double
     for (int i = 0; i < count; i++) {
         double cosine = sines * cos_phi[i] - mu * mu0;
         x[i] = cosine > 1.0 ? 1.0 : cosine < -1.0 ? -1.0 : cosine;
+    }
+    if (scalar) { /* only I, and of I alone */
+        vrte_scalar_series(terms, table, count, x, f);
+        for (int c = 0; c < n_col; c++) {
+            double *out = z + 4 * c * stride, intensity = kind[c] ? 0.0 : columns[4 * c];
+            for (int i = 0; i < count; i++) {
+                out[i] = f[i] * intensity;
+                out[stride + i] = out[2 * stride + i] = out[3 * stride + i] = 0.0;
+            }
+        }
+        return;
     }
     vrte_series(terms, table, x, f);
     vrte_turns(mu0, mu, count, cos_phi, sin_phi, turns);
@@ -124,21 +159,21 @@ VRTE_INLINE void vrte_scatter(int terms, const double* table, double mu0, double
     }
 }
 
-typedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+typedef void vrte_scatterer(int, int, const double*, double, double, int, const double*, const double*, int, const int*,
                             const double*, double*, size_t);
 
-static void vrte_scatter_plain(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+static void vrte_scatter_plain(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
                                const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
                                size_t stride) {
-    vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 
 #if defined(__GNUC__) && defined(__x86_64__)
 __attribute__((target("avx2,fma")))
-static void vrte_scatter_wide(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+static void vrte_scatter_wide(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
                               const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
                               size_t stride) {
-    vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 
 static vrte_scatterer* vrte_best_scatterer(int wide) {

@@ -2,8 +2,8 @@
 
 cdef extern from "core/scattering.h":
     const int VRTE_BLOCK
-    ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
-                                 const double*, double*, size_t) noexcept nogil
+    ctypedef void vrte_scatterer(bint, int, const double*, double, double, int, const double*, const double*, int,
+                                 const int*, const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
 
 # which copies of loops this processor runs; those of single scattering and small symmetric matrices are there twice
@@ -11,11 +11,12 @@ CPU_VARIANT = ("single scattering and small symmetric matrices by AVX2 and FMA"
                if vrte_best_scatterer(True) != vrte_best_scatterer(False) else "one for all processors")
 
 
-def series_table(const double[:, :] coefficients):
+def series_table(const double[:, :] coefficients, int apiece=1):
     """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, SERIES), terms made
-    even: the factors of the recurrences, then the coefficients."""
-    cdef int terms = <int>coefficients.shape[0], l
-    cdef double[:, ::1] table = np.zeros((terms + terms % 2, SERIES))
+    even: the factors of the recurrences, then the coefficients. Of ``apiece`` matrices with as many terms each, one
+    behind the other, their tables in the same way."""
+    cdef int terms = <int>coefficients.shape[0] // apiece, l, i, even = terms + terms % 2, first, at
+    cdef double[:, ::1] table = np.zeros((apiece * even, SERIES))
     cdef double degree, here, above  # degree: the square of an int ends at 46340
     for l in range(terms):
         degree = l
@@ -26,9 +27,14 @@ def series_table(const double[:, :] coefficients):
             table[l, 4] = (2.0 * degree + 1.0) * (degree + 1.0) / (above * above)
             table[l, 5] = 4.0 * (2.0 * degree + 1.0) / (degree * above * above)
             table[l, 6] = (degree + 1.0) * here * here / (degree * above * above)
-        table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
-        table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
-        table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
+        for i in range(1, apiece):
+            memcpy(&table[i * even + l, 0], &table[l, 0], 7 * sizeof(double))
+        for i in range(apiece):
+            first, at = i * even + l, i * terms + l
+            table[first, 7], table[first, 8] = coefficients[at, 0], coefficients[at, 3]
+            table[first, 9], table[first, 10] = coefficients[at, 4], coefficients[at, 5]
+            table[first, 11] = coefficients[at, 1] + coefficients[at, 2]
+            table[first, 12] = coefficients[at, 1] - coefficients[at, 2]
     return np.asarray(table)
 
 
@@ -89,6 +95,7 @@ cdef double path_between(int layer, int at, double depth, given thickness) noexc
 
 cdef struct Scattering:
     vrte_scatterer* scatter
+    bint scalar, apiece
     int terms, n_level, n_in, n_mu, n_angle, n_phi, n_col, n_place, first, n_here
     given_ints angle, kind, place
     given table, path, mu0, mu, cos_phi, sin_phi, sign, columns
@@ -100,15 +107,15 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi,
                           const int[::1] angle, const double[::1] sign, const double[:, ::1] columns,
                           const int[::1] kind, const int[::1] place, int first, int last,
-                          double[:, :, :, :, :, ::1] out, bint wide=True, int piles=1):
+                          double[:, :, :, :, :, ::1] out, bint wide=True, int piles=1, bint apiece=False):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
     table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
     `wide=False` leaves AVX2 unused. Of several `piles` with as many terms and levels each, tables and paths lie one
-    behind the other.
+    behind the other; ``apiece``: so do tables for each of mu.
     """
-    cdef int n_mu = <int>mu.shape[0], n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
+    cdef int n_mu = <int>mu.shape[0], tables = piles * (n_mu if apiece else 1), n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
     if n_col > MOST_COLUMNS:
         raise ValueError(f"at most {MOST_COLUMNS} columns")
     if table.shape[0] % 2 or table.shape[1] != SERIES:
@@ -116,12 +123,23 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
     if out.size == 0:
         return
     cdef Scattering task = Scattering(
-        vrte_best_scatterer(wide), <int>table.shape[0] // piles, <int>path.shape[0] // piles, <int>path.shape[1], n_mu,
+        vrte_best_scatterer(wide), has_intensity_alone(&table[0, 0], <int>table.shape[0]), apiece,
+        <int>table.shape[0] // tables, <int>path.shape[0] // piles, <int>path.shape[1], n_mu,
         n_angle,
         <int>angle.shape[0], n_col, <int>out.shape[5], first, last - first, &angle[0], &kind[0], &place[0],
         &table[0, 0],
         &path[0, 0, 0], &mu0[0], &mu[0], &cos_phi[0], &sin_phi[0], &sign[0], &columns[0, 0], &out[0, 0, 0, 0, 0, 0])
     run_items(crew, scatter_pair, &task, piles * (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
+
+
+cdef bint has_intensity_alone(given table, int terms) noexcept nogil:
+    """Whether a table of `series_table` has no other coefficient than a1."""
+    cdef int l, k
+    for l in range(terms):
+        for k in range(8, SERIES):
+            if table[<size_t>l * SERIES + k] != 0.0:
+                return False
+    return True
 
 
 cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
@@ -133,7 +151,8 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
     cdef size_t level = <size_t>(item // (s.n_here * s.n_mu)) * n_level       # the first of the pile
     cdef given path = s.path + level * each + pair, sign = s.sign
-    cdef given table = s.table + level // n_level * s.terms * SERIES
+    cdef size_t before = level // n_level * s.n_mu + j if s.apiece else level // n_level      # tables
+    cdef given table = s.table + before * s.terms * SERIES
     cdef given_ints angle = s.angle
     cdef doubles z = desk.work
     cdef double strength
@@ -147,7 +166,7 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     if not lit:
         return 0
     while first < n_angle:
-        s.scatter(s.terms, table, s.mu0[i], s.mu[j], min(<int>VRTE_BLOCK, n_angle - first), s.cos_phi + first,
+        s.scatter(s.scalar, s.terms, table, s.mu0[i], s.mu[j], min(<int>VRTE_BLOCK, n_angle - first), s.cos_phi + first,
                   s.sin_phi + first, n_col, s.kind, s.columns, z + first, n_angle)
         first += VRTE_BLOCK
     for t in range(n_level):

@@ -63,21 +63,20 @@ class Request(How):
 
 
 def estimate_operations(request: Request) -> float:
-    """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
+    """Predicted of a request, roughly, whichever way it is solved; infinite where nodes or directions are not known."""
     scene, mu = request.scene, request.mu
     if scene.below.is_uneven or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
-    if terms > 2 * request.nodes and request.truncation != "none":
-        return math.inf
     unknowns = float(request.nodes if scalar else 4 * request.nodes)
     orders = min(terms, 2 * request.nodes)
     beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
     per_n3 = cost.SOLVING if request.algorithm in (*BY_RULE, "modes") and not request.verify else cost.DOUBLING
     solving = per_n3 * unknowns**3 + 4.0 * unknowns**2 * (beams + mu.size) + 100.0 * unknowns * directions * (1 + beams)
     summing = (10.0 * terms + 20.0 * orders) * directions * beams * (32 + request.phi.size)
-    return len(scene.layers) * (orders * solving + summing)
+    spreading = cost.A_SPREADING * terms * directions * beams * len(scene.layers) if terms > 2 * request.nodes else 0.0
+    return len(scene.layers) * (orders * solving + summing + spreading)
 
 
 def check_scene(scene: Any) -> Scene:

@@ -244,9 +244,10 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
         last: int,
         values: Array,
         own: Run = run,
+        **more: Any,
     ) -> None:
         with own.timed(stage) as crew:
-            run.kernels.add_single_scattering(
+            own.kernels.add_single_scattering(
                 crew,
                 table=table,
                 path=path,
@@ -262,6 +263,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
                 first=first,
                 last=last,
                 out=values,
+                **more,
             )
 
     return add
@@ -269,25 +271,39 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
 
 def prepare_spreading(target: Target, run: Run) -> Adder:
     """What adds one scattering of the beam, as it spreads by small angles, (2:4), where that is asked for."""
-    scatter, problem, alone = prepare_closed_form(target, run), target.problem, change_fields(run, threads=1)
+    scatter, problem = prepare_closed_form(target, run), target.problem
+    alone = change_fields(run, threads=1, kernels=_core)
     anisotropic = Anisotropic(target.scene, problem)
 
     def add(share: Share) -> None:
-        part, towards = share.part, np.flatnonzero(share.part.spreads)
+        part, towards = share.part, np.flatnonzero(share.part.spreads).astype(np.int32)
         for i in range(share.first, share.last):
             begin = time.perf_counter()
-            mu0, strength = float(problem.mu0[i]), np.full((1, 1, 1), target.wanted.scale[i] / (4.0 * np.pi))
+            mu0, strength = float(problem.mu0[i]), float(target.wanted.scale[i]) / (4.0 * np.pi)
             beams = anisotropic.beams(mu0)
             for t, level in enumerate(part.levels.tolist()):
                 for places, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
                     run.book("small angles", time.perf_counter() - begin)
-                    for o, table in zip(towards[places].tolist(), tables, strict=True):
-                        here = problem.mu0[i : i + 1], part.mu[o : o + 1], 0, 1
-                        values = part.values[t : t + 1, i : i + 1, o : o + 1]
-                        scatter("small angles", _core.series_table(table), strength, *here, values, alone)
+                    for before, first, last in list_runs(towards[places]):
+                        count = last - first
+                        here = problem.mu0[i : i + 1], part.mu[first:last], 0, 1
+                        path, values = np.full((1, 1, count), strength), part.values[t : t + 1, i : i + 1, first:last]
+                        own = tables[before : before + count].reshape(-1, tables.shape[2])
+                        table = _core.series_table(own, count)
+                        scatter("small angles", table, path, *here, values, alone, apiece=True)
                     begin = time.perf_counter()
 
     return add
+
+
+def list_runs(places: IntArray) -> Iterator[tuple[int, int, int]]:
+    """Where numbers that rise by 1 begin in an array, which they are, first and last + 1.
+
+    >>> list(list_runs(np.array([4, 5, 6, 9])))
+    [(0, 4, 7), (3, 9, 10)]
+    """
+    ends = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), places.size]
+    return ((begin, int(places[begin]), int(places[end - 1]) + 1) for begin, end in itertools.pairwise(ends))
 
 
 def prepare_base(target: Target, run: Run) -> Adder:

@@ -105,7 +105,9 @@ class ScalarSpreading:
     @staticmethod
     def of(matrix: PhaseMatrix, terms: int) -> "ScalarSpreading":
         """Degrees 0 .. terms - 1, zero where the matrix has none."""
-        return ScalarSpreading(np.pad(matrix.a1, (0, terms - matrix.terms)) / compute_degree_factors(0, terms))
+        mean = np.zeros(terms)
+        mean[: matrix.terms] = matrix.a1 / compute_degree_factors(0, matrix.terms)
+        return ScalarSpreading(mean)
 
     def beyond(self, first: int) -> "ScalarSpreading":
         """The degrees from ``first``."""
@@ -201,8 +203,9 @@ class Anisotropic:
         layer, spreading = self.scene.layers[ray.layer], self.spreadings[ray.layer]
         f, carried = float(self.problem.fraction[ray.layer]), self.problem.coefficients.shape[1]
         per_depth = 1.0 / ((1.0 - layer.albedo * f) * mu0)
-        never = f * beam.direct * ray.integral(np.array(per_depth), mu)
-        fade = np.exp(-self.problem.above[ray.layer] / mu0) * ray.integral(np.array(1.0 / mu0), mu)
+        whole, cut = ray.integral(np.array([per_depth, 1.0 / mu0]), mu).T
+        never = f * beam.direct * whole
+        fade = np.exp(-self.problem.above[ray.layer] / mu0) * cut
         forward, residual = expand_peak(self.terms, self.scalar), -f * expand_peak(carried, self.scalar)
         known = min(carried, layer.phase_matrix.terms)
         residual[:known] += layer.phase_matrix.coefficients[:known]

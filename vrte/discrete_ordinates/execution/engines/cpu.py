@@ -307,10 +307,9 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
-    # order by order: the absolute values of all of them would take as much memory again
-    largest = np.empty(kernels.shape[:3])
-    for order, values in enumerate(kernels):
-        np.abs(values).max(axis=(2, 3, 4), initial=0.0, out=largest[order])
+    # without the absolute values of all, which would take as much memory again
+    ends = kernels.max(axis=(3, 4, 5), initial=0.0), kernels.min(axis=(3, 4, 5), initial=0.0)
+    largest = np.maximum(ends[0], -ends[1])
     brightest = largest[0]
     if orders[0] == 0 and block.stokes[0] == 0:
         lit = np.abs(piece.problem.columns).max(axis=1).tolist()
