@@ -54,7 +54,7 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
 
 def boundary_work(n, n_layer, n_rhs):
     """Doubles of scratch memory that one thread of `boundary` needs."""
-    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 10 * n
+    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + (10 + 2 * n_layer) * n
 
 
 cdef struct Boundary:
@@ -113,6 +113,7 @@ cdef struct Slab:
     doubles R, T, G              # G: from what falls at the bottom to what goes up there
     doubles top, rising, falling # the beam's field: down at the top; up and down at the bottom (n_rhs, n)
     doubles emitted, g           # down and up at the bottom where nothing falls in
+    cplx* tangents               # tanh(k thickness/2)/k, (n,), unless all fades
     ints pivots
 
 
@@ -124,7 +125,7 @@ cdef Slab slab_at(const Boundary* t, int item, int layer, Desk desk) noexcept no
         modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.fading[at]), t.n_rhs,
         t.n_rhs // t.n_in, t.c + at * nr, t.zeta + at * nr, t.mu0, t.above[here], systems, systems + nn,
         systems + 2 * nn, systems + 3 * nn, systems + 4 * nn, vectors, vectors + nr, vectors + 2 * nr,
-        vectors + 3 * nr, vectors + 4 * nr,
+        vectors + 3 * nr, vectors + 4 * nr, <cplx*>(desk.work + 5 * t.n_layer * (nn + nr)) + layer * n,
         desk.pivots + 2 * layer * n)
 
 
@@ -135,7 +136,7 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
     cdef bint joined = n_layer > 1 or row >= 0 or t.topped
     cdef double missing = 0.0
-    cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr), below = scratch + 3 * nn + 8 * n, up = below + nn
+    cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n, below = scratch + 3 * nn + 8 * n, up = below + nn
     cdef doubles down = up + nr, falling = down + nr, spare = falling + nr      # spare: 2 n n_rhs + 2 n
     cdef doubles base_down = t.base_down + item * nr
     cdef ints pivots_below = desk.pivots + 2 * n_layer * n
@@ -229,17 +230,17 @@ cdef int send_back(const Boundary* t, given below, given up, doubles down, ints 
 
 
 # (1:45)
-cdef void slab_matrix(const Modes* a, bint is_odd, doubles matrix, doubles spare) noexcept nogil:
+cdef void slab_matrix(const Slab* slab, bint is_odd, doubles matrix, doubles spare) noexcept nogil:
     """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
+    cdef const Modes* a = &slab.modes
     cdef int j
     cdef size_t i
     cdef cplx* f = <cplx*>spare
     for j in range(a.n):
-        f[j] = rate_of(a, j)
-        if not a.fading:
-            f[j] = half_tangent(f[j], a.thickness)
-            if not is_odd:
-                f[j] = times(f[j], lambda_of(a, j))
+        if a.fading:
+            f[j] = rate_of(a, j)
+        else:
+            f[j] = slab.tangents[j] if is_odd else times(slab.tangents[j], lambda_of(a, j))
     scale_columns(a.n, a.n, a.lam_im, f, a.X if is_odd else a.Y, matrix)
     for i in range(<size_t>a.n * a.n):
         matrix[i] += a.Y[i] if is_odd else a.X[i]
@@ -254,10 +255,12 @@ cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil
     cdef cplx* response = <cplx*>(scratch + 4 * n)
     cdef cplx k
     cdef double at_top, at_bottom
-    slab_matrix(a, False, slab.even_lu, spare)
+    for j in range(0 if a.fading else n):
+        slab.tangents[j] = half_tangent(rate_of(a, j), a.thickness)
+    slab_matrix(slab, False, slab.even_lu, spare)
     info = factorise(n, slab.even_lu, n, slab.pivots)
     if info == 0 and not a.fading:
-        slab_matrix(a, True, slab.odd_lu, spare)
+        slab_matrix(slab, True, slab.odd_lu, spare)
         info = factorise(n, slab.odd_lu, n, slab.pivots + n)
     multiply(n, slab.n_rhs, n, 0.5, a.Y, slab.zeta, 0.0, slab.top)
     set_zero(2 * nr, slab.rising)                                               # and falling
@@ -303,7 +306,7 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
     set_zero(nn, T)
     if a.thickness > ENDLESS:
         return 0
-    slab_matrix(a, False, M, spare)
+    slab_matrix(slab, False, M, spare)
     for j in range(n):
         fade[j] = c_exp(-a.thickness * rate_of(a, j))
     scale_columns(n, n, a.lam_im, fade, M, T)
@@ -424,7 +427,7 @@ cdef double solve_checked(const Slab* slab, bint is_odd, doubles amplitude, doub
         solve(b"N", n, slab.n_rhs, slab.odd_lu, n, slab.pivots + n, amplitude, n)
     else:
         solve(b"N", n, slab.n_rhs, slab.even_lu, n, slab.pivots, amplitude, n)
-    slab_matrix(&slab.modes, is_odd, scratch, scratch + nn)
+    slab_matrix(slab, is_odd, scratch, scratch + nn)
     multiply(n, slab.n_rhs, n, -1.0, scratch, amplitude, 1.0, spare)
     return largest_of(nr, spare)
 
@@ -455,7 +458,7 @@ cdef double fading_amplitudes(const Slab* slab, given top, given bottom, doubles
     else:
         for i in range(nr):
             spare[nr + i] = 2.0 * top[i]
-    slab_matrix(a, False, scratch, scratch + nn)
+    slab_matrix(slab, False, scratch, scratch + nn)
     multiply(n, n_rhs, n, -1.0, scratch, from_top, 1.0, spare + nr)
     return largest_of(nr, spare + nr) / largest if largest > NO_LIGHT else 0.0
 

@@ -59,6 +59,13 @@ cdef void parity_columns(const Expansion* x, int even_kind, given prt, int n_all
     cdef doubles right
     cdef given value
     cdef double f
+    if p.stokes == 1 and p.place[0] >= 0:      # I alone has every other degree
+        for l in range(m if even_kind == 0 else m + 1, x.terms, 2):
+            value = prt + <size_t>3 * l * n_all + first
+            for i in range(n_mu):
+                out[i] = scale[i] * value[i] if scale != NULL else value[i]
+            out += n_mu
+        return
     set_zero(<size_t>rows * columns_of(x, even_kind), out)
     for l in range(m, x.terms):
         kind = (l - m) % 2 != even_kind

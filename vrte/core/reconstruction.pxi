@@ -272,36 +272,41 @@ cdef void real_gains(const Path* path, int j, given faded, doubles even_gain, do
     cdef double lam = path.modes.lam_re[j], thickness = path.modes.thickness, left = path.left, far = path.far
     cdef given g_e = path.g_e + <size_t>j * path.rows, g_f = path.g_f + <size_t>j * path.rows
     cdef double k = sqrt(lam), mode_faded = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
-    cdef double whole = 1.0 if fading else 1.0 + exp(-thickness * k)
-    cdef double mu, gap, from_top, from_bottom, cosine, sine, bottom
+    cdef double whole = 1.0 if fading else 1.0 / (1.0 + exp(-thickness * k)), per_rate = whole / k if k > 0.0 else 0.0
+    cdef double mu, gap, passed, ahead, from_top, from_bottom, cosine, sine, bottom
     cdef double a, b
     cdef cplx c_cosine, c_sine
     cdef int i, m
     for m in range(path.n_mu):
         mu = path.mu_out[m]
+        passed = left / mu
+        ahead = 1.0 / (1.0 + mu * k)
         if left > ENDLESS:
-            from_top, from_bottom = at_far / (1.0 + mu * k), 0.0
+            from_top, from_bottom = at_far * ahead, 0.0
         else:
-            gap = left * (k + 1.0 / mu)
-            from_top = at_far * (1.0 - mode_faded * faded[m] if gap > 1.0 else -expm1(-gap)) / (1.0 + mu * k)
-            gap = left / mu - left * k
+            gap = passed + left * k
+            from_top = at_far * (1.0 - mode_faded * faded[m] if gap > 1.0 else -expm1(-gap)) * ahead
+            gap = passed - left * k
             if fabs(gap) > 1.0:
-                from_bottom = (left / mu) * ((mode_faded - faded[m]) / gap)
+                from_bottom = passed * ((mode_faded - faded[m]) / gap)
             elif gap == 0.0:
-                from_bottom = (left / mu) * mode_faded
+                from_bottom = passed * mode_faded
             else:
-                from_bottom = (left / mu) * (max(mode_faded, faded[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
+                from_bottom = passed * (max(mode_faded, faded[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
         if fading and not upward and thickness > ENDLESS:
             from_top = 0.0
         if fading:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image
             cosine, sine = (from_top, from_bottom) if upward else (from_bottom, from_top)
         elif k * thickness > 1.0:
-            cosine, sine = (from_top + from_bottom) / whole, (from_bottom - from_top) / (k * whole)
+            cosine, sine = (from_top + from_bottom) * whole, (from_bottom - from_top) * per_rate
         else:
             hyperbolic_integrals(make(k, 0.0), mu, thickness, far, &c_cosine, &c_sine)
             cosine, sine = c_cosine.real, c_sine.real
-        bottom = 1.0 + mu * k if upward else mu * k - 1.0
-        bottom = 0.0 if fabs(bottom) < RESONANT else 1.0 / bottom
+        if upward:
+            bottom = ahead
+        else:
+            bottom = mu * k - 1.0
+            bottom = 0.0 if fabs(bottom) < RESONANT else 1.0 / bottom
         for i in range(stokes * m, stokes * (m + 1)):
             if fading:
                 a, b = cosine * (g_e[i] + sign * k * g_f[i]), sine * (g_e[i] - sign * k * g_f[i])
