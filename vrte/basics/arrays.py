@@ -63,10 +63,11 @@ def check_vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
     if type(values) is float and math.isfinite(values):
         return freeze_copy([values])
-    array = freeze_copy(np.atleast_1d(check_numbers(name, values)))
+    plain = type(values) is np.ndarray and values.dtype == np.float64 and values.size <= MOST_NUMBERS
+    array = freeze_copy(np.atleast_1d(values if plain else check_numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise SceneError.of(name, f"must be finite numbers, not {array[~np.isfinite(array)][0]}")
     return array
 

@@ -136,7 +136,8 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
     cdef bint joined = n_layer > 1 or row >= 0 or t.topped
     cdef double missing = 0.0
-    cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n, below = scratch + 3 * nn + 8 * n, up = below + nn
+    cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n
+    cdef doubles below = scratch + 3 * nn + 8 * n, up = below + nn
     cdef doubles down = up + nr, falling = down + nr, spare = falling + nr      # spare: 2 n n_rhs + 2 n
     cdef doubles base_down = t.base_down + item * nr
     cdef ints pivots_below = desk.pivots + 2 * n_layer * n

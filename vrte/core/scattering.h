@@ -128,9 +128,9 @@ VRTE_INLINE void vrte_scattered(int kind, double g, double h, int count, const d
     }
 }
 
-VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
-                              const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
-                              size_t stride) {
+VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double mu0, double mu, int count,
+                              const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
+                              const double* columns, double* z, size_t stride) {
     double x[VRTE_BLOCK] = {0.0}, f[6 * VRTE_BLOCK], turns[4 * VRTE_BLOCK];
     double sines = sqrt((1.0 - mu) * (1.0 + mu)) * sqrt((1.0 - mu0) * (1.0 + mu0));
     for (int i = 0; i < count; i++) {
@@ -162,17 +162,17 @@ VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double
 typedef void vrte_scatterer(int, int, const double*, double, double, int, const double*, const double*, int, const int*,
                             const double*, double*, size_t);
 
-static void vrte_scatter_plain(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
-                               const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
-                               size_t stride) {
+static void vrte_scatter_plain(int scalar, int terms, const double* table, double mu0, double mu, int count,
+                               const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
+                               const double* columns, double* z, size_t stride) {
     vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 
 #if defined(__GNUC__) && defined(__x86_64__)
 __attribute__((target("avx2,fma")))
-static void vrte_scatter_wide(int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
-                              const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
-                              size_t stride) {
+static void vrte_scatter_wide(int scalar, int terms, const double* table, double mu0, double mu, int count,
+                              const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
+                              const double* columns, double* z, size_t stride) {
     vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 

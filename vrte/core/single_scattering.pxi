@@ -115,7 +115,8 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
     `wide=False` leaves AVX2 unused. Of several `piles` with as many terms and levels each, tables and paths lie one
     behind the other; ``apiece``: so do tables for each of mu.
     """
-    cdef int n_mu = <int>mu.shape[0], tables = piles * (n_mu if apiece else 1), n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
+    cdef int n_mu = <int>mu.shape[0], tables = piles * (n_mu if apiece else 1)
+    cdef int n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
     if n_col > MOST_COLUMNS:
         raise ValueError(f"at most {MOST_COLUMNS} columns")
     if table.shape[0] % 2 or table.shape[1] != SERIES:
