@@ -116,16 +116,22 @@ def compute_wigner_factors(session: Session, items: Any, order: Any, n_term: int
 
 
 def compute_parity_columns(
-    session: Session, what: Scattering, directions: Any, weights: Any, n_out: int, phi: Stack | None = None
+    session: Session,
+    what: Scattering,
+    directions: Any,
+    weights: Any,
+    n_out: int,
+    phi: Stack | None = None,
+    bare: bool = True,
 ) -> Columns:
     """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest; ``phi``:
-    where they go, if there is room for them."""
+    where they go, if there is room for them; ``bare``: what an item has fewer of than others is left unwritten."""
     n_node, n_all = weights.size, directions.size
     second = pad_to_strips(what.stokes * n_node)
     third = second + pad_to_strips(what.stokes * n_out)
     rows = third + pad_to_strips(what.stokes * (n_all - n_node - n_out))
     if phi is None:
-        phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare=True)
+        phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare)
     counts, factors = (
         session.empty((what.room, 2), np.int32),
         compute_wigner_factors(session, what.items, what.order, what.n_term),

@@ -11,7 +11,7 @@ real share_of(real row_mu, real column_mu)
     return 0.5 * column_mu * mu / (mu + fabs(column_mu));
 }
 
-// What all lanes of a piece have, added up, to the first of them; shelf: room for one of each.
+// What all lanes of a piece have, added up, to all of them; shelf: room for one of each.
 real sum_of_lanes(real mine, __local real* shelf)
 {
     shelf[LANE] = mine;
@@ -20,6 +20,7 @@ real sum_of_lanes(real mine, __local real* shelf)
         if (LANE < apart)
             shelf[LANE] += shelf[LANE + apart];
     }
+    TOGETHER
     const real found = shelf[0];
     TOGETHER
     return found;
@@ -34,7 +35,7 @@ __kernel void signed_phi(int rows, INTS counts, STACK(phi), STACK(H), INTS items
     const real sign = column < number_of_columns(counts, item, 0) ? 1.0 : -1.0;
     phi = OF_ITEM(phi) + (long)column * phi_ld;
     H = OF_ITEM(H) + (long)column * H_ld;
-    SPREAD(i, 0, rows)
+    SPREAD(i, 0, H_ld)
         H[i] = sign * phi[i];
 }
 

@@ -175,6 +175,8 @@ void mix_strip(int strip, bool starting, bool symmetric, int n, const real* shar
     }
     for (int k = 0; k < 2 * own; k++)
         PUT(R, k) = mixed(share, led + place, led_1 + place, led_2 + place, k);
+    if (own == n)  // off the nodes there may be more rows than signed_mu has
+        return;
     const real4 ones = 1.0, mu_top = AT(signed_mu, 2 * strip), mu_low = AT(signed_mu, 2 * strip + 1);
     const real4 signs_top = mu_top < 0.0 ? -ones : ones, signs_low = mu_low < 0.0 ? -ones : ones;
     for (int j = own; j < n; j += 4)

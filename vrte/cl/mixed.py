@@ -69,7 +69,7 @@ def prepare_endless(session: Session, given: Sequence[Any]) -> Prepared:
     items, order, material, members, coefficients, terms, albedo, *rest = upload_all(session, given)
     what = Scattering(items, order, material, members, coefficients, terms, albedo)
     asked = Asked(what, *rest)
-    columns = compute_parity_columns(session, what, asked.directions, asked.weights, asked.n_off)
+    columns = compute_parity_columns(session, what, asked.directions, asked.weights, asked.n_off, bare=False)
     n_node = asked.weights.size
     nodes = make_sheet(session, what, columns, 0, asked.directions, 0, n_node)
     off = make_sheet(session, what, columns, 1, asked.directions, n_node, asked.n_off)
