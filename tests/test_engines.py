@@ -193,10 +193,11 @@ def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: Session) -> None:
     from vrte.discrete_ordinates.execution.engines import opencl as engine
 
+    opened = opencl.in_form("gpu")
     for name in ("over a base", "endless"):
         expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)
         with monkeypatch.context() as patch:
-            patch.setattr(engine, "open_session", lambda: opencl.in_form("gpu"))
+            patch.setattr(engine, "open_session", lambda precision="double": opened.in_precision(precision))
             found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
         close(found.mueller, expected.mueller, 1e-9)
 
