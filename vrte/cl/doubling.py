@@ -1,6 +1,7 @@
 """Impedance doubling of many slabs in one call, `double_one` of core/doubling.pxi on a device."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from vrte.cl.extended import (
     take_row,
 )
 from vrte.cl.matrices import STRIP, upload_stack
-from vrte.cl.session import Session
+from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
 
 # How far Zo Ze of an endless slab is from 1 before the last doubling, which squares that.
@@ -74,14 +75,14 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class Slabs:
-    """R and T of every item, lost (item, n) and info (item,) on the device; residual (item, 2) and doublings (item,)
-    come down as numbers."""
+    """R and T of every item, lost (item, n) and info (item,) on the device; residual (item, 2), yet to be read;
+    doublings (item,)."""
 
     R: Extended
     T: Extended
     lost: Any
     info: Any
-    residual: Array
+    residual: Reading
     doublings: NDArray[np.int32]
 
 
@@ -168,7 +169,7 @@ class Doubling:
             self.double_endless(steepest, stop)
             self.reflect_and_transmit(R, T, lost)
         self.clear_slabs(T, lost)
-        residual = np.zeros((self.count, 2))
+        residual = Reading((), partial(np.zeros, (self.count, 2)))
         if self.doubled.any() and not stop[0]:
             for half, target in ((0.5, self.a), (-0.5, self.b)):  # alpha and beta of what adds a thin layer
                 self.algebra.combine(self.doubled, 0.5, self.e, target, half, self.f)
@@ -202,7 +203,8 @@ class Doubling:
             h[active] *= 2.0
             self.straight(TANH, active, h, self.Ze, self.Zo)
             self.carry(active & carried, h)
-            self.session.finish()
+            if self.session.form == "cpu":  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
+                self.session.finish()
         late = self.finite & ~carried
         self.algebra.product(late, 1.0, self.Zo, self.Ze, self.a)
         self.complement(late, h)
@@ -356,7 +358,7 @@ class Doubling:
         add(spare.ON, T.NI, R.OI)
         self.algebra.launch("divide_by_rates", chosen, s, self.rate_OO, self.rate_II, R.data, columns=s.r)
 
-    def invariance(self, R: Extended, T: Extended) -> Array:
+    def invariance(self, R: Extended, T: Extended) -> Reading:
         """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative, (item,
         2): beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R)."""
         algebra, doubled, finite = self.algebra, self.doubled, self.finite
@@ -376,20 +378,24 @@ class Doubling:
         multiply(finite, T_, alpha, z, -1.0, 1.0)
         multiply(finite, y, R_, z, -1.0, 1.0)
         missing.append(largest(finite, z))
-        download = self.session.download
-        return self.relative([download(found) for found in missing], [download(found) for found in sizes])
+        known = self.items.thickness, self.doubled, finite, self.session.faintest
+        return Reading((*missing, *sizes), partial(find_relative_residual, *known))
 
-    def relative(self, missing: list[Array], sizes: list[Array]) -> Array:
-        """R counts relative to the light that it meets, T to itself; 0 where there is nothing."""
-        residual = np.zeros((self.count, 2))
-        of_alpha, met, of_beta, of_T = sizes
-        with np.errstate(divide="ignore", invalid="ignore"):
-            largest = of_alpha * np.minimum(1.0, self.items.thickness * of_alpha)
-            largest = np.maximum(np.maximum(met, of_beta), largest)
-            residual[:, 0] = np.where(largest > 0.0, missing[0] / largest, 0.0)
-            residual[:, 1] = np.where(self.finite & (of_T > self.session.faintest), missing[1] / of_T, 0.0)
-        residual[~self.doubled] = 0.0
-        return residual
+
+def find_relative_residual(
+    thickness: Array, doubled: BoolArray, finite: BoolArray, faintest: float, *sizes: Array
+) -> Array:
+    """Of what R and T miss, (item,) each, and the sizes of alpha, of what R meets, of beta and of T, (item, 2): R's
+    relative to the light that it meets, T's to itself; 0 where there is nothing."""
+    residual = np.zeros((thickness.size, 2))
+    R_misses, T_misses, of_alpha, met, of_beta, of_T = sizes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        largest = of_alpha * np.minimum(1.0, thickness * of_alpha)
+        largest = np.maximum(np.maximum(met, of_beta), largest)
+        residual[:, 0] = np.where(largest > 0.0, R_misses / largest, 0.0)
+        residual[:, 1] = np.where(finite & (of_T > faintest), T_misses / of_T, 0.0)
+    residual[~doubled] = 0.0
+    return residual
 
 
 @stand_in_for(_core.double_slabs)
@@ -411,7 +417,8 @@ def double_slabs(session: Session, crew: Crew, given: Any) -> None:
     given.R[:], given.T[:] = (download_blocks(session, matrix).reshape(*shape, -1) for matrix in (found.R, found.T))
     given.lost[:] = session.download(found.lost).reshape(given.lost.shape)
     given.info[:] = session.download(found.info).reshape(shape)
-    given.residual[:], given.doublings[:] = found.residual.reshape(*shape, 2), found.doublings.reshape(shape)
+    (residual,) = session.read([found.residual])
+    given.residual[:], given.doublings[:] = residual.reshape(*shape, 2), found.doublings.reshape(shape)
 
 
 def download_blocks(session: Session, matrix: Extended) -> Array:

@@ -1,6 +1,7 @@
 """Slabs joined by the star product, (2:8), and the field between them: core/joining.pxi for many at once."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from vrte.basics.running import Crew
 from vrte.cl.doubling import Frame, compute_householder_vector, upload_blocks
 from vrte.cl.extended import Algebra, Extended, make_row_stack, take_row
 from vrte.cl.matrices import Stack, make_stack, upload_stack
-from vrte.cl.session import Session
+from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
 
 MOST_KEPT = 1 << 23  # doubles of what was brought from the slabs of every place
@@ -44,13 +45,14 @@ class Piles:
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """up, down (item, level, r, o), flux (item, level, 2, r) and info (item,) on the device; residual (item, place)."""
+    """up, down (item, level, r, o), flux (item, level, 2, r) and info (item,) on the device; residual (item, place),
+    yet to be read."""
 
     up: Any
     down: Any
     flux: Any
     info: Any
-    residual: Array
+    residual: Reading
 
 
 def turn_ground(
@@ -210,14 +212,11 @@ class Joining:
         self.missing[place] = algebra.largest(self.all, vector), size
         return G, g
 
-    def residual(self) -> Array:
+    def residual(self) -> Reading:
         """What each joint's system misses, relative, (item, place)."""
-        found = np.zeros((self.count, self.places))
-        for place, pair in self.missing.items():
-            missing, size = (self.session.download(a) for a in pair)
-            lit = size > self.session.faintest
-            found[:, place] = np.where(lit, missing / np.where(lit, size, 1.0), 0.0)
-        return found
+        arrays = [array for pair in self.missing.values() for array in pair]
+        shape, places, faintest = (self.count, self.places), list(self.missing), self.session.faintest
+        return Reading(arrays, partial(find_relative_misses, shape, places, faintest))
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:
         """out = x M + beta out, rows of order 0."""
@@ -318,6 +317,15 @@ class Joining:
                     self.algebra.blend(self.piles.turned, -size, take_row(light, self.sizes.axis), to)
 
 
+def find_relative_misses(shape: tuple[int, int], places: list[int], faintest: float, *sizes: Array) -> Array:
+    """(item, place) of what the joints at some places miss and of their sizes, (item,) each in turn; 0 elsewhere."""
+    found = np.zeros(shape)
+    for place, missing, size in zip(places, sizes[::2], sizes[1::2], strict=True):
+        lit = size > faintest
+        found[:, place] = np.where(lit, missing / np.where(lit, size, 1.0), 0.0)
+    return found
+
+
 @stand_in_for(_core.join_slabs)
 def join_slabs(session: Session, crew: Crew, given: Any) -> None:
     """Fills up, down, flux, residual and info."""
@@ -336,4 +344,4 @@ def join_slabs(session: Session, crew: Crew, given: Any) -> None:
     given.info[:] = session.download(found.info)
     if not crew.stop[0]:
         up[:], given.down[:], given.flux[:] = (session.download(a) for a in (found.up, found.down, found.flux))
-    given.residual[:] = found.residual
+    (given.residual[:],) = session.read([found.residual])

@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -101,6 +101,14 @@ class DeviceArray(Placed):
         """The same numbers in another shape."""
         assert math.prod(shape) == self.size
         return DeviceArray(self.data, shape, self.dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is ``made`` on the host of arrays of a device, once they are read."""
+
+    arrays: Sequence[DeviceArray]
+    made: Callable[..., Any]
 
 
 @dataclass(eq=False)
@@ -233,14 +241,25 @@ class Session:
 
     def download(self, values: DeviceArray) -> Any:
         """A copy of the device's array, in doubles; waits for whatever it comes from."""
+        return self.download_all([values])[0]
+
+    def download_all(self, arrays: Sequence[DeviceArray]) -> list[Any]:
+        """Copies of arrays of the device, in doubles; waits once, for the last."""
         import pyopencl
 
         self._check_process()
-        found = np.empty(values.shape, values.dtype)
-        if found.nbytes:
-            pyopencl.enqueue_copy(self.queue, found, values.data)
-            self.count_read(found.nbytes)
-        return found.astype(np.float64) if found.dtype == np.float32 else found
+        found = [np.empty(each.shape, each.dtype) for each in arrays]
+        full = [(copy, each) for copy, each in zip(found, arrays, strict=True) if copy.nbytes]
+        coming = [pyopencl.enqueue_copy(self.queue, copy, each.data, is_blocking=False) for copy, each in full]
+        if coming:
+            coming[-1].wait()
+            self.count_read(sum(copy.nbytes for copy, _ in full))
+        return [copy.astype(np.float64) if copy.dtype == np.float32 else copy for copy in found]
+
+    def read(self, readings: Sequence[Reading]) -> list[Any]:
+        """What each makes of its arrays; the host waits once for all of them."""
+        found = iter(self.download_all([array for reading in readings for array in reading.arrays]))
+        return [reading.made(*(next(found) for _ in reading.arrays)) for reading in readings]
 
     def count_read(self, size: int) -> None:
         """Puts down that the host has waited for so many bytes."""

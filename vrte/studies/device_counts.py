@@ -7,7 +7,7 @@ matrix once; tests hold them to what the arrays of real launches weigh.
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -280,8 +280,8 @@ def name_arguments(text: str) -> dict[str, list[str]]:
 
 @dataclass(frozen=True)
 class Event:
-    """What the host asked for: "launch" of a kernel ``name``, "read", "put" or "fill" of ``bytes``, "wait", or nothing
-    ("host"); ``host``: seconds of the host's processor since the event before; ``groups`` of so many ``lanes``."""
+    """What the host asked for: "launch" of a kernel ``name``, "read", "put" or "fill" of ``bytes``, "wait", a "call"
+    that takes the device no time, or nothing ("host"); ``host``: seconds of the host's processor since the event before; ``groups`` of so many ``lanes``."""
 
     what: str
     host: float
@@ -322,14 +322,16 @@ class Recorder(Session):
         super().count_read(size)
         self.note("read", bytes=size)
 
-    def download(self, values: DeviceArray) -> Any:
-        """Waits for an array."""
+    def download_all(self, arrays: Sequence[DeviceArray]) -> list[Any]:
+        """Waits for arrays: one read of all their bytes, and a call for each but the last, whose copy is waited for."""
+        for _ in arrays[1:]:
+            self.note("call")
         if self.weighing:
-            self.kept.append(super().download(values))
-            return self.kept[-1].copy()
-        self.place += 1
-        self.count_read(values.nbytes)
-        return self.kept[self.place - 1].copy()
+            self.kept.append(super().download_all(arrays))
+        else:
+            self.place += 1
+            self.count_read(sum(each.nbytes for each in arrays))
+        return [copy.copy() for copy in self.kept[-1 if self.weighing else self.place - 1]]
 
     def finish(self) -> None:
         """Waits for all."""

@@ -105,6 +105,8 @@ def predict_run(machine: Machine, events: Sequence[Event], scale: float = 1.0, h
             kernels[event.name] = kernels.get(event.name, 0.0) + seconds
         elif event.what == "fill":
             seconds, limit = machine.launch + scale * event.bytes / machine.bandwidth, "filling"
+        elif event.what == "call":
+            continue
         elif event.what in ("wait", "host"):
             now = max(now, ready)
             continue

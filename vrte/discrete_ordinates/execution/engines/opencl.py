@@ -26,7 +26,7 @@ from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.precision import choose_precision
-from vrte.cl.session import Session, Traffic
+from vrte.cl.session import Reading, Session, Traffic
 from vrte.discrete_ordinates.execution.engines.device_sums import add_up, note_stage
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Light, Sum
@@ -79,13 +79,20 @@ def run_alone(stage: Callable[..., None], opened: Session, *arguments: Any, **na
 class Found:
     """What items of a sort are, one behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) on the device,
     ``shape`` that; incoming (n_col,): the largest element of each column; factors (n_out, S): what kernels are to be
-    multiplied with; flux (item, n_tau, 2, n_in, n_col); residuals by name, (item,); singular (item,): above 0 where a
-    matrix was."""
+    multiplied with; its `Numbers`, yet to be read."""
 
     kernels: Any
     shape: tuple[int, ...]
     incoming: Array
     factors: Array
+    numbers: Reading
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """Of the same items: flux (item, n_tau, 2, n_in, n_col); residuals by name, (item,); singular (item,): above 0
+    where a matrix was."""
+
     flux: Array
     residuals: dict[str, Array]
     singular: Array
@@ -184,16 +191,17 @@ class Device:
         for piece in pieces:
             sorts.setdefault(make_sort_key(piece), []).append(piece)
         found = self.find(list(sorts.values()), run)
-        seen = look_at(self.session, found)
+        seen, *numbers = self.session.read([look_at(self.session, found), *(part.numbers for part in found)])
         answers: dict[int, Answer] = {}
-        for some, part, (largest, brightest) in zip(sorts.values(), found, seen, strict=True):
+        for some, part, told_of, (largest, brightest) in zip(sorts.values(), found, numbers, seen, strict=True):
             first = 0
             for piece in some:
                 items = slice(first, first + piece.orders.size)
-                doubts = find_doubts(piece, part, items, self.session.precision)
+                doubts = find_doubts(piece, told_of, items, self.session.precision)
                 light = largest[items], brightest[first]
                 first = items.stop
-                answers[id(piece)] = make_empty_answer(doubts) if doubts else make_answer(piece, part, items, *light)
+                full = (piece, part, told_of, items, *light)
+                answers[id(piece)] = make_empty_answer(doubts) if doubts else make_answer(*full)
         return [answers[id(piece)] for piece in pieces]
 
     def find(self, sorts: list[list[Piece]], run: Run) -> list[Found]:
@@ -277,18 +285,23 @@ def count_matrix_bytes(piece: Piece) -> float:
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
-def look_at(opened: Session, solved: Sequence[Found]) -> list[tuple[Array, Array]]:
+def look_at(opened: Session, solved: Sequence[Found]) -> Reading:
     """Of each sort of pieces the largest of each item at each depth for each beam, and I in the brightest column per
     unit of what comes in, (item, n_tau, n_in); one look for all."""
     sizes = [math.prod(found.shape[:3]) for found in solved]
-    room, first, seen = opened.empty((2 * sum(sizes),)), 0, []
+    room, first = opened.empty((2 * sum(sizes),)), 0
     for found, size in zip(solved, sizes, strict=True):
         items, levels, n_in, n_col, n_mu, stokes = found.shape
         rows = int(np.count_nonzero(found.factors.any(axis=1)))
         shape = levels, n_in, n_col, n_mu, rows, stokes, int(np.argmax(found.incoming))
         opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, room, first, first + size)
         first += 2 * size
-    light, first = opened.download(room), 0
+    return Reading([room], partial(share_light, solved, sizes))
+
+
+def share_light(solved: Sequence[Found], sizes: Sequence[int], light: Array) -> list[tuple[Array, Array]]:
+    """Of what a look saw each sort's, which is half as many numbers of each kind as its size."""
+    first, seen = 0, []
     for found, size in zip(solved, sizes, strict=True):
         both = float(np.abs(found.factors).max()) * light[first : first + 2 * size].reshape(2, *found.shape[:3])
         seen.append((both[0], both[1] / max(float(found.incoming.max()), 1e-300)))
@@ -296,7 +309,7 @@ def look_at(opened: Session, solved: Sequence[Found]) -> list[tuple[Array, Array
     return seen
 
 
-def find_doubts(piece: Piece, found: Found, items: slice, precision: str) -> dict[int, str]:
+def find_doubts(piece: Piece, found: Numbers, items: slice, precision: str) -> dict[int, str]:
     """What is wrong with the orders of a piece, solved in a precision; all of them are in doubt, or none."""
     allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
     if precision == "single" and piece.name != IN_DOUBLES:
@@ -312,15 +325,15 @@ def find_doubts(piece: Piece, found: Found, items: slice, precision: str) -> dic
     return first | {order: "solved together with others in doubt" for order in orders if order not in first}
 
 
-def make_answer(piece: Piece, found: Found, items: slice, largest: Array, brightest: Array) -> Answer:
+def make_answer(piece: Piece, found: Found, numbers: Numbers, items: slice, largest: Array, brightest: Array) -> Answer:
     """What a group's items are to a piece."""
     block, orders, shape = piece.block, piece.orders, found.shape[1:]
     kernels = sums.make_dense_kernels(found.kernels.data, (orders.size, *shape), items.start * int(np.prod(shape)))
     stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
     light = Light(orders, stokes, columns, kernels, found.factors)
     everywhere = orders.size, piece.problem.level.size, largest.shape[2]  # light of the top alone has one depth
-    residuals = {name: values[items] for name, values in found.residuals.items()}
-    flux = found.flux[items.start].swapaxes(0, 1)
+    residuals = {name: values[items] for name, values in numbers.residuals.items()}
+    flux = numbers.flux[items.start].swapaxes(0, 1)
     return Answer(light, flux, np.broadcast_to(largest, everywhere), brightest, residuals, {})
 
 
@@ -395,22 +408,22 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
         shape = (piles.slab.shape[0], pile.interface.size, problem.mu0.size, problem.columns.shape[0])
         directions = pieces[0].problem.mu_out.size, len(problem.stokes)
         kernels = find_leaving_light(opened, batch, joint, (*shape, *directions))
-        residuals, info = find_worst_of_items(batch, slabs.residual), opened.download(slabs.info)
-        singular = np.maximum(find_worst_of_items(batch, info)[:, 0], opened.download(joint.info))
-        flux = opened.download(joint.flux).reshape(*shape[:2], 2, *shape[2:])
-    return Found(
-        kernels,
-        (*shape, *directions),
-        np.abs(problem.columns).max(axis=1),
-        np.ones(directions),
-        flux,
-        {
+    measured = slabs.residual.arrays, joint.residual.arrays
+
+    def make_numbers(slab_info: Array, info: Array, flux: Array, *sizes: Array) -> Numbers:
+        of_slabs, of_joints = sizes[: len(measured[0])], sizes[len(measured[0]) :]
+        residuals = find_worst_of_items(batch, slabs.residual.made(*of_slabs))
+        singular = np.maximum(find_worst_of_items(batch, slab_info)[:, 0], info)
+        allowed = {
             "residual_of_reflection": residuals[:, 0],
             "residual_of_transmission": residuals[:, 1],
-            "residual_of_joints": joint.residual.max(axis=1),
-        },
-        singular,
-    )
+            "residual_of_joints": joint.residual.made(*of_joints).max(axis=1),
+        }
+        return Numbers(flux.reshape(*shape[:2], 2, *shape[2:]), allowed, singular)
+
+    numbers = Reading((slabs.info, joint.info, joint.flux, *measured[0], *measured[1]), make_numbers)
+    incoming = np.abs(problem.columns).max(axis=1)
+    return Found(kernels, (*shape, *directions), incoming, np.ones(directions), numbers)
 
 
 def find_first_rows(piece: Piece, size: int) -> IntArray:
@@ -535,21 +548,25 @@ def solve_by_invariance(
             problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
             directions = problem.mu_out.size, len(problem.stokes)
             shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
-            flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
-            if (orders == 0).any():
-                nodal = opened.download(light.on_nodes)
-                flux[:, 0, 0] = np.concatenate([find_flux_up(problem, each) for each in nodal])
             factors = np.zeros(directions)
             factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
             incoming = np.abs(problem.columns).max(axis=1)
-            found.append(Found(light.up.reshape(shape), shape, incoming, factors, flux, {}, np.zeros(shape[0])))
-        residual: dict[int, Array] = {}
-        for one, light in zip(found, made, strict=True):  # those of all sorts may lie in one array
-            if id(light.residual) not in residual:
-                residual[id(light.residual)] = opened.download(light.residual)
-            items = slice(light.first, light.first + one.shape[0])
-            one.residuals["residual_of_invariance"] = residual[id(light.residual)][items]
+            arrays = [light.residual, *([light.on_nodes] if (orders == 0).any() else [])]
+            numbers = Reading(arrays, partial(find_endless_numbers, problem, shape, light.first))
+            found.append(Found(light.up.reshape(shape), shape, incoming, factors, numbers))
     return found
+
+
+def find_endless_numbers(
+    problem: Problem, shape: tuple[int, ...], first: int, residual: Array, *nodal: Array
+) -> Numbers:
+    """Of layers without end: the items of all sorts may lie in one array of residuals, these begin at ``first``; light
+    on the nodes where one of them is order 0."""
+    flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
+    for light in nodal:
+        flux[:, 0, 0] = np.concatenate([find_flux_up(problem, each) for each in light])
+    residuals = {"residual_of_invariance": residual[first : first + shape[0]]}
+    return Numbers(flux, residuals, np.zeros(shape[0]))
 
 
 def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
