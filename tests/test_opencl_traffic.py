@@ -1,12 +1,13 @@
 """How often a solve on a device launches kernels and waits for what they found."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
-from vrte.cl.session import Session, Traffic
+from vrte.cl.session import Reading, Session, Traffic
 from vrte.discrete_ordinates.execution.engines import device_sums
 from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.studies.cases import find_scene
@@ -89,6 +90,31 @@ def test_few_launches_and_reads_of_thick_gold(either_form: Any, monkeypatch: pyt
     launches, reads = THICK[either_form.form]
     assert found.launches < launches
     assert found.reads < reads
+
+
+def test_doubling_reads_twice_a_group(either_form: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Norms, and what it ends with, of each block of Fourier orders; the host does not wait after a step on a GPU."""
+    layer = vrte.Layer(vrte.rayleigh(), 0.9, 5.0)
+    found = count_traffic(either_form, monkeypatch, vrte.Scene([layer]), "doubling", 4, 2)
+    assert found.launches < 800  # 753, of four groups
+    assert found.reads <= 9
+
+
+def test_arrays_are_read_in_one_wait(opencl: Any) -> None:
+    before = Traffic(**vars(opencl.traffic))
+    halves = Reading([opencl.upload(np.arange(3.0)), opencl.upload(np.arange(5.0))], lambda a, b: a.sum() + b.sum())
+    nothing = Reading([opencl.empty((0,))], lambda a: a.size)
+    assert opencl.read([halves, nothing, Reading((), lambda: "none")]) == [13.0, 0, "none"]
+    assert opencl.traffic.since(before).reads == 1
+
+
+@pytest.mark.slow
+def test_few_reads_of_gold_by_doubling(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    gold = find_scene("gold")
+    scene = replace(gold, layers=[replace(gold.layers[0], thickness=5.0)])
+    found = count_traffic(opencl, monkeypatch, scene, "doubling", 40, 20)
+    assert found.launches < 1600
+    assert found.reads < 20
 
 
 @pytest.mark.slow  # compiles for long

@@ -15,9 +15,18 @@ typedef struct {
     int x##_r_stride
 #define EXTENDED_AT(x, item) { x + (item) * stride, x##_OO + (item) * (long)x##_o_stride, x##_II + (item) * (long)x##_r_stride }
 
-// c = alpha a b: added to the product through the nodes is light that goes on straight. Pieces: columns, items.
+// What is not scattered: tanh(h/mu) (kind 0), 1/cosh^2(h/mu) (kind 1), exp(-h/mu) (kind 2) or 0 (kind 3).
+real straight_light(int kind, real x)
+{
+    const real fading = exp(-2.0 * x);
+    return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * fading / ((1.0 + fading) * (1.0 + fading)) : kind == 2 ? exp(-x) : 0.0;
+}
+
+// c = alpha a b + gamma 1: added to the product through the nodes is light that goes on straight; its OO and II are the
+// products of those, or where there is an h, what `straight_light` makes of it. Pieces: columns, items.
 SHARED
-__kernel void add_straight(SIZES, real alpha, EXTENDED(a), EXTENDED(b), EXTENDED(c), INTS items)
+__kernel void add_straight(SIZES, real alpha, EXTENDED(a), EXTENDED(b), EXTENDED(c), real gamma, int kind,
+                           __global const real* h, IN rate_OO, IN rate_II, INTS items)
 {
     const int j = get_group_id(0);
     const long item = items[get_group_id(1)];
@@ -29,12 +38,14 @@ __kernel void add_straight(SIZES, real alpha, EXTENDED(a), EXTENDED(b), EXTENDED
     TOGETHER
     SPREAD(i, 0, o)
         to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
+    if (j < n && LANE == 0 && gamma != 0.0)
+        to[j] += gamma;
     if (j > 0)
         return;
     SPREAD(i, 0, o)
-        C.OO[i] = alpha * A.OO[i] * B.OO[i];
+        C.OO[i] = h ? straight_light(kind, h[item] * rate_OO[i]) : alpha * A.OO[i] * B.OO[i] + gamma;
     SPREAD(i, 0, r)
-        C.II[i] = alpha * A.II[i] * B.II[i];
+        C.II[i] = h ? straight_light(kind, h[item] * rate_II[i]) : alpha * A.II[i] * B.II[i] + gamma;
 }
 
 // c = factor[item] alpha a + beta b + gamma 1, a being that of item from_item[item]; factor and from_item may be absent.
@@ -63,7 +74,7 @@ __kernel void combine(SIZES, __global const real* factor, real alpha, EXTENDED(a
 }
 
 // Before the rest of an inverse is made by products: b's ON = -ON/OO, NI = -NI/II, and of a, whose N is inverted, NI = 0,
-// OI <- -OI/(OO II). Pieces: columns, items.
+// OI <- -OI/(OO II); b's OO = 1/OO, II = 1/II. Pieces: columns, items.
 SHARED
 __kernel void prepare_inverse(SIZES, EXTENDED(a), EXTENDED(b), INTS items)
 {
@@ -72,6 +83,12 @@ __kernel void prepare_inverse(SIZES, EXTENDED(a), EXTENDED(b), INTS items)
     const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item);
     __global real* column = A.M + (long)j * ld;
     __global real* to = B.M + (long)j * ld;
+    if (j == 0) {
+        SPREAD(i, 0, o)
+            B.OO[i] = 1.0 / A.OO[i];
+        SPREAD(i, 0, r)
+            B.II[i] = 1.0 / A.II[i];
+    }
     if (j < n) {
         SPREAD(i, 0, o)
             to[p + i] = -column[p + i] / A.OO[i];
@@ -84,17 +101,6 @@ __kernel void prepare_inverse(SIZES, EXTENDED(a), EXTENDED(b), INTS items)
     }
     SPREAD(i, 0, o)
         column[p + i] *= -straight / A.OO[i];
-}
-
-// OO <- 1/OO, II <- 1/II. Pieces: items.
-SHARED
-__kernel void invert_straight(SIZES, EXTENDED(a), INTS items)
-{
-    const Extended A = EXTENDED_AT(a, (long)items[get_group_id(0)]);
-    SPREAD(i, 0, o)
-        A.OO[i] = 1.0 / A.OO[i];
-    SPREAD(i, 0, r)
-        A.II[i] = 1.0 / A.II[i];
 }
 
 // E or F with its incident and outgoing directions: the sources with the other sign, no OI. matrix (n, n), G (o, n) and
@@ -180,13 +186,7 @@ __kernel void diagonal_gap(SIZES, int axis, INTS skip, EXTENDED(a), OUT gap, INT
         gap[item] = found;
 }
 
-// What is not scattered: tanh(h/mu) (kind 0), 1/cosh^2(h/mu) (kind 1), exp(-h/mu) (kind 2) or 0 (kind 3). Pieces: items.
-real straight_light(int kind, real x)
-{
-    const real fading = exp(-2.0 * x);
-    return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * fading / ((1.0 + fading) * (1.0 + fading)) : kind == 2 ? exp(-x) : 0.0;
-}
-
+// OO and II alone. Pieces: items.
 SHARED
 __kernel void go_straight(SIZES, int kind, IN h, IN rate_OO, IN rate_II, EXTENDED(a), INTS items)
 {

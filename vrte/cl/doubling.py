@@ -194,14 +194,14 @@ class Doubling:
             if stop[0]:
                 return
             active: BoolArray = self.finite & (left > step)
-            self.algebra.product(active, 1.0, self.Zo, self.Ze, self.a)
             now = active & ~carried & (2.0 * h > _core.COMPLEMENTED)
+            whole = not now.any()  # L at once; C is made of what it is without the 1
+            self.algebra.product(active, 1.0, self.Zo, self.Ze, self.a, gamma=float(whole))
             self.complement(now, h)
             carried |= now
-            self.double(active)
-            self.mirror(active)
             h[active] *= 2.0
-            self.straight(TANH, active, h, self.Ze, self.Zo)
+            self.double(active, whole, (TANH, self.session.constant(h), self.e))
+            self.mirror(active)
             self.carry(active & carried, h)
             if self.session.form == "cpu":  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
                 self.session.finish()
@@ -209,13 +209,14 @@ class Doubling:
         self.algebra.product(late, 1.0, self.Zo, self.Ze, self.a)
         self.complement(late, h)
 
-    def double(self, active: BoolArray) -> None:
-        """Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1 where `a` holds L - 1; leaves L^-1 in it."""
-        self.algebra.combine(active, 1.0, self.a, self.a, gamma=1.0)
-        self.algebra.invert(active, self.a, self.spare)
-        self.algebra.product(active, 2.0, self.a, self.Zo, self.b)
+    def double(self, active: BoolArray, whole: bool = False, straight: tuple[int, Any, Extended] | None = None) -> None:
+        """Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1 where `a` holds L - 1, or the ``whole`` L; leaves L^-1 in it."""
+        if not whole:
+            self.algebra.combine(active, 1.0, self.a, self.a, gamma=1.0)
+        self.a, self.spare = self.algebra.invert(active, self.a, self.spare)
+        self.algebra.product(active, 2.0, self.a, self.Zo, self.b, straight=straight)
         self.Zo, self.b = self.algebra.replace(active, self.Zo, self.b)
-        self.algebra.product(active, 2.0, self.Ze, self.a, self.b)
+        self.algebra.product(active, 2.0, self.Ze, self.a, self.b, straight=straight)
         self.Ze, self.b = self.algebra.replace(active, self.Ze, self.b)
 
     def mirror(self, active: BoolArray) -> None:
@@ -238,8 +239,8 @@ class Doubling:
     def carry(self, chosen: BoolArray, h: Array) -> None:
         """C <- (C L^-1)^2."""
         self.algebra.product(chosen, 1.0, self.C, self.a, self.b)
-        self.algebra.product(chosen, 1.0, self.b, self.b, self.C)
-        self.straight(COMPLEMENT, chosen, h, self.C)
+        straight = COMPLEMENT, self.session.constant(h), self.e
+        self.algebra.product(chosen, 1.0, self.b, self.b, self.C, straight=straight)
 
     def rational_start(self, h: Array) -> None:
         """Ze = E f, Zo = f F with f = tanh(h sqrt A)/sqrt A, A = F E, which `a` holds."""
@@ -254,12 +255,12 @@ class Doubling:
             algebra.combine(items, 1.0, self.Ze, power)
             algebra.combine(items, 1.0, above, above, up, power)
             algebra.combine(items, 1.0, below, below, down, power)
-        algebra.invert(items, below, power)
+        below, power = algebra.invert(items, below, power)
         algebra.combine(items, 1.0, above, above, factor=self.session.constant(h))
         algebra.product(items, 1.0, below, above, z)
-        algebra.product(items, 1.0, self.e, z, self.Ze)
-        algebra.product(items, 1.0, z, self.f, self.Zo)
-        self.straight(TANH, self.finite, h, self.Ze, self.Zo)
+        straight = TANH, self.session.constant(h), self.e
+        algebra.product(items, 1.0, self.e, z, self.Ze, straight=straight)
+        algebra.product(items, 1.0, z, self.f, self.Zo, straight=straight)
 
     def double_endless(self, steepest: Array, stop: NDArray[np.int32]) -> None:
         """Ze and Zo of slabs without end, where Zo Ze = 1, by scaled doublings: before each, both are multiplied by
@@ -298,7 +299,7 @@ class Doubling:
         row."""
         algebra, finite, endless = self.algebra, self.finite, self.endless
         algebra.combine(self.doubled, 1.0, self.Ze, self.a, gamma=1.0)
-        algebra.invert(self.doubled, self.a, self.spare)
+        self.a, self.spare = algebra.invert(self.doubled, self.a, self.spare)
         thick: BoolArray = finite & (self.items.thickness > _core.THICK)
         thin: BoolArray = finite & ~thick
         for chosen, twice in ((endless, 2.0), (finite, 1.0)):
@@ -308,7 +309,7 @@ class Doubling:
         algebra.combine(endless, 1.0, R, R, gamma=1.0)
         algebra.product(finite, 1.0, self.C, self.a, self.b)
         algebra.combine(finite, 1.0, self.Zo, self.a, gamma=1.0)
-        algebra.invert(finite, self.a, self.spare)
+        self.a, self.spare = algebra.invert(finite, self.a, self.spare)
         algebra.product(finite, 1.0, self.a, self.b, T)
         algebra.combine(thick, 1.0, R, R, -1.0, self.a, 1.0)
         algebra.product(thin, 1.0, self.Zo, self.a, self.b)

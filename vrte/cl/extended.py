@@ -1,6 +1,6 @@
 """Matrices with their incident and outgoing directions, (p + o) rows and (n + r) columns: see doubling.cl."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -141,12 +141,25 @@ class Algebra:
         """a <- a^-1."""
         invert(self.session, self.where(chosen), a, self.rest, self.pivots, self.info)
 
-    def product(self, chosen: BoolArray, alpha: float, a: Extended, b: Extended, c: Extended) -> None:
-        """c = alpha a b; c is neither a nor b."""
+    def product(
+        self,
+        chosen: BoolArray,
+        alpha: float,
+        a: Extended,
+        b: Extended,
+        c: Extended,
+        gamma: float = 0.0,
+        straight: tuple[int, Any, Extended] | None = None,
+    ) -> None:
+        """c = alpha a b + gamma 1; c is neither a nor b; ``straight``: kind, h (item,) and rates of
+        `go_straight`, where c's OO and II are to be those."""
         s = self.sizes
         whole = c.part(0, 0, s.ld, s.columns)
         self.multiply(chosen, a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns), whole, alpha)
-        self.launch("add_straight", chosen, s, alpha, a, b, c, columns=self.sizes.columns)
+        kind, h, rate = straight or (NOTHING, None, c)
+        self.launch(
+            "add_straight", chosen, s, alpha, a, b, c, gamma, kind, h, rate.OO, rate.II, columns=self.sizes.columns
+        )
 
     def combine(
         self,
@@ -164,17 +177,17 @@ class Algebra:
         arguments = self.sizes, factor, alpha, a, places, beta, c if b is None else b, gamma, c
         self.launch("combine", chosen, *arguments, columns=self.sizes.columns)
 
-    def invert(self, chosen: BoolArray, a: Extended, spare: Extended) -> None:
-        """a <- a^-1."""
+    def invert(self, chosen: BoolArray, a: Extended, spare: Extended) -> tuple[Extended, Extended]:
+        """a^-1 in the place of a, with the OO and II of `spare`, and what is free now."""
         s = self.sizes
         self.invert_stack(chosen, a.N)
         if s.o + s.r == 0:
-            return
+            return a, spare
         self.launch("prepare_inverse", chosen, s, a, spare, columns=s.columns)
         self.multiply(chosen, spare.ON, a.N, a.ON)
         whole = a.part(0, s.n, s.p + s.o, s.r)
         self.multiply(chosen, a.part(0, 0, s.p + s.o, s.n), spare.NI, whole, beta=1.0)
-        self.launch("invert_straight", chosen, s, a)
+        return replace(a, OO=spare.OO, II=spare.II), replace(spare, OO=a.OO, II=a.II)
 
     def go_straight(self, chosen: BoolArray, kind: int, h: Any, rate: Extended, a: Extended) -> None:
         """OO and II of light that is not scattered, over h."""

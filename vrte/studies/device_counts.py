@@ -233,7 +233,6 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "invariance_results": weigh_results,
         "invariance_step_gpu": weigh_step,
         "invert_gpu": weigh_inverse,
-        "invert_straight": weigh_rows(2.0, ROOT, "r", "o"),
         "largest_light": weigh_largest,
         "largest_size": weigh_rows(1.0, 1.0, "n"),
         "lead_straight": weigh_columns(2.0, 1.0),
@@ -281,7 +280,8 @@ def name_arguments(text: str) -> dict[str, list[str]]:
 @dataclass(frozen=True)
 class Event:
     """What the host asked for: "launch" of a kernel ``name``, "read", "put" or "fill" of ``bytes``, "wait", a "call"
-    that takes the device no time, or nothing ("host"); ``host``: seconds of the host's processor since the event before; ``groups`` of so many ``lanes``."""
+    that takes the device no time, or nothing ("host"); ``host``: seconds of the host's processor since the event
+    before; ``groups`` of so many ``lanes``."""
 
     what: str
     host: float
