@@ -251,7 +251,8 @@ class TestFromAScene:
         assert run("brdf", tmp_path / "haze.toml", "-o", out, *command, "--mitsuba-step-deg", 15) == 0
         assert f"Mitsuba's table: {errors}" in capsys.readouterr().out
         call, line = read_tensors(tmp_path / "call.bsdf"), read_tensors(tmp_path / "line.bsdf")
-        np.testing.assert_array_equal(call["M"], line["M"])
+        # to rounding: the spectra are the same bits, SciPy 1.14's matrices of splines are not always
+        np.testing.assert_allclose(call["M"], line["M"], rtol=0.0, atol=1e-15)
         assert call["M"].shape == (13, 7, 7, 5, 4, 4)
         assert call["wvls"].tolist() == [450, 500, 550, 600, 650]
         text = call["description"].tobytes().decode("utf-8")
