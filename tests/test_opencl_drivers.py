@@ -165,7 +165,7 @@ class TestTrial:
             assert device.find_chosen_device().platform != platform.strip()
         else:
             assert output.err.splitlines()[-1].startswith("vrte: error: no OpenCL device compiles kernels")
-            assert output.err.endswith(f"{device.INSTALL}\n")
+            assert device.INSTALL in output.err.splitlines()[-1]
 
     @pytest.mark.parametrize("name", ["OUT_OF_RESOURCES", "DEVICE_NOT_AVAILABLE"])
     def test_a_device_that_fails_midway(self, name: str, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
