@@ -1,5 +1,7 @@
 """Slabs by partial fractions of tanh, beside modes and doubling, from thin to thick and at grazing directions."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,23 @@ def test_scatterings_are_what_doubling_finds(albedo: float, thickness: float) ->
     ):
         np.testing.assert_allclose(mine, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max() + 1e-12 * once)
     assert found.residuals["residual_of_scatterings"].max() < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("thickness", "mu0", "nodes"),
+    [(6e-4, 0.3, 30), (3e-3, 3e-5, 28), (0.1, 2e-5, 25), (1.4, 1e-4, 14), (2.5, 3e-4, 13)],
+)
+def test_thin_slabs_and_grazing_beams_keep_the_accuracy(thickness: float, mu0: float, nodes: int) -> None:
+    """Relative to the largest I at each face, of which the lower one has little where a grazing beam ends on top."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, thickness)])
+    mu = np.array([-1.0, -0.3, -0.01, 0.01, 0.3, 1.0])
+    asked: dict[str, Any] = {"mu": mu, "phi": [0.0, 50.0], "tau": [0.0, thickness], "nodes": nodes, "accuracy": 1e-9}
+    found, right = (vrte.radiance(scene, mu0, **asked, algorithm=each) for each in ("auto", "doubling"))
+    assert "scatterings" in found.diagnostics["orders_by"]
+    largest = right.stokes[..., 0].max(axis=(1, 2))
+    assert (np.abs(found.stokes - right.stokes).max(axis=(1, 2, 3)) < 1e-9 * largest).all()
+    np.testing.assert_allclose(found.flux_up, right.flux_up, rtol=1e-9)
+    np.testing.assert_allclose(found.flux_down, right.flux_down, rtol=1e-9)
 
 
 def sum_by_definition(problem: Problem, order: int) -> np.ndarray:

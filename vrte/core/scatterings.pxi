@@ -2,7 +2,9 @@
 # core/fractions.pxi, u = f(A) v needs x_k = (A + p_k)^-1 v, and (1 + E f(A)) v = beam. E and F being diagonal but for
 # phi psi^T, all that one scattering has to know of the field are its moments a_k = psi_e^T x_k, c_k = psi_f^T E x_k and
 # psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
-# the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F).
+# the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F). Lengths
+# are counted in half thicknesses and psi_e^T v times the constant fraction, so that moments of slabs and beams of any
+# size are as large as their light: one tolerance is right for all.
 
 cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
 
@@ -13,7 +15,7 @@ def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles):
     columns = 3 * n_all * n_term + n_all + g * (4 * n + o + 2 * into)
     half = g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
     return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (
-        n + o) + 2 * poles
+        n + o)
 
 
 cdef struct Scatterings:
@@ -58,7 +60,7 @@ cdef struct Rows:
 cdef struct Half:
     # of one parity: g moments, those of the other kind first, so many; k = poles + 1 columns of them, that of v first
     int g, other, poles, k
-    double constant
+    double depth, constant  # half the thickness; 1/mu is counted in it
     given place, weight  # (poles,): p and its share
     doubles back         # (n, g): [D psi_f, psi_e], to the moments
     doubles mixing       # (other, g - other): psi_f^T phi_e
@@ -71,7 +73,7 @@ cdef inline void fill_rows(Rows* rows, const Half* half, given mu, int n_mu, int
     cdef int i, k
     cdef double rate, total, gap
     for i in range(rows.n):
-        rate = 1.0 / mu[i // stokes]
+        rate = half.depth / mu[i // stokes]
         rows.rate[i] = rate
         rows.start[i] = half.constant
     for k in range(half.poles):
@@ -95,8 +97,6 @@ cdef void pass_to(const Half* half, given moments, given first) noexcept nogil:
             to[i] -= first[i]
     for i in range(f):
         to[i] = 0.0
-    for i in range(f, g):
-        to[i] *= half.constant
     for k in range(half.poles):
         for i in range(f, g):
             to[i] += half.weight[k] * to[<size_t>(k + 1) * g + i]
@@ -134,6 +134,8 @@ cdef void scatter_once(const Half* half, given moments, doubles found) noexcept 
             0.0, found, half.g)
     for i in range(half.other):
         found[i] = 0.0
+    for i in range(half.other, half.g):
+        found[i] *= half.constant
 
 
 cdef inline void meet(size_t size, int count, given basis, given vector, double* shares) noexcept nogil:
@@ -209,16 +211,16 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
     cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
     cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
-    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo[layer],
+    cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
+    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[layer],
                                  t.coefficients + <size_t>6 * layer * t.n_term)
     cdef doubles prt = desk.work, scale = prt + <size_t>3 * t.n_all * t.n_term, memory = scale + t.n_all
     cdef doubles phi[2]
     cdef doubles psi[2]
     cdef doubles phi_out[2]
     cdef doubles psi_in[2]
-    cdef doubles phi_in, place, weight, moments, first, v
+    cdef doubles phi_in, moments, first, v
     cdef int width[2]
-    cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
     cdef Half half
     t.residual[at] = 0.0
     if terms <= m or x.albedo == 0.0:
@@ -243,12 +245,9 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
         times_coefficients(&x, kind, 1.0, into, phi_in, psi_in[kind])
     g = width[0] + width[1]
     gk = g * K
-    place, weight = memory, memory + poles
-    for k in range(poles):
-        place[k], weight[k] = t.place[k] / (h * h), t.share[k] / h
-    half.g, half.poles, half.k, half.constant = g, poles, K, t.constant * h
-    half.place, half.weight = place, weight
-    half.back = weight + poles
+    half.g, half.poles, half.k, half.depth, half.constant = g, poles, K, h, t.constant
+    half.place, half.weight = t.place, t.share
+    half.back = memory
     half.mixing = half.back + <size_t>n * g
     half.given_to = half.mixing + <size_t>width[0] * width[1]
     half.nodes.n, half.outside.n = n, o
@@ -276,20 +275,20 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
             for i in range(n):
                 half.back[<size_t>j * n + i] = half.nodes.rate[i] * psi[1 - kind][<size_t>j * n + i]
             for i in range(o):
-                half.outside.lead[<size_t>j * o + i] = half.outside.rate[i] * phi_out[1 - kind][<size_t>j * o + i]
+                half.outside.lead[<size_t>j * o + i] = half.outside.rate[i] / h * phi_out[1 - kind][<size_t>j * o + i]
         for j in range(width[kind]):
             for i in range(n):
                 half.nodes.lead[<size_t>(other + j) * n + i] = half.nodes.rate[i] * phi[kind][<size_t>j * n + i]
             for i in range(o):
                 rate = half.outside.rate[i]
-                half.outside.lead[<size_t>(other + j) * o + i] = rate * rate * phi_out[kind][<size_t>j * o + i]
+                half.outside.lead[<size_t>(other + j) * o + i] = rate * rate / h * phi_out[kind][<size_t>j * o + i]
         product(b"T", b"N", other, width[kind], n, 1.0, psi[1 - kind], n, phi[kind], n, 0.0, half.mixing, other)
         for column in range(r):
             beam = column // t.n_col
-            rate = 1.0 / mu0[beam]
+            rate = h / mu0[beam]
             start = half.constant
             for k in range(poles):
-                start += weight[k] / (rate * rate + place[k])
+                start += half.weight[k] / (rate * rate + half.place[k])
             start = 1.0 / (1.0 + rate * start)
             for j in range(g):
                 total = 0.0
@@ -299,14 +298,16 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
                         psi_in[kind][<size_t>(j - other) * into + i])
                     total += gap * t.columns[(column % t.n_col) * stokes + s]
                 first[j] = start * total
-            total = start * start
+            total = half.constant * half.constant
             for k in range(poles):
-                gap = 1.0 / (rate * rate + place[k])
-                total += start * start * gap * gap * (1.0 + rate * rate)
+                gap = 1.0 / (rate * rate + half.place[k])
+                total += gap * gap * (1.0 + rate * rate)
                 for j in range(g):
                     first[(k + 1) * g + j] = gap * first[j] * (rate if j < other else 1.0)
             set_zero(other, first)
-            total = x.albedo * sqrt(total)
+            for j in range(other, g):
+                first[j] *= half.constant
+            total = x.albedo * start * sqrt(total)
             if find_moments(&half, first, t.tolerance * total, moments, memory, &change) != 0:
                 return 1
             largest = max(largest, change / total)
