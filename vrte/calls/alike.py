@@ -42,14 +42,22 @@ def make_alike_request(request: Request, scene: Scene) -> Request | None:
 def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress | None) -> dict[int, Brdf]:
     """The BRDFs of those that can be solved with others, by their places among requests that differ in their scenes
     alone."""
-    if len(requests) < FEWEST or not is_shared_request(requests[0]):
-        return {}
     batches = sort_into_batches(requests)
     if not batches:
         return {}
     run = make_run(requests[0])
     run = Run(requests[0].threads or run.threads, kernels=run.kernels) if run.brief else run
     run.told = told
+    return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
+
+
+def solve_batches(
+    requests: Sequence[Request],
+    batches: Sequence[tuple[Likeness, list[int]]],
+    run: Run,
+    progress: Progress | None = None,
+) -> dict[int, Brdf]:
+    """Those of all batches, by their places, in this thread and the others of a run."""
     found: dict[int, Brdf] = {}
 
     def tell(done: int) -> None:
@@ -59,20 +67,19 @@ def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress
     def solve_one(batch: tuple[Likeness, list[int]], own: Run) -> None:
         found.update(solve_batch(requests, *batch, own))
 
-    def solve() -> None:
-        try:
-            with keep_to_one_thread():
-                run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
-            tell(len(batches))
-        finally:
-            run.send_home()
-
-    run_interruptible(run, solve)
+    try:
+        with keep_to_one_thread():
+            run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
+        tell(len(batches))
+    finally:
+        run.send_home()
     return found
 
 
 def sort_into_batches(requests: Sequence[Request]) -> list[tuple[Likeness, list[int]]]:
     """Places of scenes of one likeness, so many that they fit into the caches; those with most orders first."""
+    if len(requests) < FEWEST or not is_shared_request(requests[0]):
+        return []
     first = requests[0]
     assert first.nodes is not None
     alike: dict[Likeness, list[int]] = {}

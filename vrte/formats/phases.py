@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, make_start, read_keys
@@ -63,6 +63,13 @@ def expand_file(
     return found
 
 
+@lru_cache(maxsize=16)
+def make_by_name(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, Any], ...]) -> PhaseMatrix:
+    """The phase matrix of a row and the values of its keys, remembered for each ``layer``: one whose matrix is shared
+    with another adds up its light in another order."""
+    return PHASES[name].make(**dict(values))
+
+
 TERMS = Whole("terms", needed=False, limits=(1, MOST_TERMS))
 PHASES: dict[str, PhaseRow] = {
     "isotropic": PhaseRow("isotropic scatterers", optics.isotropic, {}),
@@ -113,7 +120,7 @@ def read_phase(layer: Table, reading: Reading) -> PhaseMatrix:
         return read_phase_table(layer, reading)
     row = PHASES.get(value) if isinstance(value, str) else None
     if row is not None and not any(key.needed for key in row.keys.values()):
-        return row.make()
+        return make_by_name(value, layer.place, ())
     if not isinstance(value, str) or not value.endswith(TABLE):
         hint = suggest_nearest(value, PHASES) if isinstance(value, str) else ""
         raise layer.wrong("phase", f"must be {describe_phases()}{hint}")
@@ -129,4 +136,6 @@ def read_phase_table(layer: Table, reading: Reading) -> PhaseMatrix:
         raise layer.wrong("phase", f"must be {describe_phases()}")
     values = read_keys(PHASES[names[0]].keys, table, reading)
     with locate_errors((*table.place, names[0])):
-        return PHASES[names[0]].make(**values)
+        if names[0] == "table":  # remembered while its file is as it was
+            return read_angles(**values)
+        return make_by_name(names[0], layer.place, tuple(values.items()))

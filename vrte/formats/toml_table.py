@@ -188,7 +188,7 @@ class Table:
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
         """The word at ``key``, one of ``choices``."""
         value = self.content.get(key)
-        hint = suggest_nearest(value, choices) if isinstance(value, str) else ""
+        hint = suggest_nearest(value, choices) if isinstance(value, str) and value not in choices else ""
         allowed = " or ".join(f'"{word}"' for word in choices) + hint
         return str(self.right(key, allowed, lambda value: isinstance(value, str) and value in choices))
 

@@ -16,6 +16,7 @@ from vrte.basics.arrays import put_in_one_line
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
 from vrte.basics.running import Run, run_interruptible
+from vrte.calls.alike import make_alike_request, solve_batches, sort_into_batches
 from vrte.calls.brdfs import solve_together
 from vrte.calls.side_by_side import Share, share_cores
 from vrte.formats.scene_file import make_scene_file
@@ -121,9 +122,17 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
 def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
 
+    first: dict[str, Request] = {}  # by options, which axes may change, as nothing else that is asked
+
     def asked_at(place: tuple[int, ...]) -> Question:
         found = make_scene_at(work.sweep, place, work.optics)
-        return found if isinstance(found, Sample) else make_scene_request(found, backend)
+        if isinstance(found, Sample):
+            return found
+        options = repr(found.options)
+        alike = make_alike_request(first[options], found.scene) if options in first else None
+        request = alike or make_scene_request(found, backend)
+        first.setdefault(options, request)
+        return request
 
     asked = [try_call(partial(asked_at, place)) for place in places]
     questions = [one for one in asked if not isinstance(one, Exception)]
@@ -148,7 +157,8 @@ def describe_failure(error: Exception) -> str:
 
 
 def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
-    """Scenes one after another on the processor, each on as many threads as there are to spare then."""
+    """Small scenes that are alike together, others one after another on the processor, each on as many threads as there
+    are to spare then."""
 
     def one(request: Question) -> Outcome:
         if isinstance(request, Sample):
@@ -158,7 +168,31 @@ def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
         run.stop = stop
         return make_result(request, *solve_request(request, run))
 
-    return lambda requests: [try_call(partial(one, request)) for request in requests]
+    def solve(questions: Sequence[Question]) -> list[Outcome]:
+        found = solve_alike_questions(questions, stop)
+        return [
+            found[place] if place in found else try_call(partial(one, each)) for place, each in enumerate(questions)
+        ]
+
+    return solve
+
+
+def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int, Outcome]:
+    """Those of a chunk that can be solved with others, by their places; none of a batch where anything is wrong: solved
+    by itself, each tells its own error."""
+    groups: dict[int, list[tuple[int, Request]]] = {}
+    for place, each in enumerate(questions):
+        if isinstance(each, Request):  # those that differ in their scenes alone share their directions
+            groups.setdefault(id(each.mu0), []).append((place, each))
+    found: dict[int, Outcome] = {}
+    for group in groups.values():
+        places, requests = zip(*group, strict=True)
+        for batch in sort_into_batches(requests):
+            run = Run(1, kernels=make_run(requests[0]).kernels, stop=stop)  # one thread: warnings are heard in it alone
+            some = try_call(partial(solve_batches, requests, [batch], run))
+            if not isinstance(some, Exception):
+                found.update({places[k]: result for k, result in some.items()})
+    return found
 
 
 def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
