@@ -115,11 +115,13 @@ def has_nanodisort() -> bool:
     return importlib.util.find_spec("nanodisort") is not None
 
 
-MEMORY = """
+PEAK = """
 def peak():
     line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
     return int(line.split()[1]) / 1024.0
 
+"""
+MEMORY = """
 vrte.brdfs(make_scenes(64), mu, mu, phi, nodes=16, threads=2)
 scenes = make_scenes(int(sys.argv[3]))
 before = peak()
@@ -132,7 +134,42 @@ def test_memory_is_flat() -> None:
     """Peak memory beside the results, of 200, 800 and 3 200 scenes, a process each: at most 40 MB, however many."""
     beside = []
     for count in ("200", "800", "3200"):
-        asked = [sys.executable, "-c", SCENES + MEMORY, "rayleigh-1", "1", count]
+        asked = [sys.executable, "-c", SCENES + PEAK + MEMORY, "rayleigh-1", "1", count]
         beside.append(float(subprocess.run(asked, capture_output=True, check=True, text=True).stdout))
     print(f"\nmemory beside the results of 200, 800, 3 200 scenes: {np.round(beside, 1).tolist()} MB")
     assert max(beside) <= 40.0
+
+
+TEN_THOUSAND = """
+def solve(count):
+    scenes = make_scenes(count)
+    before, begin, start = peak(), time.process_time(), time.perf_counter()
+    results = vrte.brdfs(scenes, mu, mu, phi, nodes=16, threads=2)
+    print((time.perf_counter() - start) / count, flush=True)
+    print((time.process_time() - begin) / count, flush=True)
+    return peak() - before - sum(one.mueller.nbytes for one in results) / 2**20
+"""
+ALONE_BUSY = ALONE.replace("perf_counter", "process_time")
+
+
+def test_ten_thousand_scenes() -> None:
+    """In one call, beside calls one by one before and after it, in seconds of a processor; memory beside the 1 GB of
+    results: what is kept of each scene, 5 kB."""
+    many = Worker(SCENES + PEAK + TEN_THOUSAND + SERVE, "rayleigh-1", "1")
+    assert [many.answer() for _ in range(2)][-1] == "ready\n"  # after both times of the scenes that it begins with
+    alone = [Worker(SCENES + ALONE_BUSY + SERVE, "rayleigh-1", seed) for seed in "23"]
+    taken = []
+    for turn in range(2):
+        for worker in alone:
+            worker.begin("400")
+        taken += [worker.seconds() for worker in alone]
+        if turn == 0:
+            many.begin("10000")
+            wall, busy, beside = many.seconds(), many.seconds(), many.seconds()
+    for worker in (many, *alone):
+        worker.end()
+    ratio = min(taken) / busy
+    print(f"\n10 000 scenes: {1.0 / wall:.0f} a second, {1.0 / busy:.0f} a second of a processor, ", end="")
+    print(f"{ratio:.2f} times calls one by one, {beside:.1f} MB beside")
+    assert ratio >= HELD
+    assert beside <= 60.0
