@@ -43,16 +43,15 @@ def test_no_thread_without_a_job() -> None:
     assert "helpers" not in vars(run)
 
 
-def test_told_in_the_thread_that_called_and_up_to_the_end() -> None:
-    run, told = Run(2), []
-    run_jobs(
-        run,
-        [lambda own: hold(0.005, 0)] * 6,
-        lambda done: told.append((threading.current_thread() is threading.main_thread(), done)),
-    )
-    assert all(here for here, _ in told)
-    assert [done for _, done in told] == sorted({done for _, done in told})
-    assert told[-1][1] <= 6
+def test_told_in_the_thread_that_called_up_to_the_last_job_of_any_thread() -> None:
+    run, told, together = Run(2), [], threading.Barrier(2, timeout=10.0)
+
+    def job(own: Run) -> int:
+        together.wait()
+        return hold(0.0 if threading.current_thread() is threading.main_thread() else 0.1, 0)
+
+    run_jobs(run, [job] * 2, lambda done: told.append((threading.current_thread() is threading.main_thread(), done)))
+    assert told == [(True, 1), (True, 2)]
     run.send_home()
 
 

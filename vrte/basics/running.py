@@ -160,16 +160,18 @@ def run_jobs(
     workers = min(run.threads, len(jobs))
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}
-    places, done = iter(range(len(jobs))), []
+    places, done, said = iter(range(len(jobs))), [], 0
     runs = [change_fields(run, threads=1, stages={}) for _ in range(workers)]
 
     def work(own: Run) -> None:
+        nonlocal said
         for place in places:
             try:
                 found[place] = jobs[place](own)
                 done.append(place)
                 if own is runs[0]:
-                    told(len(done))
+                    said = len(done)
+                    told(said)
             except BaseException as error:
                 failed[place] = error
                 for _ in places:  # nobody begins another
@@ -179,6 +181,8 @@ def run_jobs(
     work(runs[0])
     for each in others:
         each.result()
+    if not failed and said < len(jobs):  # the last one was another thread's
+        told(len(jobs))
     for own in runs:
         for name, clock in own.stages.items():
             run.book(name, clock["wall_seconds"] / workers, clock["thread_seconds"])

@@ -70,7 +70,6 @@ def solve_batches(
     try:
         with keep_to_one_thread():
             run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
-        tell(len(batches))
     finally:
         run.send_home()
     return found
