@@ -668,3 +668,14 @@ def test_a_depth_beyond_a_face_by_rounding_lies_on_it(illuminate: str) -> None:
     for far in (0.6 + 1e-14, -1e-14):
         with pytest.raises(vrte.SceneError, match=r"tau must lie between 0 and the total optical thickness 0\.6"):
             vrte.radiance(scene, 0.6, tau=far, nodes=4)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_progress_ends_at_its_end_where_orders_turn_out_not_to_matter(threads: int) -> None:
+    told: list[tuple[int, int]] = []
+    gold, mu = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4), np.linspace(0.05, 1.0, 20)
+    scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
+    found = vrte.brdf(scene, mu, mu, [0.0, 90.0], nodes=16, threads=threads, progress=lambda *at: told.append(at))
+    assert found.diagnostics["orders"] < told[-1][1] - 1, "otherwise there is nothing to see here"
+    assert told[-1][0] == told[-1][1]
+    assert told == sorted(told)

@@ -154,6 +154,8 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
                 if pair := tasks[piece.place].cut(piece, solved[id(piece)]):
                     take_answers(engine, tasks, [pair], run)
             steps.reach(before + sum(task.steps for task in tasks))
+        if steps.progress is not None:  # orders that turned out not to matter are done with, too
+            steps.reach(before + sum(block.orders.size for plan in plans for block in plan.blocks))
         targets = [make_target(plan) for plan in plans]
         lit = [(target, task.lights) for target, task in zip(targets, tasks, strict=True)]
         parts = fill_results(lit, engine, run, steps.ahead)
