@@ -45,7 +45,7 @@ def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
 
 
 def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
-    """(b) the benchmark's seven depths, 20 x 3 directions, 30 nodes; the target is 0.5 x the floor."""
+    """(b) the benchmark's seven depths, 20 x 3 directions, 30 nodes; the target is 0.4 x the floor."""
     mu = np.concatenate([np.linspace(0.1, 1.0, 10), -np.linspace(0.1, 1.0, 10)])
     ratio = against_floor(
         lambda: vrte.radiance(
@@ -60,7 +60,7 @@ def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
         ),
         eigenproblems(spheroids, 30, 12),
     )
-    assert ratio <= 0.5
+    assert ratio <= 0.4
 
 
 def test_table_3_by_doubling(gold: vrte.Scene, against_floor: Measure) -> None:

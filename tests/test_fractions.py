@@ -12,8 +12,11 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.fractions import (
     STEEPEST,
+    STEEPEST_INSIDE,
     Faces,
+    Tangent,
     find_tangent,
+    fit_depths,
     reflect_by_fractions,
     scatter_by_fractions,
 )
@@ -29,10 +32,11 @@ ORDERS = np.array([0, 1, 4, 9], np.int32)
 MU_OUT = np.array([0.02, 0.4, 1.0, -0.02, -0.4, -1.0])
 
 
-def discretise(albedo: float, thickness: float, nodes: int = 6) -> Problem:
-    """Two beams, one of them grazing, all incident Stokes columns; light wanted at both faces."""
+def discretise(albedo: float, thickness: float, nodes: int = 6, share: tuple[float, ...] = (0.0, 1.0)) -> Problem:
+    """Two beams, one of them grazing, all incident Stokes columns; light wanted at both faces, or at shares of the
+    thickness."""
     scene = vrte.Scene([vrte.Layer(spheroids(), albedo, thickness)])
-    return discretise_scene(scene, np.array([0.05, 0.7]), np.eye(4), MU_OUT, np.array([0.0, thickness]), nodes)
+    return discretise_scene(scene, np.array([0.05, 0.7]), np.eye(4), MU_OUT, thickness * np.array(share), nodes)
 
 
 @pytest.mark.parametrize("largest", [1e-3, 3.0, 70.0, 700.0, STEEPEST])
@@ -42,6 +46,28 @@ def test_they_add_up_to_tanh(largest: float) -> None:
     sums = tangent.constant + (tangent.share / np.add.outer(x * x, tangent.place)).sum(axis=1)
     assert np.abs(sums * x / np.tanh(x) - 1.0).max() < 1e-10
     assert min(tangent.place.min(), tangent.share.min(), tangent.constant) > 0.0
+
+
+@pytest.mark.parametrize("largest", [1e-3, 3.0, 70.0, 700.0, STEEPEST_INSIDE])
+def test_they_add_up_to_light_at_all_depths(largest: float) -> None:
+    """cosh(z x)/cosh(x) and sinh(z x)/(x cosh(x)), the latter of tanh(x)/x, and tanh itself."""
+    depths, x = np.array([-0.999, -0.5, 0.0, 1e-3, 0.7]), np.geomspace(1e-6, largest, 997)
+    tangent, (even, odd) = fit_depths(largest, depths)
+    terms = np.hstack([np.ones((x.size, 1)), 1.0 / np.add.outer(x * x, tangent.place)])
+    zx, size = np.outer(x, depths), 2.0 / (1.0 + np.exp(-2.0 * x))[:, None]
+    fade = np.exp(np.abs(zx) - x[:, None]) * size  # e^|z x| / cosh(x)
+    np.testing.assert_allclose(terms @ even.T, 0.5 * fade * (1.0 + np.exp(-2.0 * np.abs(zx))), rtol=0.0, atol=1e-11)
+    shape = (x / np.tanh(x))[:, None]
+    sinh = -0.5 * np.sign(zx) * fade * np.expm1(-2.0 * np.abs(zx)) / x[:, None]
+    np.testing.assert_allclose(terms @ odd.T * shape, sinh * shape, rtol=0.0, atol=1e-11)
+    shares = np.append(tangent.constant, tangent.share)
+    np.testing.assert_allclose(terms @ shares * shape[:, 0], 1.0, rtol=0.0, atol=1e-11)
+
+
+def test_light_inside_of_too_steep_a_slab_is_refused() -> None:
+    """Where the fractions were never held against the functions."""
+    with pytest.raises(AccuracyError, match="at most 1024 half thicknesses over mu"):
+        fit_depths(1.01 * STEEPEST_INSIDE, np.zeros(1))
 
 
 @pytest.mark.parametrize("albedo", [1.0, 0.97, 1e-6])
@@ -59,10 +85,11 @@ def test_they_are_what_doubling_finds(albedo: float, thickness: float) -> None:
 
 @pytest.mark.parametrize("albedo", [1.0, 0.97, 1e-6])
 @pytest.mark.parametrize("thickness", [1e-6, 0.01, 1.0, 4.0])
-def test_scatterings_are_what_doubling_finds(albedo: float, thickness: float) -> None:
-    """Scattering by scattering, relative to the largest of all orders, or to a share of what is scattered once: where
-    that is 1e12 times as much, what is scattered again need not have nine digits."""
-    problem, once = discretise(albedo, thickness), albedo * thickness
+@pytest.mark.parametrize("share", [(0.0, 1.0), (0.7, 1e-3, 1.0, 0.0, 0.5)])
+def test_scatterings_are_what_doubling_finds(albedo: float, thickness: float, share: tuple[float, ...]) -> None:
+    """Scattering by scattering, at faces and inside, relative to the largest of all orders, or to a share of what is
+    scattered once: where that is 1e12 times as much, what is scattered again need not have nine digits."""
+    problem, once = discretise(albedo, thickness, share=share), albedo * thickness
     found, wanted = (route(problem, BLACK, 12, 1e-8).solve(ORDERS, Run(1)) for route in (Scatterings, Doubling))
     for mine, theirs in zip(
         (found.kernels, found.flux_up, found.flux_down), (wanted.kernels, wanted.flux_up, wanted.flux_down), strict=True
@@ -88,12 +115,35 @@ def test_thin_slabs_and_grazing_beams_keep_the_accuracy(thickness: float, mu0: f
     np.testing.assert_allclose(found.flux_down, right.flux_down, rtol=1e-9)
 
 
-def sum_by_definition(problem: Problem, order: int) -> np.ndarray:
-    """(1 + E f(F E))^-1 -+ (1 + F f(E F))^-1 on the nodes, of the beams as nodes without weight, by dense inverses."""
-    matrices, tangent = (
-        assemble(problem, np.array([order], np.int32), Run(1)),
-        find_tangent(0.5 * float(problem.thickness[0]) / float(problem.directions.min())),
-    )
+@pytest.mark.parametrize(
+    ("thickness", "mu0", "nodes", "albedo"),
+    [
+        (6e-4, 0.3, 30, 1.0),
+        (3e-3, 3e-5, 28, 0.9),
+        (2.9, 0.0102, 11, 0.882),
+        (3.7, 0.0079, 27, 1.0),
+        (3.9, 0.07, 27, 6e-4),
+    ],
+)
+def test_depths_keep_the_accuracy(thickness: float, mu0: float, nodes: int, albedo: float) -> None:
+    """Relative to the largest I and the larger flux at each depth, of which the lowest have little."""
+    scene = vrte.Scene([vrte.Layer(spheroids(), albedo, thickness)])
+    mu, tau = np.array([-1.0, -0.3, -0.01, 0.01, 0.3, 1.0]), thickness * np.array([0.93, 1e-4, 0.3, 0.8, 1.0])
+    asked: dict[str, Any] = {"mu": mu, "phi": [0.0, 50.0], "tau": tau, "nodes": nodes, "accuracy": 1e-9}
+    found, right = (vrte.radiance(scene, mu0, **asked, algorithm=each) for each in ("auto", "doubling"))
+    assert "scatterings" in found.diagnostics["orders_by"]
+    largest = right.stokes[..., 0].max(axis=(1, 2))
+    assert (np.abs(found.stokes - right.stokes).max(axis=(1, 2, 3)) < 1e-9 * largest).all()
+    flux = np.maximum(right.flux_up, right.flux_down)
+    assert (np.abs(found.flux_up - right.flux_up) < 1e-9 * flux).all()
+    assert (np.abs(found.flux_down - right.flux_down) < 1e-9 * flux).all()
+
+
+def sum_by_definition(problem: Problem, order: int, tangent: Tangent, inside: np.ndarray) -> np.ndarray:
+    """(C +- E S) (1 + E f(F E))^-1 -+ (C +- F S) (1 + F f(E F))^-1 on the nodes, light up and down, (1 + depth, 2,
+    n_rhs, n), of the beams as nodes without weight, by dense inverses; first what leaves at the faces, 2 for C + E S.
+    ``inside``: as of `fit_depths`."""
+    matrices = assemble(problem, np.array([order], np.int32), Run(1))
     n, r, half = problem.size, problem.n_rhs, 0.5 * float(problem.thickness[0])
     beams = np.kron(np.eye(problem.mu0.size), problem.columns)  # (n_rhs, S n_in)
 
@@ -108,26 +158,43 @@ def sum_by_definition(problem: Problem, order: int) -> np.ndarray:
     E, F = extend(matrices.E[0, 0], matrices.source_d[0, 0]), extend(matrices.F[0, 0], matrices.source_s[0, 0])
     one = np.eye(n + r)
 
-    def reflect(E: np.ndarray, F: np.ndarray) -> np.ndarray:
-        poles = zip(tangent.place, tangent.share, strict=True)
-        tanh = half * (tangent.constant * one + sum(s * np.linalg.inv(half**2 * F @ E + p * one) for p, s in poles))
-        return np.linalg.inv(one + E @ tanh)[:n, n:].T
+    def sum_fractions(A: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        poles = zip(tangent.place, shares[1:], strict=True)
+        found: np.ndarray = shares[0] * one + sum(s * np.linalg.inv(half**2 * A + p * one) for p, s in poles)
+        return found
 
-    even, odd = reflect(E, F), reflect(F, E)
-    return np.array([even - odd, even + odd])
+    def halve(E: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """C v and E S v, (1 + depth, 2, n_rhs, n), v = (1 + E f)^-1 source."""
+        v = np.linalg.inv(one + half * E @ sum_fractions(F @ E, np.append(tangent.constant, tangent.share)))
+        found = [(2.0 * v, np.zeros_like(v))]
+        for even, odd in zip(*inside, strict=True):
+            found.append((sum_fractions(F @ E, even) @ v, half * E @ sum_fractions(F @ E, odd) @ v))
+        return np.array([[each[:n, n:].T for each in pair] for pair in found])
+
+    even, odd = halve(E, F), halve(F, E)
+    up, down = even[:, 0] + even[:, 1] - odd[:, 0] - odd[:, 1], even[:, 0] - even[:, 1] + odd[:, 0] - odd[:, 1]
+    return 0.5 * np.stack([up, down], axis=1)
 
 
 @pytest.mark.parametrize("order", [0, 1, 5])
-@pytest.mark.parametrize("find", ["operators", "scatterings"])
-def test_they_are_what_is_defined(order: int, find: str) -> None:
+def test_they_are_what_is_defined(order: int) -> None:
     """Light on the nodes by inverses of whole matrices, beams among the unknowns."""
     problem, orders = discretise(0.97, 1.0), np.array([order], np.int32)
-    found = (
-        reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
-        if find == "operators"
-        else scatter_by_fractions(problem, orders, 1e-10, Run(1))
-    )
-    np.testing.assert_allclose(found.on_nodes[0, 0], sum_by_definition(problem, order), rtol=0.0, atol=2e-10)
+    tangent = find_tangent(0.5 / float(problem.directions.min()))
+    found = reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
+    wanted = sum_by_definition(problem, order, tangent, np.empty((2, 0, 1)))
+    np.testing.assert_allclose(found.on_nodes[0, 0], wanted[0], rtol=0.0, atol=2e-10)
+
+
+@pytest.mark.parametrize("order", [0, 1, 5])
+def test_scatterings_are_what_is_defined(order: int) -> None:
+    """The same scattering by scattering, at depths too."""
+    problem, orders = discretise(0.97, 1.0, share=(0.3, 0.9)), np.array([order], np.int32)
+    tangent, inside = fit_depths(0.5 / float(problem.directions.min()), np.array([-0.4, 0.8]))
+    found = scatter_by_fractions(problem, orders, 1e-10, Run(1))
+    wanted = sum_by_definition(problem, order, tangent, inside)
+    np.testing.assert_allclose(found.on_nodes[0, 0], wanted[0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(found.on_nodes_inside[0, 0], wanted[1:], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.isotropic(), vrte.henyey_greenstein(0.2, 24)])
@@ -173,16 +240,20 @@ def test_scenes_do_not_see_each_other(find: str) -> None:
 
 
 def test_the_rule_takes_them_where_terms_are_few() -> None:
-    """By choice for light leaving a slab of few terms, and told; not for its inside, its multiples or full digits."""
+    """By choice for light of a slab of few terms, and told; not of thick ones, to full digits, or inside under beams
+    that graze; inside never as operators."""
     problem = discretise(0.9, 1.0)
     assert is_for_fractions(problem, 1e-8)
     assert not is_for_fractions(problem, 1e-12)
-    assert not is_for_fractions(change_fields(problem, level=np.array([0.0, 0.5])), 1e-8)
+    inside = change_fields(problem, level=np.array([0.0, 0.5]))
+    assert is_for_fractions(inside, 1e-8)
+    assert not is_for_fractions(change_fields(inside, directions=np.append(problem.directions, 1e-4)), 1e-8)
     assert not is_for_fractions(discretise(0.9, 30.0), 1e-8)
     few = change_fields(problem, mu0=problem.mu0[:1], directions=problem.directions[:-1], columns=np.eye(4)[:1])
     assert choose_fractions(few, np.arange(12, dtype=np.int32))[0] == "scatterings"
     many = change_fields(problem, mu0=np.tile(problem.mu0, 10), directions=np.tile(problem.directions, 10))
     assert choose_fractions(many, np.arange(12, dtype=np.int32))[0] == "fractions"
+    assert choose_fractions(change_fields(many, level=inside.level), np.arange(12, dtype=np.int32))[0] == "scatterings"
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.97, 1.0)])
     found = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8)
     modes = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8, algorithm="modes")

@@ -160,7 +160,9 @@ def reflect_by_fractions(
     residual: Array,
     info: IntArray,
 ) -> None: ...
-def scatterings_work(n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
+def scatterings_work(
+    n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int, depths: int = ...
+) -> int: ...
 def scatter_by_fractions(
     crew: Crew,
     *,
@@ -177,9 +179,12 @@ def scatter_by_fractions(
     place: Array,
     share: Array,
     constant: float,
+    inside: Array,
     tolerance: float,
     out: Array,
     on_nodes: Array,
+    out_inside: Array,
+    on_nodes_inside: Array,
     residual: Array,
     info: IntArray,
 ) -> None: ...

@@ -4,48 +4,57 @@
 # psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
 # the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F). Lengths
 # are counted in half thicknesses and psi_e^T v times the constant fraction, so that moments of slabs and beams of any
-# size are as large as their light: one tolerance is right for all.
+# size are as large as their light: one tolerance is right for all. At z half thicknesses below the middle the halves are
+# C v = cosh(h z sqrt A)/cosh(h sqrt A) v and E S v, S = sinh(h z sqrt A)/(sqrt A cosh(h sqrt A)): sums over the same x_k.
 
 cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
 
 
-def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles):
+def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles, depths=0):
     """Doubles of scratch memory that one thread of `scatter_by_fractions` needs."""
     g, o, into, k = 4 * n_term, stokes * n_out, stokes * n_in, poles + 1
     columns = 3 * n_all * n_term + n_all + g * (4 * n + o + 2 * into)
     half = g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
     return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (
-        n + o)
+        n + o) + depths * (2 * max(n, o) + g)
 
 
 cdef struct Scatterings:
-    int n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles
+    int n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, n_depth
     given_ints orders, members, terms
-    given coefficients, albedo, thickness, directions, weights, columns, place, share
+    given coefficients, albedo, thickness, directions, weights, columns, place, share, inside
     double constant, tolerance
-    doubles out, on_nodes, residual
+    doubles out, on_nodes, out_inside, on_nodes_inside, residual
 
 
 def scatter_by_fractions(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
                          const int[::1] terms, const double[::1] albedo, const double[::1] thickness,
                          const double[::1] directions, const double[::1] weights, int n_out,
                          const double[:, ::1] columns, const double[::1] place, const double[::1] share,
-                         double constant, double tolerance, double[:, :, :, :, ::1] out,
-                         double[:, :, :, :, ::1] on_nodes, double[:, ::1] residual, int[:, ::1] info):
-    """What `reflect_by_fractions` finds, beam by beam and scattering by scattering.
+                         double constant, const double[:, :, ::1] inside, double tolerance,
+                         double[:, :, :, :, ::1] out, double[:, :, :, :, ::1] on_nodes,
+                         double[:, :, :, :, :, ::1] out_inside, double[:, :, :, :, :, ::1] on_nodes_inside,
+                         double[:, ::1] residual, int[:, ::1] info):
+    """What `reflect_by_fractions` finds, beam by beam and scattering by scattering, and light at depths inside.
 
     Arguments as there, without matrices; tolerance: of the moments, over those of a beam that is scattered evenly.
+    inside (2, depth, 1 + pole): constant and shares of cosh(z x)/cosh(x), then of sinh(z x)/(x cosh(x)), z = -1 at the
+    top and 1 at the bottom, for the same poles; out_inside (order, scene, depth, 2, n_rhs, S n_out), on_nodes_inside
+    (order, scene, depth, 2, n_rhs, n): light up, then down, at these depths, as out and on_nodes.
     residual (order, scene): what one more scattering changes them by, in the same unit; info: 1 where it settles not.
     """
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_layer = <int>albedo.shape[0]
     cdef int n_term = <int>coefficients.shape[1], n_col = <int>columns.shape[0], stokes = <int>members.shape[0]
     cdef int n_in = n_all - n_node - n_out, poles = <int>place.shape[0]
+    cdef int n_depth = <int>inside.shape[1]
     cdef Scatterings task = Scatterings(
-        n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, &orders[0], &members[0], &terms[0],
+        n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, n_depth, &orders[0], &members[0], &terms[0],
         &coefficients[0, 0, 0], &albedo[0], &thickness[0], &directions[0], &weights[0], &columns[0, 0], &place[0],
-        &share[0], constant, tolerance, &out[0, 0, 0, 0, 0], &on_nodes[0, 0, 0, 0, 0], &residual[0, 0])
+        &share[0], &inside[0, 0, 0], constant, tolerance, &out[0, 0, 0, 0, 0], &on_nodes[0, 0, 0, 0, 0],
+        &out_inside[0, 0, 0, 0, 0, 0], &on_nodes_inside[0, 0, 0, 0, 0, 0], &residual[0, 0])
     run_items(crew, scatterings_one, &task, <int>orders.shape[0] * n_layer,
-              scatterings_work(stokes * n_node, n_out, n_in, n_all, n_term, stokes, poles), 0, &info[0, 0])
+              scatterings_work(stokes * n_node, n_out, n_in, n_all, n_term, stokes, poles, n_depth), 0,
+              &info[0, 0])
 
 
 cdef struct Rows:
@@ -138,6 +147,32 @@ cdef void scatter_once(const Half* half, given moments, doubles found) noexcept 
         found[i] *= half.constant
 
 
+cdef void add_inside(const Half* half, const Rows* rows, given moments, given first, given shares, int depths,
+                     double sign, size_t stride, doubles memory, doubles found) noexcept nogil:
+    """Adds (C v + E S v)/2 times `sign` to the light up, (C v - E S v)/2 to that down, depth by depth: found (depth, 2),
+    each n doubles, `stride` apart, of all fractions on the rows; `first` as in `pass_to`, which goes before."""
+    cdef int n = rows.n, g = half.g, f = half.other, K = half.k, count = half.g - half.other, d, i
+    cdef doubles even = memory, odd = memory + <size_t>n * depths, to = odd + <size_t>n * depths, up, down
+    cdef given shares_odd = shares + <size_t>depths * K
+    cdef double share, rate
+    multiply(n, 2 * depths, K, 1.0, rows.made, shares, 0.0, even)
+    product(b"N", b"N", count, depths, half.poles, 1.0, half.given_to + g + f, g, shares_odd + 1, K, 0.0, to, count)
+    for d in range(depths):
+        share = shares_odd[<size_t>d * K] / half.constant
+        for i in range(count):
+            to[d * count + i] += share * (moments[f + i] - (0.0 if first == NULL else first[f + i]))
+        for i in range(n):
+            odd[<size_t>d * n + i] *= rows.rate[i] * rows.rate[i]
+    product(b"N", b"N", n, depths, count, -1.0, rows.lead + <size_t>f * n, n, to, count, 1.0, odd, n)
+    for d in range(depths):
+        up, down = found + 2 * d * stride, found + (2 * d + 1) * stride
+        for i in range(n):
+            rate = 0.5 * odd[<size_t>d * n + i] / rows.rate[i]
+            share = 0.5 * even[<size_t>d * n + i]
+            up[i] += sign * (share + rate)
+            down[i] += share - rate
+
+
 cdef inline void meet(size_t size, int count, given basis, given vector, double* shares) noexcept nogil:
     """shares = basis^T vector."""
     cdef char form = b"T"
@@ -209,7 +244,9 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in
     cdef int poles = t.poles, K = poles + 1, i, j, k, s, kind, g, gk, count, other, column, beam
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
+    cdef int depths = t.n_depth
     cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
+    cdef doubles out_inside = t.out_inside + 2 * at * depths * orr, nodes_inside = t.on_nodes_inside + 2 * at * depths * nr
     cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
     cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
     cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[layer],
@@ -219,10 +256,12 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles psi[2]
     cdef doubles phi_out[2]
     cdef doubles psi_in[2]
-    cdef doubles phi_in, moments, first, v
+    cdef doubles phi_in, moments, first, spare, v
     cdef int width[2]
     cdef Half half
     t.residual[at] = 0.0
+    set_zero(2 * depths * orr, out_inside)
+    set_zero(2 * depths * nr, nodes_inside)
     if terms <= m or x.albedo == 0.0:
         set_zero(2 * orr, out)
         set_zero(2 * nr, on_nodes)
@@ -263,7 +302,8 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     half.outside.made = half.outside.start + o
     first = half.outside.made + <size_t>o * K
     moments = first + gk
-    memory = moments + gk
+    spare = moments + gk
+    memory = spare + <size_t>depths * (2 * max(n, o) + g)
     fill_rows(&half.nodes, &half, t.directions, t.n_node, stokes)
     fill_rows(&half.outside, &half, mu_out, t.n_out, stokes)
     for kind in range(2):               # 0: the even half; 1: the odd one, by E and F exchanged
@@ -312,7 +352,10 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
                 return 1
             largest = max(largest, change / total)
             pass_to(&half, moments, NULL)
-            make_field(&half, &half.nodes, False)
+            make_field(&half, &half.nodes, depths > 0)
+            if depths > 0:
+                add_inside(&half, &half.nodes, moments, NULL, t.inside, depths, 1.0 - 2.0 * kind, nr, spare,
+                           nodes_inside + <size_t>column * n)
             v = half.nodes.made
             for i in range(n):
                 j = column * n + i
@@ -324,7 +367,10 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
             if o == 0:
                 continue
             pass_to(&half, moments, first)
-            make_field(&half, &half.outside, False)
+            make_field(&half, &half.outside, depths > 0)
+            if depths > 0:
+                add_inside(&half, &half.outside, moments, first, t.inside, depths, 1.0 - 2.0 * kind, orr, spare,
+                           out_inside + <size_t>column * o)
             v = half.outside.made
             for i in range(o):
                 j = column * o + i

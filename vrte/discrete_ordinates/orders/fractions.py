@@ -1,4 +1,5 @@
-"""A slab over black ground by partial fractions of tanh: light at its faces, for phase matrices of few terms."""
+"""A slab over black ground by partial fractions, for phase matrices of few terms: of tanh light at its faces, of
+cosh(z x)/cosh(x) and sinh(z x)/cosh(x) light inside."""
 
 import math
 from dataclasses import dataclass
@@ -15,10 +16,12 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 
 STEEPEST = 8192.0  # half a thickness over the lowest mu, up to which fractions are found to FINEST in doubles
+STEEPEST_INSIDE = 1024.0  # the same of light inside: little of a grazing beam gets to depths
 FINEST = 1e-9  # accuracy that they are taken for; they are right to a tenth of it
 PLACES_A_FACTOR = 60  # places a factor of two in x, where the fractions are fitted
 LOWEST = 1e-2  # of them
 EXACT = ((np.arange(2) + 0.5) * np.pi) ** 2  # the lowest poles, which are those of tanh itself
+PLACES_INSIDE, LOW, LADDER = 20, 10, 0.17  # of poles for all depths: places a factor of two, exact ones, their ladder
 SETTLED = 1e-3  # of the accuracy asked for: what moments of the light of an order may be off by
 
 
@@ -71,31 +74,117 @@ def fit_tangent(largest: float) -> Tangent:
     return Tangent(place * largest**2, shares[:-1] * largest**2, float(shares[-1]))
 
 
+def place_poles(largest: float) -> Array:
+    """Poles, (pole,), for light at any depth and x up to ``largest``: the lowest are those of 1/cosh; above these a
+    ladder x/sinh(j LADDER), with which bounded functions, smooth but for negative x^2, converge exponentially."""
+    exact, after = (np.arange(LOW) + 0.5) * np.pi, (LOW + 0.5) * np.pi
+    rungs = round(math.asinh(largest / after) / LADDER)
+    step = math.asinh(largest / after) / max(rungs, 1)
+    found: Array = np.concatenate([exact, largest / np.sinh(step * np.arange(rungs, 0, -1))]) ** 2
+    return found
+
+
+def fit_depths(largest: float, depths: Array) -> tuple[Tangent, Array]:
+    """tanh by the poles for light inside, and constant and shares, (2, depth, 1 + pole), of cosh(z x)/cosh(x) and
+    sinh(z x)/(x cosh(x)) at ``depths`` z from -1 to 1; right to 1e-11, of 1 and of tanh(x)/x. Raises AccuracyError
+    beyond STEEPEST_INSIDE."""
+    if not largest <= STEEPEST_INSIDE:
+        raise AccuracyError(f"light inside is for slabs of at most {STEEPEST_INSIDE:g} half thicknesses over mu")
+    basis = find_basis(2.0 ** max(3, math.ceil(math.log2(largest))))
+    x, z = basis.x[:, None], np.append(depths, 1.0)
+    near, both = np.exp((np.abs(z) - 1.0) * x), 1.0 + np.exp(-2.0 * x)
+    even = near * (1.0 + np.exp(-2.0 * np.abs(z) * x)) / both
+    odd = -np.sign(z) * near * np.expm1(-2.0 * np.abs(z) * x) / both / np.tanh(x)
+    shares = np.array([basis.even.solve(even).T, basis.odd.solve(odd).T])
+    tanh = shares[1, -1]
+    return Tangent(basis.place, np.ascontiguousarray(tanh[1:]), float(tanh[0])), np.ascontiguousarray(shares[:, :-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Least squares by columns of the lengths given, places counted by ``weights``: orthogonal ones (place, column)
+    times a triangle."""
+
+    weights: Array
+    lengths: Array
+    orthogonal: Array
+    triangle: Array
+
+    def solve(self, wanted: Array) -> Array:
+        """Shares, (column, n), of functions (place, n): no inverse, whose rounding the columns would not cancel."""
+        shares = scipy.linalg.solve_triangular(self.triangle, self.orthogonal.T @ (self.weights * wanted))
+        found: Array = shares / self.lengths[:, None]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """A constant and fractions of poles ``place`` (pole,) at places ``x``; the columns of ``odd`` times x/tanh(x)."""
+
+    x: Array
+    place: Array
+    even: Columns
+    odd: Columns
+
+
+@cache
+def find_basis(largest: float) -> Basis:
+    """For x from LOWEST up to ``largest``; errors at steep x, which grazing light meets that has little to lose, count
+    more."""
+    place = place_poles(largest)
+    x = np.geomspace(LOWEST, largest, PLACES_INSIDE * math.ceil(math.log2(largest / LOWEST)))
+    columns = np.hstack([np.ones((x.size, 1)), 1.0 / np.add.outer(x * x, place)])
+
+    weights = np.sqrt(np.maximum(x, 1.0))[:, None]
+
+    def factor(columns: Array) -> Columns:
+        lengths = np.linalg.norm(weights * columns, axis=0)
+        return Columns(weights, lengths, *np.linalg.qr(weights * columns / lengths))
+
+    return Basis(x, place, factor(columns), factor(columns * (x / np.tanh(x))[:, None]))
+
+
 @dataclass(frozen=True, eq=False)
 class Faces:
     """Light that leaves slabs, up at the top and down at the bottom: ``out`` (order, scene, 2, n_rhs, S n_out), times
-    2 pi for a unit beam, ``on_nodes`` (order, scene, 2, n_rhs, n), times sqrt(weight mu); residual (order, scene)."""
+    2 pi for a unit beam, ``on_nodes`` (order, scene, 2, n_rhs, n), times sqrt(weight mu); residual (order, scene).
+    ``out_inside``, ``on_nodes_inside``: light up and down at depths inside, with an axis of them before the 2."""
 
     out: Array
     on_nodes: Array
     residual: Array
+    out_inside: Array
+    on_nodes_inside: Array
 
 
-def prepare_faces(problem: Problem, orders: IntArray) -> tuple[Faces, Tangent, IntArray]:
-    """Room for what is found, the fractions, and info (order, scene)."""
+def find_depths(problem: Problem) -> Array:
+    """Levels in half thicknesses below the middle of their layer, (n_tau,)."""
+    found: Array = 2.0 * problem.level / problem.thickness[problem.level_layer] - 1.0
+    return found
+
+
+def find_steepest(problem: Problem) -> float:
+    """The largest x: half the thickness over the lowest cosine."""
+    return 0.5 * float(problem.thickness.max()) / float(problem.directions.min())
+
+
+def prepare_faces(problem: Problem, orders: IntArray, depths: int) -> tuple[Faces, IntArray]:
+    """Room for what is found, and info (order, scene)."""
     shape, n_rhs = (orders.size, problem.albedo.size), problem.n_rhs
     faces = Faces(
         out=np.empty((*shape, 2, n_rhs, problem.rows_out)),
         on_nodes=np.empty((*shape, 2, n_rhs, problem.size)),
         residual=np.empty(shape),
+        out_inside=np.empty((*shape, depths, 2, n_rhs, problem.rows_out)),
+        on_nodes_inside=np.empty((*shape, depths, 2, n_rhs, problem.size)),
     )
-    tangent = find_tangent(0.5 * float(problem.thickness.max()) / float(problem.directions.min()))
-    return faces, tangent, np.zeros(shape, np.int32)
+    return faces, np.zeros(shape, np.int32)
 
 
 def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Faces:
     """Both faces of every layer, each a scene by itself. Raises AccuracyError where a system is singular."""
-    faces, tangent, info = prepare_faces(problem, orders)
+    faces, info = prepare_faces(problem, orders, 0)
+    tangent = find_tangent(find_steepest(problem))
     with run.timed("fractions") as crew:
         _core.reflect_by_fractions(
             crew,
@@ -129,8 +218,15 @@ def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled
 
 
 def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:
-    """The same for a few beams, without matrices. Raises AccuracyError where scatterings do not settle."""
-    faces, tangent, info = prepare_faces(problem, orders)
+    """The same for a few beams, without matrices, and at levels inside. Raises AccuracyError where scatterings do not
+    settle."""
+    depths = find_depths(problem)
+    depths = depths[np.abs(depths) < 1.0]
+    faces, info = prepare_faces(problem, orders, depths.size)
+    if depths.size:
+        tangent, inside = fit_depths(find_steepest(problem), depths)
+    else:
+        tangent, inside = find_tangent(find_steepest(problem)), np.empty((2, 0, 1))
     with run.timed("fractions") as crew:
         _core.scatter_by_fractions(
             crew,
@@ -147,9 +243,12 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
             place=tangent.place,
             share=tangent.share,
             constant=tangent.constant,
+            inside=inside,
             tolerance=SETTLED * accuracy,
             out=faces.out,
             on_nodes=faces.on_nodes,
+            out_inside=faces.out_inside,
+            on_nodes_inside=faces.on_nodes_inside,
             residual=faces.residual,
             info=info,
         )
@@ -158,25 +257,31 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
     return faces
 
 
-def find_face_kernels(problem: Problem, faces: Faces) -> Array:
-    """(order, n_tau, n_in, n_col, n_out, S): radiance at levels that are faces of the one layer, public frame."""
-    found = faces.out[:, 0].reshape(
-        len(faces.out), 2, problem.mu0.size, len(problem.columns), problem.mu_out.size, len(problem.stokes)
-    )
-    kernels = np.zeros((found.shape[0], problem.level.size, *found.shape[2:]))
-    top, up = np.asarray(problem.level == 0.0), problem.n_up
-    kernels[:, top, ..., :up, :] = found[:, :1, ..., :up, :] * (problem.flip / (2.0 * np.pi))
-    kernels[:, ~top, ..., up:, :] = found[:, 1:, ..., up:, :] / (2.0 * np.pi)
+def gather_levels(problem: Problem, faces: Array, inside: Array) -> Array:
+    """(order, n_tau, 2, n_rhs, row): light up and down at all levels of the one layer; none comes in at a face."""
+    depths = find_depths(problem)
+    found = np.zeros((faces.shape[0], depths.size, *faces.shape[2:]))
+    found[:, depths == -1.0, 0], found[:, depths == 1.0, 1] = faces[:, :1, 0], faces[:, :1, 1]
+    found[:, np.abs(depths) < 1.0] = inside[:, 0]
+    return found
+
+
+def find_kernels(problem: Problem, faces: Faces) -> Array:
+    """(order, n_tau, n_in, n_col, n_out, S): radiance at levels of the one layer, public frame."""
+    found = gather_levels(problem, faces.out, faces.out_inside)
+    shape = (problem.mu0.size, len(problem.columns), problem.mu_out.size, len(problem.stokes))
+    found = found.reshape(*found.shape[:3], *shape)
+    kernels, up = np.empty((*found.shape[:2], *shape)), problem.n_up
+    kernels[..., :up, :] = found[:, :, 0, ..., :up, :] * (problem.flip / (2.0 * np.pi))
+    kernels[..., up:, :] = found[:, :, 1, ..., up:, :] / (2.0 * np.pi)
     return kernels
 
 
-def find_face_fluxes(problem: Problem, orders: IntArray, faces: Faces) -> tuple[Array, Array]:
+def find_fluxes(problem: Problem, orders: IntArray, faces: Faces) -> tuple[Array, Array]:
     """Diffuse flux up and down at the levels, (n_tau, n_in, n_col); 0 without order 0."""
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
-    up, down = np.zeros(shape), np.zeros(shape)
-    if problem.conserves and orders[0] == 0:
-        weight = np.sqrt(problem.weights * problem.nodes)
-        flux = (faces.on_nodes[0, 0, :, :, :: len(problem.stokes)] @ weight).reshape(2, *shape[1:])
-        top = problem.level == 0.0
-        up[top], down[~top] = flux[0], flux[1]
-    return up, down
+    if not (problem.conserves and orders[0] == 0):
+        return np.zeros(shape), np.zeros(shape)
+    found = gather_levels(problem, faces.on_nodes[:1], faces.on_nodes_inside[:1])[0]
+    flux = found[..., :: len(problem.stokes)] @ np.sqrt(problem.weights * problem.nodes)
+    return flux[:, 0].reshape(shape), flux[:, 1].reshape(shape)

@@ -15,8 +15,8 @@ from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.fractions import (
     Faces,
-    find_face_fluxes,
-    find_face_kernels,
+    find_fluxes,
+    find_kernels,
     reflect_by_fractions,
     scatter_by_fractions,
 )
@@ -163,7 +163,7 @@ class Fractions:
 
 
 class Scatterings:
-    """The same for a few beams, scattering by scattering."""
+    """The same for a few beams, scattering by scattering; at depths inside as well."""
 
     name = "scatterings"
     allowed: ClassVar = {"residual_of_scatterings": 1e-9}
@@ -182,9 +182,10 @@ class Scatterings:
 
 
 def collect_faces(problem: Problem, orders: IntArray, faces: Faces, residual: str) -> Orders:
-    """What the faces of one slab say, residuals under their name."""
-    fluxes = find_face_fluxes(problem, orders, faces)
-    return Orders(find_face_kernels(problem, faces), *fluxes, {residual: faces.residual.max(axis=1)})
+    """What was found of one slab, residuals under their name."""
+    return Orders(
+        find_kernels(problem, faces), *find_fluxes(problem, orders, faces), {residual: faces.residual.max(axis=1)}
+    )
 
 
 Route = Modes | Doubling | Invariance | Fractions | Scatterings | Refracting | Surfaced

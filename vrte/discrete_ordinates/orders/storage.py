@@ -23,7 +23,7 @@ def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
-MOST_FRACTIONS = 26  # for the steepest slab that fractions are taken for
+MOST_FRACTIONS, MOST_INSIDE = 26, 35  # for the steepest slabs at whose faces and inside which they are taken
 
 
 def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
@@ -50,9 +50,11 @@ def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
         problem.directions.size,
         problem.coefficients.shape[1],
         len(problem.stokes),
-        MOST_FRACTIONS,
+        MOST_INSIDE,
+        problem.level.size,
     )
-    return float(2 * problem.n_rhs * (problem.size + problem.rows_out)), float(work)
+    levels = 1 + problem.level.size
+    return float(2 * levels * problem.n_rhs * (problem.size + problem.rows_out)), float(work)
 
 
 def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:

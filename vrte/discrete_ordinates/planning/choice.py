@@ -8,7 +8,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.fractions import FINEST as FINEST_FRACTIONS
-from vrte.discrete_ordinates.orders.fractions import STEEPEST
+from vrte.discrete_ordinates.orders.fractions import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.request.how import BY_RULE
@@ -16,7 +16,7 @@ from vrte.request.how import BY_RULE
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 STRONGEST = 0.98  # q of orders whose iterations settle
-THICKEST = 4.0  # slab whose faces partial fractions find: light that passes is a difference
+THICKEST = 4.0  # slab whose light partial fractions find: what passes is a difference
 FINEST = 1e-13  # accuracy that iterations are taken for
 
 
@@ -129,20 +129,25 @@ def count_operations_of_modes(problem: Problem) -> float:
 
 
 def is_for_fractions(problem: Problem, accuracy: float) -> bool:
-    """Whether nothing but the light that leaves one slab that is not too thick is asked for."""
+    """Whether light of one slab that is not too thick is asked for."""
     if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS:
         return False
-    thickness, at_faces = float(problem.thickness[0]), (problem.level == 0.0) | (problem.level == problem.thickness[0])
-    steepest = 0.5 * thickness / float(problem.directions.min())
-    return 0.0 < thickness <= THICKEST and steepest <= STEEPEST and bool(at_faces.all())
+    if not 0.0 < float(problem.thickness[0]) <= THICKEST:
+        return False
+    return find_steepest(problem) <= (STEEPEST_INSIDE if count_depths(problem) else STEEPEST)
+
+
+def count_depths(problem: Problem) -> int:
+    """Levels inside the one layer."""
+    return int(np.count_nonzero(np.abs(find_depths(problem)) < 1.0))
 
 
 def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
     """How partial fractions are taken, as operators or scattering by scattering, and the operations of each order.
 
-    Beside a symmetric eigenproblem, measured from 8 to 60 nodes, operators gain nothing."""
+    Beside a symmetric eigenproblem, measured from 8 to 60 nodes, operators gain nothing; they are for faces alone."""
     found = {"scatterings": count_operations_of_scatterings(problem, orders)}
-    if not problem.is_symmetric:
+    if not problem.is_symmetric and count_depths(problem) == 0:
         found["fractions"] = count_operations_of_fractions(problem, orders)
     return min(found.items(), key=lambda item: float(item[1].sum()))
 
@@ -158,9 +163,11 @@ def is_by_scatterings(algorithm: str, problem: Problem, orders: IntArray, accura
 
 
 def count_rank_and_poles(problem: Problem, orders: IntArray) -> tuple[Array, float]:
-    """Of the scattering that is left of each order, and of tanh up to the steepest direction; roughly."""
+    """Of the scattering that is left of each order, and of the fractions up to the steepest direction; roughly."""
     rank = cost.COLUMNS_A_TERM[len(problem.stokes)] * np.clip(problem.terms[0] - orders, 0.0, None)
-    steepest = max(0.5 * float(problem.thickness[0]) / float(problem.directions.min()), 2.0)
+    steepest = max(find_steepest(problem), 2.0)
+    if count_depths(problem):
+        return rank, float(place_poles(steepest).size)
     return rank, cost.POLES + cost.POLES_A_FACTOR * math.log2(steepest)
 
 
@@ -169,6 +176,9 @@ def count_operations_of_scatterings(problem: Problem, orders: IntArray) -> Array
     rank, poles = count_rank_and_poles(problem, orders)
     a_scattering = cost.A_SCATTERING + 4.0 * problem.size * rank * (poles + 1.0)
     found: Array = 2.0 * cost.SCATTERINGS * problem.n_rhs * a_scattering + problem.size * rank**2
+    if depths := count_depths(problem):
+        rows = problem.size + problem.rows_out
+        found += 2.0 * problem.n_rhs * rows * (poles + 1.0) * (2.0 * rank + 4.0 * depths)
     return found
 
 
