@@ -4,8 +4,9 @@
 # psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
 # the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F). Lengths
 # are counted in half thicknesses and psi_e^T v times the constant fraction, so that moments of slabs and beams of any
-# size are as large as their light: one tolerance is right for all. At z half thicknesses below the middle the halves are
-# C v = cosh(h z sqrt A)/cosh(h sqrt A) v and E S v, S = sinh(h z sqrt A)/(sqrt A cosh(h sqrt A)): sums over the same x_k.
+# size are as large as their light: one tolerance is right for all. At z half thicknesses below the middle the halves
+# are C v = cosh(h z sqrt A)/cosh(h sqrt A) v and E S v, S = sinh(h z sqrt A)/(sqrt A cosh(h sqrt A)): sums over the
+# same x_k.
 
 cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
 
@@ -149,8 +150,8 @@ cdef void scatter_once(const Half* half, given moments, doubles found) noexcept 
 
 cdef void add_inside(const Half* half, const Rows* rows, given moments, given first, given shares, int depths,
                      double sign, size_t stride, doubles memory, doubles found) noexcept nogil:
-    """Adds (C v + E S v)/2 times `sign` to the light up, (C v - E S v)/2 to that down, depth by depth: found (depth, 2),
-    each n doubles, `stride` apart, of all fractions on the rows; `first` as in `pass_to`, which goes before."""
+    """Adds (C v + E S v)/2 times `sign` to the light up, (C v - E S v)/2 to that down, depth by depth: found (depth,
+    2), each n doubles, `stride` apart, of all fractions on the rows; `first` as in `pass_to`, which goes before."""
     cdef int n = rows.n, g = half.g, f = half.other, K = half.k, count = half.g - half.other, d, i
     cdef doubles even = memory, odd = memory + <size_t>n * depths, to = odd + <size_t>n * depths, up, down
     cdef given shares_odd = shares + <size_t>depths * K
@@ -246,7 +247,8 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
     cdef int depths = t.n_depth
     cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
-    cdef doubles out_inside = t.out_inside + 2 * at * depths * orr, nodes_inside = t.on_nodes_inside + 2 * at * depths * nr
+    cdef doubles out_inside = t.out_inside + 2 * at * depths * orr
+    cdef doubles nodes_inside = t.on_nodes_inside + 2 * at * depths * nr
     cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
     cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
     cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[layer],
