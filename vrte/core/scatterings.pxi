@@ -239,18 +239,76 @@ cdef int find_moments(const Half* half, given first, double tolerance, doubles m
     return 0 if change[0] <= 10.0 * tolerance else 1
 
 
+cdef doubles place_half(Half* half, int n, int o, int mixed, doubles memory) noexcept nogil:
+    """Lays out the arrays of n nodes and o outgoing directions; what of the memory is left."""
+    half.back = memory
+    half.mixing = half.back + <size_t>n * half.g
+    half.given_to = half.mixing + mixed
+    memory = place_rows(&half.nodes, half, n, half.given_to + <size_t>half.g * half.k)
+    return place_rows(&half.outside, half, o, memory)
+
+
+cdef inline doubles place_rows(Rows* rows, const Half* half, int n, doubles memory) noexcept nogil:
+    """The same of one set of directions."""
+    rows.n, rows.lead = n, memory
+    rows.gap = rows.lead + <size_t>n * half.g
+    rows.rate = rows.gap + <size_t>n * half.poles
+    rows.start = rows.rate + n
+    rows.made = rows.start + n
+    return rows.made + <size_t>n * half.k
+
+
+cdef double beam_moments(const Half* half, double rate, int stokes, int into, given other, given own, given column,
+                         doubles first) noexcept nogil:
+    """Moments of one beam's own light, `rate` half thicknesses over mu0, Stokes vector `column`; `other`, `own`: its
+    rows of psi, `into` rows a column. What they would be together, were the beam scattered evenly."""
+    cdef int g = half.g, f = half.other, j, k, s
+    cdef double start = half.constant, total = half.constant * half.constant, gap
+    cdef given psi
+    for k in range(half.poles):
+        start += half.weight[k] / (rate * rate + half.place[k])
+    start = 1.0 / (1.0 + rate * start)
+    for j in range(g):
+        psi = other + <size_t>j * into if j < f else own + <size_t>(j - f) * into
+        first[j] = 0.0
+        for s in range(stokes):
+            first[j] += psi[s] * column[s]
+        first[j] *= start
+    for k in range(half.poles):
+        gap = 1.0 / (rate * rate + half.place[k])
+        total += gap * gap * (1.0 + rate * rate)
+        for j in range(g):
+            first[(k + 1) * g + j] = gap * first[j] * (rate if j < f else 1.0)
+    set_zero(f, first)
+    for j in range(f, g):
+        first[j] *= half.constant
+    return start * sqrt(total)
+
+
+cdef inline void add_half(int n, given v, bint is_odd, doubles up, doubles down) noexcept nogil:
+    """Light of the faces: even less odd up, their sum down, in turn."""
+    cdef int i
+    cdef double even
+    if not is_odd:
+        copy(n, v, up)
+        return
+    for i in range(n):
+        even = up[i]
+        up[i], down[i] = even - v[i], even + v[i]
+
+
 cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Scatterings* t = <const Scatterings*>task
     cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
     cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in
-    cdef int poles = t.poles, K = poles + 1, i, j, k, s, kind, g, gk, count, other, column, beam
+    cdef int poles = t.poles, K = poles + 1, i, j, kind, g, gk, count, other, column, beam
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
     cdef int depths = t.n_depth
     cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
     cdef doubles out_inside = t.out_inside + 2 * at * depths * orr
     cdef doubles nodes_inside = t.on_nodes_inside + 2 * at * depths * nr
     cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
-    cdef double h = 0.5 * t.thickness[layer], rate, start, gap, total, even, change, largest = 0.0
+    cdef double h = 0.5 * t.thickness[layer], rate, total, change, largest = 0.0
     cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[layer],
                                  t.coefficients + <size_t>6 * layer * t.n_term)
     cdef doubles prt = desk.work, scale = prt + <size_t>3 * t.n_all * t.n_term, memory = scale + t.n_all
@@ -258,7 +316,7 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles psi[2]
     cdef doubles phi_out[2]
     cdef doubles psi_in[2]
-    cdef doubles phi_in, moments, first, spare, v
+    cdef doubles phi_in, moments, first, spare
     cdef int width[2]
     cdef Half half
     t.residual[at] = 0.0
@@ -288,21 +346,8 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     gk = g * K
     half.g, half.poles, half.k, half.depth, half.constant = g, poles, K, h, t.constant
     half.place, half.weight = t.place, t.share
-    half.back = memory
-    half.mixing = half.back + <size_t>n * g
-    half.given_to = half.mixing + <size_t>width[0] * width[1]
-    half.nodes.n, half.outside.n = n, o
-    half.nodes.lead = half.given_to + gk
-    half.nodes.gap = half.nodes.lead + <size_t>n * g
-    half.nodes.rate = half.nodes.gap + <size_t>n * poles
-    half.nodes.start = half.nodes.rate + n
-    half.nodes.made = half.nodes.start + n
-    half.outside.lead = half.nodes.made + <size_t>n * K
-    half.outside.gap = half.outside.lead + <size_t>o * g
-    half.outside.rate = half.outside.gap + <size_t>o * poles
-    half.outside.start = half.outside.rate + o
-    half.outside.made = half.outside.start + o
-    first = half.outside.made + <size_t>o * K
+    memory = place_half(&half, n, o, width[0] * width[1], memory)
+    first = memory
     moments = first + gk
     spare = moments + gk
     memory = spare + <size_t>depths * (2 * max(n, o) + g)
@@ -327,29 +372,9 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
         product(b"T", b"N", other, width[kind], n, 1.0, psi[1 - kind], n, phi[kind], n, 0.0, half.mixing, other)
         for column in range(r):
             beam = column // t.n_col
-            rate = h / mu0[beam]
-            start = half.constant
-            for k in range(poles):
-                start += half.weight[k] / (rate * rate + half.place[k])
-            start = 1.0 / (1.0 + rate * start)
-            for j in range(g):
-                total = 0.0
-                for s in range(stokes):
-                    i = beam * stokes + s
-                    gap = psi_in[1 - kind][<size_t>j * into + i] if j < other else (
-                        psi_in[kind][<size_t>(j - other) * into + i])
-                    total += gap * t.columns[(column % t.n_col) * stokes + s]
-                first[j] = start * total
-            total = half.constant * half.constant
-            for k in range(poles):
-                gap = 1.0 / (rate * rate + half.place[k])
-                total += gap * gap * (1.0 + rate * rate)
-                for j in range(g):
-                    first[(k + 1) * g + j] = gap * first[j] * (rate if j < other else 1.0)
-            set_zero(other, first)
-            for j in range(other, g):
-                first[j] *= half.constant
-            total = x.albedo * start * sqrt(total)
+            total = x.albedo * beam_moments(
+                &half, h / mu0[beam], stokes, into, psi_in[1 - kind] + beam * stokes, psi_in[kind] + beam * stokes,
+                t.columns + (column % t.n_col) * stokes, first)
             if find_moments(&half, first, t.tolerance * total, moments, memory, &change) != 0:
                 return 1
             largest = max(largest, change / total)
@@ -358,14 +383,7 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
             if depths > 0:
                 add_inside(&half, &half.nodes, moments, NULL, t.inside, depths, 1.0 - 2.0 * kind, nr, spare,
                            nodes_inside + <size_t>column * n)
-            v = half.nodes.made
-            for i in range(n):
-                j = column * n + i
-                if kind == 0:
-                    on_nodes[j] = v[i]
-                else:
-                    even = on_nodes[j]
-                    on_nodes[j], on_nodes[nr + j] = even - v[i], even + v[i]
+            add_half(n, half.nodes.made, kind, on_nodes + column * n, on_nodes + nr + column * n)
             if o == 0:
                 continue
             pass_to(&half, moments, first)
@@ -373,13 +391,6 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
             if depths > 0:
                 add_inside(&half, &half.outside, moments, first, t.inside, depths, 1.0 - 2.0 * kind, orr, spare,
                            out_inside + <size_t>column * o)
-            v = half.outside.made
-            for i in range(o):
-                j = column * o + i
-                if kind == 0:
-                    out[j] = v[i]
-                else:
-                    even = out[j]
-                    out[j], out[orr + j] = even - v[i], even + v[i]
+            add_half(o, half.outside.made, kind, out + column * o, out + orr + column * o)
     t.residual[at] = largest
     return 0
