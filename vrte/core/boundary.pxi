@@ -223,7 +223,7 @@ cdef int send_back(const Boundary* t, given below, given up, doubles down, ints 
     info = factorise(n, scratch, n, pivots)
     if info != 0:
         return info
-    solve(b"N", n, t.n_rhs, scratch, n, pivots, down, n)
+    solve(n, t.n_rhs, scratch, pivots, down, n)
     largest = largest_of(nr, spare)
     multiply(n, t.n_rhs, n, -1.0, kept, down, 1.0, spare)
     missing[0] = largest_of(nr, spare) / largest if largest > NO_LIGHT else 0.0
@@ -299,7 +299,7 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
     cdef doubles R = slab.R, T = slab.T, W = scratch, M = scratch + nn
     cdef cplx* fade = <cplx*>spare
     copy(nn, a.X, R)
-    times_inverse(n, slab.even_lu, slab.pivots, R, W)
+    times_inverse(n, slab.even_lu, slab.pivots, R)
     for i in range(nn):
         R[i] *= 2.0
     for j in range(n):
@@ -311,7 +311,7 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
     for j in range(n):
         fade[j] = c_exp(-a.thickness * rate_of(a, j))
     scale_columns(n, n, a.lam_im, fade, M, T)
-    times_inverse(n, slab.even_lu, slab.pivots, T, M)                           # S
+    times_inverse(n, slab.even_lu, slab.pivots, T)                           # S
     multiply(n, n, n, 1.0, R, T, 0.0, W)
     copy(nn, R, M)                                                              # R0
     multiply(n, n, n, -1.0, T, W, 1.0, R)
@@ -319,8 +319,8 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
     if slowest_rate(a) * a.thickness < 20.0:                                          # else W^2 < 1e-17
         one_minus_product(n, W, W, M)
         info = factorise(n, M, n, pivots_inner)
-        times_inverse(n, M, pivots_inner, R, W)
-        times_inverse(n, M, pivots_inner, T, W)
+        times_inverse(n, M, pivots_inner, R)
+        times_inverse(n, M, pivots_inner, T)
     return info
 
 
@@ -342,9 +342,9 @@ cdef int join_layer(const Slab* slab, bint lowest, ints pivots_below, doubles be
     else:
         # X (X + Y lambda f)^-1 = (1 + R + T)/2 and Y (X f + Y)^-1 = (1 - R + T)/2
         copy(nn, a.X, R)
-        times_inverse(n, slab.even_lu, slab.pivots, R, inner)
+        times_inverse(n, slab.even_lu, slab.pivots, R)
         copy(nn, a.Y, T)
-        times_inverse(n, slab.odd_lu, slab.pivots + n, T, inner)
+        times_inverse(n, slab.odd_lu, slab.pivots + n, T)
         for i in range(nn):
             R[i], T[i] = R[i] - T[i], R[i] + T[i]
         for j in range(n):
@@ -367,9 +367,9 @@ cdef int join_layer(const Slab* slab, bint lowest, ints pivots_below, doubles be
     one_minus_product(n, below, R, inner)
     info = factorise(n, inner, n, pivots_below)
     copy(nn, below, G)
-    solve(b"N", n, n, inner, n, pivots_below, G, n)
+    solve(n, n, inner, pivots_below, G, n)
     copy(nr, up, g)
-    solve(b"N", n, n_rhs, inner, n, pivots_below, g, n)
+    solve(n, n_rhs, inner, pivots_below, g, n)
     multiply(n, n, n, 1.0, G, T, 0.0, inner)
     copy(nn, R, below)
     multiply(n, n, n, 1.0, T, inner, 1.0, below)
@@ -425,9 +425,9 @@ cdef double solve_checked(const Slab* slab, bint is_odd, doubles amplitude, doub
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * slab.n_rhs
     copy(nr, amplitude, spare)
     if is_odd:
-        solve(b"N", n, slab.n_rhs, slab.odd_lu, n, slab.pivots + n, amplitude, n)
+        solve(n, slab.n_rhs, slab.odd_lu, slab.pivots + n, amplitude, n)
     else:
-        solve(b"N", n, slab.n_rhs, slab.even_lu, n, slab.pivots, amplitude, n)
+        solve(n, slab.n_rhs, slab.even_lu, slab.pivots, amplitude, n)
     slab_matrix(slab, is_odd, scratch, scratch + nn)
     multiply(n, slab.n_rhs, n, -1.0, scratch, amplitude, 1.0, spare)
     return largest_of(nr, spare)
@@ -446,15 +446,15 @@ cdef double fading_amplitudes(const Slab* slab, given top, given bottom, doubles
     for i in range(nr):
         largest = max(largest, 2.0 * fabs(top[i]))
         from_top[i] = 2.0 * top[i]
-    solve(b"N", n, n_rhs, slab.even_lu, n, slab.pivots, from_top, n)
+    solve(n, n_rhs, slab.even_lu, slab.pivots, from_top, n)
     set_zero(nr, from_bottom)
     if a.thickness < ENDLESS:
         for sweep in range(1 + <int>(19.0 / (slowest_rate(a) * a.thickness))):
             if sweep > 0:
                 other_face(slab, top, from_bottom, from_top, scratch, spare)
-                solve(b"N", n, n_rhs, slab.even_lu, n, slab.pivots, from_top, n)
+                solve(n, n_rhs, slab.even_lu, slab.pivots, from_top, n)
             other_face(slab, bottom, from_top, from_bottom, scratch, spare)
-            solve(b"N", n, n_rhs, slab.even_lu, n, slab.pivots, from_bottom, n)
+            solve(n, n_rhs, slab.even_lu, slab.pivots, from_bottom, n)
         other_face(slab, top, from_bottom, spare + nr, scratch, spare)
     else:
         for i in range(nr):

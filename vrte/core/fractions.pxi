@@ -165,7 +165,7 @@ cdef int fractions_one(const void* task, int item, Desk desk) noexcept nogil:
         info = factorise(g, small, g, desk.pivots)
         if info != 0:
             return info
-        solve(b"N", g, n, small, g, desk.pivots, w.right + k * g, gk)
+        solve(g, n, small, desk.pivots, w.right + k * g, gk)
         to = w.left + <size_t>k * g * n
         for i in range(n * g):
             to[i] *= weight
@@ -283,7 +283,7 @@ cdef int solve_for_beams(const Fraction* f, doubles Z, given Z_NI, doubles v, in
         for i in range(f.n):
             v[<size_t>j * f.n + i] = -beam_start(f, j) * Z_NI[<size_t>j * f.n + i]
     if info == 0:
-        solve(b"N", f.n, f.r, Z, f.n, pivots, v, f.n)
+        solve(f.n, f.r, Z, pivots, v, f.n)
     return info
 
 

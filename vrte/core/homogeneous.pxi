@@ -111,7 +111,7 @@ cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
             h.lam_re[i] = 0.0
     if not paired:
         copy(nn, h.X, h.Y)
-        solve(b"N", n, n, f, n, h.pivots, h.Y, n)
+        solve(n, n, f, h.pivots, h.Y, n)
     t.residual[item] = 1.0 if growing else mode_residual(&h, a, e)
     if paired:
         X_pivots[0] = -1
@@ -291,16 +291,16 @@ cdef void polish_smallest(const Halved* h, int together, given v, given e, given
         return
     leave_out(n, axis, e + axis * n, row)
     copy(inner, row, column)
-    solve(b"N", inner, 1, lu, inner, pivots, column, inner)
+    solve(inner, 1, lu, pivots, column, inner)
     pivot = e[axis * n + axis]
     for i in range(inner):
         pivot -= row[i] * column[i]
     for sweep in range(8):
-        solve(b"N", n, 1, f_lu, n, h.pivots, x, n)
+        solve(n, 1, f_lu, h.pivots, x, n)
         turn_columns(h.nodes, 1, v, x)
         top = x[axis]
         leave_out(n, axis, x, part)
-        solve(b"N", inner, 1, lu, inner, pivots, part, inner)
+        solve(inner, 1, lu, pivots, part, inner)
         for i in range(inner):
             top -= row[i] * part[i]
         top /= pivot

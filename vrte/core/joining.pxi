@@ -175,8 +175,8 @@ cdef int join_below(const Pile* p, int place, doubles residual) noexcept nogil:
     info = factorise(n, M, n, p.pivots)
     if info != 0:
         return info
-    solve(b"N", n, n, M, n, p.pivots, G, n)
-    solve(b"N", n, n_rhs, M, n, p.pivots, g, n)
+    solve(n, n, M, p.pivots, G, n)
+    solve(n, n_rhs, M, p.pivots, g, n)
     largest = largest_of(nr, vectors)
     multiply(n, n_rhs, n, -1.0, kept, g, 1.0, vectors)
     residual[0] = largest_of(nr, vectors) / largest if largest > NO_LIGHT else 0.0

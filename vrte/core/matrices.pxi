@@ -1,5 +1,18 @@
 # Matrices stored by columns.
 
+cdef extern from "core/small.h":
+    enum:
+        VRTE_SIDE       # rows of a triangle that loops of our own take; between triangles there are products
+        VRTE_BROAD      # right-hand sides at a time
+    ctypedef struct vrte_triangles:
+        void (*unmix)(int, int, const double*, size_t, size_t, int, int, double*, int) noexcept nogil
+        void (*unmix_rows)(int, int, const double*, int, int, double*, int) noexcept nogil
+    const vrte_triangles* vrte_best_triangles(bint wide) noexcept nogil
+
+cdef enum:
+    FEW_COLUMNS = 4     # right-hand sides, from which on turning them over is worth its time
+
+
 cdef inline void product(char a_form, char b_form, int rows, int columns, int inner, double scale,
                          given a, int lda, given b, int ldb, double add, doubles c, int ldc) noexcept nogil:
     """c = scale op(a) op(b) + add c."""
@@ -51,25 +64,87 @@ cdef inline int factorise(int n, doubles a, int lda, ints pivots) noexcept nogil
     return info
 
 
-cdef inline void solve(char form, int n, int columns, given lu, int lda, given_ints pivots,
-                       doubles b, int ldb) noexcept nogil:
+cdef inline void solve(int n, int columns, given lu, given_ints pivots, doubles b, int ldb) noexcept nogil:
+    """b (n, columns) <- M^-1 b, M given by its factors (n, n)."""
+    cdef char form = b"N"
     cdef int info = 0
-    if n > 0 and columns > 0:
-        dgetrs(&form, &n, &columns, <doubles>lu, &lda, <ints>pivots, b, &ldb, &info)
+    if n > 0 and 0 < columns < FEW_COLUMNS:
+        dgetrs(&form, &n, &columns, <doubles>lu, &n, <ints>pivots, b, &ldb, &info)
+    elif n > 0:
+        solve_by_triangles(vrte_best_triangles(True), n, columns, lu, pivots, b, ldb)
 
 
-cdef inline void transpose(int n, given a, doubles b) noexcept nogil:
-    cdef int i, j
-    for j in range(n):
-        for i in range(n):
-            b[j * n + i] = a[i * n + j]
+cdef void solve_by_triangles(const vrte_triangles* loops, int n, int columns, given lu, given_ints pivots, doubles b,
+                             int ldb) noexcept nogil:
+    """The same, block by block of rows: what other blocks mix in by products, the triangles by loops."""
+    cdef int blocks = (n + VRTE_SIDE - 1) // VRTE_SIDE, block, i, j, k, width, side, first = 0
+    cdef doubles x
+    while first < columns:
+        x, width = b + <size_t>first * ldb, min(VRTE_BROAD, columns - first)
+        first += width
+        for j in range(width):
+            for i in range(n):
+                exchange(x + <size_t>j * ldb + i, x + <size_t>j * ldb + pivots[i] - 1)
+        for block in range(blocks):
+            k = block * VRTE_SIDE
+            side = min(VRTE_SIDE, n - k)
+            if k > 0:
+                product(b"N", b"N", side, width, k, -1.0, lu + k, n, x, ldb, 1.0, x + k, ldb)
+            loops.unmix_rows(side, width, lu + <size_t>k * n + k, n, False, x + k, ldb)
+        for block in range(blocks - 1, -1, -1):
+            k = block * VRTE_SIDE
+            side = min(VRTE_SIDE, n - k)
+            if k + side < n:
+                product(b"N", b"N", side, width, n - k - side, -1.0, lu + <size_t>(k + side) * n + k, n,
+                        x + k + side, ldb, 1.0, x + k, ldb)
+            loops.unmix_rows(side, width, lu + <size_t>k * n + k, n, True, x + k, ldb)
 
 
-cdef inline void times_inverse(int n, given lu, const int* pivots, doubles a, doubles spare) noexcept nogil:
-    """a <- a M^-1, M given by its factors."""
-    transpose(n, a, spare)
-    solve(b"T", n, n, lu, n, pivots, spare, n)
-    transpose(n, spare, a)
+cdef inline void times_inverse(int n, given lu, given_ints pivots, doubles a) noexcept nogil:
+    """a (n, n) <- a M^-1, M given by its factors."""
+    times_inverse_by_triangles(vrte_best_triangles(True), n, n, lu, pivots, a)
+
+
+cdef void times_inverse_by_triangles(const vrte_triangles* loops, int rows, int n, given lu, given_ints pivots,
+                                     doubles a) noexcept nogil:
+    """a (rows, n) <- a M^-1, block by block of columns."""
+    cdef int blocks = (n + VRTE_SIDE - 1) // VRTE_SIDE, block, i, k, side
+    cdef doubles x
+    for block in range(blocks):
+        k = block * VRTE_SIDE
+        side, x = min(VRTE_SIDE, n - k), a + <size_t>k * rows
+        if k > 0:
+            product(b"N", b"N", rows, side, k, -1.0, a, rows, lu + <size_t>k * n, n, 1.0, x, rows)
+        loops.unmix(rows, side, lu + <size_t>k * n + k, 1, n, True, False, x, rows)
+    for block in range(blocks - 1, -1, -1):
+        k = block * VRTE_SIDE
+        side, x = min(VRTE_SIDE, n - k), a + <size_t>k * rows
+        if k + side < n:
+            product(b"N", b"N", rows, side, n - k - side, -1.0, x + <size_t>side * rows, rows,
+                    lu + <size_t>k * n + k + side, n, 1.0, x, rows)
+        loops.unmix(rows, side, lu + <size_t>k * n + k, 1, n, False, True, x, rows)
+    for k in range(n - 1, -1, -1):
+        for i in range(rows if pivots[k] != k + 1 else 0):
+            exchange(a + <size_t>k * rows + i, a + <size_t>(pivots[k] - 1) * rows + i)
+
+
+cdef inline void exchange(doubles a, doubles b) noexcept nogil:
+    cdef double kept = a[0]
+    a[0] = b[0]
+    b[0] = kept
+
+
+def solve_by_factors(const double[:, ::1] lu, const int[::1] pivots, const double[:, ::1] b, bint from_right=False,
+                     bint wide=True):
+    """M^-1 b or, `from_right`, b M^-1, by the loops and products that all stages take, M (column, row) given by
+    dgetrf's factors and pivots counted from 1; b (column, row). `wide=False` leaves AVX2 unused."""
+    cdef double[:, ::1] found = np.array(b)
+    cdef int n = <int>lu.shape[0], columns = <int>b.shape[0], rows = <int>b.shape[1]
+    if from_right:
+        times_inverse_by_triangles(vrte_best_triangles(wide), rows, n, &lu[0, 0], &pivots[0], &found[0, 0])
+    else:
+        solve_by_triangles(vrte_best_triangles(wide), n, columns, &lu[0, 0], &pivots[0], &found[0, 0], rows)
+    return np.asarray(found)
 
 
 cdef inline void scale_columns(int n, int rows, given lam_im, const cplx* f, given a, doubles b) noexcept nogil:

@@ -55,8 +55,8 @@ cdef int particular_one(const void* task, int item, Desk desk) noexcept nogil:
         multiply(n, n_col, stokes, 1.0, ps + <size_t>stokes * a * n, columns, 0.0, p + <size_t>a * n_col * n)
         multiply(n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, columns, 0.0, q + <size_t>a * n_col * n)
     if not paired:
-        solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
-        solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
+        solve(n, n_in * n_col, X_lu, X_pivots, p, n)
+        solve(n, n_in * n_col, X_lu, X_pivots, q, n)
     for a in range(n_in):
         rate = 1.0 / t.mu0[a]
         for col in range(n_col):
