@@ -108,6 +108,17 @@ def test_the_plan_not_asked_for_the_longest_goes(planned: list[Request]) -> None
     assert len(planned) == MOST_PLANS + 2
 
 
+def test_a_scene_lit_from_below_is_planned_once(planned: list[Request]) -> None:
+    layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)]
+    scene = vrte.Scene(layers)
+    asked: dict[str, Any] = {"mu_i": 0.6, "mu_o": 0.5, "nodes": 4}
+    first, second = (vrte.brdf(scene, **asked, illuminate="bottom").mueller for _ in range(2))
+    assert len(planned) == 1
+    np.testing.assert_array_equal(first, second)
+    assert (vrte.brdf(scene, **asked).mueller != first).any(), "the plan of the other side is not taken"
+    assert len(planned) == 2
+
+
 def test_threads_that_call_at_once_get_their_own_answers(planned: list[Request]) -> None:
     scenes = [make_scene(0.5 + 0.1 * k) for k in range(4)]
     alone = [vrte.radiance(make_scene(0.5 + 0.1 * k), 0.6, mu=[0.5], nodes=4).stokes for k in range(4)]

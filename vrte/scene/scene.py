@@ -143,6 +143,11 @@ class Scene:
         >>> vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)]).turned().index_below
         1.0
         """
+        return self._upside_down
+
+    @cached_property
+    def _upside_down(self) -> "Scene":
+        """Made once: plans are kept by the scene that they are of."""
         turned = tuple(interface and interface.turned for interface in reversed(self.interfaces))
         return Scene(tuple(reversed(self.layers)), None, turned)
 
