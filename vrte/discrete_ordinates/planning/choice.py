@@ -129,8 +129,11 @@ def count_operations_of_modes(problem: Problem) -> float:
 
 
 def is_for_fractions(problem: Problem, accuracy: float) -> bool:
-    """Whether light of one slab that is not too thick is asked for."""
+    """Whether light of one slab that is not too thick is asked for, and a scattering of nothing would be quicker."""
     if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS:
+        return False
+    least = 2.0 * cost.SCATTERINGS * problem.n_rhs * cost.A_SCATTERING
+    if problem.is_symmetric and least >= cost.WORTH_FRACTIONS * count_operations_of_modes(problem):
         return False
     if not 0.0 < float(problem.thickness[0]) <= THICKEST:
         return False
