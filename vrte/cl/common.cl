@@ -36,11 +36,17 @@ typedef real4 loose4 __attribute__((aligned(REAL_BYTES)));     // four that begi
 #define SHARED __attribute__((reqd_work_group_size(LANES, 1, 1)))
 #define LANE ((int)get_local_id(0))
 #define SPREAD(i, first, last) for (int i = (first) + LANE; i < (last); i += LANES)
+// A crew is a larger work-group with one piece as large as an item, CREW_ROWS times LANES; MATE: which of it a work-item is.
+#define GPU_CREW 256        // work-items of a crew
 #if LANES > 1
 #define TOGETHER barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
+#define CREW_ROWS (GPU_CREW / LANES)
 #else
 #define TOGETHER
+#define CREW_ROWS 1
 #endif
+#define MATE (LANE + LANES * (int)get_local_id(1))
+#define CREW_SPREAD(i, first, last) for (int i = (first) + MATE; i < (last); i += CREW_ROWS * LANES)
 
 // The larger one, or what is no number.
 real larger(real a, real b)

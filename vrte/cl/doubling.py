@@ -23,12 +23,14 @@ from vrte.cl.extended import (
     make_row_stack,
     take_row,
 )
-from vrte.cl.matrices import STRIP, upload_stack
+from vrte.cl.matrices import PANEL, STRIP, upload_stack
 from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
+from vrte.cl.steps import Memory, pays
 
 # How far Zo Ze of an endless slab is from 1 before the last doubling, which squares that.
 SETTLED = {"double": 1e-9, "single": 1e-4}
+SCRATCH, NUMBERS = 8, 8  # matrices while slabs are doubled, and arrays of a number an item that are left of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +101,37 @@ def compute_householder_vector(frame: Frame) -> tuple[Array, Array]:
     return v, row - (v @ row) * v
 
 
+def find_memory(session: Session, sizes: Sizes, items: int) -> tuple[Memory | None, Memory | None]:
+    """Memory for what is needed while slabs are doubled, and for what is left of them, where the steps of an item are to
+    be carried out in one launch; None where each is to be one."""
+    n, whole = float(sizes.n), sizes.ld * sizes.columns
+    if not pays(session, items, 10.0 * whole * n + 4.0 * n * whole, 2.0 * n**3):
+        return None, None
+    pad, real = partial(Memory.pad, session), session.real.itemsize
+    one = sum(pad(real * items * max(1, size)) for size in (max(1, sizes.columns) * sizes.ld, sizes.o, sizes.r))
+    rates = 2 * sum(pad(real * max(1, size)) for size in (sizes.o, sizes.r))
+    scratch = SCRATCH * one + rates + pad(real * items * PANEL * sizes.n) + pad(4 * items * sizes.n)
+    if scratch > session.device.max_mem_alloc_size:
+        return None, None
+    return Memory(session, scratch), Memory(session, 2 * one + pad(real * items * sizes.n) + NUMBERS * pad(real * items))
+
+
 class Doubling:
     """The work on one stack of slabs: its matrices, and what is known of each item on the host."""
 
     def __init__(self, session: Session, frame: Frame, items: Items, matrices: Assembled) -> None:
         self.session, self.frame, self.items = session, frame, items
         self.sizes, self.count = frame.sizes, items.thickness.size
-        self.algebra = Algebra(session, self.sizes, self.count)
         stokes, n_col = self.sizes.stokes, frame.columns.shape[0]
+        rates = (
+            np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1),
+            np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1),
+        )
+        memory = find_memory(session, self.sizes, self.count)
+        self.algebra = Algebra(session, self.sizes, self.count, rates, *memory)
         upload, new = session.constant, self.algebra.new
-        self.rate_OO = upload(np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1))
-        self.rate_II = upload(np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1))
         self.columns, self.v = upload(frame.columns), upload(compute_householder_vector(frame)[0])
-        self.e, self.f = (self.with_rates(new()) for _ in range(2))
+        self.e, self.f = (self.algebra.with_rates(new()) for _ in range(2))
         self.Ze, self.Zo, self.C, self.a, self.b, self.spare = (new() for _ in range(6))
         self.doublings = np.zeros(self.count, np.int32)
         self.doubled: BoolArray = ~items.clear
@@ -120,14 +140,10 @@ class Doubling:
         self.extend(matrices)
         self.turn()
 
-    def with_rates(self, a: Extended) -> Extended:
-        """The same with 1/mu as its light that goes straight."""
-        return Extended(a.sizes, a.data, self.rate_OO, self.rate_II, True)
-
     def extend(self, matrices: Assembled) -> None:
         """E and F with the sources as incident columns and G as outgoing rows."""
         s, of = self.sizes, self.session.constant(self.items.of)
-        shared = s, s.stokes, self.columns.shape[0], self.columns, self.rate_OO, of
+        shared = s, s.stokes, self.columns.shape[0], self.columns, self.algebra.rate_OO, of
         for target, *given in (
             (self.e, matrices.E, matrices.G_E, matrices.source_d),
             (self.f, matrices.F, matrices.G_F, matrices.source_s),
@@ -143,7 +159,7 @@ class Doubling:
         clear_row, albedo = (
             self.session.constant(values) for values in (compute_householder_vector(self.frame)[1], self.items.albedo)
         )
-        known = clear_row, self.columns, self.rate_OO, albedo, self.e.data
+        known = clear_row, self.columns, self.algebra.rate_OO, albedo, self.e.data
         self.algebra.launch("conserve", chosen, s, s.stokes, self.columns.shape[0], s.axis, size, *known)
 
     def turn_both(self, chosen: BoolArray, a: Extended) -> None:
@@ -161,8 +177,8 @@ class Doubling:
 
     def run(self, stop: NDArray[np.int32]) -> Slabs:
         """R and T of every item."""
-        new = self.algebra.new
-        R, T, lost = new(), new(), self.session.zeros((self.count, self.sizes.n))
+        R, T = (self.algebra.new(kept=True) for _ in range(2))
+        lost = self.algebra.take((self.count, self.sizes.n), kept=True)
         if self.doubled.any():
             steepest = self.steepest()
             self.double_plainly(steepest, stop)
@@ -200,16 +216,16 @@ class Doubling:
             self.complement(now, h)
             carried |= now
             h[active] *= 2.0
-            self.double(active, whole, (TANH, self.session.constant(h), self.e))
-            self.mirror(active)
+            self.double(active, whole, (TANH, h.copy()))
+            self.algebra.mirror_flux(active & self.items.turned, self.Zo)
             self.carry(active & carried, h)
-            if self.session.form == "cpu":  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
+            if self.session.form == "cpu" and self.algebra.steps is None:  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
                 self.session.finish()
         late = self.finite & ~carried
         self.algebra.product(late, 1.0, self.Zo, self.Ze, self.a)
         self.complement(late, h)
 
-    def double(self, active: BoolArray, whole: bool = False, straight: tuple[int, Any, Extended] | None = None) -> None:
+    def double(self, active: BoolArray, whole: bool = False, straight: tuple[int, Array] | None = None) -> None:
         """Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1 where `a` holds L - 1, or the ``whole`` L; leaves L^-1 in it."""
         if not whole:
             self.algebra.combine(active, 1.0, self.a, self.a, gamma=1.0)
@@ -219,34 +235,21 @@ class Doubling:
         self.algebra.product(active, 2.0, self.Ze, self.a, self.b, straight=straight)
         self.Ze, self.b = self.algebra.replace(active, self.Ze, self.b)
 
-    def mirror(self, active: BoolArray) -> None:
-        """Reciprocity of the flux's row and column of Zo in order 0."""
-        s = self.sizes
-        v_place = 3 if s.stokes == 4 else -1
-        self.algebra.launch("mirror_flux", active & self.items.turned, s, s.axis, v_place, s.stokes, self.Zo.data)
-
     def complement(self, chosen: BoolArray, h: Array) -> None:
         """C = 1 - Zo Ze, which `a` holds."""
         self.algebra.combine(chosen, -1.0, self.a, self.C, gamma=1.0)
-        self.straight(COMPLEMENT, chosen, h, self.C)
-
-    def straight(self, kind: int, chosen: BoolArray, h: Array, *matrices: Extended) -> None:
-        """Their OO and II over h."""
-        uploaded = self.session.constant(h)
-        for matrix in matrices:
-            self.algebra.go_straight(chosen, kind, uploaded, self.e, matrix)
+        self.algebra.go_straight(chosen, COMPLEMENT, h, self.C)
 
     def carry(self, chosen: BoolArray, h: Array) -> None:
         """C <- (C L^-1)^2."""
         self.algebra.product(chosen, 1.0, self.C, self.a, self.b)
-        straight = COMPLEMENT, self.session.constant(h), self.e
-        self.algebra.product(chosen, 1.0, self.b, self.b, self.C, straight=straight)
+        self.algebra.product(chosen, 1.0, self.b, self.b, self.C, straight=(COMPLEMENT, h))
 
     def rational_start(self, h: Array) -> None:
         """Ze = E f, Zo = f F with f = tanh(h sqrt A)/sqrt A, A = F E, which `a` holds."""
         algebra, items = self.algebra, self.finite
         z, power, above, below = self.a, self.b, self.C, self.spare
-        algebra.combine(items, 1.0, z, z, factor=self.session.constant(h * h))
+        algebra.combine(items, 1.0, z, z, factor=h * h)
         algebra.combine(items, _core.TANH_NUMERATOR[1], z, above, gamma=_core.TANH_NUMERATOR[0])
         algebra.combine(items, _core.TANH_DENOMINATOR[1], z, below, gamma=_core.TANH_DENOMINATOR[0])
         algebra.combine(items, 1.0, z, power)
@@ -256,11 +259,10 @@ class Doubling:
             algebra.combine(items, 1.0, above, above, up, power)
             algebra.combine(items, 1.0, below, below, down, power)
         below, power = algebra.invert(items, below, power)
-        algebra.combine(items, 1.0, above, above, factor=self.session.constant(h))
+        algebra.combine(items, 1.0, above, above, factor=h)
         algebra.product(items, 1.0, below, above, z)
-        straight = TANH, self.session.constant(h), self.e
-        algebra.product(items, 1.0, self.e, z, self.Ze, straight=straight)
-        algebra.product(items, 1.0, z, self.f, self.Zo, straight=straight)
+        algebra.product(items, 1.0, self.e, z, self.Ze, straight=(TANH, h))
+        algebra.product(items, 1.0, z, self.f, self.Zo, straight=(TANH, h))
 
     def double_endless(self, steepest: Array, stop: NDArray[np.int32]) -> None:
         """Ze and Zo of slabs without end, where Zo Ze = 1, by scaled doublings: before each, both are multiplied by
@@ -270,7 +272,7 @@ class Doubling:
         slowest = np.where(~m0 | (albedo == 1.0), np.maximum(slowest, 0.05), slowest)
         ratio = np.minimum(1.0, slowest / steepest)
         algebra, active = self.algebra, self.endless.copy()
-        factor = self.session.constant(1.0 / steepest)
+        factor = 1.0 / steepest
         for matrix, target in ((self.e, self.Ze), (self.f, self.Zo)):
             algebra.combine(active, 1.0, matrix, target, factor=factor)
         skip = self.session.constant((m0 & (albedo == 1.0)).astype(np.int32))
@@ -278,7 +280,7 @@ class Doubling:
             if stop[0] or not active.any():
                 return
             used = np.maximum(ratio, _core.STEEPEST_RATIO)
-            factor = self.session.constant(1.0 / np.sqrt(used))
+            factor = 1.0 / np.sqrt(used)
             for matrix in (self.Ze, self.Zo):
                 algebra.combine(active, 1.0, matrix, matrix, factor=factor)
             algebra.product(active, 1.0, self.Zo, self.Ze, self.a)
@@ -314,7 +316,7 @@ class Doubling:
         algebra.combine(thick, 1.0, R, R, -1.0, self.a, 1.0)
         algebra.product(thin, 1.0, self.Zo, self.a, self.b)
         algebra.combine(thin, 1.0, R, R, 1.0, self.b)
-        algebra.go_straight(self.doubled, NOTHING, self.rate_OO, self.e, R)
+        algebra.go_straight(self.doubled, NOTHING, None, R)
 
     def clear_slabs(self, T: Extended, lost: Any) -> None:
         """Slabs that do not scatter: T alone."""
@@ -323,7 +325,7 @@ class Doubling:
             return
         thickness = np.where(chosen, self.items.thickness, 0.0)
         self.algebra.launch("clear_nodes", chosen, s, s.stokes, upload(thickness), upload(frame.nodes), T.data)
-        self.straight(FADE, chosen, thickness, T)
+        self.algebra.go_straight(chosen, FADE, thickness, T)
         turned = chosen & self.items.turned
         if turned.any():
             self.turn_both(turned, T)
@@ -352,12 +354,12 @@ class Doubling:
         self.algebra.blend(chosen, 1.0, alpha.NI, spare.NI)
         add(beta.N, R.NI, spare.NI)
         add(R.ON, spare.NI, R.OI, -1.0, 0.0)
-        self.algebra.launch("lead_straight", chosen, s, beta.data, T.OO, T.II, spare.data, columns=s.columns)
+        self.algebra.lead_straight(chosen, beta, T, spare)
         add(beta.N, T.NI, spare.NI)
         add(T.ON, spare.NI, R.OI)
         add(alpha.ON, R.NI, R.OI, -1.0)
         add(spare.ON, T.NI, R.OI)
-        self.algebra.launch("divide_by_rates", chosen, s, self.rate_OO, self.rate_II, R.data, columns=s.r)
+        self.algebra.divide_by_rates(chosen, R)
 
     def invariance(self, R: Extended, T: Extended) -> Reading:
         """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative, (item,

@@ -74,23 +74,12 @@ void eliminate_rest(int n, int first, int last, __global real* M, int ld, __glob
     }
 }
 
-// M <- M^-1, M (n, n); rest: (n, 16) an item; pivots (n,) an item; info: 0, or 1 where M is singular. Global size: items.
-#define INVERSE int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info, INTS items
-#define OF_MATRIX(place) \
-    const long item = items[place]; \
-    const int ld = M_ld; \
-    M = OF_ITEM(M); \
-    rest += item * (long)n * PANEL; \
-    pivots += item * n;
-
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invert(INVERSE)
+void invert_alone(int n, __global real* M, int ld, __global real* rest, __global int* pivots, __global int* info)
 {
-    OF_MATRIX(get_global_id(0))
     for (int first = 0; first < n; first += PANEL) {
         const int last = min(first + PANEL, n);
         if (eliminate_panel(n, first, last, M, ld, pivots)) {
-            info[item] = 1;
+            *info = 1;
             return;
         }
         eliminate_rest(n, first, last, M, ld, rest);
@@ -104,18 +93,28 @@ __kernel void invert(INVERSE)
             }
 }
 
+// M <- M^-1, M (n, n); rest: (n, 16) an item; pivots (n,) an item; info: 0, or 1 where M is singular. Global size: items.
+#define INVERSE int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info, INTS items
+#define OF_MATRIX(place) \
+    const long item = items[place]; \
+    const int ld = M_ld; \
+    M = OF_ITEM(M); \
+    rest += item * (long)n * PANEL; \
+    pivots += item * n;
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void invert(INVERSE)
+{
+    OF_MATRIX(get_global_id(0))
+    invert_alone(n, M, ld, rest, pivots, info + item);
+}
+
 // As a GPU wants it: a work-group a matrix, the panel (n, width) in local memory. The same steps, but for singular matrices,
 // which are gone through to the end: every work-item meets every barrier. Global size: 256 a matrix.
 
-#define GPU_CREW 256        // work-items of a group
-
-__attribute__((reqd_work_group_size(GPU_CREW, 1, 1)))
-__kernel void invert_gpu(INVERSE, int width, __local real* panel)
+void invert_by_crew(int me, int n, __global real* M, int ld, __global real* rest, __global int* pivots, __global int* info,
+                    int width, __local real* panel, __local real* row_k, __local real* largest, __local int* place)
 {
-    __local real row_k[PANEL], largest[GPU_CREW];
-    __local int place[GPU_CREW];
-    const int me = get_local_id(0);
-    OF_MATRIX(get_group_id(0))
     for (int first = 0; first < n; first += width) {
         const int inner = min(width, n - first), columns = n - inner;
         for (int at = me; at < inner * n; at += GPU_CREW)
@@ -143,7 +142,7 @@ __kernel void invert_gpu(INVERSE, int width, __local real* panel)
             }
             if (me == 0) {
                 if (!(largest[0] > 0.0))
-                    info[item] = 1;
+                    *info = 1;
                 if (fabs(panel[c * n + k]) >= SMALL_PIVOT * largest[0])
                     place[0] = k;
                 pivots[k] = place[0];
@@ -205,4 +204,13 @@ __kernel void invert_gpu(INVERSE, int width, __local real* panel)
             M[(long)k * ld + i] = M[(long)other * ld + i];
             M[(long)other * ld + i] = kept;
         }
+}
+
+__attribute__((reqd_work_group_size(GPU_CREW, 1, 1)))
+__kernel void invert_gpu(INVERSE, int width, __local real* panel)
+{
+    __local real row_k[PANEL], largest[GPU_CREW];
+    __local int place[GPU_CREW];
+    OF_MATRIX(get_group_id(0))
+    invert_by_crew(get_local_id(0), n, M, ld, rest, pivots, info + item, width, panel, row_k, largest, place);
 }

@@ -1,6 +1,16 @@
 // Slabs joined by the star product, `join_one` of core/joining.pxi for many Fourier orders and scenes at once. Vectors are
 // stacks (n, r) or (o, r), one column an incident beam and Stokes column.
 
+// A column of alpha a + beta b + gamma 1, one matrix of each.
+void blend_column(int j, int rows, real alpha, __global const real* a, real beta, __global const real* b, real gamma,
+                  __global real* out)
+{
+    SPREAD(i, 0, rows)
+        out[i] = alpha * a[i] + (beta == 0.0 ? 0.0 : beta * b[i]);
+    if (j < rows && LANE == j % LANES)
+        out[j] += gamma;
+}
+
 // out = alpha a + beta b + gamma 1, whole columns of `rows` elements, a being that of item from_item[item] where there is
 // such a list. Pieces: columns, items.
 SHARED
@@ -11,11 +21,7 @@ __kernel void blend(int rows, real alpha, STACK(a), __global const int* from_ite
     const long item = items[get_group_id(1)];
     out = OF_ITEM(out) + (long)j * out_ld;
     a += a_first + (from_item ? from_item[item] : item) * a_stride + (long)j * a_ld;
-    b = OF_ITEM(b) + (long)j * b_ld;
-    SPREAD(i, 0, rows)
-        out[i] = alpha * a[i] + (beta == 0.0 ? 0.0 : beta * b[i]);
-    if (j < rows && LANE == j % LANES)
-        out[j] += gamma;
+    blend_column(j, rows, alpha, a, beta, OF_ITEM(b) + (long)j * b_ld, gamma, out);
 }
 
 // What the attenuated beam makes: out = exp(-depth[item]/mu0) a + straight running, `running` (rows, r) being absent

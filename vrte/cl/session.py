@@ -27,6 +27,7 @@ SOURCES = (
     "correction",
     "doubling",
     "joining",
+    "steps",
     "sums",
     "scattering",
     "complexes",
@@ -76,11 +77,14 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class DeviceArray(Placed):
-    """Numbers on a device, row by row in the memory ``data``. Making a pyopencl array takes forty microseconds."""
+    """Numbers on a device, row by row in the memory ``data``, which may be part of a larger ``memory``, where it is the
+    kernels' number ``begin``. Making a pyopencl array takes forty microseconds."""
 
     data: Any
     shape: tuple[int, ...]
     dtype: Any
+    memory: Any = None
+    begin: int = 0
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -100,7 +104,7 @@ class DeviceArray(Placed):
     def reshape(self, shape: tuple[int, ...]) -> "DeviceArray":
         """The same numbers in another shape."""
         assert math.prod(shape) == self.size
-        return DeviceArray(self.data, shape, self.dtype)
+        return replace(self, shape=shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +122,8 @@ class Session:
     work-item a column, a strip or a matrix) or "gpu" (a work-group, tiles in local memory).
     ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
     as doubles; ``room``: bytes that matrices take at most, though there be more; ``beside``: sessions on the same queue
-    and memory, by form and precision."""
+    and memory, by form and precision; ``waiting``: what launches work that was put off until something else is asked
+    for."""
 
     context: Any
     queue: Any
@@ -132,6 +137,7 @@ class Session:
     traffic: Traffic = field(default_factory=Traffic)
     room: float = math.inf
     beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
+    waiting: list[Callable[[], None]] = field(default_factory=list)
 
     @property
     def real(self) -> Any:
@@ -228,6 +234,7 @@ class Session:
         import pyopencl
 
         if made.nbytes:
+            self.catch_up()
             self.traffic.bytes_up += made.nbytes
             self.traffic.waits += 1
             pyopencl.enqueue_copy(self.queue, made.data, self.narrow(values))
@@ -248,6 +255,7 @@ class Session:
         import pyopencl
 
         self._check_process()
+        self.catch_up()
         found = [np.empty(each.shape, each.dtype) for each in arrays]
         full = [(copy, each) for copy, each in zip(found, arrays, strict=True) if copy.nbytes]
         coming = [pyopencl.enqueue_copy(self.queue, copy, each.data, is_blocking=False) for copy, each in full]
@@ -270,6 +278,7 @@ class Session:
         """Copies what belongs to some items, axis 0, from one array to another of its kind."""
         import pyopencl
 
+        self.catch_up()
         size = target.nbytes // target.shape[0]
         for item in items:
             part = {"byte_count": size, "src_offset": item * size, "dst_offset": item * size}
@@ -282,12 +291,18 @@ class Session:
         if 0 in size:
             return
         self._check_process()
+        self.catch_up()
         self.traffic.launches += 1
         kernel = self.kernels[name]
         if group is None:
             group = self.kernels.groups[name][: len(size)]
             size = tuple(map(mul, size, group))
         kernel(self.queue, size, group, *flatten_arguments(arguments))
+
+    def catch_up(self) -> None:
+        """Launches what was put off."""
+        while self.waiting:
+            self.waiting.pop()()
 
     def local_memory(self, size: int) -> Any:
         """An argument of a kernel: so many bytes of local memory for each work-group."""
@@ -314,6 +329,7 @@ class Session:
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
         self._check_process()
+        self.catch_up()
         self.traffic.waits += 1
         self.queue.finish()
 
