@@ -18,7 +18,7 @@ import numpy as np
 import pyopencl
 
 import vrte
-from vrte.cl import device, matrices, session, settling, sums, trial
+from vrte.cl import device, doubling, matrices, session, settling, steps, sums, trial
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.session import Session
 
@@ -50,6 +50,7 @@ def make_everything_small() -> None:
     session.read_sources, session.SMALL = read_sources, 0
     session.LANES["gpu"] = sums.LANES = LANES
     matrices.CREW, matrices.GROUP, matrices.TILE, settling.GROUP = CREW, GROUP, 4 * GROUP, GROUP
+    steps.CREW, steps.TILES = CREW, 4 * (4 * GROUP + 4 * GROUP + 1)
     matrices.TILED.clear()
     matrices.TILED.update(TILED)
     start = threading.Thread.start
@@ -149,6 +150,14 @@ def solve_pile(algorithm: str, **more: Any) -> None:
     assert np.allclose(found.stokes, right.stokes, atol=1e-4)
 
 
+def launch_each_step(solve: Callable[[], None]) -> None:
+    """As where matrices are large."""
+    pays = doubling.pays
+    doubling.pays = lambda *asked: False
+    solve()
+    doubling.pays = pays
+
+
 CASES: dict[str, Callable[[Session], None]] = {
     "trial": try_devices,
     "matrices": multiply_and_invert,
@@ -156,8 +165,11 @@ CASES: dict[str, Callable[[Session], None]] = {
     "mixed": lambda on: solve_endless("invariance", precision="mixed", accuracy=1e-9),
     "invariance in floats": lambda on: solve_endless("invariance", **SINGLE),
     "endless": lambda on: solve_endless("doubling"),
+    "endless, a launch a step": lambda on: launch_each_step(lambda: solve_endless("doubling")),
     "doubling": lambda on: solve_pile("doubling"),
+    "doubling, a launch a step": lambda on: launch_each_step(lambda: solve_pile("doubling")),
     "doubling in floats": lambda on: solve_pile("doubling", **SINGLE),
+    "doubling in floats, a launch a step": lambda on: launch_each_step(lambda: solve_pile("doubling", **SINGLE)),
     "modes": lambda on: solve_pile("modes", backend="opencl+lapack", precision="auto"),
     "stages": lambda on: solve_pile("doubling", backend="opencl+lapack", precision="auto"),
     "algebra": lambda on: solve_pile("doubling", backend="sequential+device", precision="auto"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vrte.basics.running import Run
+from vrte.cl import doubling, steps
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
@@ -31,6 +32,48 @@ def test_what_a_slab_is_does_not_depend_on_the_others(opencl: Session) -> None:
     together, alone = doubled(pile, ORDERS, kernels), doubled(pile, ORDERS[1:2], kernels)
     np.testing.assert_array_equal(together.R[1], alone.R[0])
     np.testing.assert_array_equal(together.T[1], alone.T[0])
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", ["conservative over white", "endless", "endless and dark", "three kinds"])
+def test_steps_in_one_launch_are_those_of_a_launch_each(
+    either_form: Any, name: str, precision: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit, with fewer launches, wherever the list is cut."""
+    session = either_form.in_precision(precision)
+    pile, kernels = cut_layers(problem_of(SCENES[name], 5)), kernels_with(session, double_slabs=double_on_device)
+
+    def solve() -> tuple[Slabs, int]:
+        before = session.traffic.launches
+        return doubled(pile, ORDERS, kernels), session.traffic.launches - before
+
+    together, few = solve()
+    monkeypatch.setattr(steps, "LONGEST", 1e-7)
+    cut, some = solve()
+    monkeypatch.setattr(doubling, "pays", lambda *asked: False)
+    apart, many = solve()
+    assert few < some < many
+    assert few < 0.5 * many
+    for found in (together, cut):
+        for one in ("R", "T", "lost", "residual", "doublings"):
+            np.testing.assert_array_equal(getattr(found, one), getattr(apart, one))
+
+
+def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
+    units = opencl.units
+    assert steps.pays(opencl, 1, 1e4)
+    assert steps.pays(opencl, 3 * units, 1e12)
+    assert not steps.pays(opencl, 3 * units + 1, 1e12) or units == 1
+
+
+def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:
+    """A read, a launch and a wait alike."""
+    for ask in (opencl.finish, lambda: opencl.download(opencl.upload(np.ones(3)))):
+        done: list[int] = []
+        opencl.waiting.append(lambda done=done: done.append(1))
+        ask()
+        assert done == [1]
+        assert not opencl.waiting
 
 
 def test_stops_when_asked(opencl: Session) -> None:

@@ -101,19 +101,20 @@ def compute_householder_vector(frame: Frame) -> tuple[Array, Array]:
     return v, row - (v @ row) * v
 
 
-def find_memory(session: Session, sizes: Sizes, items: int) -> tuple[Memory | None, Memory | None]:
-    """Memory for what is needed while slabs are doubled, and for what is left of them, where the steps of an item are to
-    be carried out in one launch; None where each is to be one."""
-    n, whole = float(sizes.n), sizes.ld * sizes.columns
-    if not pays(session, items, 10.0 * whole * n + 4.0 * n * whole, 2.0 * n**3):
+def find_memory(session: Session, s: Sizes, items: int) -> tuple[Memory | None, Memory | None]:
+    """Memory for what is needed while slabs are doubled, and for what is left of them, where all steps of an item are
+    to be carried out in one launch; None where each is to be one."""
+    whole = s.ld * s.columns
+    if not pays(session, items, 14.0 * whole * s.n):
         return None, None
     pad, real = partial(Memory.pad, session), session.real.itemsize
-    one = sum(pad(real * items * max(1, size)) for size in (max(1, sizes.columns) * sizes.ld, sizes.o, sizes.r))
-    rates = 2 * sum(pad(real * max(1, size)) for size in (sizes.o, sizes.r))
-    scratch = SCRATCH * one + rates + pad(real * items * PANEL * sizes.n) + pad(4 * items * sizes.n)
+    one = sum(pad(real * items * max(1, size)) for size in (max(1, s.columns) * s.ld, s.o, s.r))
+    rates = 2 * sum(pad(real * max(1, size)) for size in (s.o, s.r))
+    scratch = SCRATCH * one + rates + pad(real * items * PANEL * s.n) + pad(4 * items * s.n)
     if scratch > session.device.max_mem_alloc_size:
         return None, None
-    return Memory(session, scratch), Memory(session, 2 * one + pad(real * items * sizes.n) + NUMBERS * pad(real * items))
+    kept = 2 * one + pad(real * items * s.n) + NUMBERS * pad(real * items)
+    return Memory(session, scratch), Memory(session, kept)
 
 
 class Doubling:
@@ -219,7 +220,9 @@ class Doubling:
             self.double(active, whole, (TANH, h.copy()))
             self.algebra.mirror_flux(active & self.items.turned, self.Zo)
             self.carry(active & carried, h)
-            if self.session.form == "cpu" and self.algebra.steps is None:  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
+            if (
+                self.session.form == "cpu" and self.algebra.steps is None
+            ):  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
                 self.session.finish()
         late = self.finite & ~carried
         self.algebra.product(late, 1.0, self.Zo, self.Ze, self.a)

@@ -122,15 +122,14 @@ class Algebra:
     def new(self, kept: bool = False) -> Extended:
         """Zeros."""
         s = self.sizes
-        shapes = (self.items, max(1, s.columns), s.ld), (self.items, max(1, s.o)), (self.items, max(1, s.r))
-        return Extended(s, *(self.take(shape, kept=kept) for shape in shapes))
+        shapes = (max(1, s.columns), s.ld), (max(1, s.o),), (max(1, s.r),)
+        whole, OO, II = (self.take((self.items, *shape), kept=kept) for shape in shapes)
+        return Extended(s, whole, OO, II)
 
     def with_rates(self, a: Extended) -> Extended:
         """The same with 1/mu as its light that goes straight."""
-        straight = self.rate_OO, self.rate_II
-        if self.memory is not None:
-            straight = tuple(self.memory.copy(rate) for rate in straight)
-        return replace(a, OO=straight[0], II=straight[1], shared=True)
+        copy = self.memory.copy if self.memory is not None else lambda rate: rate
+        return replace(a, OO=copy(self.rate_OO), II=copy(self.rate_II), shared=True)
 
     def where(self, chosen: BoolArray) -> Any:
         """The items chosen, as kernels take them."""

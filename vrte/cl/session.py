@@ -185,6 +185,11 @@ class Session:
         return self.queue.device
 
     @property
+    def units(self) -> int:
+        """Compute units of the device."""
+        return int(self.device.max_compute_units)
+
+    @property
     def on_host(self) -> bool:
         """Whether the device is the processor itself, and its memory that of the machine."""
         import pyopencl

@@ -1,6 +1,7 @@
 """Steps of many items in one launch: a list goes up to the device, and a crew of work-items an item goes through it.
 
-A launch each would cost more than the work where matrices are small, or so many that every unit of the device has an item."""
+A launch each would cost more than the work where matrices are small, or so many that every unit of the device has one.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +22,11 @@ LONGEST = 0.2  # seconds of a launch, so that a stop is soon obeyed
 LAUNCHES = 19  # of a doubling by a launch a step
 
 
-def pays(session: Session, items: int, products: float, inverses: float) -> bool:
-    """Whether a doubling with so many operations an item, in products and in inverses, takes less time by one crew an
-    item than by launches that all units share."""
-    units = session.device.max_compute_units
-    rounds = -(-items // units)
-    return (rounds - items / units) * products / RATE[session.form] < LAUNCHES * LAUNCH[session.form]
+def pays(session: Session, items: int, work: float) -> bool:
+    """Whether doublings with so many operations an item, inverses left out, take less time by one crew an item than by
+    launches that all units share."""
+    idle = -(-items // session.units) - items / session.units  # rounds of items that not all units have one of
+    return bool(idle * work / RATE[session.form] < LAUNCHES * LAUNCH[session.form])
 
 
 class Memory:
@@ -53,7 +53,6 @@ class Memory:
         assert self.used <= self.whole.nbytes
         part = self.buffer.get_sub_region(begin, size, pyopencl.mem_flags.READ_WRITE)
         return DeviceArray(part, tuple(shape), kind, self.whole, begin // self.session.real.itemsize)
-
 
     def copy(self, values: DeviceArray) -> DeviceArray:
         """A part with the same numbers."""
@@ -161,11 +160,14 @@ class Steps:
         if session.form == "gpu":
             width = choose_panel_width(max(self.rows, 1), session.device.local_mem_size)
             shelf = max(TILES, PANEL + 2 * CREW + self.rows * width)
-        arguments = *(session.constant(each) for each in (programs, told, np.array(self.shares), chosen, numbers)), *(
-            memories[0],
-            memories[-1],
-            width,
-            session.local_memory(shelf * session.real.itemsize),
+        arguments = (
+            *(session.constant(each) for each in (programs, told, np.array(self.shares), chosen, numbers)),
+            *(
+                memories[0],
+                memories[-1],
+                width,
+                session.local_memory(shelf * session.real.itemsize),
+            ),
         )
         self.begin()
         session.launch("carry_out_steps", (taking.size, 1), *arguments)

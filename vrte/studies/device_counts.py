@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -20,9 +20,12 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.cl.building import KERNEL, LISTS
 from vrte.cl.matrices import TILE
 from vrte.cl.session import DeviceArray, Session, read_sources
+from vrte.cl.steps import KINDS, OF_OPERAND, OF_OPERANDS, SIZE
 
 REAL = 8  # bytes of a number
 DEPTH = 16  # terms of a tile's sum between two reads of memory
+UNITS = 132  # of an H100
+ROWS_OF_CREW = 4  # columns that a crew has in hand at once
 ROOT = 20.0  # operations that a root or a quotient counts for
 MACRO = re.compile(r"\b([A-Z_]+)\b(?:\((\w+)\))?")
 
@@ -137,10 +140,40 @@ def weigh_renewal(call: Call) -> Work:
 
 def weigh_inverse(call: Call) -> Work:
     """A panel of 16 columns after the other; each column is searched, turned and eliminated between barriers."""
-    n, count, panels = float(call.n), call.items.size, np.ceil(call.n / DEPTH)
+    return weigh_inverses(call.n, call.items.size)
+
+
+def weigh_inverses(n: float, count: int) -> Work:
+    """So many of (n, n)."""
+    panels = np.ceil(n / DEPTH)
     return Work(
         2.0 * n**3 * count, REAL * 2.0 * n**2 * panels * count, REAL * 1.25 * n**3 * count, 0.6 * n + 6 * panels
     )
+
+
+def weigh_steps(call: Call) -> Work:
+    """Every step of a list, of the items that take part; each row of a crew has a column. An item's rounds follow each
+    other."""
+    programs, told = call.read_rows("programs", 3), call.read_rows("all_told", 2 * SIZE).view(np.int64)
+    chosen = call.read("chosen")
+    total, rounds = Work(), np.zeros(len(programs))
+    items = programs[: call.pieces[0], 2]
+    for kind, flags, rows, columns, inner, n, _, r, *rest in told[: programs[0, 1]].tolist():
+        taking = chosen[flags + items] > 0
+        ld, count = rest[OF_OPERANDS - 8 + 2 * OF_OPERAND + 2], np.full(int(taking.sum()), 1.0)
+        if KINDS[kind] == "product":
+            one = weigh_tiles(rows, columns, inner * count, 1.0)
+            waits = one.rounds * pad_to_tiles(rows, TILE) * pad_to_tiles(columns, TILE) / TILE**2
+        elif KINDS[kind] == "invert":
+            one = weigh_inverses(rows, count.size)
+            waits = one.rounds
+        else:
+            shapes = {"blend": (columns, rows), "largest": (columns, rows), "mirror": (1, n), "go": (1, n)}
+            wide, high = shapes.get(KINDS[kind], (n + r, ld))
+            one, waits = weigh_elements(count.size * float(wide * high), 2.5, 2.0), wide / ROWS_OF_CREW
+        rounds[: items.size][taking] += waits
+        total = Work(total.flops + one.flops, total.bytes + one.bytes, total.local + one.local)
+    return replace(total, rounds=float(rounds.max()))
 
 
 def weigh_degrees(call: Call) -> Work:
@@ -217,6 +250,7 @@ FORMULAS: Mapping[str, Callable[[Call], Work]] = MappingProxyType(
         "add_scattering_gpu": weigh_scattering,
         "add_straight": weigh_columns(2.0, 2.0),
         "blend": weigh_columns(2.0, 2.0, "rows"),
+        "carry_out_steps": weigh_steps,
         "clear_nodes": weigh_rows(3.0, 2.0 * ROOT, "n"),
         "column_sizes": weigh_columns(1.0, 2.0, "rows"),
         "combine": weigh_columns(2.5, 2.0),
@@ -310,6 +344,11 @@ class Recorder(Session):
         """So that work is cut as for a GPU."""
         return False
 
+    @property
+    def units(self) -> int:
+        """As many as a large GPU has."""
+        return UNITS
+
     def note(self, what: str, **more: Any) -> None:
         """Puts an event down; the time of putting it down is nobody's."""
         if self.thread != threading.get_ident():  # a solve has its own, whose clock begins with it
@@ -324,6 +363,7 @@ class Recorder(Session):
 
     def download_all(self, arrays: Sequence[DeviceArray]) -> list[Any]:
         """Waits for arrays: one read of all their bytes, and a call for each but the last, whose copy is waited for."""
+        self.catch_up()
         for _ in arrays[1:]:
             self.note("call")
         if self.weighing:
@@ -335,12 +375,14 @@ class Recorder(Session):
 
     def finish(self) -> None:
         """Waits for all."""
+        self.catch_up()
         if self.weighing:
             super().finish()
         self.note("wait")
 
     def put(self, values: Array, made: DeviceArray) -> None:
         """Counts an array that goes up to the device."""
+        self.catch_up()
         if self.weighing:
             super().put(values, made)
         self.note("put", bytes=made.nbytes)
