@@ -50,7 +50,7 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
     together, few = solve()
     monkeypatch.setattr(steps, "LONGEST", 1e-7)
     cut, some = solve()
-    monkeypatch.setattr(doubling, "pays", lambda *asked: False)
+    monkeypatch.setattr(doubling, "is_quicker_at_once", lambda *asked: False)
     apart, many = solve()
     assert few < some < many
     assert few < 0.5 * many
@@ -61,9 +61,9 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
 
 def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
     units = opencl.units
-    assert steps.pays(opencl, 1, 1e4)
-    assert steps.pays(opencl, 3 * units, 1e12)
-    assert not steps.pays(opencl, 3 * units + 1, 1e12) or units == 1
+    assert steps.is_quicker_at_once(opencl, 1, 1e4)
+    assert steps.is_quicker_at_once(opencl, 3 * units, 1e12)
+    assert not steps.is_quicker_at_once(opencl, 3 * units + 1, 1e12) or units == 1
 
 
 def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:

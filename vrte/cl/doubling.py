@@ -26,7 +26,7 @@ from vrte.cl.extended import (
 from vrte.cl.matrices import PANEL, STRIP, upload_stack
 from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
-from vrte.cl.steps import Memory, pays
+from vrte.cl.steps import Memory, is_quicker_at_once
 
 # How far Zo Ze of an endless slab is from 1 before the last doubling, which squares that.
 SETTLED = {"double": 1e-9, "single": 1e-4}
@@ -105,7 +105,7 @@ def find_memory(session: Session, s: Sizes, items: int) -> tuple[Memory | None, 
     """Memory for what is needed while slabs are doubled, and for what is left of them, where all steps of an item are
     to be carried out in one launch; None where each is to be one."""
     whole = s.ld * s.columns
-    if not pays(session, items, 14.0 * whole * s.n):
+    if not is_quicker_at_once(session, items, 14.0 * whole * s.n):
         return None, None
     pad, real = partial(Memory.pad, session), session.real.itemsize
     one = sum(pad(real * items * max(1, size)) for size in (max(1, s.columns) * s.ld, s.o, s.r))

@@ -109,8 +109,8 @@ __kernel void carry_out_steps(INTS programs, __global const long* restrict all_t
             CREW_COLUMNS(j, s.n + s.r)
                 combine_column(j, s, h ? alpha * *h : alpha, A, beta, B, gamma, C);
         } else if (kind == INVERT_STEP) {
-            __global int* pivots = (__global int*)b.II;
-            __global int* info = (__global int*)b.OO;
+            __global int* pivots = (__global int*)b.II + item * rows;
+            __global int* info = (__global int*)b.OO + item;
 #if LANES > 1
             __local real* row_k = shelf;
             __local real* largest = row_k + PANEL;
