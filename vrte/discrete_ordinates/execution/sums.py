@@ -106,6 +106,10 @@ class Adding(Protocol):
     def piece_bytes(self) -> float:
         """Of a result that is added up at a time."""
 
+    @property
+    def overwrites(self) -> bool:
+        """Whether `add_up` sets all numbers of a result, whatever was there."""
+
     def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
         """Adds the sums over Fourier orders, (1:6)-(1:8), and single scattering to all parts of all results; told(k)
         is called when k pieces of them are done."""
@@ -130,7 +134,7 @@ def fill_results(
     An engine adds up Fourier orders and single scattering; light of small angles and the beam that the base reflects
     come from the processor. told(k) is called when the engine is done with k pieces.
     """
-    sums = [prepare_sum(target, lights, run) for target, lights in lit]
+    sums = [prepare_sum(target, lights, run, engine.overwrites) for target, lights in lit]
     engine.add_up(sums, run, told)
     for result in sums:
         adders, n_phi = prepare_rest(result, choose_sum_threads(result, run)), result.target.azimuths.phi.size
@@ -141,12 +145,12 @@ def fill_results(
     return [[part.values for part in result.parts] for result in sums]
 
 
-def prepare_sum(target: Target, lights: Sequence[Light], run: Run) -> Sum:
+def prepare_sum(target: Target, lights: Sequence[Light], run: Run, overwritten: bool) -> Sum:
     """What an engine is to add up; single scattering by orders, where its closed form is not to be used."""
     leave_out, through_interfaces = target.problem.leave_out, target.problem.media is not None
     by_orders = not (leave_out.single or through_interfaces)
     more = [find_single_scattering(target, run)] if by_orders else []
-    return Sum(target, [*lights, *more], make_parts(target), not (by_orders or through_interfaces))
+    return Sum(target, [*lights, *more], make_parts(target, overwritten), not (by_orders or through_interfaces))
 
 
 def choose_sum_threads(result: Sum, run: Run) -> Run:
@@ -174,8 +178,10 @@ def split_evenly(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]
     return itertools.pairwise(first + k * (last - first) // parts for k in range(parts + 1))
 
 
-def make_parts(target: Target) -> list[Part]:
-    """Empty arrays; the problem has light going up first, in the order of the request otherwise."""
+def make_parts(target: Target, overwritten: bool = False) -> list[Part]:
+    """Zeros, or whatever is there if it will be ``overwritten``; the problem has light going up first, in the order of
+    the request otherwise."""
+    make = np.empty if overwritten else np.zeros
     mu, wanted = target.mu, target.wanted
     row = np.empty(mu.size, np.int32)
     row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
@@ -186,7 +192,7 @@ def make_parts(target: Target) -> list[Part]:
             row[directions],
             mu[directions],
             target.spreads[directions],
-            np.zeros((levels.size, wanted.scale.size, directions.size, *tail)),
+            make((levels.size, wanted.scale.size, directions.size, *tail)),
         )
         for levels, directions in wanted.parts
     ]

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -32,8 +33,19 @@ class Pile:
     out: IntArray
 
 
+PILES: WeakKeyDictionary[Problem, Pile] = WeakKeyDictionary()  # of problems that are at work
+
+
 def cut_layers(problem: Problem) -> Pile:
-    """Cuts the layers at the wanted depths and finds what is equal."""
+    """Cuts the layers at the wanted depths and finds what is equal; once for each problem."""
+    found = PILES.get(problem)
+    if found is None:
+        found = PILES[problem] = find_pile(problem)
+    return found
+
+
+def find_pile(problem: Problem) -> Pile:
+    """The same."""
     materials, kinds = find_materials(problem)
     found: dict[tuple[int, float, int], int] = {}
     slabs: list[int] = []

@@ -49,6 +49,7 @@ class Processor:
 
     stages: Any = _core
     piece_bytes: float = PIECE_BYTES
+    overwrites: bool = False
     others: ClassVar[Mapping[str, str]] = OTHER
     takes_many: ClassVar[bool] = False
     looks_ahead: ClassVar[Sequence[str]] = ()

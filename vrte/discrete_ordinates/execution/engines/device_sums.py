@@ -41,7 +41,10 @@ class Chunk:
         """Puts numbers of that shape where they belong, or adds them to what is there, ``more``."""
         for result, found in zip(self.results, values, strict=True):
             there = result.parts[self.part].values[:, self.first : self.last]
-            there[:] = there + found if more else found
+            if more:
+                there += found
+            else:
+                there[:] = found
 
 
 def add_up(

@@ -138,6 +138,11 @@ class Device:
         return {"invariance": "doubling"}
 
     @property
+    def overwrites(self) -> bool:
+        """What comes down is put in place of whatever is there."""
+        return True
+
+    @property
     def piece_bytes(self) -> float:
         """Of a result at once."""
         return LARGEST_SHARE * float(self.session.device.max_mem_alloc_size)
