@@ -1,5 +1,6 @@
 """Doubling on a device: what tests/test_engines.py does not see of it."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,26 @@ def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
     assert steps.is_quicker_at_once(opencl, 1, 1e4)
     assert steps.is_quicker_at_once(opencl, 3 * units, 1e12)
     assert not steps.is_quicker_at_once(opencl, 3 * units + 1, 1e12) or units == 1
+
+
+def test_slow_doubles_make_one_launch_dear() -> None:
+    """A unit of an RTX 4090 has a 60th of an H100's doubles, but its floats."""
+    pyopencl = pytest.importorskip("pyopencl")
+
+    def describe(architecture: tuple[int, int], precision: str) -> Any:
+        major, minor = architecture
+        device = SimpleNamespace(
+            type=pyopencl.device_type.GPU,
+            max_clock_frequency=2000,
+            compute_capability_major_nv=major,
+            compute_capability_minor_nv=minor,
+        )
+        return SimpleNamespace(device=device, form="gpu", precision=precision, units=130)
+
+    assert steps.find_rate(describe((8, 9), "double")) < 0.1 * steps.find_rate(describe((9, 0), "double"))
+    assert steps.find_rate(describe((8, 9), "single")) == steps.find_rate(describe((9, 0), "single"))
+    assert steps.is_quicker_at_once(describe((9, 0), "double"), 120, 1e8)
+    assert not steps.is_quicker_at_once(describe((8, 9), "double"), 120, 1e8)
 
 
 def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.cl.matrices import CREW, PANEL, choose_panel_width
+from vrte.cl.rates import estimate_rate, name_architecture
 from vrte.cl.session import DeviceArray, Session
 
 KINDS = ("product", "straight", "combine", "invert", "prepare", "largest", "blend", "mirror", "go", "lead", "divide")
 SIZE, OF_OPERANDS, OF_OPERAND = 40, 16, 8  # numbers of a step, those before its operands, those of each
 TILES = 16 * (64 + 65)  # numbers of both factors of a product in local memory
-LAUNCH = {"cpu": 25e-6, "gpu": 40e-6}  # seconds of a launch, the host's included, by form
-RATE = {"cpu": 3.5e10, "gpu": 1e11}  # operations a second of a unit of the device
+LAUNCH = {"cpu": 25e-6, "gpu": 20e-6}  # seconds of a launch, the host's included, by form
+RATE = {"cpu": 3.5e10, "gpu": 1e11}  # operations a second of a unit of the device, at most
+SHARE = 0.4  # of what a unit of a GPU says it could do in doubles
 LONGEST = 0.2  # seconds of a launch, so that a stop is soon obeyed
 LAUNCHES = 19  # of a doubling by a launch a step
 
@@ -26,7 +28,18 @@ def is_quicker_at_once(session: Session, items: int, work: float) -> bool:
     """Whether doublings with so many operations an item, inverses left out, take less time by one crew an item than by
     launches that all units share."""
     idle = -(-items // session.units) - items / session.units  # rounds of items that not all units have one of
-    return bool(idle * work / RATE[session.form] < LAUNCHES * LAUNCH[session.form])
+    return bool(idle * work / find_rate(session) < LAUNCHES * LAUNCH[session.form])
+
+
+def find_rate(session: Session) -> float:
+    """Operations a second of a unit: few in doubles where graphics come first."""
+    import pyopencl
+
+    device, rate = session.device, RATE[session.form]
+    if device.type & pyopencl.device_type.CPU or session.precision == "single":
+        return rate
+    clock = 1e6 * float(device.max_clock_frequency or 1000)
+    return min(rate, SHARE * estimate_rate(name_architecture(device), "gpu", 1, clock))
 
 
 class Memory:
@@ -126,7 +139,7 @@ class Steps:
         self.told.append(told)
         self.shares.append(shares)
         self.work += work
-        if self.work > LONGEST * RATE[self.session.form]:
+        if self.work > LONGEST * find_rate(self.session):
             self.session.catch_up()
             if self.session.form == "cpu":
                 self.session.finish()

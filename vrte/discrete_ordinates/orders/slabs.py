@@ -37,7 +37,7 @@ PILES: WeakKeyDictionary[Problem, Pile] = WeakKeyDictionary()  # of problems tha
 
 
 def cut_layers(problem: Problem) -> Pile:
-    """Cuts the layers at the wanted depths and finds what is equal; once for each problem."""
+    """What `find_pile` finds, once for each problem."""
     found = PILES.get(problem)
     if found is None:
         found = PILES[problem] = find_pile(problem)
@@ -45,7 +45,7 @@ def cut_layers(problem: Problem) -> Pile:
 
 
 def find_pile(problem: Problem) -> Pile:
-    """The same."""
+    """The layers cut at the wanted depths, and which of the slabs are equal."""
     materials, kinds = find_materials(problem)
     found: dict[tuple[int, float, int], int] = {}
     slabs: list[int] = []
