@@ -29,18 +29,11 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
     result = Assembled(
         *(np.empty((*shape, *tail)) for tail in [(n, n), (n, n), (n, out), (n, out), (into, n), (into, n)])
     )
-    directions = problem.directions
     with run.timed("assembly") as crew:
         run.kernels.assemble(
             crew,
             orders=orders,
-            members=np.array(problem.stokes, np.int32),
-            coefficients=problem.coefficients,
-            terms=problem.terms,
-            albedo=problem.albedo,
-            directions=directions,
-            weights=problem.weights,
-            n_out=problem.mu_out.size,
+            **problem.phase_arguments,
             E=result.E,
             F=result.F,
             G_E=result.G_E,

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypedDict
 
 import numpy as np
 
@@ -11,6 +12,18 @@ from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.media import Media
 
 ALL = (0, 1, 2, 3)  # places of I, Q, U, V
+
+
+class PhaseArguments(TypedDict):
+    """What loops of the core that know of phase matrices are told of a problem, by their names for it."""
+
+    members: IntArray
+    coefficients: Array
+    terms: IntArray
+    albedo: Array
+    directions: Array
+    weights: Array
+    n_out: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +67,19 @@ class Problem:
     def directions(self) -> Array:
         """Nodes, then outgoing, then incident cosines."""
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
+
+    @cached_property
+    def phase_arguments(self) -> PhaseArguments:
+        """Stokes parameters, layers and directions, as the core takes them."""
+        return PhaseArguments(
+            members=np.array(self.stokes, np.int32),
+            coefficients=self.coefficients,
+            terms=self.terms,
+            albedo=self.albedo,
+            directions=self.directions,
+            weights=self.weights,
+            n_out=self.mu_out.size,
+        )
 
     @cached_property
     def off_nodes(self) -> tuple[Array, IntArray]:
