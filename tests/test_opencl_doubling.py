@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vrte.basics.running import Run
-from vrte.cl import doubling, steps
+from vrte.cl import steps
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
@@ -51,7 +51,7 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
     together, few = solve()
     monkeypatch.setattr(steps, "LONGEST", 1e-7)
     cut, some = solve()
-    monkeypatch.setattr(doubling, "is_quicker_at_once", lambda *asked: False)
+    monkeypatch.setattr(session, "at_once", False)
     apart, many = solve()
     assert few < some < many
     assert few < 0.5 * many

@@ -105,7 +105,7 @@ def find_memory(session: Session, s: Sizes, items: int) -> tuple[Memory | None, 
     """Memory for what is needed while slabs are doubled, and for what is left of them, where all steps of an item are
     to be carried out in one launch; None where each is to be one."""
     whole = s.ld * s.columns
-    if not is_quicker_at_once(session, items, 14.0 * whole * s.n):
+    if not session.at_once or not is_quicker_at_once(session, items, 14.0 * whole * s.n):
         return None, None
     pad, real = partial(Memory.pad, session), session.real.itemsize
     one = sum(pad(real * items * max(1, size)) for size in (max(1, s.columns) * s.ld, s.o, s.r))

@@ -121,7 +121,8 @@ class Session:
     array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of the kernels, "cpu" (a
     work-item a column, a strip or a matrix) or "gpu" (a work-group, tiles in local memory).
     ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
-    as doubles; ``room``: bytes that matrices take at most, though there be more; ``beside``: sessions on the same queue
+    as doubles; ``room``: bytes that matrices take at most, though there be more; ``at_once``: whether
+    steps of doubling may go in one launch; ``beside``: sessions on the same queue
     and memory, by form and precision; ``waiting``: what launches work that was put off until something else is asked
     for."""
 
@@ -138,6 +139,7 @@ class Session:
     room: float = math.inf
     beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
     waiting: list[Callable[[], None]] = field(default_factory=list)
+    at_once: bool = True
 
     @property
     def real(self) -> Any:

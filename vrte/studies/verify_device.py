@@ -156,6 +156,7 @@ class Verification:
             "invariance, no bottom": (CLOSE, lambda: self.compare_brdf("endless", "invariance")),
             "doubling, no bottom": (SAME, lambda: self.compare_brdf("endless", "doubling")),
             "doubling, four layers on a base, transmission": (SAME, lambda: self.compare_brdf("pile", "doubling")),
+            "the same by a launch a step": (SAME, self.compare_step_by_step),
             "twelve depths": (SAME, self.compare_depths),
             SURFACE: (SAME, lambda: self.compare_brdf("surface", "doubling")),
             MODES: (CLOSE, self.compare_modes),
@@ -195,6 +196,14 @@ class Verification:
         if right.transmission is None or found.transmission is None:
             return measure_gap(found.mueller, right.mueller)
         return max(measure_gap(found.mueller, right.mueller), measure_gap(found.transmission, right.transmission))
+
+    def compare_step_by_step(self) -> float:
+        """Doubling as where matrices are large: one launch a step, not one for all."""
+        self.session.at_once = False
+        try:
+            return self.compare_brdf("pile", "doubling")
+        finally:
+            self.session.at_once = True
 
     def compare_depths(self) -> float:
         """Radiance at depths inside a pile, and the fluxes there."""
