@@ -115,12 +115,12 @@ class Algebra:
         self.info = self.take((items,), np.int32, kept=True)
 
     def take(self, shape: tuple[int, ...], dtype: Any = None, kept: bool = False) -> DeviceArray:
-        """Zeros."""
+        """An array of zeros, of the memory that is divided if there is one."""
         memory = self.kept if kept else self.memory
         return self.session.zeros(shape, dtype) if memory is None else memory.take(shape, dtype)
 
     def new(self, kept: bool = False) -> Extended:
-        """Zeros."""
+        """Extended matrices of zeros."""
         s = self.sizes
         shapes = (max(1, s.columns), s.ld), (max(1, s.o),), (max(1, s.r),)
         whole, OO, II = (self.take((self.items, *shape), kept=kept) for shape in shapes)

@@ -57,7 +57,7 @@ class Memory:
         return -(-max(size, 1) // grain) * grain
 
     def take(self, shape: tuple[int, ...], dtype: Any = None) -> DeviceArray:
-        """The next part."""
+        """The part of this memory that nothing has yet."""
         import pyopencl
 
         kind = self.session.real if dtype is None else np.dtype(dtype)
@@ -103,7 +103,7 @@ class Steps:
         self.begin()
 
     def begin(self) -> None:
-        """An empty list."""
+        """Starts a list without steps."""
         self.told: list[list[int]] = []
         self.shares: list[tuple[float, float, float]] = []
         self.chosen: dict[bytes, int] = {}
@@ -162,7 +162,7 @@ class Steps:
         return [self.memories.index(memory), operand.first, operand.ld, operand.stride, *operand.straight]
 
     def carry_out(self) -> None:
-        """Launches all of them."""
+        """Launches all steps of the list."""
         session, told = self.session, np.array(self.told, np.int64)
         chosen = np.concatenate([np.frombuffer(flags, bool) for flags in self.chosen]).astype(np.int32)
         numbers = np.concatenate([np.zeros(0), *(np.frombuffer(key) for key in self.numbers), np.zeros(1)])

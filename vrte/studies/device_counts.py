@@ -144,7 +144,7 @@ def weigh_inverse(call: Call) -> Work:
 
 
 def weigh_inverses(n: float, count: int) -> Work:
-    """So many of (n, n)."""
+    """Inverses of so many matrices (n, n)."""
     panels = np.ceil(n / DEPTH)
     return Work(
         2.0 * n**3 * count, REAL * 2.0 * n**2 * panels * count, REAL * 1.25 * n**3 * count, 0.6 * n + 6 * panels
