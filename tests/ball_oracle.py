@@ -169,7 +169,8 @@ def refracted_nodes(request: Request) -> list[tuple[arb, arb]]:
     the denser one."""
     assert request.index > 1.0
     index, found = exact(request.index), []
-    for first, last, low, high in make_refracted_nodes([1.0, request.index], request.nodes).panels:
+    for first, last, panel in make_refracted_nodes([1.0, request.index], request.nodes).panels:
+        low, high = panel.low, panel.high
         size, most = exact(high) ** 2 - exact(low) ** 2, arb(1) if low == 0.0 else arb.pi() / 2
         for x, w in gauss(last - first):
             if high < request.index:

@@ -97,6 +97,36 @@ def faint(chance: np.random.Generator) -> vrte.Scene:
     return vrte.Scene([vrte.Layer(matrix, float(10.0 ** chance.uniform(-5, -1)), float(10.0 ** chance.uniform(-2, 1)))])
 
 
+def surfaced(chance: np.random.Generator) -> vrte.Scene:
+    """Layers of thickness 1e-5 to 1e3 and surfaces: none, a smooth or a rough one on top, a plate, a stack of two, or
+    one between layers; over black or white."""
+    index, other = (float(value) for value in chance.uniform(1.03, 2.2, 2))
+    matrices = [
+        vrte.rayleigh(float(chance.choice([0.0, 0.03]))),
+        vrte.henyey_greenstein(float(chance.choice([0.3, 0.6])), 40),
+        phase_matrix_of("rutile"),
+    ]
+
+    def layer(thickest: float = 1.0) -> vrte.Layer:
+        matrix, albedo = matrices[chance.integers(3)], float(chance.choice([0.3, 0.9, 0.99, 1.0]))
+        return vrte.Layer(matrix, albedo, float(10.0 ** chance.uniform(-5, thickest)))
+
+    base = None if chance.random() < 0.5 else vrte.Lambertian(float(chance.uniform()))
+    kind = str(
+        chance.choice(["none", "smooth", "rough", "plate", "stack", "between"], p=[0.2, 0.2, 0.1, 0.2, 0.15, 0.15])
+    )
+    top = vrte.Interface(1.0, index)
+    piles: dict[str, Callable[[], list[Any]]] = {
+        "none": lambda: [layer(3.0), *([layer()] if chance.random() < 0.5 else [])],
+        "smooth": lambda: [top, layer(3.0)],
+        "rough": lambda: [vrte.Interface(1.0, index, roughness=0.3, shadowing=True, conserving=True), layer()],
+        "plate": lambda: [top, layer(), vrte.Interface(index, 1.0)],
+        "stack": lambda: [top, layer(), vrte.Interface(index, other), layer()],
+        "between": lambda: [layer(), top, layer()],
+    }
+    return vrte.Scene(piles[kind](), base)
+
+
 def cosines(chance: np.random.Generator, count: int) -> Array:
     """Evenly spread, some of them grazing."""
     low = 10.0 ** chance.uniform(math.log10(LOWEST), 0.0, count)

@@ -4,29 +4,31 @@ import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
 from tests import exact
-from vrte.basics.running import Run
-from vrte.discrete_ordinates.planning import needs, node_choice
+from vrte.discrete_ordinates.planning import choose_quadrature, needs
+from vrte.methods import discrete_ordinates
 from vrte.studies.accuracy import fewest, page, sweep
 from vrte.studies.accuracy.__main__ import main
-from vrte.studies.accuracy.sweep import MU, PHI, PROBES
+from vrte.studies.accuracy.sweep import PROBES
 
 ERRORS = Path(__file__).parents[1] / "docs" / "explanation" / "accuracy" / "errors.csv"
 QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 
-def check(outcomes: Sequence[sweep.Outcome]) -> None:
-    """Never above what was requested, and not far below where something could be left out."""
+def check(outcomes: Sequence[sweep.Outcome], slack: float = 100.0) -> None:
+    """Never above what was requested, and not far below where something could be left out. Of two counts of nodes the
+    finer's result is returned, and their difference, the coarser's error, is what has to be small: more ``slack``."""
     assert not [page.describe_outcome(outcome) for outcome in outcomes if not outcome.kept]
-    assert all(outcome.promised for outcome in outcomes)
+    assert all(outcome.promised or outcome.given for outcome in outcomes)
     assert max(outcome.uncertain for outcome in outcomes) < 3e-10
-    assert sweep.compute_median_slack(outcomes) < 100.0
+    assert sweep.compute_median_slack(outcomes) < slack
 
 
 def test_requested_is_achieved_on_given_nodes() -> None:
@@ -34,7 +36,7 @@ def test_requested_is_achieved_on_given_nodes() -> None:
 
 
 def test_requested_is_achieved_on_chosen_nodes() -> None:
-    check(list(sweep.measure_outcomes(QUICK_CHOSEN, False, sweep.CHOSEN[::2])))
+    check(list(sweep.measure_outcomes(QUICK_CHOSEN, False, sweep.CHOSEN[::2])), 1000.0)
 
 
 @pytest.mark.slow
@@ -44,8 +46,8 @@ def test_requested_is_achieved_everywhere(given: bool) -> None:
     outcomes = list(sweep.measure_outcomes(tuple(PROBES), given, sweep.GIVEN if given else sweep.CHOSEN))
     assert len(PROBES) >= 12
     # references on many nodes are good to 4e-10: at a request of 1e-9 that is what is compared with
-    check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes])
-    assert given or max(ratio_of(outcomes).values()) <= 1.5
+    check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes], 100.0 if given else 1000.0)
+    assert given or max(ratio_of(outcomes).values()) <= 3.0
 
 
 def ratio_of(outcomes: Sequence[sweep.Outcome]) -> dict[tuple[str, float], float]:
@@ -56,15 +58,13 @@ def ratio_of(outcomes: Sequence[sweep.Outcome]) -> dict[tuple[str, float], float
 
 @pytest.mark.parametrize("name", ["haze L, thickness 1", "HG 0.85, without end", "peak below Rayleigh"])
 def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
-    """Up to three times as many were taken at 1e-2 where the strongest term that is cut decided."""
+    """The finer of two counts is a step of the series above the fewest that hold, or two."""
     case, errors = PROBES[name], fewest.read_errors(ERRORS)[name]
     for requested in (1e-2, 1e-4):
-        tau = np.array([0.0, min(case.scene.thickness, 1e3)][: 1 + (case.scene.thickness < 1e3)])
-        mu = case.signed_mu if tau.size > 1 else np.array(MU)
-        asked = case.scene, np.array(case.mu0), mu, np.array(PHI), tau, requested
-        found = node_choice.choose_nodes(*asked, Run(1), "all")
-        assert found.nodes <= 1.5 * fewest.find_fewest_that_hold(errors, requested)
-        assert not found.notes
+        found = sweep.answer_probe(case, requested, None).diagnostics
+        hold = fewest.find_fewest_that_hold(errors, requested)
+        assert found["promised"]
+        assert found["nodes"] <= 2 * next(count for count in choose_quadrature.SERIES if count >= hold)
 
 
 def test_a_peak_of_many_terms_takes_fewer_nodes_for_a_hundredth() -> None:
@@ -110,9 +110,8 @@ def test_one_azimuth_alone_is_compared_with_its_own_light() -> None:
         assert np.abs(got - right).max() <= 1e-4 * right[..., 0].max()
 
 
-def chosen(scene: vrte.Scene, accuracy: float = 1e-6, mu0: float = 0.5, tau: float = 0.0) -> node_choice.NodeChoice:
-    mu, phi = np.array([0.05, 0.5, 1.0]), np.zeros(1)
-    return node_choice.choose_nodes(scene, np.array([mu0]), mu, phi, np.array([tau]), accuracy, Run(1))
+def solve(scene: vrte.Scene, accuracy: float = 1e-6, mu0: float = 0.5, tau: float = 0.0) -> dict[str, Any]:
+    return vrte.radiance(scene, mu0, mu=[0.05, 0.5, 1.0], tau=tau, accuracy=accuracy, threads=1).diagnostics
 
 
 def rayleigh(thickness: float) -> vrte.Scene:
@@ -120,49 +119,74 @@ def rayleigh(thickness: float) -> vrte.Scene:
 
 
 def test_nodes_follow_accuracy_terms_thickness_and_grazing_light() -> None:
-    counts = [chosen(rayleigh(1.0), accuracy).nodes for accuracy in (1e-3, 1e-5, 1e-7, 1e-9)]
+    counts = [solve(rayleigh(1.0), accuracy)["nodes"] for accuracy in (1e-2, 1e-4, 1e-6, 1e-8)]
     assert counts == sorted(set(counts))
-    assert chosen(rayleigh(0.01)).nodes > 2 * chosen(rayleigh(1.0)).nodes
-    assert chosen(rayleigh(1.0), tau=0.01).nodes > chosen(rayleigh(1.0)).nodes
-    assert chosen(rayleigh(1.0), mu0=0.02).nodes > chosen(rayleigh(1.0)).nodes
+    assert solve(rayleigh(0.01))["nodes"] > solve(rayleigh(1.0))["nodes"]
+    assert solve(rayleigh(1.0), tau=0.01)["nodes"] > solve(rayleigh(1.0))["nodes"]
+    assert solve(rayleigh(1.0), mu0=1e-3)["nodes"] >= solve(rayleigh(1.0))["nodes"]
     peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.85, 142), 0.9, 1.0)])
-    assert chosen(peaked).nodes > 1.5 * chosen(rayleigh(1.0)).nodes
+    assert solve(peaked)["nodes"] > 1.5 * solve(rayleigh(1.0))["nodes"]
 
 
-def test_a_wrong_estimate_is_found_and_mended(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = chosen(rayleigh(1.0))
-    for wrong, first in ((1e-20, node_choice.FEWEST), (1.0, node_choice.MOST)):
-        estimate = np.full(node_choice.MOST - node_choice.FEWEST + 1, wrong)
-        monkeypatch.setattr(node_choice, "estimate_errors", lambda *_, estimate=estimate: estimate)
-        found = chosen(rayleigh(1.0))
-        assert f"estimate {first}: " in found.rule
-        assert f"; {found.nodes}: right to" in found.rule
-        assert not found.notes
-        assert 0.5 * right.nodes < found.nodes < 4 * right.nodes
+def test_smooth_phase_functions_take_graded_nodes_and_many_terms_do_not() -> None:
+    peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9), 0.9, 1.0)])
+    assert [solve(scene)["grading"] for scene in (rayleigh(1.0), rayleigh(1e-3), peaked)] == [2, 2, 1]
 
 
-@pytest.mark.parametrize(
-    ("scene", "mu0", "accuracy", "word"),
-    [
-        (rayleigh(1.0), 0.001, 1e-6, "not for 0.001"),
-        (rayleigh(1e-4), 0.5, 1e-9, "at most 40"),
-        (vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.98, 1200), 0.9, 1.0)]), 0.5, 1e-6, "1200 terms"),
-    ],
-)
-def test_what_cannot_be_promised_is_said(
-    scene: vrte.Scene, mu0: float, accuracy: float, word: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("wrong", "first"), [(1e-20, 4), (1.0, 16)])
+def test_a_wrong_estimate_is_only_where_the_search_starts(
+    wrong: float, first: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(node_choice, "MOST", 40)
-    found = chosen(scene, accuracy, mu0)
-    assert any(word in note for note in found.notes)
-    assert found.nodes <= 40
+    right = solve(rayleigh(1.0), 1e-5)
+    for name in ("estimate_errors", "estimate_graded_errors"):
+        monkeypatch.setattr(choose_quadrature, name, lambda *_: np.full(253, wrong))
+    monkeypatch.setattr(choose_quadrature, "SERIES", (4, 6, 8, 12, 16, 24))
+    found = solve(rayleigh(1.0), 1e-5)
+    assert found["nodes_rule"].startswith(f"{first} nodes")
+    assert found["promised"]
+    assert found["achieved"] <= 1e-5
+    assert found["nodes"] <= 2 * right["nodes"]
 
 
-def test_so_many_layers_are_not_checked() -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)] * 10_000)
-    found = chosen(scene)
-    assert "not checked" in found.rule
-    assert "not checked" in found.notes[0]
+def test_what_cannot_be_promised_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choose_quadrature, "SERIES", (4, 6, 8, 12))
+    found = solve(vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.93, 400), 0.9, 1.0)]), 1e-6)
+    assert found["nodes"] == 12
+    assert not found["promised"]
+    assert found["achieved"] > 1e-6
+    assert "12 nodes differ by" in found["notes"][0]
+
+
+def test_forty_layers_take_few_nodes() -> None:
+    """Each thin layer by itself would have asked for 256 nodes: 9 minutes."""
+    thickness = np.geomspace(1e-3, 0.3, 40)
+    layers = [vrte.Layer(vrte.rayleigh(0.03 * (k % 2)), 0.99, x) for k, x in enumerate(thickness.tolist())]
+    scene, call = vrte.Scene(layers, vrte.Lambertian(0.3)), {"mu_i": 0.5, "mu_o": [0.2, 0.9], "threads": 1}
+    found, right = vrte.brdf(scene, **call), vrte.brdf(scene, nodes=32, **call)
+    assert found.diagnostics["promised"]
+    assert found.diagnostics["nodes"] <= 24
+    assert np.abs(found.mueller - right.mueller).max() <= 1e-6 * right.mueller[..., 0, 0].max()
+
+
+def test_a_plan_estimates_without_solving(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(discrete_ordinates, "solve_plans", None)
+    plan = vrte.plan("radiance", rayleigh(1.0), 0.5, mu=[0.5], accuracy=1e-4)
+    assert "which the solve compares with" in plan.choice.rule
+    assert "which the solve compares with" in str(plan)
+
+
+def test_nodes_given_promise_nothing_without_a_second_count() -> None:
+    scene = vrte.Scene([vrte.Interface(1.0, 1.33), vrte.Layer(vrte.rayleigh(), 0.9, 0.1)])
+    call = {"mu_i": 0.5, "mu_o": [0.2, 0.9], "accuracy": 1e-7, "threads": 1}
+    found, checked = vrte.brdf(scene, nodes=8, **call), vrte.brdf(scene, nodes=8, verify=True, **call)
+    fine, right = vrte.brdf(scene, nodes=64, verify=True, **call), vrte.brdf(scene, nodes=128, **call)
+    assert found.diagnostics["achieved"] is None
+    assert not found.diagnostics["promised"]
+    assert "is not estimated" in found.diagnostics["notes"][0]
+    error = np.abs(found.mueller - right.mueller).max() / right.mueller[..., 0, 0].max()
+    assert 0.5 * error < checked.diagnostics["achieved"] < 2.0 * error
+    assert not checked.diagnostics["promised"]
+    assert fine.diagnostics["promised"]
 
 
 BACKWARD = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(-0.99, 2500), 0.99, 5.0)])
@@ -173,7 +197,7 @@ def test_terms_that_nodes_given_do_not_carry_are_told() -> None:
     with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few .* 229 nodes do"):
         found = vrte.brdf(BACKWARD, 0.6, [0.1, 0.5, 0.9], [0.0, 90.0, 180.0], nodes=12)
     assert not found.diagnostics["promised"]
-    assert "carry 24 of the 2500 terms" in found.diagnostics["notes"][0]
+    assert "carry 24 of the 2500 terms" in found.diagnostics["notes"][1]
     assert found.diagnostics["peak_fractions"] == [0.0]
     with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few"):
         vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], nodes=12)
@@ -190,9 +214,8 @@ def test_terms_cut_are_told_by_other_methods_and_in_many_scenes() -> None:
     many = vrte.brdfs([scene], 0.5, [0.2, 0.7], nodes=4)[0]
     other = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=4, method="adding-doubling")
     every = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=15)
-    assert [one.diagnostics["promised"] for one in (many, other, every)] == [False, False, True]
-    assert "carry 8 of the 30 terms" in many.diagnostics["notes"][0]
-    assert "carry 8 of the 30 terms" in other.diagnostics["notes"][0]
+    told = [any("carry 8 of the 30 terms" in note for note in one.diagnostics["notes"]) for one in (many, other, every)]
+    assert told == [True, True, False]
 
 
 def lobe(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
@@ -209,9 +232,8 @@ def test_the_result_says_how_its_nodes_were_found(base: vrte.Lambertian | vrte.M
     told = found.diagnostics
     assert told["promised"]
     assert told["notes"] == []
-    assert told["nodes_rule"].startswith("estimate ")
-    assert f"{told['nodes']}: right to" in told["nodes_rule"]
-    assert told["stages"]["choice of nodes"]["wall_seconds"] > 0.0
+    assert 0.0 < told["achieved"] <= 1e-6
+    assert f"{told['nodes']}: {told['achieved']:.1g}" in told["nodes_rule"]
     assert np.abs(found.stokes - right.stokes).max() <= 1e-6 * right.stokes[..., 0].max()
     assert right.diagnostics["nodes_rule"] == "as asked for"
 

@@ -119,8 +119,8 @@ def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
     if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
         return panel
     mu_i, mu_o, phi = geometry.directions
-    nodes = panel.put_over(Lambertian(albedo)).choose_nodes(mu_i, mu_o, phi) + SPARE_NODES
-    return replace(panel, asked={**panel.asked, "nodes": nodes})
+    found = panel.put_over(Lambertian(albedo)).choose_quadrature(mu_i, mu_o, phi)
+    return replace(panel, asked={**panel.asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
 
 def find_hiding_film(drawdown: Drawdown, target: float, limit: float) -> tuple[float | None, str]:

@@ -22,6 +22,7 @@ from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
 from vrte.request.request import Request
+from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
@@ -131,10 +132,8 @@ class Panel:
         scenes = tuple(self.scenes[place] for place in places)
         return replace(self, wavelength_um=self.wavelength_um[list(places)], scenes=scenes)
 
-    def choose_nodes(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> int:
+    def choose_quadrature(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> dict[str, int]:
         """The most nodes that the accuracy takes for some directions, at the first, a middle and the last wavelength.
-
-        To choose them takes some times as long as to solve with them.
 
         Parameters
         ----------
@@ -143,8 +142,8 @@ class Panel:
 
         Returns
         -------
-        int
-            Nodes in each hemisphere.
+        dict
+            The options nodes, in each hemisphere, and grading of `vrte.brdf`.
 
         Raises
         ------
@@ -155,11 +154,10 @@ class Panel:
         --------
         >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.55], accuracy=0.01).choose_nodes(0.9) < 20
+        >>> make_panel(haze, [0.55], accuracy=0.01).choose_quadrature(0.9)["nodes"] < 20
         True
         """
-        found = self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi)
-        return max(int(one.diagnostics["nodes"]) for one in found)
+        return find_finest_nodes(self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi))
 
     def put_over(self, base: Boundary | None) -> "Panel":
         """The same panel over another base.
@@ -323,8 +321,7 @@ class Panel:
         part = progress and (lambda done, total: progress(done, count))
         found = dict(zip(looked_at, solve_side_by_side(list(requests.values()), part), strict=True))
         if rest:
-            most = max(one.diagnostics.get("nodes", 0) for one in found.values())
-            fixed = {"nodes": most} if most and "accuracy" in self.asked else {}
+            fixed = find_finest_nodes(found.values()) if "accuracy" in self.asked else {}
             others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
             told = f"the other {len(rest)} wavelengths"
             if not is_shared():  # who shares the cores has foretold all of it

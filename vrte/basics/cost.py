@@ -55,8 +55,6 @@ DOUBLING_AT_ONCE, DOUBLING_SIZE = 0.1, 1500.0  # of a doubling, and the unknowns
 WORTH_DOUBLING = 0.7  # where it is predicted to take so much: predictions are right to about a third
 
 # from where on it is worth while, by what takes a millisecond or so
-WORTH_LOOK = 5e6  # cubes of unknowns that fewer nodes save: another look at the error of nodes
-NOT_SMALLEST = 2e5  # cubes of unknowns of a solve: the same, where far fewer nodes are expected
 WORTH_STAGES = 5e6  # cubes of unknowns: look again, between orders, at how many are left
 WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
 WORTH_THREADS_BOUNDS = 1e6  # spherical functions

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,24 +14,30 @@ from vrte.basics.spherical_functions import find_gauss_legendre
 kept = lru_cache(maxsize=16)(find_gauss_legendre)
 
 
-def make_double_gauss(nodes: int) -> tuple[Array, Array]:
-    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15).
+def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:
+    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15) with grading 1.
 
-    >>> make_double_gauss(1)
-    (array([0.5]), array([1.]))
+    Graded nodes are mu = x^grading of Gauss's x: nodes crowd at the horizon mu = 0, where light varies as
+    e^(-tau/mu) and mu log(mu); they integrate polynomials in mu of about 2 nodes/grading degrees.
+
+    >>> make_double_gauss(1), make_double_gauss(1, 2)
+    ((array([0.5]), array([1.])), (array([0.25]), array([1.])))
     """
     x, weights = kept(nodes)
-    return 0.5 * (x + 1.0), 0.5 * weights
+    x, weights = 0.5 * (x + 1.0), 0.5 * weights
+    return (x, weights) if grading == 1 else (x**grading, weights * grading * x ** (grading - 1))
 
 
 @dataclass(frozen=True)
 class Panel:
     """Directions n sin(theta) = s from low to high as a variable x from 1 to 0 in which light is smooth; ``above``: the
-    next higher index of a medium, or infinity. See `make_refracted_nodes`."""
+    next higher index of a medium, or infinity; ``grading``: x is that power of the variable which Gauss's nodes are
+    in, so that they crowd at the horizon. See `make_refracted_nodes`."""
 
     low: float
     high: float
     above: float
+    grading: int = 1
 
     @property
     def size(self) -> float:
@@ -56,9 +62,11 @@ class Panel:
         (1.25, [0.0, 0.25, 1.0])
         """
         rate = np.ones_like(x)
+        if self.grading > 1:
+            x, rate = x**self.grading, self.grading * x ** (self.grading - 1)
         if math.isfinite(self.above):
             near, steep = self.near / self.most, math.asinh(self.most / self.near)
-            x, rate = near * np.sinh(steep * x), near * steep * np.cosh(steep * x)
+            x, rate = near * np.sinh(steep * x), near * steep * np.cosh(steep * x) * rate
         if self.low == 0.0:
             return self.size * x**2, self.size * rate * x
         sine, cosine = np.sin(self.most * x), np.cos(self.most * x)
@@ -70,7 +78,7 @@ class Panel:
         x = root if self.low == 0.0 else np.arcsin(root) / self.most
         if math.isfinite(self.above):
             x = np.arcsinh(x * self.most / self.near) / math.asinh(self.most / self.near)
-        return x
+        return x ** (1.0 / self.grading)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +87,13 @@ class RefractedNodes:
 
     highest (N,): the index b that bounds the panel of s a node lies in from above; depth (N,): b^2 - s^2; measure (N,):
     its weight in s ds = n^2 mu dmu; all in the order of ascending cosines: a medium has the last of them, where s < n.
-    panels: first and last + 1 node of each, with the indices (a, b) that bound it.
+    panels: first and last + 1 node of each.
     """
 
     highest: Array
     depth: Array
     measure: Array
-    panels: tuple[tuple[int, int, float, float], ...]
+    panels: tuple[tuple[int, int, Panel], ...]
 
     def count(self, index: float) -> int:
         """How many of them a medium has."""
@@ -99,35 +107,46 @@ class RefractedNodes:
         return cosines, self.measure[here] / (index * index * cosines)
 
 
-def make_refracted_nodes(indices: Iterable[float], nodes: int) -> RefractedNodes:
+def count_panel_nodes(indices: Iterable[float], nodes: int) -> list[int]:
+    """How many of the nodes of the densest medium each panel of `make_refracted_nodes` has, from the lowest index."""
+    edges = sorted(set(indices))
+    shares = [1.0, *(math.sqrt((high - low) * (high + low)) / high for low, high in itertools.pairwise(edges))]
+    fewest = max(2, nodes // 6)
+    counts = [max(fewest, round(nodes * share / sum(shares))) for share in shares]
+    counts[0] = max(fewest, nodes - sum(counts[1:]))
+    return counts
+
+
+def make_refracted_nodes(
+    indices: Iterable[float], nodes: int, grading: int = 1, layers: Collection[float] | None = None
+) -> RefractedNodes:
     """Nodes of media of these refractive indices, ``nodes`` in the densest of them, at least two a panel.
 
     Panels of s lie between the indices, where the light of one medium is reflected totally: from a to b, s^2 = a^2 +
     (b^2 - a^2) cos^2 t with Gauss in t from 0 to pi/2, in which sqrt(b^2 - s^2) and sqrt(s^2 - a^2) are both smooth;
     from 0 to the lowest, b, Gauss in the cosine, sqrt(b^2 - s^2)/b. Where there is a medium c beyond, both are the
     hyperbolic sine of what Gauss is in: then sqrt(c^2 - s^2) is smooth as well, however little c differs from b.
+    With a ``grading`` the variable of a panel that ends at the horizon of ``layers``, the indices of media that scatter
+    (None: all), is that power of what Gauss is in.
 
     >>> found = make_refracted_nodes([1.0, 1.5], 8)
     >>> found.count(1.0), found.count(1.5), found.carried(1.0)[1].sum().round(12).item()
     (5, 8, 1.0)
     """
-    edges = sorted(set(indices))
-    shares = [1.0, *(math.sqrt((high - low) * (high + low)) / high for low, high in itertools.pairwise(edges))]
-    fewest = max(2, nodes // 6)
-    counts = [max(fewest, round(nodes * share / sum(shares))) for share in shares]
-    counts[0] = max(fewest, nodes - sum(counts[1:]))
+    indices = list(indices)
+    edges, counts = sorted(set(indices)), count_panel_nodes(indices, nodes)
     highest: list[Array] = []
     depth: list[Array] = []
     measure: list[Array] = []
-    panels: list[tuple[int, int, float, float]] = []
+    panels: list[tuple[int, int, Panel]] = []
     beyond = [*edges[1:], math.inf]
     parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], beyond, counts, strict=True)
     for (low, high), above, count in reversed(list(parts)):
         x, weights = make_double_gauss(count)
-        panel = Panel(low, high, above)
+        panel = Panel(low, high, above, grading if layers is None or high in layers else 1)
         below, rate = panel.spread(x)
         first = sum(part.size for part in highest)
-        panels.append((first, first + count, low, high))
+        panels.append((first, first + count, panel))
         highest.append(np.full(count, high))
         depth.append(below)
         measure.append(weights * rate)

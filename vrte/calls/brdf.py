@@ -42,6 +42,7 @@ def brdf(
     illuminate: str = "top",
     time_limit_s: float | None = None,
     precision: str | None = None,
+    grading: int | None = None,
     derivatives: Any = None,
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).

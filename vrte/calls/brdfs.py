@@ -1,5 +1,6 @@
 """Many scenes in one call: the wavelengths of a spectrum, the entries of a table."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -13,6 +14,8 @@ from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
+from vrte.methods.parts.method import Answer
+from vrte.methods.parts.refinement import refine, share_steps
 from vrte.request.how import EXACT, describe_options
 from vrte.request.request import Request, check_scene, make_brdf_request
 from vrte.results.brdf import Brdf
@@ -40,6 +43,7 @@ def brdfs(
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
     precision: str | None = None,
+    grading: int | None = None,
     derivatives: Any = None,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
@@ -132,5 +136,12 @@ def solve_brdfs(
 
 def solve_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:
     """All of them at once, by an engine that takes many."""
-    solutions = solve_plans([plan_request(request, run) for request in requests], run, progress)
-    return [make_brdf(request, found) for request, found in zip(requests, solutions, strict=True)]
+    step = itertools.count()
+
+    def solve(asked: Sequence[Request]) -> list[Answer]:
+        plans = [plan_request(request, run) for request in asked]
+        found = solve_plans(plans, run, share_steps(progress, next(step)) if asked[0].refined else progress)
+        return [(plan.mu, one) for plan, one in zip(plans, found, strict=True)]
+
+    answers = refine(requests, solve) if requests[0].nodes is None else solve(requests)
+    return [make_brdf(request, found) for request, (_, found) in zip(requests, answers, strict=True)]

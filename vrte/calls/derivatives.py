@@ -13,7 +13,6 @@ from vrte.basics.running import Progress, Run, share_progress
 from vrte.calls.differences import differentiate_once
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
-from vrte.discrete_ordinates.planning.node_choice import DISCRETE
 from vrte.discrete_ordinates.planning.plan import Differentiated, Plan, plan_request
 from vrte.methods import solve_request
 from vrte.request.how import EXACT
@@ -114,8 +113,10 @@ def settle_nodes(request: Request, solution: Solution) -> Request:
     """The request with the nodes that its solution took, and the accuracy that these were solved to."""
     if request.nodes is not None:
         return request
-    nodes, rule = solution.diagnostics["nodes"], solution.diagnostics["nodes_rule"]
-    return replace(request, nodes=nodes, nodes_rule=rule, accuracy=DISCRETE * request.accuracy)
+    found = solution.diagnostics
+    return replace(
+        request, nodes=found["nodes"], grading=found["grading"], nodes_rule=found["nodes_rule"], refined=True
+    )
 
 
 def differentiate(

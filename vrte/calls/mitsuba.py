@@ -26,6 +26,7 @@ from vrte.formats.measured_polarized import (
 )
 from vrte.formats.mitsuba_scene import write_nested_scene
 from vrte.request.how import EXACT
+from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.scene import Scene
 
@@ -160,9 +161,9 @@ def solve_for_table(
     pairs = CHECKED_FROM + (1.0 - CHECKED_FROM) * sample[:2]
     exact = solve_spectrum(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])
     orders = max(one.diagnostics.get("orders", 0) for one in exact)
-    nodes = max(one.diagnostics["nodes"] for one in exact)
+    finest = find_finest_nodes(exact)
     if files[0].keywords(asked).get("method", EXACT) == EXACT:
-        asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
-    cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
+        asked |= finest  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
+    cosines = int(np.clip(finest["nodes"], COSINES, MOST_COSINES))
     wanted: dict[str, Any] = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
     return solve_spectrum(files, wavelengths, progress, **asked, **wanted), exact

@@ -41,6 +41,7 @@ def radiance(
     illuminate: str = "top",
     time_limit_s: float | None = None,
     precision: str | None = None,
+    grading: int | None = None,
     side: str = "above",
     derivatives: Any = None,
 ) -> Field:

@@ -11,6 +11,7 @@ from vrte.basics.splines import make_cosines
 from vrte.calls.brdf import brdf
 from vrte.request.how import EXACT
 from vrte.results.brdf import Brdf
+from vrte.results.result import find_finest_nodes
 from vrte.scene.scene import Scene
 from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
 
@@ -63,7 +64,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     checked = np.random.default_rng(0).uniform(CHECKED_FROM, 1.0, CHECKED)
     first = brdf(scene, checked, checked, **asked)
     if asked.get("method", EXACT) == EXACT:
-        asked["nodes"] = first.diagnostics["nodes"]  # left to itself, a solve for grazing cosines would take many more
+        asked |= find_finest_nodes([first])  # left to itself, a solve for grazing cosines would take many more
     azimuths = int(np.clip(first.diagnostics.get("orders_of_phase_matrix", 0) + 1, FEWEST_AZIMUTHS, MOST_AZIMUTHS))
     place, more = 0, True
     while more:

@@ -25,6 +25,7 @@ from vrte.fit.quantities import BEAM, DIRECTIONS, INSTRUMENT, LOOK, QUANTITIES, 
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
+from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.solution import Solution
 from vrte.results.spectrum import check_ascending
@@ -179,7 +180,8 @@ class Model:
         order = sorted(self.sights, key=lambda one: one or 0.0)
         looked_at = [*dict.fromkeys((order[0], order[len(order) // 2], order[-1]))]
         options = {key: one for key, one in self.options.items() if key != "nodes"}
-        found = self._solve(values, looked_at, {"accuracy": ACCURACY} | options, False)
+        plain = {"grading": 1} if options.get("method", EXACT) == EXACT else {}  # the nodes are kept by their number
+        found = self._solve(values, looked_at, {"accuracy": ACCURACY} | options | plain, False)
         most = max(int(one.diagnostics.get("nodes", 0)) for some in found.values() for _, one, *_ in some)
         return most or None
 

@@ -28,7 +28,7 @@ from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
 from vrte.scene.scene import Scene
 
-OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "settings", "precision")
+OPTION_KEYS = ("nodes", "grading", "accuracy", "truncation", "method", "illuminate", "settings", "precision")
 FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "paint", "render", "fit", "brdf", "field", *WORDS)
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
@@ -117,6 +117,7 @@ class SceneFile:
         found = self.request | self.options | dict(asked)
         if asked.get("method") == AUTO and "nodes" not in asked:
             found.pop("nodes", None)
+            found.pop("grading", None)
         if "settings" in self.options:
             of_file = {} if "method" in asked else self.options["settings"]
             found["settings"] = of_file | asked.get("settings", {})

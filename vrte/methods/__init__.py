@@ -1,5 +1,7 @@
 """Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -9,10 +11,12 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, start_run
 from vrte.discrete_ordinates.execution.engines import choose_engine
-from vrte.discrete_ordinates.planning.node_choice import NodeChoice, choose_nodes
+from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count
 from vrte.methods.auto import choose_by_rule
-from vrte.methods.parts.method import Method
+from vrte.methods.parts.method import Answer, Method, Settings
+from vrte.methods.parts.refinement import measure_difference, refine, share_steps
 from vrte.methods.parts.task import NODES, Task
+from vrte.request.backends import Backend
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.request.request import Request, estimate_operations
 from vrte.results.solution import Solution
@@ -58,13 +62,17 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
     Raises SceneError, which names the method, where it does not take the scene or what is asked for."""
     method = find_method(request.method)
     settings = method.checked(request)
-    if request.method == EXACT:
-        return method.solve(Task(request, settings, run, progress))
-    request, choice = fix_nodes(request, run)
-    why = f", most of it for method {request.method!r} on {request.nodes or NODES} nodes"
-    change = f"fewer nodes take less, as does {EXACT!r}"
-    cost.foretell(predict_seconds(request, run), request.time_limit_s, why, change, run.told)
-    mu, found = method.solve(Task(request, settings, run, progress, choice))
+    if request.method != EXACT:
+        nodes = find_usual_nodes(request)
+        why = f", most of it for method {request.method!r} on {nodes} nodes"
+        change = f"fewer nodes take less, as does {EXACT!r}"
+        cost.foretell(predict_seconds(request, run), request.time_limit_s, why, change, run.told)
+    if is_refined(request):
+        ((mu, found),) = refine_request(request, method, settings, run, progress)
+    else:
+        mu, found = method.solve(Task(request, settings, run, progress))
+        if request.verify and request.nodes is not None and request.backend is not Backend.OPENCL:
+            found = compare_counts(request, method, settings, run, found)
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics
         ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy}
@@ -72,13 +80,45 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
     return mu, found
 
 
-def fix_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
-    """The request with the nodes that its accuracy takes, where it asks for one by a method that keeps it."""
+def is_refined(request: Request) -> bool:
+    """Whether nodes are found by the accuracy."""
+    return request.nodes is None and (request.method == EXACT or "accuracy" in request.given)
+
+
+def refine_request(
+    request: Request, method: Method, settings: Settings, run: Run, progress: Progress | None
+) -> list[Answer]:
+    """Solves a request on counts of nodes until they agree."""
+    step = itertools.count()
+
+    def solve(asked: Sequence[Request]) -> list[Answer]:
+        return [method.solve(Task(one, settings, run, share_steps(progress, next(step)))) for one in asked]
+
+    return refine([request], solve)
+
+
+def compare_counts(request: Request, method: Method, settings: Settings, run: Run, found: Solution) -> Solution:
+    """A solution on given nodes with what more of them change, as verification asks."""
+    more = find_next_count(request.scene, request.nodes or 0)
+    if request.mu is None or more is None:
+        return found
+    _, other = method.solve(Task(replace(request, nodes=more, verify=False), settings, run))
+    achieved = measure_difference(request, found, other)
+    notes = (
+        []
+        if achieved <= request.accuracy
+        else [f"{more} nodes differ by {achieved:.1g} from the {request.nodes} given"]
+    )
+    told = {"achieved": achieved, "promised": not notes, "notes": notes}
+    return replace(found, diagnostics=found.diagnostics | told)
+
+
+def find_usual_nodes(request: Request) -> int:
+    """The nodes that a method beside the exact one takes, as far as is known before."""
     if request.nodes is not None or "accuracy" not in request.given:
-        return request, None
-    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), under=request.under)
-    return replace(request, nodes=choice.nodes), choice
+        return request.nodes or NODES
+    first = choose_first_nodes(request).nodes
+    return find_next_count(request.scene, first) or first
 
 
 def predict_seconds(request: Request, run: Run) -> float:
@@ -87,5 +127,5 @@ def predict_seconds(request: Request, run: Run) -> float:
     settings = method.checked(request)
     if method.operations is None:
         return 0.0
-    task = Task(fix_nodes(request, run)[0], settings, run)
+    task = Task(replace(request, nodes=find_usual_nodes(request)), settings, run)
     return method.operations(task) / cost.RATE.get(request.method, cost.RATE[EXACT])

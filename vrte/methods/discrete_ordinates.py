@@ -13,8 +13,8 @@ from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
+from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
-from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.task import Task
@@ -126,6 +126,6 @@ METHOD = Method(
     conserves_energy=True,
     interfaces="any",
     devices=True,
-    options=("nodes", "accuracy", "algorithm", "truncation", "backend", "verify", "precision"),
+    options=("nodes", "grading", "accuracy", "algorithm", "truncation", "backend", "verify", "precision"),
     finest=FINEST,
 )

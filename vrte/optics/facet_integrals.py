@@ -105,11 +105,10 @@ def gather_orders(
 
 def list_panels(nodes: RefractedNodes, index: float) -> Iterator[tuple[slice, Panel, Array]]:
     """Which nodes of a medium each of its panels has, the panel, and where its nodes are in its own variable."""
-    missing, above = nodes.highest.size - nodes.count(index), math.inf
-    for first, end, low, high in nodes.panels:
-        if high <= index:
-            yield slice(first - missing, end - missing), Panel(low, high, above), make_double_gauss(end - first)[0]
-        above = high
+    missing = nodes.highest.size - nodes.count(index)
+    for first, end, panel in nodes.panels:
+        if panel.high <= index:
+            yield slice(first - missing, end - missing), panel, make_double_gauss(end - first)[0]
 
 
 def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Array:

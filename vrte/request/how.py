@@ -26,13 +26,14 @@ METHODS = (EXACT, *sorted(_NAMES - {EXACT}))
 METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
 BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
-MOST_NODES, MOST_THREADS = 4096, 4096
+MOST_NODES, MOST_THREADS, MOST_GRADING = 4096, 4096, 3
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
 PRECISIONS = ("auto", "double", "single", "mixed")  # of an OpenCL device
 OF_SINGLE = 1e-4  # accuracy that single precision is good for, and what it is by default there
 NOT_FOR_ALL = (
     "nodes",
+    "grading",
     "accuracy",
     "algorithm",
     "verify",
@@ -192,6 +193,11 @@ class How:
         ": 2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single scattering; "
         "default: as many as the accuracy takes",
     )
+    grading: int | None = make_number_option(
+        MOST_GRADING,
+        "nodes mu = x^grading of Gauss's x, which crowd at the horizon",
+        ": 1 are those of (1:15), the default where nodes are given; otherwise it is chosen with them",
+    )
     threads: int | None = make_number_option(MOST_THREADS, "how many; default: all CPUs that may be used")
     given: Any = None  # frozenset of names
 
@@ -214,8 +220,8 @@ class How:
         if self.settings and self.method == EXACT:
             words = "has no settings: it is told by nodes, accuracy, algorithm and truncation"
             raise SceneError(f"method {EXACT!r} {words}", "method")
-        if self.method == AUTO and (self.settings or self.nodes is not None):
-            name = "settings" if self.settings else "nodes"
+        if self.method == AUTO and (self.settings or self.nodes is not None or self.grading is not None):
+            name = "settings" if self.settings else "grading" if self.nodes is None else "nodes"
             words = f"takes no {name}: it goes by accuracy; for {name} name the method"
             raise SceneError(f"method {AUTO!r} {words}", "method")
         if self.precision != "auto" and self.backend is not Backend.OPENCL:
@@ -224,6 +230,8 @@ class How:
         if self.precision == "single" and self.accuracy < OF_SINGLE:
             words = f"is good for an accuracy of {OF_SINGLE:g} and coarser, not {self.accuracy:g}"
             raise SceneError(f"precision 'single' {words}", "precision")
+        if (self.grading or 1) > 1 and self.backend is Backend.OPENCL:
+            raise SceneError(f"grading {self.grading} is not for backend 'opencl': leave it out", "grading")
         if self.algorithm == "modes" and self.backend.linear_algebra == "device":
             raise SceneError(
                 f"algorithm 'modes' needs an eigensolver, which backend {self.backend.label!r} does not have: "

@@ -36,7 +36,9 @@ class Request(How):
     solution. ``fluxes_only``: mu is there for form's sake; ``under`` (n_tau,): whether a depth at an interface lies on
     its lower side. Lit from the bottom, it is asked of a scene upside down, all in a horizontal mirror; ``asked_tau``
     and ``incident``, the Stokes vector (4,) of a beam, are as the user gave them. ``method_rule`` and ``nodes_rule``:
-    why the method and the nodes are these; the former is empty where the method was asked for."""
+    why the method and the nodes are these; the former is empty where the method was asked for. ``refined``: the
+    nodes are one of the counts whose results are compared, and the discrete problem is solved to a share of the
+    accuracy."""
 
     kind: str
     scene: Scene
@@ -52,6 +54,7 @@ class Request(How):
     under: BoolArray | None = None
     method_rule: str = ""
     nodes_rule: str = "as asked for"
+    refined: bool = False
 
     @classmethod
     def of(cls, how: How, **asked: Any) -> "Request":

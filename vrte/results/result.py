@@ -1,6 +1,7 @@
 """What all results share: arrays that nobody can write into, also in pickles, and what shows and writes them."""
 
 import os
+from collections.abc import Iterable
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,13 @@ from vrte.basics.views import view
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
+
+
+def find_finest_nodes(found: Iterable[Any]) -> dict[str, int]:
+    """The options nodes and grading of the result on the most nodes, as its diagnostics have them; none of methods
+    without nodes."""
+    finest = max((one.diagnostics for one in found), key=lambda told: told.get("nodes", 0))
+    return {name: int(finest[name]) for name in ("nodes", "grading") if finest.get(name)}
 
 
 class Labelled:

@@ -111,7 +111,8 @@ class Studio:
         self.kinds: dict[bytes, Particles] = {}
         self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
         self.found: dict[bytes, dict[str, Shares]] = {}  # by geometry
-        self.nodes, self.pace = 0, 0.0  # of the last scene, and its seconds for each wavelength but for particles
+        self.nodes: dict[str, Any] = {}
+        self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
     def answer(self, question: Question, tell: Tell, is_old: Callable[[], bool]) -> None:
         """Tells an answer, a coarse one before where that takes long; none once the question ``is_old``."""
@@ -146,11 +147,13 @@ class Studio:
             panel = self._make(content, question.folder, some)
             made = time.perf_counter() - begin
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                few = self._solve(panel, question.viewing.white, self.nodes or panel.put_over(None).choose_nodes(MU_I))
+                few = self._solve(
+                    panel, question.viewing.white, self.nodes or panel.put_over(None).choose_quadrature(MU_I)
+                )
                 report({name: spread_over(one, at) for name, one in few.items()}, coarse=True)
             panel = self._make(content, question.folder, at, check)
             begun = time.perf_counter()
-            self.nodes = panel.put_over(None).choose_nodes(MU_I)
+            self.nodes = panel.put_over(None).choose_quadrature(MU_I)
             both = self._solve(panel, question.viewing.white, self.nodes, check)
             self.pace = (time.perf_counter() - begun) / at.size
         self.found[key] = both
@@ -169,9 +172,11 @@ class Studio:
         self.kinds[key] = found  # the last used is the last
         return found
 
-    def _solve(self, panel: Panel, white: float, nodes: int, progress: Progress | None = None) -> dict[str, Shares]:
+    def _solve(
+        self, panel: Panel, white: float, nodes: dict[str, Any], progress: Progress | None = None
+    ) -> dict[str, Shares]:
         """Reflectance factors over black and over white, by geometry."""
-        bare = make_panel(panel, nodes=nodes).put_over(None)
+        bare = make_panel(panel, **nodes).put_over(None)
         solved = [bare.solve(MU_I, progress=progress)] * 2
         if all(scene.base_is_reached for scene in bare.scenes):
             solved[1] = bare.put_over(Lambertian(white)).solve(MU_I, progress=progress)

@@ -237,7 +237,7 @@ def put_in_media(plan: Plan) -> Problem:
     problem, request = plan.problem, plan.request
     if problem.media is not None:
         return problem
-    nodes = make_refracted_nodes(request.scene.media, problem.nodes.size)
+    nodes = make_refracted_nodes(request.scene.media, problem.nodes.size, problem.grading, request.scene.indices)
     depths = locate_depths(request.scene, request.tau, find_under(request))
     return replace(problem, media=Media(request.scene, nodes, depths))
 
@@ -252,7 +252,8 @@ def put_block_in_media(plan: Plan, block: Block) -> Problem:
     if endless:
         layers[-1] = replace(layers[-1], thickness=np.inf)
     seen = Scene(layers, scene.base if reached == len(scene.layers) and not endless else None)
-    all_, count = make_refracted_nodes(scene.media, plan.problem.nodes.size), problem.nodes.size
+    whole, count = plan.problem, problem.nodes.size
+    all_ = make_refracted_nodes(scene.media, whole.nodes.size, whole.grading, scene.indices)
     nodes = replace(all_, highest=all_.highest[:count], depth=all_.depth[:count], measure=all_.measure[:count])
     return replace(problem, media=Media(seen, nodes, locate_depths(seen, request.tau, find_under(request))))
 

@@ -87,7 +87,7 @@ def find_reflected_orders(
     n_node = problem.nodes.size
     if boundary.facets is not None:
         index = boundary.facets.index_from
-        nodes = make_refracted_nodes([index], n_node) if problem.media is None else problem.media.nodes
+        nodes = make_refracted_nodes([index], n_node, problem.grading) if problem.media is None else problem.media.nodes
         best = max(SHARE * accuracy, FINEST)
         return reflect_off_facets(boundary.facets, nodes, problem.mu0, problem.mu_out, n_order, best), 0
     into, out = np.concatenate([problem.nodes, problem.mu0]), np.concatenate([problem.nodes, problem.mu_out])

@@ -27,6 +27,7 @@ def discretise_scene(
     nodes: int,
     peaks: str = "none",
     under: BoolArray | None = None,
+    grading: int = 1,
 ) -> Problem:
     """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
 
@@ -35,11 +36,11 @@ def discretise_scene(
     """
     media = None
     if scene.keeps_beams:
-        shared = make_refracted_nodes(scene.media, nodes)
+        shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         points, weights = shared.carried(max(scene.media))
         media = Media(scene, shared, locate_depths(scene, tau, np.zeros(tau.size, bool) if under is None else under))
     else:
-        points, weights = make_double_gauss(nodes)
+        points, weights = make_double_gauss(nodes, grading)
     layers = truncate_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene, nodes)), 6))
@@ -67,6 +68,7 @@ def discretise_scene(
         level_layer=at,
         terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - count_terms_carried(scene, nodes)),
         media=media,
+        grading=grading,
     )
 
 

@@ -36,7 +36,8 @@ class Problem:
     vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
     phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
     need not be done. ``media``: where light is refracted or mirrored between the layers, None where it goes straight
-    on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in."""
+    on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in. ``grading``:
+    of the nodes, see `make_double_gauss`."""
 
     coefficients: Array
     terms: IntArray
@@ -57,11 +58,12 @@ class Problem:
     terms_cut: int = 0
     leave_out: LeaveOut = EVERYTHING
     media: Media | None = None
+    grading: int = 1
 
     @property
-    def is_refracted(self) -> bool:
-        """Whether the nodes are not Gauss's: several media share them."""
-        return self.media is not None and len(self.media.nodes.panels) > 1
+    def is_gauss(self) -> bool:
+        """Whether the nodes integrate polynomials exactly: neither graded nor shared by several media."""
+        return self.grading == 1 and (self.media is None or len(self.media.nodes.panels) == 1)
 
     @cached_property
     def directions(self) -> Array:

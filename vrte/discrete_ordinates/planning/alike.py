@@ -174,7 +174,7 @@ def plan_alike(request: Request, likeness: Likeness, scenes: Sequence[Scene], ru
     assert request.nodes is not None
     assert request.mu is not None
     count, layers = len(scenes), likeness.layers
-    nodes, weights = make_double_gauss(request.nodes)
+    nodes, weights = make_double_gauss(request.nodes, request.grading or 1)
     each = [layer for scene in scenes for layer in scene.layers]
     cut = np.array([max(layer.phase_matrix.terms for layer in scene.layers) > 2 * request.nodes for scene in scenes])
     truncated = [

@@ -67,6 +67,7 @@ def make_blocks(
         nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
         )
+        nodes[:1] = [problem.nodes.size]  # order 0 carries the flux on all nodes
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
@@ -92,8 +93,6 @@ def make_blocks(
         chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
         strength = needs.strength[chosen]
-        if problem.is_refracted and members[0] == 0:  # whose flux invariance would not conserve to rounding
-            strength = np.concatenate([[1.0], strength[1:]])
         alone = chosen if below is BLACK else None
         for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))

@@ -17,6 +17,8 @@ THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness tha
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 STRONGEST = 0.98  # q of orders whose iterations settle
 THICKEST = 4.0  # slab whose light partial fractions find: what passes is a difference
+STEEP_LOSS = 6e-18  # error of light by modes times the square of the lowest node's cosine, at most, with grading 2
+SHARE_OF_STEEP = 0.1  # of the accuracy: what that may be
 FINEST = 1e-13  # accuracy that iterations are taken for
 
 
@@ -59,6 +61,9 @@ def choose_algorithms(
         return [(every, Choice(algorithm, "asked for"))]
     if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
         reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
+        return [(every, Choice("doubling", reason))]
+    if STEEP_LOSS / float(problem.nodes[0]) ** 2 > SHARE_OF_STEEP * accuracy:
+        reason = "auto: modes lose digits along the lowest nodes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
     # under a surface the nodes' own light would have to be found as well, as of so many beams

@@ -1,6 +1,5 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,13 @@ from vrte.discrete_ordinates.orders.truncating import (
 )
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
+from vrte.discrete_ordinates.planning.choose_quadrature import (
+    DISCRETE,
+    NodeChoice,
+    choose_first_nodes,
+    find_next_count,
+    take_given_nodes,
+)
 from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
 from vrte.discrete_ordinates.planning.needs import (
     ORDERS,
@@ -36,7 +42,6 @@ from vrte.discrete_ordinates.planning.needs import (
     find_needs,
     look_inside,
 )
-from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, take_given_nodes
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -224,7 +229,9 @@ class Plan:
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
             "accuracy": self.request.accuracy,
             "nodes": nodes,
+            "grading": self.choice.grading,
             "nodes_rule": self.choice.rule,
+            "achieved": None,
             "promised": not self.notes,
             "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
@@ -310,20 +317,17 @@ def make_plan(
     the choice of nodes and the accuracy of another plan, where they are to be the same, as ``truncation`` may be."""
     if not leave_out.columns:
         request = split_incident_light(request)
-    choice, accuracy = known or settle_nodes(request, run)
-    nodes = choice.nodes
-    mu = (
-        np.concatenate([make_double_gauss(nodes)[0], -make_double_gauss(nodes)[0]])
-        if request.mu is None
-        else request.mu
-    )
+    choice, accuracy = known or settle_nodes(request)
+    nodes, grading = choice.nodes, choice.grading
+    points = make_double_gauss(nodes, grading)[0]
+    mu = np.concatenate([points, -points]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
     truncation = truncation or choose_truncation(
         request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
     )
     problem = discretise_scene(
-        scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks, request.under
+        scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks, request.under, grading
     )
     if leave_out != EVERYTHING:
         problem = change_fields(problem, leave_out=leave_out)
@@ -376,18 +380,16 @@ def is_worth_stages(problem: Problem, orders: int) -> bool:
     return orders * float(unknowns) ** 3 > cost.WORTH_STAGES
 
 
-def settle_nodes(request: Request, run: Run) -> tuple[NodeChoice, float]:
-    """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
+def settle_nodes(request: Request) -> tuple[NodeChoice, float]:
+    """The nodes, as given or as a search for them would start, and the accuracy that the discrete problem is solved
+    to."""
     if request.nodes is not None:
-        if request.method_rule:  # estimated, with what stays cut
-            return NodeChoice(request.nodes, request.nodes_rule, ()), DISCRETE * request.accuracy
-        return take_given_nodes(request.scene, request.nodes, request.nodes_rule), request.accuracy
-    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
-    begin = time.perf_counter()
-    peaks = "none" if request.truncation == "none" else "all"
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks, request.under)
-    run.book("choice of nodes", time.perf_counter() - begin)
-    return choice, DISCRETE * request.accuracy
+        share = DISCRETE if request.refined else 1.0
+        return take_given_nodes(request, request.nodes), share * request.accuracy
+    first = choose_first_nodes(request)
+    nodes = find_next_count(request.scene, first.nodes) or first.nodes
+    rule = f"estimate {nodes}, which the solve compares with {first.nodes}"
+    return replace(first, nodes=nodes, rule=rule), DISCRETE * request.accuracy
 
 
 def want_everything(request: Request, mu: Array) -> Wanted:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimate_nodes
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.task import NODES
 from vrte.request.how import EXACT
@@ -26,11 +25,7 @@ def choose_by_rule(request: Request) -> Request:
         nodes_rule = "of the quadrature of fluxes"
         found = replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
         return replace(found, given=frozenset())  # the rules have used them
-    if rule.margin is None:
-        return replace(request, method=rule.method, method_rule=told)
-    nodes = estimate_nodes_with_margin(request, rule.margin)
-    nodes_rule = f"estimate {nodes} for the accuracy over {rule.margin:g}, not checked"
-    return replace(request, method=rule.method, method_rule=told, nodes=nodes, nodes_rule=nodes_rule)
+    return replace(request, method=rule.method, method_rule=told)
 
 
 def find_rule(request: Request) -> tuple[int, Rule]:
@@ -65,50 +60,9 @@ def count_terms(request: Request) -> float:
     return float(max(layer.phase_matrix.terms for layer in request.scene.layers))
 
 
-def count_layers(request: Request) -> float:
-    """How many layers the scene has."""
-    return float(len(request.scene.layers))
-
-
-def find_lowest_cosine(request: Request) -> float:
-    """Of the beams and of the directions asked for."""
-    return min(float(request.mu0.min()), float(np.abs(list_directions(request)).min()))
-
-
 def list_directions(request: Request) -> Array:
     """The signed cosines asked for; a rule that looks at them has none of `count_special_wishes`."""
-    return np.array([LOWEST, 1.0]) if request.mu is None else request.mu
-
-
-def sum_fading(request: Request) -> float:
-    """Diffusion exponents times thickness, down to the lowest depth: deep light falls as e^-fading. Its relative error
-    grows with that, which an estimate of nodes does not know."""
-    deepest, top, total = float(request.tau.max()), 0.0, 0.0
-    for layer in request.scene.layers:
-        way = min(max(deepest - top, 0.0), layer.thickness)
-        top += layer.thickness
-        total += way * compute_diffusion_exponent(layer)
-    return total
-
-
-def compute_diffusion_exponent(layer: Layer) -> float:
-    """sqrt(3 (1 - omega) (1 - omega g)), of two streams."""
-    albedo = layer.albedo
-    return math.sqrt(3.0 * (1.0 - albedo) * max(1.0 - albedo * layer.phase_matrix.asymmetry, 0.0))
-
-
-def count_unknown_cubes(request: Request) -> float:
-    """Cubes of the unknowns of all Fourier orders and layers, on the nodes that an estimate without margin takes."""
-    nodes = estimate_nodes_with_margin(request, 1.0)
-    scene = request.scene
-    unknowns = float(nodes if all(layer.phase_matrix.is_scalar for layer in scene.layers) else 4 * nodes)
-    return len(scene.layers) * min(count_terms(request), 2.0 * nodes) * unknowns**3
-
-
-def estimate_nodes_with_margin(request: Request, margin: float) -> int:
-    """The estimate for the accuracy over a margin."""
-    aim = CAREFUL * request.accuracy / margin
-    return estimate_nodes(request.scene, request.mu0, list_directions(request), request.tau, aim)
+    return np.ones(1) if request.mu is None else request.mu
 
 
 def bound_multiple_scattering(request: Request) -> float:
@@ -156,12 +110,7 @@ def bound_caught_share(thickness: float) -> float:
 
 
 QUANTITIES: Mapping[str, Callable[[Request], float]] = {
-    "accuracy": lambda request: request.accuracy,
     "special wishes": count_special_wishes,
-    "layers": count_layers,
     "terms": count_terms,
-    "lowest cosine": find_lowest_cosine,
-    "fading": sum_fading,
-    "cubes": count_unknown_cubes,
     "scattered again over accuracy": bound_multiple_scattering,
 }

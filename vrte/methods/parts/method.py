@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.discrete_ordinates.planning.node_choice import DISCRETE
+from vrte.discrete_ordinates.planning.choose_quadrature import DISCRETE
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.solution import Solution

@@ -15,7 +15,7 @@ from vrte.discrete_ordinates.execution.sums import Light, Target, fill_parts
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
-from vrte.discrete_ordinates.planning.node_choice import NodeChoice, take_given_nodes
+from vrte.discrete_ordinates.planning.choose_quadrature import take_given_nodes
 from vrte.discrete_ordinates.planning.plan import want_everything
 from vrte.methods.parts.method import Answer, Settings
 from vrte.request.request import Request
@@ -50,13 +50,12 @@ def discretise_request(request: Request, nodes: int | None = None, peaks: Any = 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A request, with all settings of its method, and what it runs on; ``choice`` of its nodes for an accuracy."""
+    """A request, with all settings of its method, and what it runs on."""
 
     request: Request
     settings: Settings
     run: Run
     progress: Progress | None = None
-    choice: NodeChoice | None = None
     begin: float = field(default_factory=time.perf_counter)
 
     @cached_property
@@ -111,7 +110,7 @@ class Task:
 
     def answer_on_nodes(self, kernels: Array, fluxes: tuple[Array, Array], **told: Any) -> Answer:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
-        choice = self.choice or take_given_nodes(self.request.scene, self.problem.nodes.size, "as asked for")
+        choice = take_given_nodes(self.request, self.problem.nodes.size)
         if "accuracy" in self.request.given:
             told = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []} | told
         if choice.notes:

@@ -66,9 +66,7 @@ def make_rules_row(place: int, rule: Rule) -> tuple[str, ...]:
     """Its limits in words, and what it takes."""
     limits = [f"{name} <= {most:g}" if most else f"no {name}" for name, most in rule.at_most.items()]
     limits += [f"{name} >= {least:g}" for name, least in rule.at_least.items()]
-    nodes = (
-        f"estimated for the accuracy over {rule.margin:g}, not checked" if rule.margin else "as the method finds them"
-    )
+    nodes = "as the method finds them"
     return f"{place} ({rule.name})", ", ".join(limits) or "everywhere", f"`{rule.method}`", nodes, rule.why
 
 

@@ -1,0 +1,158 @@
+"""Where a search for the quadrature of a request starts: counts of nodes in a fixed series, and their grading.
+
+The counts are estimates and nobody's promise: `vrte.methods.parts.refinement` solves the request on neighbouring ones
+and believes their difference alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.quadrature import count_panel_nodes
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried
+from vrte.request.how import EXACT
+from vrte.request.request import Request
+from vrte.scene.scene import Scene
+
+SERIES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # nodes a hemisphere
+FEWEST, MOST = SERIES[0], SERIES[-1]
+LOWEST = 0.02  # |mu| below which estimates are those of this one
+AIM, DISCRETE = 0.65, 0.35  # of the accuracy: what the nodes may miss, what the discrete problem is solved to
+CAREFUL = 0.3  # of the accuracy: what an estimate aims at that no second count checks
+TERM = 0.3  # what a degree that the nodes do not carry changes at most, over its strength
+BELIEF = 0.8  # in that most: its power in the first number of nodes
+WORTH_GRADING = 0.9  # of the nodes with grading 1: as few graded ones are taken
+MOST_GRADED = 64  # nodes with grading 2: the lowest of them lies at 3e-8
+OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where the nodes themselves are asked for
+
+
+@dataclass(frozen=True)
+class NodeChoice:
+    """nodes a hemisphere and their grading; rule: how they were found; notes: why the accuracy cannot be promised."""
+
+    nodes: int
+    grading: int
+    rule: str
+    notes: tuple[str, ...]
+
+
+def take_given_nodes(request: Request, nodes: int) -> NodeChoice:
+    """Nodes as somebody gave them: the accuracy is that of the problem on them."""
+    scene, carried = request.scene, count_terms_carried(request.scene, nodes)
+    terms = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo * layer.thickness > 0.0), default=0)
+    notes = [f"what {nodes} nodes as given miss is not estimated: leave nodes out, or ask for verify"]
+    if terms > carried:
+        notes.append(
+            f"{nodes} nodes carry {carried} of the {terms} terms of the phase matrix, and what is left has the accuracy"
+        )
+    return NodeChoice(nodes, request.grading or 1, request.nodes_rule, () if request.refined else tuple(notes))
+
+
+def choose_first_nodes(request: Request) -> NodeChoice:
+    """The count at which a search starts, the coarser of the two first compared, and the grading of all its nodes."""
+    scene, mu = request.scene, np.array([LOWEST, 1.0]) if request.mu is None else request.mu
+    aim = AIM * request.accuracy
+    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    smooth, whole = (estimate_errors(scene, request.mu0, mu, request.tau, left) for left in (np.zeros_like(cut), cut))
+    # not where no term that is cut can matter at all: so many are seldom needed, and the way up is cheaper than down
+    plain = round(find_fewest_nodes(smooth, aim) ** (1.0 - BELIEF) * find_fewest_nodes(whole, aim) ** BELIEF)
+    graded = find_fewest_nodes(estimate_graded_errors(scene, request.tau, cut), aim)
+    allowed = request.method == EXACT and not request.backend.needs_device and graded <= MOST_GRADED
+    grading = request.grading or (2 if allowed and graded < WORTH_GRADING * plain else 1)
+    nodes = graded if grading > 1 else plain
+    start = max((count for count in SERIES[:-1] if count <= nodes), default=FEWEST)
+    return NodeChoice(start, grading, f"estimate {start}", ())
+
+
+def find_next_count(scene: Scene, nodes: int) -> int | None:
+    """The next count of the series with more nodes in every medium's panel of directions; None beyond MOST."""
+    now = count_panel_nodes(scene.media, nodes)
+    for count in SERIES:
+        panels = count_panel_nodes(scene.media, count)
+        if all(more > few for more, few in zip(panels, now, strict=True)):
+            return count
+    return None
+
+
+def estimate_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, aim: float) -> int:
+    """The fewest whose relative error, as estimated, is no more than this."""
+    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    return find_fewest_nodes(estimate_errors(scene, mu0, mu, tau, cut), aim)
+
+
+def find_fewest_nodes(errors: Array, aim: float) -> int:
+    """The fewest nodes with no larger error, of errors of FEWEST to MOST nodes; MOST where there are none."""
+    enough = np.flatnonzero(errors <= aim)
+    return FEWEST + int(enough[0]) if enough.size else MOST
+
+
+def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
+    """Relative, of FEWEST to MOST nodes with grading 2; ``cut``: by terms that they do not carry."""
+    nodes = np.arange(FEWEST, MOST + 1.0)
+    error = 0.1 * np.exp(-1.2 * nodes) + cut
+    for length in list_short_ways(scene, tau):
+        error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
+    found: Array = error
+    return found
+
+
+def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array) -> Array:
+    """Relative, of FEWEST to MOST nodes; ``cut``: by terms that they do not carry."""
+    nodes = np.arange(FEWEST, MOST + 1.0)
+    lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
+    error = estimate_grazing_error(nodes, lowest) + cut
+    for length in list_short_ways(scene, tau):
+        error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
+    return error
+
+
+def estimate_grazing_error(nodes: Array, lowest: float) -> Array:
+    """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
+    pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
+    logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
+    error: Array = pole + logarithm
+    return error
+
+
+def estimate_thin_error(nodes: Array, length: float, lowest: float) -> Array:
+    """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
+    way = nodes * math.sqrt(length)
+    fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
+    error: Array = length * (2.0 * np.exp(-2.5 * way) + fall)
+    return error
+
+
+def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
+    """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry. Of a
+    thin layer as much counts as is scattered there once more, about 2 thickness."""
+    weight: dict[int, float] = {}
+    matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
+    for layer in scene.layers:
+        key = id(layer.phase_matrix)
+        weight[key] = weight.get(key, 0.0) + layer.albedo * min(2.0 * layer.thickness, 1.0)
+    strength = np.zeros(1 + max(matrix.terms for matrix in matrices.values()))
+    for key, matrix in matrices.items():
+        terms = find_strongest_terms(matrix.coefficients[None], np.array([min(weight[key], 1.0)]))[0]
+        strength[: terms.size] = np.maximum(strength[: terms.size], terms)
+    left: Array = strength[np.minimum(count_terms_carried(scene, 1) * nodes, strength.size - 1).astype(int)]
+    return left
+
+
+def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
+    """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
+    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
+    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
+    degree = np.arange(norm.shape[1])
+    strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
+    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
+    return kept
+
+
+def list_short_ways(scene: Scene, tau: Array) -> list[float]:
+    """Short optical ways: the thickness of all that scatters, the distance of depths from the nearer face."""
+    total = sum(layer.thickness for layer in scene.layers if layer.albedo > 0.0)
+    ways = [total, *np.minimum(tau, scene.thickness - tau).tolist()]
+    return sorted({way for way in ways if 0.0 < way < 10.0})

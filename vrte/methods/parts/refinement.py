@@ -1,0 +1,159 @@
+"""An accuracy without nodes: the request solved on neighbouring counts of nodes until their results agree.
+
+As adaptive quadrature does, the difference between two counts of a fixed series counts as the error of the finer one,
+whose result is returned. What is compared is what was asked for: all Stokes parameters, beams, depths, directions and
+fluxes, and of many azimuths a few. An estimate chooses where the series starts, never what is believed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Progress
+from vrte.discrete_ordinates.planning.choose_quadrature import (
+    AIM,
+    OF_NODES,
+    NodeChoice,
+    choose_first_nodes,
+    find_next_count,
+)
+from vrte.methods.parts.method import Answer
+from vrte.request.request import Request
+from vrte.results.solution import NO_LIGHT, Solution
+
+AZIMUTHS = 9  # compared, at most
+ROUNDING, STALLED = 1e-9, 0.5  # differences below the former that do not fall to this part of the last are rounding
+Solve = Callable[[Sequence[Request]], Sequence[Answer]]
+
+
+@dataclass(eq=False)
+class Refinement:
+    """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
+    brightest light, by the finer count; ``coarse``, the last solution's light at the azimuths compared."""
+
+    request: Request
+    first: NodeChoice
+    nodes: int = 0
+    differences: dict[int, float] = field(default_factory=dict)
+    coarse: Solution | None = None
+    answer: Answer | None = None
+
+    @cached_property
+    def azimuths(self) -> IntArray:
+        """Places of the azimuths that are compared."""
+        last = self.request.phi.size - 1
+        return np.unique(np.linspace(0, last, AZIMUTHS).round().astype(np.int32))
+
+    @property
+    def following(self) -> Request | None:
+        """The next solve, None where the answer is found."""
+        request, started = self.request, bool(self.nodes)
+        count = find_next_count(request.scene, self.nodes) if started else self.first.nodes
+        if self.is_done or count is None:
+            if request.mu is None and self.answer is None:  # light along the nodes themselves, at last
+                return self.put_on(self.nodes)
+            return None
+        asked = self.put_on(count)
+        if request.mu is None:
+            asked = replace(asked, mu=np.concatenate([OF_NODES, -OF_NODES]))
+        return asked if started else replace(asked, phi=request.phi[self.azimuths], verify=False)
+
+    def put_on(self, nodes: int) -> Request:
+        """The request on so many nodes."""
+        return replace(self.request, nodes=nodes, grading=self.first.grading, refined=True)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the last two solutions agree to the accuracy, or to rounding."""
+        last = [*self.differences.values()][-2:]
+        stalled = len(last) == 2 and last[1] < ROUNDING and last[1] > STALLED * last[0]
+        return bool(last) and (last[-1] <= AIM * self.request.accuracy or stalled)
+
+    def take(self, asked: Request, answer: Answer) -> None:
+        """Compares a solution with the one before."""
+        assert asked.nodes is not None
+        cosines, found = answer
+        if self.request.mu is None and asked.mu is None:
+            self.answer = answer
+            return
+        if self.nodes:
+            seen = replace(found, parts=[part[:, :, :, self.azimuths] for part in found.parts])
+            assert self.coarse is not None
+            self.differences[asked.nodes] = measure_difference(self.request, self.coarse, seen)
+            self.coarse = seen
+        else:
+            self.coarse = found
+        self.nodes = asked.nodes
+        if self.request.mu is not None:
+            self.answer = cosines, found
+
+    def finish(self) -> Answer:
+        """The finest solution, with what its error is estimated to be."""
+        assert self.answer is not None
+        mu, found = self.answer
+        accuracy = self.request.accuracy
+        achieved = [*self.differences.values()][-1] if self.differences else np.inf
+        steps = [f"{nodes}: {difference:.1g}" for nodes, difference in self.differences.items()]
+        graded = f" with grading {self.first.grading}" if self.first.grading > 1 else ""
+        notes = list(found.diagnostics.get("notes", ()))
+        if not achieved <= accuracy:
+            notes.append(f"{self.nodes} nodes differ by {achieved:.1g} from fewer, which is more than {accuracy:g}")
+        rule = f"{self.first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
+        told = {
+            "accuracy": accuracy,
+            "nodes_rule": rule,
+            "achieved": float(achieved),
+            "promised": not notes,
+            "notes": notes,
+        }
+        return mu, replace(found, diagnostics=found.diagnostics | told)
+
+
+def refine(requests: Sequence[Request], solve: Solve) -> list[Answer]:
+    """The answers to requests without nodes, each to its accuracy; ``solve`` takes requests on nodes, several at a
+    time."""
+    ways = [Refinement(request, choose_first_nodes(request)) for request in requests]
+    open_ = [(way, asked) for way in ways if (asked := way.following)]
+    while open_:
+        for (way, asked), answer in zip(open_, solve([asked for _, asked in open_]), strict=True):
+            way.take(asked, answer)
+        open_ = [(way, asked) for way, _ in open_ if (asked := way.following)]
+    return [way.finish() for way in ways]
+
+
+def share_steps(progress: Progress | None, step: int) -> Progress | None:
+    """Progress of a step of a search of unknown length: each has half of what is left."""
+    if progress is None:
+        return None
+    begin = 1.0 - 0.5**step
+    return lambda done, total: progress(round(1000 * (begin + 0.5 ** (step + 1) * done / max(total, 1))), 1000)
+
+
+def measure_difference(request: Request, one: Solution, other: Solution) -> float:
+    """The largest of radiances over the brightest I at the same depth for the same beam, over flux/pi where no light
+    comes along the directions; and of fluxes/pi over that or over what falls in, whichever is less."""
+    wanted, every = request.wanted, np.arange(request.tau.size, dtype=np.int32)
+    levels = [every] * len(other.parts) if wanted is None else [at for at, _ in wanted.parts]
+    fluxes = [sum_fluxes(request, each) for each in (one, other)]
+    size = np.abs(fluxes[1]).max(axis=0)
+    brightest = np.zeros_like(size)
+    seen = [] if request.fluxes_only else [*zip(levels, one.parts, other.parts, strict=True)]
+    for rows, _, many in seen:
+        brightest[rows] = np.maximum(brightest[rows], np.abs(many[..., 0, 0]).max(axis=(2, 3), initial=0.0))
+    size = np.maximum(np.where(brightest > 0.0, brightest, size), NO_LIGHT)
+    incident = request.mu0 * np.abs(request.columns[:, 0]).sum() / np.pi * (1.0 if wanted is None else wanted.scale)
+    found = float((np.abs(fluxes[0] - fluxes[1]) / np.minimum(size, np.maximum(incident, NO_LIGHT))).max())
+    for rows, few, many in seen:
+        found = max(found, float((np.abs(few - many).max(axis=(2, 3, 4, 5), initial=0.0) / size[rows]).max()))
+    return found
+
+
+def sum_fluxes(request: Request, solution: Solution) -> Array:
+    """Fluxes over pi up and down, (2, n_tau, n_in), as the result scales them: of all of a beam's columns, or of the
+    first, unpolarized light, where each has a place of its own."""
+    both, wanted = np.stack([solution.flux_up, solution.flux_down]) / np.pi, request.wanted
+    found: Array = both.sum(axis=-1) if wanted is None else both[..., 0] * wanted.scale
+    return found
