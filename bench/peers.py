@@ -1,8 +1,7 @@
 """vrte beside the peers that pip installs: same scene, same outputs, one thread each.
 
 ``python -m bench.peers`` prints the table, ``-o docs/reference/peers.md`` writes the page that carries it. Both
-need the extra "bench". The time is the process's CPU time of the solve call; what can be prepared once for a scene
-is set-up.
+need the extra "bench". The time is the process's CPU time: cold, of a scene never seen, and warm, of one solved again.
 """
 
 import argparse
@@ -39,7 +38,6 @@ ACCURACY = 1e-8  # where the azimuthal series may stop, for every code that can 
 # keywords of vrte.radiance that the comparison wants; a version that lacks one goes without
 WANTED: dict[str, Any] = {"accuracy": ACCURACY}
 REFERENCE_STREAMS = 256
-SETUPS = 3
 ROUNDS = (5, 41)  # at least and at most, odd
 SECONDS = 3.0  # for the rounds of one scene, as far as ROUNDS lets
 
@@ -63,14 +61,18 @@ class Problem:
     tau: tuple[float, ...]
     stokes: int
 
-    @property
+    @functools.cached_property
     def asked(self) -> Asked:
-        """The same for any code. The scene is made anew: that is part of the set-up."""
-        (layer,), beam = cases.find_scene(self.scene).layers, np.array([self.flux, 0.0, 0.0, 0.0])
+        """The same for any code: coefficients, albedo and thickness are read off its scene."""
+        scene, beam = cases.find_scene(self.scene), np.array([self.flux, 0.0, 0.0, 0.0])
+        return Asked(scene, 0.6, beam, self.mu, self.phi, np.array(self.tau))
+
+    def make_scene(self) -> vrte.Scene:
+        """The scene made anew from its coefficients, which is part of what vrte takes for one never seen."""
+        (layer,) = self.asked.scene.layers
         matrix = layer.phase_matrix
         made = vrte.PhaseMatrix(matrix.a1) if matrix.is_scalar else vrte.PhaseMatrix(*matrix.coefficients.T)
-        scene = vrte.Scene([vrte.Layer(made, layer.albedo, layer.thickness)])
-        return Asked(scene, 0.6, beam, self.mu, self.phi, np.array(self.tau))
+        return vrte.Scene([vrte.Layer(made, layer.albedo, layer.thickness)])
 
 
 Prepare = Callable[[Problem, int], Solve]  # set-up, for so many streams
@@ -80,13 +82,15 @@ Prepare = Callable[[Problem, int], Solve]  # set-up, for so many streams
 class Row:
     """What one code made of one problem: medians in milliseconds of CPU, errors relative to the largest I.
 
-    ``ratio`` is its solve time over that of vrte; ``target`` what it has to be at least, or ``at_most``.
+    ``cold_ms``: all that a scene never seen takes; ``ratio`` of the warm solves, ``cold_ratio`` of the cold ones, over
+    vrte's; ``target``: what the ratio has to be at least, or ``at_most``.
     """
 
     problem: str
     streams: int | None
     code: str
-    setup_ms: float
+    cold_ms: float
+    cold_ratio: float
     solve_ms: float
     ratio: float
     errors: tuple[float, ...]
@@ -121,11 +125,11 @@ SIEWERT_QUOTED = {
 
 def with_vrte(problem: Problem, streams: int, **keywords: Any) -> Solve:
     """vrte, which carries all four Stokes parameters wherever Q or U can arise."""
-    asked = problem.asked
+    asked, scene = problem.asked, problem.make_scene()
     keywords = {"nodes": streams // 2, "threads": 1, **keywords}
 
     def solve() -> Array:
-        field = vrte.radiance(asked.scene, asked.mu0, asked.stokes, asked.mu, asked.phi, asked.tau, **keywords)
+        field = vrte.radiance(scene, asked.mu0, asked.stokes, asked.mu, asked.phi, asked.tau, **keywords)
         return field.stokes[..., : problem.stokes]
 
     return solve
@@ -205,32 +209,38 @@ def rounds_for(milliseconds: float) -> int:
 
 
 def compare(problem: Problem, streams: int) -> list[Row]:
-    """vrte, then its peers: set-ups one after the other, then solves in turn, BLAS with one thread."""
+    """vrte, then its peers, in turn, BLAS with one thread: a scene never seen, from its coefficients, and one solved
+    again."""
     codes: dict[str, Prepare] = {"vrte": functools.partial(with_vrte, **wanted_keywords()), **CODES[problem.peer]}
-    setup_ms, solves = {}, {}
     with threadpool_limits(1):
-        for code, prepare in codes.items():
-            runs = [cpu_ms(functools.partial(prepare, problem, streams)) for _ in range(SETUPS)]
-            setup_ms[code], solves[code] = statistics.median(run[0] for run in runs), runs[-1][1]
+        solves = {code: prepare(problem, streams) for code, prepare in codes.items()}
         answers = {code: solve() for code, solve in solves.items()}
-        times: dict[str, list[float]] = {code: [] for code in codes}
-        for _ in range(rounds_for(sum(cpu_ms(solve)[0] for solve in solves.values()))):
-            for code, solve in solves.items():
-                times[code].append(cpu_ms(solve)[0])
-        solve_ms = {code: statistics.median(found) for code, found in times.items()}
-        return [
-            Row(
-                problem=problem.name,
-                streams=streams,
-                code=code,
-                setup_ms=setup_ms[code],
-                solve_ms=solve_ms[code],
-                ratio=solve_ms[code] / solve_ms["vrte"],
-                errors=errors(problem, answers[code]),
-                target=TARGETS.get(code, {}).get(streams),
-            )
-            for code in codes
-        ]
+
+        def start(code: str) -> Array:
+            return codes[code](problem, streams)()
+
+        calls = {code: (functools.partial(start, code), solve) for code, solve in solves.items()}
+        cold: dict[str, list[float]] = {code: [] for code in codes}
+        warm: dict[str, list[float]] = {code: [] for code in codes}
+        for _ in range(rounds_for(sum(cpu_ms(call)[0] for both in calls.values() for call in both))):
+            for code, (first, again) in calls.items():
+                cold[code].append(cpu_ms(first)[0])
+                warm[code].append(cpu_ms(again)[0])
+    cold_ms, warm_ms = ({code: statistics.median(found) for code, found in one.items()} for one in (cold, warm))
+    return [
+        Row(
+            problem=problem.name,
+            streams=streams,
+            code=code,
+            cold_ms=cold_ms[code],
+            cold_ratio=cold_ms[code] / cold_ms["vrte"],
+            solve_ms=warm_ms[code],
+            ratio=warm_ms[code] / warm_ms["vrte"],
+            errors=errors(problem, answers[code]),
+            target=TARGETS.get(code, {}).get(streams),
+        )
+        for code in codes
+    ]
 
 
 def shortfalls(rows: list[Row]) -> list[str]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, SETUPS, Problem, Row, shortfalls, wanted_keywords
+from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, Problem, Row, shortfalls, wanted_keywords
 from vrte.basics.running import count_usable_cpus
 from vrte.studies.pages import find_processor_name, make_markdown_list, make_markdown_table, show_two_digits
 
-COLUMNS = ("scene", "streams", "code", "set-up [ms]", "solve [ms]", "over vrte", "target")
+COLUMNS = ("scene", "streams", "code", "cold [ms]", "over vrte", "warm [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")
 CHECKED_WITH = {"nanodisort": "vrte on 256 streams", "sasktran2": "nine numbers of Siewert's tables, of six digits"}
 
@@ -36,15 +36,15 @@ METHOD = f"""## What is compared
   off by 0.18 of the largest I. Its b1, Q and U have the signs of vrte and its relative azimuth is phi: no sign is
   changed. The row "12 orders" tells it how many azimuthal orders there are (`num_forced_azimuth`), which it does not
   see by itself; that row has no target.
-- Times are CPU times of the process. Set-up, the median of {SETUPS}, is what can be kept for another solve of the same
-  kind: the scene and its plan, which vrte keeps of the last scenes that it has seen, nanodisort's arrays, sasktran2's
-  engine and atmosphere. Solve is the median of {ROUNDS[0]} to
-  {ROUNDS[1]} calls, the codes in turn.
+- Times are CPU times of the process, medians of {ROUNDS[0]} to {ROUNDS[1]} calls, the codes in turn. **Cold** is all that a scene
+  never seen takes, from its coefficients on: vrte makes the scene, its plan and the solve, nanodisort its arrays and the
+  solve, sasktran2 its engine, its atmosphere and the solve. **Warm** is the same scene solved again: vrte keeps its plan,
+  nanodisort its arrays, sasktran2 its engine and atmosphere. The targets are of warm solves.
 - Errors are the largest over all directions and depths, relative to the largest I. They are counted from nanodisort's
   own answer on {REFERENCE_STREAMS} streams, for Siewert's scene from vrte's on as many by doubling, which is not the
   algorithm timed.
 - What a feature costs stands in the last rows, over the plain solve of the same scene by vrte: a Mueller BRDF at
-  accuracy 1e-6, one thread. Their set-up is the first call. The surface has the index 1.5, the rough one the roughness
+  accuracy 1e-6, one thread. Their cold time is the first call. The surface has the index 1.5, the rough one the roughness
   0.2. Derivatives are those with thickness, albedo and one coefficient.
 """
 
@@ -74,7 +74,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def cells(row: Row) -> list[str]:
     """One row as text."""
-    times = [f"{row.setup_ms:.2f}", f"{row.solve_ms:.2f}", f"{row.ratio:.2f}"]
+    times = [f"{value:.2f}" for value in (row.cold_ms, row.cold_ratio, row.solve_ms, row.ratio)]
     errors = [show_two_digits(error) for error in row.errors]
     return [
         *(row.problem, "chosen" if row.streams is None else str(row.streams), row.code, *times),
