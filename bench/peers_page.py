@@ -36,16 +36,16 @@ METHOD = f"""## What is compared
   off by 0.18 of the largest I. Its b1, Q and U have the signs of vrte and its relative azimuth is phi: no sign is
   changed. The row "12 orders" tells it how many azimuthal orders there are (`num_forced_azimuth`), which it does not
   see by itself; that row has no target.
-- Times are CPU times of the process, medians of {ROUNDS[0]} to {ROUNDS[1]} calls, the codes in turn. **Cold** is all that a scene
-  never seen takes, from its coefficients on: vrte makes the scene, its plan and the solve, nanodisort its arrays and the
-  solve, sasktran2 its engine, its atmosphere and the solve. **Warm** is the same scene solved again: vrte keeps its plan,
-  nanodisort its arrays, sasktran2 its engine and atmosphere. The targets are of warm solves.
+- Times are CPU times of the process, medians of {ROUNDS[0]} to {ROUNDS[1]} calls, the codes in turn. **Cold** is all
+  that a scene never seen takes, from its coefficients on: vrte makes the scene, its plan and the solve, nanodisort its
+  arrays and the solve, sasktran2 its engine, its atmosphere and the solve. **Warm** is the same scene solved again:
+  vrte keeps its plan, nanodisort its arrays, sasktran2 its engine and atmosphere. The targets are of warm solves.
 - Errors are the largest over all directions and depths, relative to the largest I. They are counted from nanodisort's
   own answer on {REFERENCE_STREAMS} streams, for Siewert's scene from vrte's on as many by doubling, which is not the
   algorithm timed.
 - What a feature costs stands in the last rows, over the plain solve of the same scene by vrte: a Mueller BRDF at
-  accuracy 1e-6, one thread. Their cold time is the first call. The surface has the index 1.5, the rough one the roughness
-  0.2. Derivatives are those with thickness, albedo and one coefficient.
+  accuracy 1e-6, one thread. Their cold time is the first call. The surface has the index 1.5, the rough one the
+  roughness 0.2. Derivatives are those with thickness, albedo and one coefficient.
 """
 
 
