@@ -233,6 +233,7 @@ def test_the_result_says_how_its_nodes_were_found(base: vrte.Lambertian | vrte.M
     assert told["promised"]
     assert told["notes"] == []
     assert 0.0 < told["achieved"] <= 1e-6
+    assert repr(found).endswith(f", right to {told['achieved']:.1g})")
     assert f"{told['nodes']}: {told['achieved']:.1g}" in told["nodes_rule"]
     assert np.abs(found.stokes - right.stokes).max() <= 1e-6 * right.stokes[..., 0].max()
     assert right.diagnostics["nodes_rule"] == "as asked for"

@@ -40,7 +40,7 @@ MOST_BYTES = 400_000  # of a plan's text
 DEGREES_SHOWN = 6  # of an expansion
 CELL = 'style="text-align:left;vertical-align:top;padding:1px 10px 1px 0"'
 # of diagnostics, where there
-MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "truncation", "base")
+MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "achieved", "truncation", "base")
 
 
 def show_as_html(
@@ -270,6 +270,6 @@ def describe_reflectance(brdf: Brdf) -> dict[str, str]:
 
 def describe_solve(diagnostics: Mapping[str, Any]) -> dict[str, str]:
     """How a result was made, and what could not be promised."""
-    found = {name: str(diagnostics[name]) for name in MADE if name in diagnostics}
+    found = {name: str(diagnostics[name]) for name in MADE if diagnostics.get(name) is not None}
     notes = diagnostics.get("notes")
     return found | ({"notes": "; ".join(map(str, notes)) if isinstance(notes, list) else str(notes)} if notes else {})

@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.results.result import Result, tell_derivatives
+from vrte.results.result import Result, tell_achieved, tell_derivatives
 from vrte.scene.illumination import check_azimuths, choose_weights, sample_incident_light, sum_outgoing_light
 from vrte.scene.tabulated_base import TabulatedBase
 
@@ -118,7 +118,7 @@ class Brdf(Result):
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
-        extra += tell_derivatives(self.jacobian)
+        extra += tell_derivatives(self.jacobian) + tell_achieved(self.diagnostics)
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     @property

@@ -1,7 +1,7 @@
 """What all results share: arrays that nobody can write into, also in pickles, and what shows and writes them."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -147,6 +147,12 @@ class Result(Labelled):
         True
         """
         return view(self, "save", path)
+
+
+def tell_achieved(diagnostics: Mapping[str, Any]) -> str:
+    """What a result's text says of its error, as two counts of nodes show it; "" where one alone was solved."""
+    achieved = diagnostics.get("achieved")
+    return "" if achieved is None else f", right to {achieved:.1g}"
 
 
 def tell_derivatives(jacobian: dict[str, Any] | None) -> str:
