@@ -32,7 +32,8 @@ Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 @dataclass(eq=False)
 class Refinement:
     """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
-    brightest light, by the finer count; ``coarse``, the last solution's light at the azimuths compared."""
+    brightest light, by the finer count; ``coarse``, the last solution's light at the azimuths compared; ``spent``, the
+    seconds of each solve."""
 
     request: Request
     first: NodeChoice
@@ -40,6 +41,7 @@ class Refinement:
     differences: dict[int, float] = field(default_factory=dict)
     coarse: Solution | None = None
     answer: Answer | None = None
+    spent: list[float] = field(default_factory=list)
 
     @cached_property
     def azimuths(self) -> IntArray:
@@ -76,6 +78,7 @@ class Refinement:
         """Compares a solution with the one before."""
         assert asked.nodes is not None
         cosines, found = answer
+        self.spent.append(float(found.diagnostics["wall_seconds"]))
         if self.request.mu is None and asked.mu is None:
             self.answer = answer
             return
@@ -108,6 +111,7 @@ class Refinement:
             "achieved": float(achieved),
             "promised": not notes,
             "notes": notes,
+            "choosing_seconds": sum(self.spent[:-1]),
         }
         return mu, replace(found, diagnostics=found.diagnostics | told)
 
