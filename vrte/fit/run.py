@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_whole, settle_array
+from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
 from vrte.basics.errors import IndistinguishableWarning, SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.fit.identify import (
@@ -24,7 +24,6 @@ from vrte.fit.parameters import Parameter, read_parameters, read_priors
 from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
-from vrte.request.how import check_choice
 
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
@@ -100,7 +99,8 @@ def fit(
     free : sequence of str, or mapping
         Names of the numbers that change, as in sweeps, "layer[1].thickness", "particles.gold.radius_um"; or by each
         name a table of ``start``, ``low``, ``high`` and ``spacing`` ("linear", or "log" for steps in the logarithm).
-        What is left out is as the scene has it, and bounded by 0 below, shares such as albedo by 1 above.
+        What is left out is as the scene has it; bounds are those of a base's number where it has some, otherwise 0
+        below where the start is not, and for shares such as albedo 1 above.
     priors : mapping, optional
         By names a mean and a standard deviation that are known beforehand: each counts like one more row.
     bounds : mapping, optional
@@ -176,7 +176,8 @@ def fit(
     if isinstance(free, str) or not names or len(set(names)) < len(names):
         raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
-    parameters = read_parameters(free, bounds, dict(zip(names, model.start.tolist(), strict=True)))
+    begun = dict(zip(names, model.start.tolist(), strict=True))
+    parameters = read_parameters(free, bounds, begun, model.source.limits)
     problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
     first = np.array([one.start for one in parameters])
     check_count(problem)
