@@ -63,6 +63,41 @@ def test_a_prior_counts_like_a_row() -> None:
     assert tight.errors.item() == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("as_scene", [True, False])
+def test_a_bare_base_is_fitted_to_values_below_0(as_scene: bool) -> None:
+    """Without a layer, from a number at 0 that may be negative: bounds are what the base takes."""
+    sands = [vrte.Hapke(0.5, linear=linear) for linear in (-0.5, 0.0)]
+    content = {"base": {"kind": "hapke", "albedo": 0.5, "linear": 0.0}}
+    given = measure(vrte.Scene([], sands[0]))
+    np.testing.assert_allclose(
+        given.value,
+        [
+            sands[0].reflect(np.cos(np.radians(40.0)), np.cos(np.radians(abs(at))), 180.0 * (at < 0))[0, 0].item()
+            for at in ANGLES
+        ],
+        rtol=1e-12,
+    )
+    found = vrte.fit(given, vrte.Scene([], sands[1]) if as_scene else content, ["base.linear"], nodes=4)
+    assert found.values.item() == pytest.approx(-0.5, rel=1e-5)
+    assert [(one.low, one.high) for one in found.find_problem().parameters] == [(-2.0, 2.0)]
+
+
+def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
+    """Rutile's index begins at 0.43 um: colours are worked out from there, as those of `vrte.appearance`."""
+    paint = {
+        "nodes": 4,
+        "particles": {"white": {"index": "rutile", "radius_um": 0.1}},
+        "layer": [{"particles": "white", "host_index": 1.5, "thickness": 9.0}],
+        "base": {"kind": "lambertian", "albedo": 0.1},
+    }
+    given = vrte.Measurement(["L", "a", "b"], 50.0, 0.1, geometry="45:0")
+    seen = vrte.appearance(paint, geometries=["45:0"]).colour("45:0")
+    np.testing.assert_allclose(given.predict(paint), [seen.L, seen.a, seen.b], rtol=0.0, atol=2e-3)
+    found = vrte.fit(given.measure([seen.L, seen.a, seen.b]), paint, ["layer[1].thickness"], most_steps=1)
+    assert found.values.item() == pytest.approx(9.0, rel=1e-3)
+    assert "below 0.43 µm, taken as at 0.43" in str(found)
+
+
 def test_what_cannot_be_told_apart_is_said() -> None:
     layers = [vrte.Layer(RAYLEIGH, 0.95, 0.5), vrte.Layer(RAYLEIGH, 0.95, 0.5)]
     scene = vrte.Scene(layers, vrte.Lambertian(0.3))

@@ -49,7 +49,7 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
 def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:
     """What a scene file's layers, particles and base are, a line each, top first."""
     expanded = expand_content(content, folder)
-    for layer in expanded["layer"]:
+    for layer in expanded.get("layer", ()):
         if "interface" in layer:
             facets = {key: value for key, value in layer["interface"].items() if key not in ("above", "below")}
             yield f"surface: {write_pairs(facets) if facets.get('roughness') else 'smooth'}"
@@ -82,7 +82,7 @@ def list_approximations(content: dict[str, Any], colour: Colour) -> Iterator[str
     """What a page has to say of its numbers: the file's own words, and what holds of all."""
     given = content.get("approximations", [])
     yield from [given] if isinstance(given, str) else given
-    for layer in expand_content(content)["layer"] if content else ():
+    for layer in expand_content(content).get("layer", ()):
         if "packing" in layer:
             yield f"Packing: {PACKINGS[layer['packing']].words}."
     yield "Films are flat and even, their particles lie at random; cards are Lambertian and lie in the binder."

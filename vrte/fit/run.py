@@ -120,7 +120,8 @@ def fit(
     accuracy : float, optional
         Of the solves, relative to the largest radiance; default: the scene file's, or 1e-5.
     wavelengths_um : sequence of float, optional
-        At which colours are worked out, ascending [um]; default: 16 from 0.40 to 0.70.
+        At which colours are worked out, ascending [um]; default: those that the file lists, or 16 from 0.40 to 0.70, as
+        far as all substances are known there; beyond, reflectance stays as at the end, which a note tells.
     most_steps : int, optional
         How many trials each start has at most.
     threads : int, optional
