@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
-from vrte.basics.errors import IndistinguishableWarning, SceneError
+from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning
 from vrte.basics.running import Progress, share_progress
 from vrte.fit.identify import (
     find_blind_spots,
@@ -24,6 +24,7 @@ from vrte.fit.parameters import Parameter, read_parameters, read_priors
 from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
+from vrte.fit.verdict import NO_NOISE, UNLIKELY, describe_pattern, find_p_value, guess_units, tell
 
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
@@ -150,6 +151,11 @@ def fit(
 
     Warns
     -----
+    MisfitWarning
+        Where residuals as large, or with as few changes of sign, come by chance in less than 1 % of fits. Where they
+        are too large, errors grow by the root of the reduced chi-square.
+    UnitsWarning
+        Of such a fit, and where there is no sigma: angles that look like cosines or radians, factors like per cent.
     IndistinguishableWarning
         Where two numbers cannot be told apart, or a combination of them from these data.
 
@@ -311,7 +317,11 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     assert best.slopes is not None
     residuals, slopes = problem.join(best), problem.join_slopes(best)
     chi2, freedom = float(residuals @ residuals), residuals.size - len(problem.parameters)
-    notes = [*model.notes]
+    least = problem.measure(residuals)  # chi2, or what a robust loss makes of it
+    p_value = find_p_value(least, freedom) if given.has_sigma else math.nan
+    faults = [] if interrupted else list_faults(given, -residuals[: len(given)], chi2, least, freedom, p_value)
+    notes = [*faults, *model.notes]
+    grown = math.sqrt(least / freedom) if p_value < UNLIKELY else 1.0
     scale = 1.0
     if not given.has_sigma:
         scale = math.sqrt(chi2 / freedom) if freedom and chi2 else math.nan
@@ -326,7 +336,7 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     slopes = np.concatenate([slopes[:rows] / unit, slopes[rows:]])
     ranges = np.array([one.high - one.low for one in problem.parameters])
     scales = find_scales(best.values, ranges)
-    covariance = find_covariance(slopes, scales) * (scale / unit)
+    covariance = find_covariance(slopes, scales) * (scale / unit) * grown**2
     singular, blind = find_blind_spots(model.names, slopes, best.values, scales)
     notes += list_bounds(problem.parameters, best.values)
     if interrupted:
@@ -349,6 +359,8 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
         slopes=best.slopes,
         chi2=chi2,
         degrees_of_freedom=freedom,
+        p_value=p_value,
+        error_scale=grown,
         singular_values=singular,
         blind_spots=tuple(blind),
         notes=tuple(notes),
@@ -357,6 +369,30 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
         interrupted=interrupted,
         problem=problem,
     )
+
+
+def list_faults(
+    given: Measurement, residuals: Array, chi2: float, least: float, freedom: int, p_value: float
+) -> list[str]:
+    """Why a model does not fit, in words; ``residuals`` (rows,) in sigmas, ``least``: the sum that was made least.
+
+    Warns (MisfitWarning, UnitsWarning).
+    """
+    sound = p_value >= UNLIKELY
+    chance, pattern = describe_pattern(given, residuals)
+    faults = []
+    if p_value < UNLIKELY:
+        of = f"chi2 {chi2:.4g} with {freedom} degrees of freedom comes by chance in {tell(p_value)} of fits"
+        faults = [f"the model does not fit: {of}; errors are {math.sqrt(least / freedom):.3g} times larger for it"]
+        faults += pattern
+    elif chance < UNLIKELY and np.sqrt(np.mean(residuals**2)) > NO_NOISE[not given.has_sigma]:
+        faults, sound = [f"the model may not fit: {pattern[0]}"], False
+    guesses = [] if sound else [*guess_units(given)]
+    for words in guesses:
+        warnings.warn(words, UnitsWarning, stacklevel=4)
+    if faults:
+        warnings.warn("; ".join(faults), MisfitWarning, stacklevel=4)
+    return [*faults, *guesses]
 
 
 def list_bounds(parameters: Sequence[Parameter], values: Array) -> list[str]:
