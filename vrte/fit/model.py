@@ -105,7 +105,7 @@ class Model:
 
     @property
     def slopes_come_along(self) -> bool:
-        """Whether derivatives are found with the values, for not much more."""
+        """Whether derivatives are found with the values, in one solve."""
         return self.jacobian == "exact"
 
     def _add_row(self, row: int) -> None:
