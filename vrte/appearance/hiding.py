@@ -124,8 +124,7 @@ class Hiding:
 
     @property
     def paper_opacity(self) -> float:
-        """Y over a black base over Y over one of 0.89: TAPPI T 425's contrast ratio, whose geometry is 15:di, in the
-        light of illuminant A for 2 degrees."""
+        """Y over a black base over Y over one of 0.89: TAPPI T 425's contrast ratio, there 15:di, A, 2 degrees."""
         return self.compare_cards(0.0, PAPER_WHITE)
 
     @property
