@@ -52,6 +52,14 @@ def test_geometries_have_the_names_of_cie_15(name: str, angles: tuple[float, flo
     assert found.standard
 
 
+def test_standards_of_several_angles() -> None:
+    """ASTM E2194, of metal flake, asks for three angles; E2539, of interference pigments, leaves metal flake out."""
+    told = {name: read_geometry(name).standard for name in (*MULTI_ANGLE, "45:as30")}
+    flake = [name for name, words in told.items() if "E2194 (metal flake)" in words]
+    assert flake == ["45:as15", "45:as45", "45:as110"]
+    assert [name for name, words in told.items() if "E2539 (interference pigments)" in words] == [*MULTI_ANGLE]
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -38,13 +38,16 @@ def hapke(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
     return (rho / np.pi)[..., None, None] * np.diag([1.0, 0.0, 0.0, 0.0])
 
 
+REGOLITH = vrte.Hapke(0.6, linear=0.5, h_function="1981")
+
+
 def problem_over(base: Function, nodes: int, mu0: list[float], mu: list[float]) -> tuple[vrte.MuellerBase, Problem]:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.2)], vrte.MuellerBase(base))
     assert isinstance(scene.base, vrte.MuellerBase)
     return scene.base, discretise_scene(scene, np.array(mu0), np.eye(4), np.array(mu), np.array([0.0]), nodes)
 
 
-@pytest.mark.parametrize("base", [vrte.MuellerBase(hapke), vrte.Hapke(0.6, linear=0.5)], ids=["function", "named"])
+@pytest.mark.parametrize("base", [vrte.MuellerBase(hapke), REGOLITH], ids=["function", "named"])
 def test_disort_problem_6d(base: Boundary) -> None:
     """Stamnes, Tsay, Wiscombe and Laszlo, DISORT report v1.1 (2000): a beam of 200 along mu0 0.5 through an absorbing
     layer of thickness 1 onto a Hapke surface; flux up, and intensity at mu 0.1 and 1, phi 90, tau 0, 0.5, 1.

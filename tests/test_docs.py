@@ -115,6 +115,8 @@ def test_pages_link_to_what_exists(page: Path) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in set(re.findall(r"\]\(([^)#\s:]+)\)", text)) - MADE:
         assert ((ROOT / page).parent / target).exists(), f"{page} links to {target}, which does not exist"
+    for folder in re.findall(r"^(?:vrte|make) .* -o (docs/[\w/]+)", text, re.MULTILINE):
+        assert (ROOT / folder).is_dir(), f"{page} writes to {folder}, which does not exist"
 
 
 def test_every_statement_on_security_names_a_test_that_exists() -> None:

@@ -56,11 +56,46 @@ def test_without_sigma_errors_are_scaled_by_the_fit() -> None:
 
 def test_a_prior_counts_like_a_row() -> None:
     loose = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], nodes=4)
-    tight = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], {"base.albedo": (0.5, loose.errors.item())}, nodes=4)
+    with pytest.warns(vrte.MisfitWarning, match="chi2"):  # data and prior do not go together
+        tight = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], {"base.albedo": (0.5, loose.errors.item())}, nodes=4)
     assert tight.values.item() == pytest.approx(0.4, abs=0.01)  # half way: both know it equally well
     weighed = tight.slopes[:, 0] / tight.sigma
-    expected = (weighed @ weighed + loose.errors.item() ** -2) ** -0.5
+    expected = tight.error_scale * (weighed @ weighed + loose.errors.item() ** -2) ** -0.5
     assert tight.errors.item() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("as_scene", [True, False])
+def test_a_bare_base_is_fitted_to_values_below_0(as_scene: bool) -> None:
+    """Without a layer, from a number at 0 that may be negative: bounds are what the base takes."""
+    sands = [vrte.Hapke(0.5, linear=linear) for linear in (-0.5, 0.0)]
+    content = {"base": {"kind": "hapke", "albedo": 0.5, "linear": 0.0}}
+    given = measure(vrte.Scene([], sands[0]))
+    np.testing.assert_allclose(
+        given.value,
+        [
+            sands[0].reflect(np.cos(np.radians(40.0)), np.cos(np.radians(abs(at))), 180.0 * (at < 0))[0, 0].item()
+            for at in ANGLES
+        ],
+        rtol=1e-12,
+    )
+    found = vrte.fit(given, vrte.Scene([], sands[1]) if as_scene else content, ["base.linear"], nodes=4)
+    assert found.values.item() == pytest.approx(-0.5, rel=1e-5)
+    assert [(one.low, one.high) for one in found.find_problem().parameters] == [(-2.0, 2.0)]
+
+
+def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
+    """Rutile's index begins at 0.43 um: colours are worked out from there, as those of `vrte.appearance`."""
+    paint = {
+        "nodes": 4,
+        "particles": {"white": {"index": "rutile", "radius_um": 0.1}},
+        "layer": [{"particles": "white", "host_index": 1.5, "thickness": 9.0}],
+        "base": {"kind": "lambertian", "albedo": 0.1},
+    }
+    given = vrte.Measurement(["L", "a", "b"], 50.0, 0.1, geometry="45:0")
+    seen = vrte.appearance(paint, geometries=["45:0"]).colour("45:0")
+    np.testing.assert_allclose(given.predict(paint), [seen.L, seen.a, seen.b], rtol=0.0, atol=2e-3)
+    found = vrte.fit(given.measure([seen.L, seen.a, seen.b]), paint, ["layer[1].thickness"], most_steps=1)
+    assert "below 0.43 µm, taken as at 0.43" in str(found)
 
 
 def test_what_cannot_be_told_apart_is_said() -> None:
@@ -77,9 +112,12 @@ def test_an_outlier_moves_a_robust_fit_less() -> None:
     value = given.value.copy()
     value[2] *= 1.5
     spoilt = given.measure(value)
-    far, near = (
-        vrte.fit(spoilt, SCENE, ["base.albedo"], nodes=4, loss=loss).values.item() for loss in ("linear", "soft_l1")
-    )
+    with pytest.warns(
+        vrte.MisfitWarning, match=r"row 3 is farthest off, .* sigma: f00 at theta_i_deg 40, theta_o_deg 0"
+    ):
+        far, near = (
+            vrte.fit(spoilt, SCENE, ["base.albedo"], nodes=4, loss=loss).values.item() for loss in ("linear", "soft_l1")
+        )
     assert abs(near - 0.3) < 0.3 * abs(far - 0.3)
 
 
@@ -95,7 +133,8 @@ def test_the_best_of_several_starts_is_kept_and_all_are_told() -> None:
 
 
 def test_a_bound_that_is_reached_is_told() -> None:
-    found = vrte.fit(measure(SCENE), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
+    with pytest.warns(vrte.MisfitWarning, match="all rows are above what the model shows"):
+        found = vrte.fit(measure(SCENE), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
     assert any("base.albedo is at its upper bound 0.2" in one for one in found.notes)
 
 
@@ -107,7 +146,8 @@ def test_stopped_it_keeps_the_best_so_far() -> None:
     free = {"layer[1].thickness": {"start": 4.0}}
     found = vrte.fit(measure(SCENE), SCENE, free, nodes=4, watch=stop)
     assert found.interrupted
-    assert found.chi2 < 0.5 * (vrte.fit(measure(SCENE), SCENE, free, nodes=4, most_steps=1).chi2)
+    with pytest.warns(vrte.MisfitWarning):
+        assert found.chi2 < 0.5 * (vrte.fit(measure(SCENE), SCENE, free, nodes=4, most_steps=1).chi2)
     assert "interrupted" in found.notes[-1]
 
 

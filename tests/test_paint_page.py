@@ -104,6 +104,10 @@ def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint) -
     for one in readings:
         assert all((one.quantity, one.geometry, one.unit, one.definition, one.standard)), one
         assert math.isfinite(one.value)
+    standards = {one.quantity: one.standard for one in readings}
+    assert standards["contrast ratio"] == "ISO 6504-3; ASTM D2805"  # at a thickness
+    assert standards["hiding thickness over this film's"] == "ISO 6504-1; ASTM D2805"  # at a ratio
+    assert "T 425 (there 15:di, A, 2 degrees)" in standards["paper opacity"]
     names = {one.quantity for one in readings}
     assert {"contrast ratio", "opacity", "gloss", "K", "S", "L over white", "BRDF f00", "X"} <= names
     assert len({(o.quantity, o.geometry, o.wavelength_um) for o in readings}) == len(readings)

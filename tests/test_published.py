@@ -184,7 +184,7 @@ MISHCHENKO = [
 @pytest.mark.parametrize("source", [pytest.param("its expansion", marks=pytest.mark.slow), "spheres"])
 def test_mishchenko_semi_infinite(source: str, request: pytest.FixtureRequest) -> None:
     """Mishchenko et al., JQSRT 63, 409: endless, omega = 1. The expansion it prints is that of spheres of index 1.44
-    with a gamma distribution of 1.05 um and variance 0.07 at 0.55 um (the clouds of Venus)."""
+    with a gamma distribution of 1.05 um and variance 0.07 at 0.55 um (the clouds of Venus), to 3.4e-4."""
     if source == "spheres":
         matrix = vrte.spheres(1.44, size=vrte.Gamma(1.05, 0.07), wavelength_um=0.55).phase_matrix
     else:
@@ -195,7 +195,7 @@ def test_mishchenko_semi_infinite(source: str, request: pytest.FixtureRequest) -
         cosine, sine = (turn(order * np.radians(phi)) / 256 for turn in (np.cos, np.sin))
         got, odd = np.tensordot(cosine, f, 1), np.tensordot(sine, f, 1)
         got[2:, :2], got[:2, 2:] = odd[2:, :2], -odd[:2, 2:]
-        assert np.abs(np.pi * got - published).max() <= 1e-5
+        assert np.abs(np.pi * got - published).max() <= (1e-5 if source == "spheres" else 6e-7)
 
 
 def test_haze_l_single_scattering(reference: Find) -> None:

@@ -142,12 +142,13 @@ def test_files_that_are_no_tables(tmp_path: Path) -> None:
 
 
 WAVELENGTHS = (0.45, 0.55, 0.65)
+SIGNS = np.array([1.0, 1.0, 1.0, 1.0, -1.0, 1.0])[:, None]  # of F11, F12, F22, F33, F34, F44
 RADII = (0.2, 0.3)
 MASS = 1e3  # 1/um of a substance of 1 g/cm3 is so many 1/km per g/m3
 
 
 def libradtran(path: Path, elements: tuple[int, ...] = (0, 1, 3, 4), **other: Any) -> Path:
-    """As its Mie tables are: NetCDF-3, angles from 180 to 0, fewer of them at longer wavelengths."""
+    """As its Mie tables are: NetCDF-3, angles from 180 to 0, fewer of them at longer wavelengths, P34 = -F34."""
     arrays = {
         "phase": np.zeros((3, 2, len(elements), 200), "f8"),
         "theta": np.zeros((3, 2, len(elements), 200), "f8"),
@@ -164,7 +165,7 @@ def libradtran(path: Path, elements: tuple[int, ...] = (0, 1, 3, 4), **other: An
             table = found.phase_matrix.to_angles(np.linspace(0.0, 180.0, count))
             arrays["ntheta"][row, column] = count
             arrays["theta"][row, column, :, :count] = table.angle_deg[::-1]
-            arrays["phase"][row, column, :, :count] = table.elements[list(elements), ::-1]
+            arrays["phase"][row, column, :, :count] = (SIGNS * table.elements)[list(elements), ::-1]
             arrays["ssa"][row, column] = found.albedo
             arrays["ext"][row, column] = MASS * found.extinction_um2 / found.volume_um3
     arrays |= other
@@ -255,6 +256,27 @@ def test_six_elements_of_libradtran_are_in_its_order(tmp_path: Path) -> None:
     found = vrte.read_scattering(path, wavelength_um=0.65, effective_radius_um=0.2)
     assert isinstance(found, PhaseMatrix)
     assert differ(found, vrte.spheres(1.5 + 0.01j, radius_um=0.2, wavelength_um=0.65).phase_matrix) <= 1e-10
+
+
+def test_the_sign_of_v_is_that_of_libradtran_unless_another_is_said(mie_table: Path) -> None:
+    asked = {"wavelength_um": 0.55, "effective_radius_um": 0.3}
+    spheres = vrte.spheres(1.5 + 0.01j, radius_um=0.3, wavelength_um=0.55).phase_matrix
+    by_itself, ours = (vrte.read_scattering(mie_table, **asked, **more) for more in ({}, {"convention": "vrte"}))
+    assert by_itself.expansion.convention == "libradtran"
+    np.testing.assert_allclose(by_itself.b2, spheres.b2, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(ours.b2, -spheres.b2, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(ours.b1, spheres.b1, rtol=1e-9, atol=1e-11)
+
+
+def test_p34_that_was_copied_to_p43_is_told_and_read_as_libradtran_has_it(tmp_path: Path) -> None:
+    path = eradiate(tmp_path / "converted.nc", False)
+    with h5py.File(path, "r+") as file:
+        file["phase"][..., 2, 3] *= -1.0  # libRadtran's P34, and with it F43 = +F34
+    with pytest.warns(vrte.UnitsWarning, match=r"its F43 is \+F34, .* libRadtran's tables"):
+        found = vrte.read_scattering(path, wavelength_um=0.65)
+    assert differ(found, powder(0.65).phase_matrix) <= 1e-10
+    said = vrte.read_scattering(path, wavelength_um=0.65, convention="vrte")
+    np.testing.assert_allclose(said.b2, -found.b2, rtol=1e-9, atol=1e-11)
 
 
 def eradiate(path: Path, labels: bool) -> Path:

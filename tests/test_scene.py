@@ -81,7 +81,7 @@ ONE, EITHER = Layer(rayleigh(), 1, 1), "either thickness, or thickness_um togeth
         ),
         (lambda: Layer.of(rayleigh(), thickness=1.0), "particles must be"),
         (lambda: Layer.of(DUST, thickness_um=-1.0, volume_fraction=0.05), "thickness_um must be a length"),
-        (lambda: Scene([]), "at least one layer"),
+        (lambda: Scene([]), "at least one layer, or a base"),
         (lambda: Scene([ONE, rayleigh()]), "layer 2 must be a vrte.Layer or a vrte.Interface, not PhaseMatrix"),
         (lambda: Scene([Layer(rayleigh(), 1, math.inf), ONE]), "layer 1: thickness inf .* last layer only"),
         (lambda: Scene(None), "layers must be a list"),

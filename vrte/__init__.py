@@ -26,9 +26,11 @@ from vrte.basics.errors import (
     FittedRangeWarning,
     IndistinguishableWarning,
     LongSolveWarning,
+    MisfitWarning,
     MissingExtraError,
     SceneError,
     SweepError,
+    UnitsWarning,
 )
 from vrte.calls.brdf import brdf
 from vrte.calls.brdfs import brdfs
@@ -56,7 +58,7 @@ from vrte.optics.convention_card import recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning, PackingWarning
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
-from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
+from vrte.optics.refractive_index import IndexTable, refractive_index
 from vrte.optics.shapes import cylinders, spheroids
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
 from vrte.optics.spheres import spheres
@@ -111,6 +113,7 @@ __all__ = [
     "LongSolveWarning",
     "Measurement",
     "Mirror",
+    "MisfitWarning",
     "MissingExtraError",
     "Monodisperse",
     "MuellerBase",

@@ -27,6 +27,7 @@ NODES = 16  # of the quadrature over an even sky: doubled, readings of paints mo
 SAME = 1e-9  # of cosines, of degrees
 PORT_DEG = 10.0  # full angle of a specular port: the 5 degrees around the mirrored beam that CIE 15 speaks of
 MULTI_ANGLE = "45:as15", "45:as25", "45:as45", "45:as75", "45:as110"
+METAL_FLAKE = "45:as15", "45:as45", "45:as110"  # the three that ASTM E2194 asks for
 STANDARD_GEOMETRIES = "8:di", "8:de", "di:di", "45:0", "0:45", *MULTI_ANGLE
 ALLOWED = (
     "a geometry such as '45:0', '8:di' (diffuse, surface's mirror image included), '8:de' (excluded), 'di:8', 'di:di', "
@@ -77,7 +78,10 @@ class Geometry:
             return "CIE 15; ASTM E1331"
         if {self.angle_i, abs(self.angle_o)} == {45.0, 0.0} and ":as" not in self.name:
             return "CIE 15; ASTM E1349"
-        return "ASTM E2194, E2539; DIN 6175-2" if ":as" in self.name else "CIE 15, bidirectional"
+        if self.name not in MULTI_ANGLE:
+            return "CIE 15, bidirectional"
+        flake = "ASTM E2194 (metal flake); " if self.name in METAL_FLAKE else ""
+        return f"{flake}ASTM E2539 (interference pigments); DIN 6175-2"
 
     @property
     def reading(self) -> tuple[Any, ...]:

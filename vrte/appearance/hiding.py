@@ -1,8 +1,8 @@
 """Hiding power: how well a film hides what it lies on, from exact solves over a black and a white card.
 
-The contrast ratio Y_black/Y_white, and the thickness at which it reaches 0.98, are those of ISO 6504-3 and ASTM D2805,
-opacity is that of ISO 2471 and TAPPI T 425 (all from memory). Cards are Lambertian and lie under the binder, without a
-surface of their own; they take the place of the scene's base.
+The contrast ratio Y_black/Y_white is that of ISO 6504-3, the thickness at which it reaches 0.98 that of ISO 6504-1, and
+both those of ASTM D2805; opacity is that of ISO 2471 and TAPPI T 425 (ISO 2471 and D2805 from memory). Cards are
+Lambertian and lie under the binder, without a surface of their own; they take the place of the scene's base.
 """
 
 import math
@@ -124,7 +124,7 @@ class Hiding:
 
     @property
     def paper_opacity(self) -> float:
-        """Y over a black base over Y over one of 0.89: TAPPI T 425's contrast ratio."""
+        """Y over a black base over Y over one of 0.89: TAPPI T 425's contrast ratio, there 15:di, A, 2 degrees."""
         return self.compare_cards(0.0, PAPER_WHITE)
 
     @property

@@ -18,11 +18,13 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
     """Contrast ratio, opacity, the thickness that hides, and reflectance factors over the cards and without end."""
     seen, black, white = hiding.geometry, hiding.black, hiding.white
     cards = f"Y over a black card ({black:g}) over Y over a white one ({white:g})"
-    standard = "ISO 6504-3; ASTM D2805"
-    yield Reading("contrast ratio", seen, None, hiding.contrast_ratio, "1", cards, standard)
+    ratio, standard = "ISO 6504-3; ASTM D2805", "ISO 6504-1; ASTM D2805"
+    yield Reading("contrast ratio", seen, None, hiding.contrast_ratio, "1", cards, ratio)
     yield Reading("opacity", seen, None, hiding.opacity, "1", "Y over black over Y without end", "ISO 2471")
     words = "Y over black over Y over white of 0.89"
-    yield Reading("paper opacity", seen, None, hiding.paper_opacity, "1", words, "TAPPI T 425")
+    yield Reading(
+        "paper opacity", seen, None, hiding.paper_opacity, "1", words, "TAPPI T 425 (there 15:di, A, 2 degrees)"
+    )
     words = "Y of the film without end, where the perfect white has 1"
     yield Reading("luminance without end", seen, None, hiding.luminance_without_end, "1", words, "ISO/CIE 11664-3")
     length, times, rate = hiding.hiding_length_um, hiding.hiding_times, hiding.spreading_rate
@@ -41,15 +43,15 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
         for wavelength, value in zip(at, values.tolist(), strict=True):
             words = f"of the film {name}, where the perfect white diffuser has 1"
             yield Reading(f"reflectance factor {name}", seen, wavelength, value, "1", words, "CIE 15")
-    for times, ratio in zip(hiding.times, hiding.contrast_ratios.tolist(), strict=True):
+    for times, value in zip(hiding.times, hiding.contrast_ratios.tolist(), strict=True):
         film = f"{times:.6g} x film" if hiding.length_um is None else f"{times * hiding.length_um:.6g} um"
-        yield Reading(OF_FILMS + film, seen, None, ratio, "1", cards, standard)
+        yield Reading(OF_FILMS + film, seen, None, value, "1", cards, ratio)
 
 
 def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:
     """What a scene file's layers, particles and base are, a line each, top first."""
     expanded = expand_content(content, folder)
-    for layer in expanded["layer"]:
+    for layer in expanded.get("layer", ()):
         if "interface" in layer:
             facets = {key: value for key, value in layer["interface"].items() if key not in ("above", "below")}
             yield f"surface: {write_pairs(facets) if facets.get('roughness') else 'smooth'}"
@@ -82,7 +84,7 @@ def list_approximations(content: dict[str, Any], colour: Colour) -> Iterator[str
     """What a page has to say of its numbers: the file's own words, and what holds of all."""
     given = content.get("approximations", [])
     yield from [given] if isinstance(given, str) else given
-    for layer in expand_content(content)["layer"] if content else ():
+    for layer in expand_content(content).get("layer", ()):
         if "packing" in layer:
             yield f"Packing: {PACKINGS[layer['packing']].words}."
     yield "Films are flat and even, their particles lie at random; cards are Lambertian and lie in the binder."

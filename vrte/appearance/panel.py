@@ -450,6 +450,6 @@ def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float]
 
 def list_lengths(content: dict[str, Any], folder: Path, scene: Scene) -> tuple[float | None, ...]:
     """How thick the layers of a scene are [um], None where the file says it optically."""
-    listed = expand_content(content, folder)["layer"]
+    listed = expand_content(content, folder).get("layer", ())
     given = [None if place is None else listed[place].get("thickness_um") for place in scene.places]
     return tuple(0.0 if place is None else length for place, length in zip(scene.places, given, strict=True))

@@ -239,14 +239,14 @@ QUANTITIES: dict[str, Quantity] = {
         ("nodes", "bare", "without_end"),
     ),
     "hiding_thickness_um": Quantity(
-        "thickness at which the contrast ratio is the target (ISO 6504-3); inf where none has it",
+        "thickness at which the contrast ratio is the target (ISO 6504-1); inf where none has it",
         lambda seen: seen.hiding_length_um,
         (*SEEN, *CARDS, "target", *FILM),
         HIDES,
         "um",
     ),
     "spreading_rate": Quantity(
-        "area that a litre of dry film hides at that thickness (ISO 6504-3)",
+        "area that a litre of dry film hides at that thickness (ISO 6504-1)",
         lambda seen: 1000.0 / seen.hiding_length_um if seen.hiding_length_um > 0.0 else np.inf,
         (*SEEN, *CARDS, "target", *FILM),
         HIDES,

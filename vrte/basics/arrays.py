@@ -94,6 +94,13 @@ def check_whole(name: str, value: Any, low: int, high: int) -> int:
     return int(result)
 
 
+def check_choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+    """One of the names allowed."""
+    if not (isinstance(value, str) and value in [*allowed]):
+        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {show_value(value)}")
+    return value
+
+
 def check_flag(name: str, value: Any) -> bool:
     """True or False, and nothing that merely counts as such."""
     if not isinstance(value, (bool, np.bool_)):

@@ -100,6 +100,14 @@ class IndistinguishableWarning(UserWarning):
     """A fit cannot tell two numbers apart, or one from its data at all: which, and what would help."""
 
 
+class MisfitWarning(UserWarning):
+    """The model of a fit does not fit the data: how far off, in what pattern, and how its errors grow by that."""
+
+
+class UnitsWarning(UserWarning):
+    """Numbers that look as if they were in other units, or of another sign, than they are taken for."""
+
+
 class LongSolveWarning(UserWarning):
     """A solve will take more than 20 seconds: how long, what takes it, and what to change.
 

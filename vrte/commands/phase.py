@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
         ),
     )
     phase.add_argument("file", nargs="?", type=Path, help="a .csv with named columns, or NetCDF (.nc, .cdf)")
-    phase.add_argument("--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: vrte")
+    phase.add_argument("--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: the file's")
     phase.add_argument("--normalise", action="store_true", default=None, help="divide by the integral, whatever it is")
     phase.add_argument("--spheres", action="store_true", default=None, help="F22 = F11 and F44 = F33, left out")
     phase.add_argument("--ends", choices=(EXTRAPOLATE,), help="where the angles do not reach 0 and 180 degrees")

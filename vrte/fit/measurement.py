@@ -148,6 +148,7 @@ class Measurement:
             if bad.any():
                 row = rows[bad][0]
                 noise = "by more than noise" if np.isnan(sigma).any() else f"by more than {OUTSIDE:g} sigma"
+                noise += "; it looks like per cent" if high == 1.0 and 1.5 < self.value[row] <= 150.0 else ""
                 self._refuse(row, "value", f"{self.value[row]:g} {words}, {noise}")
 
     def _refuse(self, row: int, name: str, words: str) -> None:

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.apertures import Round, collect_mirrored, project_solid_angle
+from vrte.appearance.colours import find_colour
 from vrte.appearance.geometries import NODES, PORT_DEG, Geometry, read_geometry
+from vrte.appearance.panel import choose_wavelengths
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
@@ -35,7 +37,6 @@ from vrte.scene.variation import Variation
 from vrte.scene.vary import turn_variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
-VISIBLE_UM = np.linspace(0.40, 0.70, 16)  # of colours, where nobody says which
 Wavelength = float | None
 Solved = tuple[Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
 
@@ -88,6 +89,10 @@ class Model:
             self._add_row(row)
         self._join_readings()
         self.groups = {one: sight.group() for one, sight in self.sights.items()}
+        for light in dict.fromkeys(conditions for *_, conditions in self.colours):
+            words = find_colour(colours_um, np.ones(colours_um.size), *light).extrapolation
+            if words:
+                self.notes.append(f"colours in {light[0]} take reflectance beyond the known wavelengths: {words}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,7 +106,7 @@ class Model:
 
     @property
     def slopes_come_along(self) -> bool:
-        """Whether derivatives are found with the values, for not much more."""
+        """Whether derivatives are found with the values, in one solve."""
         return self.jacobian == "exact"
 
     def _add_row(self, row: int) -> None:
@@ -326,28 +331,29 @@ def make_model(
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
     if not isinstance(measurement, Measurement):
         raise SceneError.of("measurement", f"must be a vrte.Measurement, not {type(measurement).__name__}")
-    at = {None if math.isnan(one) else float(one) for one in measurement.wavelength_um.tolist()}
-    coloured = any(QUANTITIES[name].needs == LOOK for name in measurement.names)
-    colours_um = check_ascending(VISIBLE_UM if wavelengths_um is None else wavelengths_um)
-    if wavelengths_um is not None and not coloured:
+    looks = [QUANTITIES[name].needs == LOOK for name in measurement.quantity.tolist()]
+    at = {None if math.isnan(one) else float(one) for one in measurement.wavelength_um[np.logical_not(looks)].tolist()}
+    if wavelengths_um is not None and not any(looks):
         raise SceneError.of("wavelengths_um", "are of colours, and none was measured")
-    only_colours = all(QUANTITIES[name].needs == LOOK for name in measurement.names)
-    at = ({*colours_um.tolist()} if coloured else set()) | (set() if only_colours else at)
     asked = {name: one for name, one in (("nodes", nodes), ("accuracy", accuracy), ("threads", threads)) if one}
-    if isinstance(scene, Scene) and at != {None}:
-        wave = next(one for one in at if one is not None)
-        raise SceneError(
-            f"the measurement is at {wave:g} um, and a vrte.Scene knows no wavelength: give a scene file or its content"
-        )
     if isinstance(scene, SceneFamily):
         scene, folder = scene.source, scene.folder or folder
     if isinstance(scene, Scene):
-        return Model(measurement, {None: make_family(scene, names, folder)}, asked, colours_um, jacobian)
+        if any(looks) or at != {None}:
+            of = "of colours" if any(looks) else f"at {max(one for one in at if one):g} um"
+            words = f"the measurement is {of}, and a vrte.Scene knows no wavelength: give a scene file or its content"
+            raise SceneError(words)
+        return Model(measurement, {None: make_family(scene, names, folder)}, asked, np.zeros(0), jacobian)
     if isinstance(scene, Mapping):
         content = dict(scene)
     else:
         content, folder = read_content(scene), Path(scene).parent
     content.pop("fit", None)
+    colours_um = np.zeros(0)
+    if any(looks):
+        chosen = choose_wavelengths(content, Path(folder)) if wavelengths_um is None else wavelengths_um
+        colours_um = check_ascending(chosen)
+        at |= {*colours_um.tolist()}
     bare = {key: one for key, one in content.items() if key not in REQUESTS}
     source = make_family(content, names, folder)
     families = {one: make_family(bare if one is None else {**bare, "wavelength_um": one}, names, folder) for one in at}

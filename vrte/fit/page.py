@@ -62,7 +62,8 @@ def describe_fit(fit: Fit) -> list[str]:
     lines = [
         f"{len(fit.names)} numbers from {len(fit.measurement)} rows: {', '.join(fit.measurement.names)}",
         f"chi2 {fit.chi2:.5g}, {fit.degrees_of_freedom} degrees of freedom"
-        + (f", reduced {fit.reduced_chi2:.3g}" if fit.degrees_of_freedom else ""),
+        + (f", reduced {fit.reduced_chi2:.3g}" if fit.degrees_of_freedom else "")
+        + (f", by chance as large in {fit.p_value:.2g} of fits" if fit.p_value == fit.p_value else ""),
         f"vrte {__version__}" + (f", {fit.nodes} nodes in each hemisphere" if fit.nodes else ""),
     ]
     return [*lines, "interrupted before it had converged"] if fit.interrupted else lines

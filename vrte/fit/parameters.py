@@ -50,9 +50,12 @@ class Parameter:
 
 
 def read_parameters(
-    free: Sequence[str] | Mapping[str, Any], bounds: Mapping[str, Any] | None, starts: Mapping[str, float]
+    free: Sequence[str] | Mapping[str, Any],
+    bounds: Mapping[str, Any] | None,
+    starts: Mapping[str, float],
+    allowed: Mapping[str, tuple[float, float]],
 ) -> tuple[Parameter, ...]:
-    """The free numbers; ``starts``: what the scene has. Raises SceneError."""
+    """The free numbers; ``starts``: what the scene has, ``allowed``: what it takes. Raises SceneError."""
     given = dict(free) if isinstance(free, Mapping) else {name: {} for name in free}
     limits = dict(bounds or {})
     unknown = [name for name in limits if name not in given]
@@ -69,7 +72,7 @@ def read_parameters(
         if not isinstance(pair, Sequence) or len(pair) != 2:
             raise SceneError(f"bounds: {name} needs two numbers, low and high, not {show_value(pair)}", "bounds")
         start = read_number(name, "start", told.get("start", starts[name]))
-        usual = find_usual_bounds(name, start)
+        usual = allowed.get(name) or find_usual_bounds(name, start)
         low, high = (
             usual[place] if one is None else read_number(name, KEYS[1 + place], one) for place, one in enumerate(pair)
         )

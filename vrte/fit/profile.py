@@ -28,7 +28,7 @@ class Profile:
     values
         Where it was held, (n,), ascending.
     chi2
-        The least there, (n,), in sigmas that counted.
+        The least there, (n,), in sigmas that counted, which have grown where the model does not fit.
     others
         The other free numbers there, (n, m), in the order of the fit's names.
     low
@@ -66,7 +66,7 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
         raise SceneError.of("values", f"must lie within the bounds {one.low:g} and {one.high:g} of {name}")
     others = np.arange(len(fit.names)) != place
     chi2, found = np.empty(grid.size), np.empty((grid.size, int(others.sum())))
-    scale = float((problem.sigma[0] / fit.sigma[0]) ** 2)
+    scale = float((problem.sigma[0] / (fit.sigma[0] * fit.error_scale)) ** 2)
     order = np.argsort(np.abs(grid - fit.values[place]))
     for done, k in enumerate(order.tolist()):  # outward from the best, each from its nearest that is known
         known = order[:done]

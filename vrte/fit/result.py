@@ -84,6 +84,11 @@ class Fit:
         without it, with one that is the root mean square of each quantity.
     degrees_of_freedom
         Rows and priors less free numbers.
+    p_value
+        The chance of a chi2 as large where the model is right and sigma is; NaN without sigma or degrees of freedom.
+    error_scale
+        By what errors are larger than sigma and priors say: 1, or where the chance is below 1 % the root of chi2 over
+        the degrees of freedom; covariance and profiles with it.
     singular_values
         Of the derivatives in sigmas by relative changes, (n,): a direction whose singular value is s is known to 1/s.
     blind_spots
@@ -115,6 +120,8 @@ class Fit:
     slopes: Array
     chi2: float
     degrees_of_freedom: int
+    p_value: float
+    error_scale: float
     singular_values: Array
     blind_spots: tuple[str, ...]
     notes: tuple[str, ...]
@@ -154,7 +161,8 @@ class Fit:
 
     def __str__(self) -> str:
         head = f"{len(self.names)} numbers from {len(self.measurement)} rows, chi2 {self.chi2:.4g}"
-        lines = [f"{head} with {self.degrees_of_freedom} degrees of freedom"]
+        chance = f" (p {self.p_value:.2g})" if self.p_value == self.p_value else ""
+        lines = [f"{head} with {self.degrees_of_freedom} degrees of freedom{chance}"]
         width = max(map(len, self.names))
         lines += [f"  {name:{width}}  {told}" for name, told in self._list_numbers()]
         return "\n".join([*lines, *(f"  {one}" for one in (*self.blind_spots, *self.notes))])

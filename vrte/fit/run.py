@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_whole, settle_array
-from vrte.basics.errors import IndistinguishableWarning, SceneError
+from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
+from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning
 from vrte.basics.running import Progress, share_progress
 from vrte.fit.identify import (
     find_blind_spots,
@@ -24,7 +24,7 @@ from vrte.fit.parameters import Parameter, read_parameters, read_priors
 from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
-from vrte.request.how import check_choice
+from vrte.fit.verdict import NO_NOISE, UNLIKELY, describe_pattern, find_p_value, guess_units, tell
 
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
@@ -100,7 +100,8 @@ def fit(
     free : sequence of str, or mapping
         Names of the numbers that change, as in sweeps, "layer[1].thickness", "particles.gold.radius_um"; or by each
         name a table of ``start``, ``low``, ``high`` and ``spacing`` ("linear", or "log" for steps in the logarithm).
-        What is left out is as the scene has it, and bounded by 0 below, shares such as albedo by 1 above.
+        What is left out is as the scene has it; bounds are those of a base's number where it has some, otherwise 0
+        below where the start is not, and for shares such as albedo 1 above.
     priors : mapping, optional
         By names a mean and a standard deviation that are known beforehand: each counts like one more row.
     bounds : mapping, optional
@@ -120,7 +121,8 @@ def fit(
     accuracy : float, optional
         Of the solves, relative to the largest radiance; default: the scene file's, or 1e-5.
     wavelengths_um : sequence of float, optional
-        At which colours are worked out, ascending [um]; default: 16 from 0.40 to 0.70.
+        At which colours are worked out, ascending [um]; default: those that the file lists, or 16 from 0.40 to 0.70, as
+        far as all substances are known there; beyond, reflectance stays as at the end, which a note tells.
     most_steps : int, optional
         How many trials each start has at most.
     threads : int, optional
@@ -149,6 +151,11 @@ def fit(
 
     Warns
     -----
+    MisfitWarning
+        Where residuals as large, or with as few changes of sign, come by chance in less than 1 % of fits. Where they
+        are too large, errors grow by the root of the reduced chi-square.
+    UnitsWarning
+        Of such a fit, and where there is no sigma: angles that look like cosines or radians, factors like per cent.
     IndistinguishableWarning
         Where two numbers cannot be told apart, or a combination of them from these data.
 
@@ -176,7 +183,8 @@ def fit(
     if isinstance(free, str) or not names or len(set(names)) < len(names):
         raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
-    parameters = read_parameters(free, bounds, dict(zip(names, model.start.tolist(), strict=True)))
+    begun = dict(zip(names, model.start.tolist(), strict=True))
+    parameters = read_parameters(free, bounds, begun, model.source.limits)
     problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
     first = np.array([one.start for one in parameters])
     check_count(problem)
@@ -309,7 +317,11 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     assert best.slopes is not None
     residuals, slopes = problem.join(best), problem.join_slopes(best)
     chi2, freedom = float(residuals @ residuals), residuals.size - len(problem.parameters)
-    notes = [*model.notes]
+    least = problem.measure(residuals)  # chi2, or what a robust loss makes of it
+    p_value = find_p_value(least, freedom) if given.has_sigma else math.nan
+    faults = [] if interrupted else list_faults(given, -residuals[: len(given)], chi2, least, freedom, p_value)
+    notes = [*faults, *model.notes]
+    grown = math.sqrt(least / freedom) if p_value < UNLIKELY else 1.0
     scale = 1.0
     if not given.has_sigma:
         scale = math.sqrt(chi2 / freedom) if freedom and chi2 else math.nan
@@ -324,7 +336,7 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     slopes = np.concatenate([slopes[:rows] / unit, slopes[rows:]])
     ranges = np.array([one.high - one.low for one in problem.parameters])
     scales = find_scales(best.values, ranges)
-    covariance = find_covariance(slopes, scales) * (scale / unit)
+    covariance = find_covariance(slopes, scales) * (scale / unit) * grown**2
     singular, blind = find_blind_spots(model.names, slopes, best.values, scales)
     notes += list_bounds(problem.parameters, best.values)
     if interrupted:
@@ -347,6 +359,8 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
         slopes=best.slopes,
         chi2=chi2,
         degrees_of_freedom=freedom,
+        p_value=p_value,
+        error_scale=grown,
         singular_values=singular,
         blind_spots=tuple(blind),
         notes=tuple(notes),
@@ -355,6 +369,30 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
         interrupted=interrupted,
         problem=problem,
     )
+
+
+def list_faults(
+    given: Measurement, residuals: Array, chi2: float, least: float, freedom: int, p_value: float
+) -> list[str]:
+    """Why a model does not fit, in words; ``residuals`` (rows,) in sigmas, ``least``: the sum that was made least.
+
+    Warns (MisfitWarning, UnitsWarning).
+    """
+    sound = p_value >= UNLIKELY
+    chance, pattern = describe_pattern(given, residuals)
+    faults = []
+    if p_value < UNLIKELY:
+        of = f"chi2 {chi2:.4g} with {freedom} degrees of freedom comes by chance in {tell(p_value)} of fits"
+        faults = [f"the model does not fit: {of}; errors are {math.sqrt(least / freedom):.3g} times larger for it"]
+        faults += pattern
+    elif chance < UNLIKELY and np.sqrt(np.mean(residuals**2)) > NO_NOISE[not given.has_sigma]:
+        faults, sound = [f"the model may not fit: {pattern[0]}"], False
+    guesses = [] if sound else [*guess_units(given)]
+    for words in guesses:
+        warnings.warn(words, UnitsWarning, stacklevel=4)
+    if faults:
+        warnings.warn("; ".join(faults), MisfitWarning, stacklevel=4)
+    return [*faults, *guesses]
 
 
 def list_bounds(parameters: Sequence[Parameter], values: Array) -> list[str]:

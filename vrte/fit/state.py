@@ -25,7 +25,17 @@ from vrte.scene.scene import Scene
 
 KIND = "vrte fit, format 1"
 LARGEST_FILE = 500_000_000  # bytes
-PLAIN = ("names", "chi2", "degrees_of_freedom", "blind_spots", "notes", "nodes", "interrupted")
+PLAIN = (
+    "names",
+    "chi2",
+    "degrees_of_freedom",
+    "p_value",
+    "error_scale",
+    "blind_spots",
+    "notes",
+    "nodes",
+    "interrupted",
+)
 
 
 def write_sealed(path: str | os.PathLike[str], said: Any) -> None:

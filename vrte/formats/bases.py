@@ -1,9 +1,9 @@
 """Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/how_to/extending.md)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vrte.formats.base_file import TENSORS, read_base_once
 from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key, Number, Reading, Share, read_keys
@@ -17,10 +17,12 @@ from vrte.scene.interface import ROUGHNESS_ALLOWED
 from vrte.scene.mirror import Mirror
 from vrte.scene.ross_li import RossLi
 from vrte.scene.rpv import RPV
+from vrte.scene.scalar import ScalarBase, describe_limits
 
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
 ROUGHNESS = 0.1  # that a rough surface begins with
 SLOPES = {"beckmann": "Gaussian (Beckmann)", "ggx": "with long tails (GGX)"}
+H_WORDS = {"2002": "Hapke 2002, within 1 %", "1981": "Hapke 1981, within 4 %"}
 FACETS: dict[str, Key] = {  # how rough a surface is, of a base or an interface
     "roughness": Number("roughness", ROUGHNESS, hint="slopes' rms times √2, 0.01 to 1.5", allowed=ROUGHNESS_ALLOWED),
     "distribution": Choice("slopes of facets", names=SLOPES, needed=False),
@@ -55,6 +57,13 @@ class BaseRow(NamedTuple):
     keys: dict[str, Key]
 
 
+def limit(
+    make: type[ScalarBase], name: str, label: str, start: float | None = None, hint: str = "", **more: Any
+) -> Number:
+    """The key of a number that a base limits."""
+    return Number(label, start, hint="; ".join(filter(None, (describe_limits(make, name), hint))), **more)
+
+
 BASES: dict[str, BaseRow] = {
     "black": BaseRow("black", lambda: None, {}),
     "lambertian": BaseRow(
@@ -75,21 +84,21 @@ BASES: dict[str, BaseRow] = {
         "vegetation, soil, snow (Rahman, Pinty, Verstraete)",
         RPV,
         {
-            "rho_0": Number("amplitude ρ0", 0.1, hint="0 to 10"),
-            "k": Number("bowl or bell k", 0.7, hint="below 1 brighter to the horizon, 0 to 3"),
-            "asymmetry": Number("asymmetry Θ", -0.1, hint="-1 to 1; below 0 sends light back", needed=False),
-            "rho_c": Number("hot spot ρc", hint="0 to 2; 1: none", empty="as ρ0", needed=False),
+            "rho_0": limit(RPV, "rho_0", "amplitude ρ0", 0.1),
+            "k": limit(RPV, "k", "bowl or bell k", 0.7, "below 1 brighter to the horizon"),
+            "asymmetry": limit(RPV, "asymmetry", "asymmetry Θ", -0.1, "below 0 sends light back", needed=False),
+            "rho_c": limit(RPV, "rho_c", "hot spot ρc", None, "1: none", empty="as ρ0", needed=False),
         },
     ),
     "ross-li": BaseRow(
         "land as MODIS has it (Ross-Li)",
         RossLi,
         {
-            "f_iso": Number("even f_iso", 0.2, hint="0 to 10"),
-            "f_vol": Number("leaves f_vol", 0.1, hint="-10 to 10"),
-            "f_geo": Number("crowns f_geo", 0.0, hint="-10 to 10; above 0 negative f at the horizon is cut"),
-            "crown_height": Number("crown height h/b", hint="0 to 10", empty="2", needed=False),
-            "crown_shape": Number("crown shape b/r", hint="0.1 to 10", empty="1", needed=False),
+            "f_iso": limit(RossLi, "f_iso", "even f_iso", 0.2),
+            "f_vol": limit(RossLi, "f_vol", "leaves f_vol", 0.1),
+            "f_geo": limit(RossLi, "f_geo", "crowns f_geo", 0.0, "above 0 negative f at the horizon is cut"),
+            "crown_height": limit(RossLi, "crown_height", "crown height h/b", empty="2", needed=False),
+            "crown_shape": limit(RossLi, "crown_shape", "crown shape b/r", empty="1", needed=False),
             "hot_spot": Flag("hot spot of leaves (Maignan)", needed=False),
         },
     ),
@@ -98,11 +107,14 @@ BASES: dict[str, BaseRow] = {
         Hapke,
         {
             "albedo": Share("albedo of a grain", 0.6, allowed=ALBEDO),
-            "opposition": Number("opposition effect B0", hint="0 to 3", empty="1", needed=False),
-            "width": Number("its width h", hint="0.001 to 10", empty="0.06", needed=False),
-            "linear": Number("phase function: cos g", hint="-2 to 2", empty="0", needed=False),
-            "quadratic": Number("phase function: (3 cos² g - 1)/2", hint="-1 to 2", empty="0", needed=False),
-            "asymmetry": Number("or its asymmetry", hint="-1 to 1; below 0 sends light back", empty="0", needed=False),
+            "opposition": limit(Hapke, "opposition", "opposition effect B0", empty="1", needed=False),
+            "width": limit(Hapke, "width", "its width h", empty="0.06", needed=False),
+            "linear": limit(Hapke, "linear", "phase function: cos g", empty="0", needed=False),
+            "quadratic": limit(Hapke, "quadratic", "phase function: (3 cos² g - 1)/2", empty="0", needed=False),
+            "asymmetry": limit(
+                Hapke, "asymmetry", "or its asymmetry", None, "below 0 sends light back", empty="0", needed=False
+            ),
+            "h_function": Choice("formula for H", names=H_WORDS, empty="2002", needed=False),
         },
     ),
     "table": BaseRow(
@@ -126,6 +138,15 @@ def read_base(table: Table, reading: Reading) -> Boundary | None:
     values = read_keys(row.keys, table, reading)
     with locate_errors(table.place, table.allowed):
         return row.make(**values)
+
+
+def find_base_limits(kind: str) -> Mapping[str, tuple[float, float]]:
+    """What the numbers of a kind of base may be, from and to, as far as it says.
+
+    >>> find_base_limits("hapke")["linear"], find_base_limits("black")
+    ((-2.0, 2.0), {})
+    """
+    return getattr(BASES[kind].make, "LIMITS", {})
 
 
 def list_base_keys() -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def list_filled_layers(content: Mapping[str, Any], folder: Path) -> list[FilledL
     content = expand_materials(content, folder)
     numbers: dict[tuple[str, str], int] = {}
     found = []
-    for place, layer in enumerate(content["layer"]):
+    for place, layer in enumerate(content.get("layer", ())):
         if "particles" in layer or "volume_fractions" in layer:
             keys = read_filling(Table(("layer", place), layer, LAYER_KEYS), content["particles"])
             host = repr(layer.get("host_index"))

@@ -49,7 +49,9 @@ class Kinds:
 
 
 def read_layer_tables(file: Table) -> list[Table]:
-    """The tables [[layer]], their keys checked. Raises SceneError."""
+    """The tables [[layer]], their keys checked; there need be none above a base. Raises SceneError."""
+    if "layer" not in file and "base" in file:
+        return []
     layers = file.required("layer", "at least one table [[layer]], top first")
     if not isinstance(layers, list) or not layers or not all(isinstance(layer, dict) for layer in layers):
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
@@ -176,7 +178,7 @@ def list_counted_media(content: Mapping[str, Any]) -> list[Any]:
     ['water']
     """
     kinds = content.get("particles", {})
-    tables = [*kinds.values(), *(layer for layer in content["layer"] if "phase" not in layer)]
+    tables = [*kinds.values(), *(layer for layer in content.get("layer", ()) if "phase" not in layer)]
     tables += [content] if kinds else []
     return [table["host_index"] for table in tables if "host_index" in table]
 

@@ -92,7 +92,10 @@ PHASES: dict[str, PhaseRow] = {
         {
             "table": AngleTable("file", suffixes=(CSV, *NETCDF_SUFFIXES), open=find_file),
             "convention": Choice(
-                "written as", names={name: about.words for name, about in CONVENTIONS.items()}, needed=False
+                "written as",
+                names={name: about.words for name, about in CONVENTIONS.items()},
+                empty="as the file's kind has it",
+                needed=False,
             ),
             "normalise": Flag("divide by its integral", needed=False),
             "spheres": Flag("of spheres", needed=False),

@@ -23,7 +23,7 @@ PER_MASS = 1e-3  # 1/um of a substance of 1 g/cm3, from 1/km per g/m3
 def read_scattering(
     path: str | os.PathLike[str],
     *,
-    convention: str = "vrte",
+    convention: str | None = None,
     wavelength_um: float | None = None,
     effective_radius_um: float | None = None,
     humidity_percent: float | None = None,
@@ -43,7 +43,9 @@ def read_scattering(
         to b2, or what the convention calls them); lines that start with # are comments. Or NetCDF (.nc, .cdf) with the
         variables of libRadtran's Mie tables (wavelen, theta, phase; elements P11, P12, P33, P34, P22, P44) or of
         Eradiate (w, mu, phase).
-    convention, normalise, spheres, ends, accuracy, tolerance
+    convention : str, optional
+        As of `PhaseMatrix.from_angles`; where left out "libradtran" for NetCDF of libRadtran and "vrte" for all else.
+    normalise, spheres, ends, accuracy, tolerance
         As of `PhaseMatrix.from_angles`; four elements in libRadtran's order are of spheres.
     wavelength_um : float, optional
         Of a NetCDF file with several; between two of them phase matrices are mixed by what each scatters.
@@ -66,6 +68,11 @@ def read_scattering(
     MissingExtraError
         Of NetCDF, without the extra "files".
 
+    Warns
+    -----
+    UnitsWarning
+        Where Eradiate's F43 is +F34, which betrays a table of libRadtran, and no convention is given.
+
     Examples
     --------
     >>> import vrte
@@ -77,7 +84,6 @@ def read_scattering(
     name = os.fspath(path)
     expand = partial(
         expand_columns,
-        convention=convention,
         normalise=normalise,
         ends=ends,
         accuracy=accuracy,
@@ -97,12 +103,13 @@ def read_scattering(
         for key, value in options.items():
             if value is not None:
                 raise SceneError.of(key, "must not be given with a .csv, which holds one table")
-        return expand(read_angle_table(path, convention), spheres=spheres)
+        return expand(read_angle_table(path, convention or "vrte"), spheres=spheres, convention=convention or "vrte")
     if suffix not in NETCDF_SUFFIXES:
         raise SceneError(f"the file must end in {', '.join((CSV, *NETCDF_SUFFIXES))}, not in {suffix or 'nothing'!r}")
     selection = Selection(options["effective_radius_um"], options["humidity_percent"])
     data = read_wavelength_table(path, selection)
-    return take_wavelength(data, options["wavelength_um"], options["density_g_cm3"], partial(expand, spheres=spheres))
+    expand = partial(expand, spheres=spheres, convention=data.choose_convention(convention))
+    return take_wavelength(data, options["wavelength_um"], options["density_g_cm3"], expand)
 
 
 def expand_columns(table: AngleTable, *, spheres: bool, **options: object) -> PhaseMatrix:

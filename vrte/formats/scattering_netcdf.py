@@ -6,13 +6,14 @@ in it leads to another file is refused.
 
 import json
 import os
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.errors import SceneError, import_extra
+from vrte.basics.errors import SceneError, UnitsWarning, import_extra
 from vrte.formats.contents import explain_error
 from vrte.formats.hdf5_file import check_size, check_storage, find_stored_name, has_array, open_dataset, read_arrays
 from vrte.formats.netcdf import NETCDF, SIGNATURE, Stored, read_foreign
@@ -31,6 +32,10 @@ UNITS = {  # of wavelengths, as files write them
     **dict.fromkeys(("nm", "nanometer", "nanometers", "nanometre", "nanometres"), "nm"),
 }
 ORDER = (0, 1, 3, 4, 2, 5)  # places in ELEMENTS of P11, P12, P33, P34, P22, P44, as libRadtran has them
+COPIED = (
+    "its F43 is +F34, and that of particles is -F34: Eradiate's converter makes such files of libRadtran's tables, by "
+    'copying P34 to both places; F34 is taken in the convention "libradtran" (convention= says another)'
+)
 PLACES = {"11": 0, "12": 1, "22": 2, "33": 3, "34": 4, "44": 5}
 
 
@@ -46,7 +51,7 @@ class WavelengthTable(NamedTuple):
     there.
 
     ``per_mass``: extinction is in 1/km per g/m3, else in whatever unit. ``radius_um``: the effective radius, where
-    known.
+    known. ``convention``: that of the file's elements; ``doubt``: why it may be another, in words.
     """
 
     wavelengths_um: Array
@@ -55,6 +60,14 @@ class WavelengthTable(NamedTuple):
     extinction: Array | None
     per_mass: bool
     radius_um: float | None
+    convention: str = "vrte"
+    doubt: str = ""
+
+    def choose_convention(self, asked: str | None) -> str:
+        """The convention that is asked for, else the file's, with a UnitsWarning where that is in doubt."""
+        if asked is None and self.doubt:
+            warnings.warn(UnitsWarning(self.doubt), stacklevel=4)
+        return self.convention if asked is None else asked
 
 
 def read_wavelength_table(path: str | os.PathLike[str], selection: Selection) -> WavelengthTable:
@@ -176,16 +189,20 @@ def arrange_libradtran(told: dict[str, str], arrays: dict[str, Array], selection
         if values.shape != phase.shape[:2]:
             raise SceneError(f"its {key} must be of shape {phase.shape[:2]}, not {values.shape}")
         of_size[key] = values[:, place]
-    return WavelengthTable(wavelengths, find_table, of_size.get("ssa"), of_size.get("ext"), True, radius)
+    of = of_size.get("ssa"), of_size.get("ext")
+    return WavelengthTable(wavelengths, find_table, *of, True, radius, "libradtran")
 
 
 def arrange_eradiate(told: dict[str, str], arrays: dict[str, Array], selection: Selection) -> WavelengthTable:
     """w (w) [nm], mu, and phase (w, mu, i, j); or phase (phamat, w, iangle) with mu (w, iangle) and nangles (w)."""
     check_no_selection(selection)
     phase, mu = arrays["phase"], arrays["mu"]
+    convention, doubt = "vrte", ""
     if phase.ndim == 4 and mu.ndim == 1 and phase.shape[1:] == (mu.size, 4, 4):
         wavelengths = find_wavelengths(arrays["w"], told, "w", "nm", phase.shape[0])
         pairs = [(0, 0), (0, 1), (1, 1), (2, 2), (2, 3), (3, 3)]
+        if phase[..., 2, 3].any() and np.array_equal(phase[..., 2, 3], phase[..., 3, 2]):
+            convention, doubt = "libradtran", COPIED
 
         def find_table(number: int) -> AngleTable:
             angles = find_angles(mu)
@@ -218,7 +235,7 @@ def arrange_eradiate(told: dict[str, str], arrays: dict[str, Array], selection: 
     for values in found.values():
         if values.size != wavelengths.size:
             raise SceneError("its albedo and extinction must have a value for each wavelength")
-    return WavelengthTable(wavelengths, find_table, found.get("a"), found.get("e"), False, None)
+    return WavelengthTable(wavelengths, find_table, found.get("a"), found.get("e"), False, None, convention, doubt)
 
 
 def find_angles(mu: Array) -> Array:

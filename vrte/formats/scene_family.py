@@ -16,7 +16,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
 from vrte.basics.errors import Place, SceneError
 from vrte.basics.slopes import find_slopes
-from vrte.formats.bases import list_base_keys, read_base
+from vrte.formats.bases import find_base_limits, list_base_keys, read_base
 from vrte.formats.fillings import FilledLayer, Recorder, list_filled_layers, vary_filled_layer
 from vrte.formats.keys import Reading
 from vrte.formats.materials import expand_materials
@@ -120,6 +120,16 @@ class SceneFamily:
         else:
             found = [find_number(self._content, *both) for both in zip(self._places, self.names, strict=True)]
         return freeze_copy(np.array(found, float))
+
+    @cached_property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """What the numbers of the base may be, from and to, by ``names``, as far as the base says."""
+        if self._content is None:
+            known = getattr(self._scene.base, "LIMITS", {})
+        else:
+            known = find_base_limits(self._content["base"]["kind"]) if "base" in self._content else {}
+        keys = {name: name.partition(".")[2] for name in self.names if name.startswith("base.")}
+        return {name: known[key] for name, key in keys.items() if key in known}
 
     def content_at(self, values: Any) -> dict[str, Any]:
         """The content of a scene file with other values of its numbers.

@@ -12,7 +12,7 @@ source function of this field integrated along each direction, light scattered o
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, check_choice
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
 from vrte.discrete_ordinates.orders.small_angle import Ray
@@ -31,7 +31,6 @@ from vrte.methods.parts.two_fluxes import (
     stack_slabs,
     sum_over_rays,
 )
-from vrte.request.how import check_choice
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths

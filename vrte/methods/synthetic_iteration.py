@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, check_whole
+from vrte.basics.arrays import Array, check_choice, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
@@ -25,7 +25,7 @@ from vrte.methods.parts.task import Task, discretise_request
 from vrte.methods.parts.two_fluxes import convert_to_kernels, cut_to_two, find_base_albedo
 from vrte.methods.small_angle import expand_diffuse_part
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request.how import EXACT, METHODS, check_choice
+from vrte.request.how import EXACT, METHODS
 from vrte.request.request import Request
 from vrte.scene.scene import Scene
 

@@ -111,14 +111,15 @@ CONVENTIONS: dict[str, Convention] = {
         DEGREE,
     ),
     "granada": Convention(
-        "measured tables of the Amsterdam-Granada database, from 3 to 177 degrees at most",
-        "Munoz et al., JQSRT 113, 565 (2012), from memory: scale and signs were not looked up",
+        "measured tables of the Amsterdam-Granada database, from 3 to 174 or 177 degrees at most",
+        "iaa.es/scattering was read and has the angles; columns and scale from memory (Munoz et al., JQSRT 113, 565, "
+        "2012); the sign of F34 is an assumption, that of Hovenier and van der Mee",
         "30-degrees",
         DEGREE,
     ),
     "granada-synthetic": Convention(
         "synthetic matrices of the same database, from 0 to 180 degrees",
-        "iaa.es/scattering, Synthetic matrix",
+        "iaa.es/scattering/theory/synthetic.html was read: F11 has the mean 1, others are over F11; signs as granada",
         "mean",
         DEGREE,
     ),
@@ -150,6 +151,12 @@ CONVENTIONS: dict[str, Convention] = {
         "Bohren and Huffman's formulas with amplitudes of fields that go as exp(+i omega t), indices n - ik: MIEV0",
         "the amplitudes that Wiscombe's MIEV0 prints for x = 1, 1.5 - 1i",
         "amplitudes",
+        circular=-1,
+    ),
+    "libradtran": Convention(
+        "NetCDF tables of libRadtran: what its tool for MIEV0 writes, and MYSTIC reads (indices n - ik)",
+        "libRadtran's sources were read: P34 is -Im(S1 S2*) of MIEV0's amplitudes, unchanged in the tool and in MYSTIC",
+        "mean",
         circular=-1,
     ),
     "perpendicular": Convention(

@@ -13,11 +13,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import check_number, check_numbers, read_real, show_value
-from vrte.basics.errors import SceneError
-
-
-class UnitsWarning(UserWarning):
-    """A length in micrometres that looks like one in nanometres."""
+from vrte.basics.errors import SceneError, UnitsWarning
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from textwrap import fill, indent
 from typing import Any, TypeVar
 
 from vrte.basics import cost
-from vrte.basics.arrays import check_flag, check_number, check_whole, show_value
+from vrte.basics.arrays import check_choice, check_flag, check_number, check_whole, show_value
 from vrte.basics.errors import SceneError
 from vrte.optics.truncation import CHOICES
 from vrte.request.backends import BACKENDS, Backend, find_backend
@@ -63,13 +63,6 @@ class Option:
         kind = f"{{{', '.join(map(repr, self.choices))}}}" if self.choices else self.of.__name__
         told = f"{self.short[0].upper()}{self.short[1:]}{self.more}."
         return f"{name} : {kind}, optional\n{indent(fill(told, 108), '    ')}"
-
-
-def check_choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
-    """One of the names allowed."""
-    if not (isinstance(value, str) and value in allowed):
-        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {show_value(value)}")
-    return value
 
 
 def check_settings(name: str, value: Any) -> dict[str, Any]:

@@ -1,12 +1,30 @@
 """Hapke's base: a regolith, powder without end whose grains hide their shadows."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import Array, check_choice
 from vrte.basics.errors import SceneError
-from vrte.scene.scalar import Angles, ScalarBase
+from vrte.scene.scalar import Angles, ScalarBase, check_limits
+
+
+def find_h_1981(albedo: float, mu: Array) -> Array:
+    """Chandrasekhar's H of isotropic scattering, up to 4 per cent too small (Hapke 1981)."""
+    found: Array = (1.0 + 2.0 * mu) / (1.0 + 2.0 * mu * np.sqrt(1.0 - albedo))
+    return found
+
+
+def find_h_2002(albedo: float, mu: Array) -> Array:
+    """The same, up to 1 per cent too small (Hapke 2002)."""
+    gamma = np.sqrt(1.0 - albedo)
+    r_0 = (1.0 - gamma) / (1.0 + gamma)
+    found: Array = 1.0 / (1.0 - albedo * mu * (r_0 + (0.5 - r_0 * mu) * np.log1p(1.0 / mu)))
+    return found
+
+
+H_FUNCTIONS = {"2002": find_h_2002, "1981": find_h_1981}
 
 
 @dataclass(frozen=True)
@@ -15,8 +33,8 @@ class Hapke(ScalarBase):
 
     f = w/(4 pi (mu_i + mu_o)) ((1 + B) P + H(mu_i) H(mu_o) - 1).
     B = B_0/(1 + tan(g/2)/h) is the opposition effect at a phase angle g, P the phase function of a grain, either 1 +
-    linear cos g + quadratic (3 cos^2 g - 1)/2 or Henyey and Greenstein's; H(mu) = (1 + 2 mu)/(1 + 2 mu sqrt(1 - w))
-    is within 4 per cent of that of grains that scatter evenly: white powder gives back up to 1.06, and is refused.
+    linear cos g + quadratic (3 cos^2 g - 1)/2 or Henyey and Greenstein's; H is that of grains that scatter evenly, by
+    a formula. White powder gives back more than falls in, since B adds light, and is refused.
 
     Parameters
     ----------
@@ -30,6 +48,9 @@ class Hapke(ScalarBase):
         Of the phase function in cos g, which must not be negative: above 0, ``linear`` sends light back.
     asymmetry : float, optional
         Of Henyey and Greenstein's, between -1 and 1, instead: below 0 it sends light back.
+    h_function : {'2002', '1981'}, optional
+        The formula for H: 1/(1 - w mu (r_0 + (1/2 - r_0 mu) ln((1 + mu)/mu))) with r_0 = (1 - gamma)/(1 + gamma), gamma
+        = sqrt(1 - w), within 1 per cent; or (1 + 2 mu)/(1 + 2 mu gamma), within 4 per cent, as DISORT and VLIDORT have.
 
     Raises
     ------
@@ -38,13 +59,14 @@ class Hapke(ScalarBase):
 
     References
     ----------
-    Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness.
+    Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness; for H Hapke, Icarus 157,
+    523 (2002), and J. Geophys. Res. 86, 3039 (1981).
 
     Examples
     --------
     >>> import vrte
     >>> vrte.Hapke(0.6, linear=0.5).reflectance([0.5, 1.0]).round(4)
-    array([0.2452, 0.1994])
+    array([0.2506, 0.2021])
     """
 
     albedo: float
@@ -53,18 +75,20 @@ class Hapke(ScalarBase):
     linear: float = 0.0
     quadratic: float = 0.0
     asymmetry: float = 0.0
+    h_function: str = "2002"
+
+    LIMITS: ClassVar = {
+        "albedo": (0.0, 1.0),
+        "opposition": (0.0, 3.0),
+        "width": (1e-3, 10.0),
+        "linear": (-2.0, 2.0),
+        "quadratic": (-1.0, 2.0),
+        "asymmetry": (-0.999, 0.999),
+    }
 
     def __post_init__(self) -> None:
-        limits = {
-            "albedo": (0.0, 1.0, "between 0 and 1"),
-            "opposition": (0.0, 3.0, "from 0 to 3"),
-            "width": (1e-3, 10.0, "from 0.001 to 10"),
-            "linear": (-2.0, 2.0, "from -2 to 2"),
-            "quadratic": (-1.0, 2.0, "from -1 to 2"),
-            "asymmetry": (-0.999, 0.999, "between -1 and 1, not closer than 0.001"),
-        }
-        for name, limit in limits.items():
-            object.__setattr__(self, name, check_number(f"base: {name}", getattr(self, name), *limit))
+        check_limits(self)
+        check_choice("base: h_function", self.h_function, H_FUNCTIONS)
         if self.asymmetry and (self.linear or self.quadratic):
             raise SceneError.of("base: asymmetry", "is instead of linear and quadratic: give one of both")
         lowest = self.compute_phase_function(np.linspace(-1.0, 1.0, 2001)).min()
@@ -99,8 +123,7 @@ class Hapke(ScalarBase):
         return found
 
     def compute_f(self, angles: Angles) -> Array:
-        absorbed = np.sqrt(1.0 - self.albedo)
-        many_i, many_o = ((1.0 + 2.0 * mu) / (1.0 + 2.0 * mu * absorbed) for mu in (angles.mu_i, angles.mu_o))
+        many_i, many_o = (H_FUNCTIONS[self.h_function](self.albedo, mu) for mu in (angles.mu_i, angles.mu_o))
         opposition = self.opposition * self.width / (self.width + np.tan(0.5 * angles.phase))
         once = (1.0 + opposition) * self.compute_phase_function(np.cos(angles.phase))
         found: Array = self.albedo / (4.0 * np.pi) / (angles.mu_i + angles.mu_o) * (once + many_i * many_o - 1.0)

@@ -1,11 +1,12 @@
 """The Ross-Li base: land as MODIS reports it, a sum of three kernels."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_flag, check_number
-from vrte.scene.scalar import Angles, ScalarBase
+from vrte.basics.arrays import Array, check_flag
+from vrte.scene.scalar import Angles, ScalarBase, check_limits
 
 HOT_SPOT = np.radians(1.5)  # phase angle within which leaves hide their shadows, after Maignan et al.
 
@@ -53,16 +54,16 @@ class RossLi(ScalarBase):
     crown_shape: float = 1.0
     hot_spot: bool = False
 
+    LIMITS: ClassVar = {
+        "f_iso": (0.0, 10.0),
+        "f_vol": (-10.0, 10.0),
+        "f_geo": (-10.0, 10.0),
+        "crown_height": (0.0, 10.0),
+        "crown_shape": (0.1, 10.0),
+    }
+
     def __post_init__(self) -> None:
-        limits = {
-            "f_iso": (0.0, 10.0, "from 0 to 10"),
-            "f_vol": (-10.0, 10.0, "from -10 to 10"),
-            "f_geo": (-10.0, 10.0, "from -10 to 10"),
-            "crown_height": (0.0, 10.0, "from 0 to 10"),
-            "crown_shape": (0.1, 10.0, "from 0.1 to 10"),
-        }
-        for name, limit in limits.items():
-            object.__setattr__(self, name, check_number(f"base: {name}", getattr(self, name), *limit))
+        check_limits(self)
         object.__setattr__(self, "hot_spot", check_flag("base: hot_spot", self.hot_spot))
         self.check_formula()
 

@@ -1,11 +1,12 @@
 """Rahman, Pinty and Verstraete's base: vegetation, soil and snow as satellites see them."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number
-from vrte.scene.scalar import Angles, ScalarBase
+from vrte.basics.arrays import Array
+from vrte.scene.scalar import Angles, ScalarBase, check_limits
 
 
 @dataclass(frozen=True)
@@ -49,16 +50,10 @@ class RPV(ScalarBase):
     asymmetry: float = 0.0
     rho_c: float | None = None
 
+    LIMITS: ClassVar = {"rho_0": (0.0, 10.0), "k": (0.0, 3.0), "asymmetry": (-0.999, 0.999), "rho_c": (0.0, 2.0)}
+
     def __post_init__(self) -> None:
-        limits = {
-            "rho_0": (0.0, 10.0, "from 0 to 10"),
-            "k": (0.0, 3.0, "from 0 to 3"),
-            "asymmetry": (-0.999, 0.999, "between -1 and 1, not closer than 0.001"),
-            "rho_c": (0.0, 2.0, "from 0 to 2"),
-        }
-        for name, limit in limits.items():
-            if (value := getattr(self, name)) is not None or name != "rho_c":
-                object.__setattr__(self, name, check_number(f"base: {name}", value, *limit))
+        check_limits(self)
         self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:

@@ -1,11 +1,12 @@
 """Bases known by their reflectance alone: light leaves them unpolarized, whatever its polarization was."""
 
 import warnings
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import FittedRangeWarning, SceneError
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
@@ -47,6 +48,25 @@ def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
     return Angles(mu_i, mu_o, tan_i, tan_o, cos_half**2 - sin_half**2, distance, phase)
 
 
+def describe_limits(make: object, name: str) -> str:
+    """What a number of a base may be, in words.
+
+    >>> from vrte.scene.hapke import Hapke
+    >>> describe_limits(Hapke, "linear")
+    '-2 to 2'
+    """
+    low, high = make.LIMITS[name]  # type: ignore[attr-defined]
+    return f"{low:g} to {high:g}"
+
+
+def check_limits(base: "ScalarBase") -> None:
+    """Whether the numbers of a base are within its LIMITS; None passes where it is the default. Raises SceneError."""
+    for name, limits in base.LIMITS.items():
+        if (value := getattr(base, name)) is not None or getattr(type(base), name, 0.0) is not None:
+            found = check_number(f"base: {name}", value, *limits, f"from {describe_limits(base, name)}")
+            object.__setattr__(base, name, found)
+
+
 class ScalarBase(SampledBase):
     """A base with a formula for f_00, which leaves light unpolarized; f that would be negative is 0.
 
@@ -62,6 +82,8 @@ class ScalarBase(SampledBase):
     >>> round(Moon().reflectance(1.0).item(), 4)
     0.0614
     """
+
+    LIMITS: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what each of its numbers may be, from and to
 
     def compute_f(self, angles: Angles) -> Array:
         """The formula for f_00.
@@ -82,7 +104,7 @@ class ScalarBase(SampledBase):
         >>> import vrte
         >>> from vrte.scene.scalar import find_angles
         >>> round(vrte.Hapke(0.6).compute_f(find_angles(1.0, 1.0, 0.0)).item() * np.pi, 4)
-        0.2066
+        0.2081
         """
         raise NotImplementedError
 

@@ -26,7 +26,7 @@ class Scene:
     Parameters
     ----------
     layers : sequence of Layer and Interface
-        Top first; one alone will do. What follows an interface lies in the medium below it.
+        Top first; one alone will do, none above a base. What follows an interface lies in the medium below it.
     base : None, Lambertian, MuellerBase, Mirror, Facets, TabulatedBase, Brdf or another Boundary
         What lies beneath; None is black, in the medium of what lies above it. What is no Boundary itself is asked for
         one by its method ``as_base()``, as the `vrte.Brdf` of another stack is.
@@ -38,8 +38,8 @@ class Scene:
     Raises
     ------
     SceneError
-        For no layers, for one that is neither, for an infinite layer above another or above an interface, for
-        refractive indices of neighbours that differ.
+        For no layer and no base, for one that is neither, for an infinite layer above another or above an interface,
+        for refractive indices of neighbours that differ.
 
     Examples
     --------
@@ -57,8 +57,6 @@ class Scene:
     def __post_init__(self) -> None:
         given = (self.layers,) if isinstance(self.layers, Layer | Interface) else self.layers
         pile = tuple(check_list("layers", given, MOST_LAYERS))
-        if not pile:
-            raise SceneError("a scene needs at least one layer, not an empty list")
         for position, part in enumerate(pile, 1):
             if not isinstance(part, Layer | Interface):
                 raise SceneError(
@@ -75,6 +73,8 @@ class Scene:
                 "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror, vrte.Facets, "
                 f"vrte.TabulatedBase or a vrte.Brdf, not {type(self.base).__name__}"
             )
+        if not pile and self.base is None:
+            raise SceneError("a scene needs at least one layer, or a base")
         if self.interfaces:
             pile = interleave(pile, check_list("interfaces", self.interfaces, MOST_LAYERS + 1))
         layers, interfaces, places = sort_pile(pile, self.base is not None)
@@ -237,7 +237,8 @@ def sort_pile(
     pile: Sequence[Layer | Interface], has_base: bool
 ) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
     """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
-    without a layer, and between one and a base, a clear one without thickness; and where in the list each layer is."""
+    without a layer, between one and a base, and above a base alone a clear one without thickness; and where in the list
+    each layer is."""
     clear = make_empty_layer()
     layers: list[Layer] = []
     interfaces: list[Interface | None] = []
@@ -258,8 +259,7 @@ def sort_pile(
             add(part, place)
     if not layers or (has_base and len(interfaces) > len(layers)):
         add(clear, None)
-    if len(interfaces) == len(layers):
-        interfaces.append(None)
+    interfaces += [None] * (len(layers) + 1 - len(interfaces))
     return tuple(layers), tuple(interfaces), tuple(places)
 
 

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics import cost
-from vrte.basics.arrays import check_number, check_whole
+from vrte.basics.arrays import check_choice, check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.formats.text_file import check_file_name
-from vrte.request.how import PRECISIONS, check_choice
+from vrte.request.how import PRECISIONS
 from vrte.request.request import Request
 from vrte.sweep import store
 from vrte.sweep.chunks import Task, collect_warnings, prepare

@@ -42,6 +42,8 @@ def adopt_and_tell(
     made from those that are there is not looked at here.
     """
     found = expand_paint(copy.deepcopy(content))
+    if "base" in found:  # which may be bare: the form shows a layer that light does not notice
+        found.setdefault("layer", [{"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}])
     told = (*remove_axes(found), *add_defaults(found))
     trial = replace_parts(found, list(list_parts(found, tables)) if aside else ())
     missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}
