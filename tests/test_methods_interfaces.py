@@ -188,4 +188,4 @@ def test_auto_takes_what_takes_interfaces(accuracy: float) -> None:
         scene = vrte.Scene([*parts, vrte.Layer(vrte.isotropic(), 0.9, 1e-4)], base)
         made = vrte.brdf(scene, 0.6, 0.4, method=AUTO, accuracy=accuracy).diagnostics
         assert made["method"] == EXACT
-        assert made["method_rule"].startswith("auto, rule 3 (accuracy)")
+        assert made["method_rule"].startswith("auto, rule 2 (accuracy)")

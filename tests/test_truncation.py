@@ -14,7 +14,6 @@ from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Target, fill_parts
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.small_angle import Spreading
-from vrte.discrete_ordinates.planning import node_choice
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
 from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, find_lowest_coherency_eigenvalue
@@ -305,18 +304,16 @@ def test_a_beam_without_intensity() -> None:
     np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
 
 
-def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
-    """Where 16 nodes of cut layers find no answer, and 32 are right to 6e-3."""
+def test_counts_of_nodes_without_an_answer_are_passed_over() -> None:
+    """Where 16 nodes of cut layers find no answer, and truncated ones are right to 1e-2."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.97, 600), 1.0, 20.0)], vrte.Lambertian(0.3))
-    mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
-    order, none, errors = np.zeros(1, np.int32), np.zeros(node_choice.MOST), {}
-    for peaks in ("none", "all"):
-        found = node_choice.make_indicator(scene, light, mu, np.zeros(1), depths, start_run(1), peaks, order)
-        search = node_choice.Search(found, scene, order, none, none)
-        errors[peaks] = [search.error(nodes) / (node_choice.OF_MEAN + 0.97) for nodes in (48, 16, 32)][1:]
-    assert errors["none"][0] == np.inf
-    assert errors["all"][0] < 1e-3
-    assert errors["all"][1] < 1e-4 < 5e-3 < errors["none"][1]
+    asked = {"mu": [0.3, 0.9, -0.5, -0.9], "tau": [0.0, 20.0]}
+    right = vrte.radiance(scene, 0.6, nodes=96, **asked).stokes
+    for truncation in ("auto", "none"):
+        found = vrte.radiance(scene, 0.6, accuracy=1e-2, truncation=truncation, **asked)
+        gap = np.abs(found.stokes - right).max(axis=(1, 2, 3)) / right[..., 0].max(axis=(1, 2))
+        assert found.diagnostics["promised"]
+        assert gap.max() <= 1e-2
 
 
 def test_light_fades_over_truncated_depths() -> None:

@@ -61,7 +61,7 @@ cdef int assemble_one(const void* task, int item, Desk desk) noexcept nogil:
         set_zero(<size_t>into * n, source_s)
         set_zero(<size_t>into * n, source_d)
     else:
-        spherical_on_nodes(m, terms, is_polar(x.p), directions, n_all, n_node, a.weights, prt)
+        spherical(m, terms, is_polar(x.p), directions, n_all, prt)
         for i in range(n_node):
             scale[i] = sqrt(a.weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F

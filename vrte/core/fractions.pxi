@@ -126,7 +126,7 @@ cdef int fractions_one(const void* task, int item, Desk desk) noexcept nogil:
     w.square = spare + <size_t>(gk + 2 * o + 2 * n) * r
     delta = w.square + n
     S_rows = delta + 3 * <size_t>n
-    spherical_on_nodes(m, terms, is_polar(x.p), t.directions, t.n_all, t.n_node, t.weights, prt)
+    spherical(m, terms, is_polar(x.p), t.directions, t.n_all, prt)
     for i in range(t.n_node):
         scale[i] = sqrt(t.weights[i] / t.directions[i])
     for kind in range(2):

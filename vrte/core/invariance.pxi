@@ -233,7 +233,7 @@ cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
     cdef double total, sign, rate = 0.0
-    spherical_on_nodes(m, terms, is_polar(x.p), directions, n_all, n_node, t.weights, prt)
+    spherical(m, terms, is_polar(x.p), directions, n_all, prt)
     for i in range(m, terms):
         rate = max(rate, t.albedo * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
     rate = min(rate, 0.999)

@@ -326,7 +326,7 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
         set_zero(2 * orr, out)
         set_zero(2 * nr, on_nodes)
         return 0
-    spherical_on_nodes(m, terms, is_polar(x.p), t.directions, t.n_all, t.n_node, t.weights, prt)
+    spherical(m, terms, is_polar(x.p), t.directions, t.n_all, prt)
     for i in range(t.n_node):
         scale[i] = sqrt(t.weights[i] / t.directions[i])
     for kind in range(2):

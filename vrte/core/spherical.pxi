@@ -82,34 +82,6 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
             now[i], now[n_mu + i] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
-cdef double INEXACT = 2e-13     # mean of a Legendre polynomial over the nodes above which it is no rounding
-
-
-cdef void spherical_on_nodes(int m, int terms, bint polar, given mu, int n_mu, int n_node, given weights,
-                             doubles out) noexcept nogil:
-    """`spherical` of nodes and, behind them, other directions. Order 0 conserves flux on any nodes: p_l of even degree
-    l >= 2 loses its mean over them, p_0 has the mean square 1."""
-    cdef size_t row = 3 * n_mu
-    cdef int i, l
-    cdef double total = 0.0, mean
-    spherical(m, terms, polar, mu, n_mu, out)
-    if m > 0:
-        return
-    for i in range(n_node):
-        total += weights[i]
-    if fabs(total - 1.0) > INEXACT:
-        for i in range(n_mu):
-            out[i] = 1.0 / sqrt(total)
-    for l in range(2, terms, 2):
-        mean = 0.0
-        for i in range(n_node):
-            mean += weights[i] * out[row * l + i]
-        mean /= total
-        if fabs(mean) > INEXACT:
-            for i in range(n_mu):
-                out[row * l + i] -= mean
-
-
 def generalized_spherical_functions(int m, int terms, mu):
     """The elements of the associated Legendre matrices P_l^m, from Wigner's d by upward recurrence in l.
 

@@ -142,7 +142,7 @@ class Differentiating(Refracting):
                 table = np.ascontiguousarray(change.layers[k].scattering[None])
                 own = replace(one, coefficients=table, terms=np.array([table.shape[1]], np.int32), albedo=np.ones(1))
                 matrices = assemble(own, orders, run)
-                if own.conserves and 0 in orders and own.is_gauss:  # to the last digit, where little is lost
+                if own.conserves and 0 in orders and own.is_exact:  # to the last digit, where little is lost
                     balance_flux(own, matrices, int(np.argmax(orders == 0)))
                 rates = np.repeat(1.0 / own.nodes, len(own.stokes))
                 for part in (matrices.E, matrices.F):

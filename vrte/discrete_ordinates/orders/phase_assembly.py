@@ -41,7 +41,7 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
             source_s=result.source_s,
             source_d=result.source_d,
         )
-    if run.kernels is not _core and problem.conserves and 0 in orders and not problem.is_gauss:
+    if problem.conserves and 0 in orders and not problem.is_exact:
         balance_flux(problem, result, int(np.argmax(orders == 0)))
     return result
 
@@ -50,7 +50,7 @@ def find_even_shifts(problem: Problem, terms: int) -> Array:
     """What Legendre functions p_l of order 0 are multiplied with and lessened by, (terms, 2), so that the nodes
     integrate those of even degree exactly, as Gauss's do: the flux is then conserved."""
     found = np.tile([1.0, 0.0], (terms, 1))
-    if not problem.is_gauss:
+    if not problem.is_exact:
         total = problem.weights.sum()
         means = problem.weights @ _core.generalized_spherical_functions(0, terms, problem.nodes)[:, :, 0].T / total
         found[2::2, 1] = means[2::2]

@@ -61,9 +61,11 @@ class Problem:
     grading: int = 1
 
     @property
-    def is_gauss(self) -> bool:
-        """Whether the nodes integrate polynomials exactly: neither graded nor shared by several media."""
-        return self.grading == 1 and (self.media is None or len(self.media.nodes.panels) == 1)
+    def is_exact(self) -> bool:
+        """Whether the nodes integrate the phase matrices' terms exactly: Gauss's do, those that several media share do
+        not, graded ones so many terms that l grading + grading - 1 < 2 N."""
+        one_medium = self.media is None or len(self.media.nodes.panels) == 1
+        return one_medium and (self.grading == 1 or self.coefficients.shape[1] * self.grading <= 2 * self.nodes.size)
 
     @cached_property
     def directions(self) -> Array:

@@ -71,7 +71,7 @@ class Modes:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        if run.threads == 1 and run.kernels is _core and self.kinds is None:
+        if run.threads == 1 and run.kernels is _core and self.kinds is None and self.problem.is_exact:
             return solve_at_once(self.problem, orders, self.base, self.quick, run)
         matrices = assemble(self.distinct, orders, run)
         modes = find_modes(self.distinct, orders, matrices, run, self.quick)

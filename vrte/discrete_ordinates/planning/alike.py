@@ -124,6 +124,7 @@ def is_shared_request(request: Request) -> bool:
         and not request.verify
         and request.backend in (Backend.OPENMP, Backend.SEQUENTIAL)
         and request.nodes is not None
+        and (request.grading or 1) == 1
         and request.algorithm in ("auto", "direct", "modes")
         and request.illuminate == "top"
         and not along_normal
@@ -174,7 +175,7 @@ def plan_alike(request: Request, likeness: Likeness, scenes: Sequence[Scene], ru
     assert request.nodes is not None
     assert request.mu is not None
     count, layers = len(scenes), likeness.layers
-    nodes, weights = make_double_gauss(request.nodes, request.grading or 1)
+    nodes, weights = make_double_gauss(request.nodes)
     each = [layer for scene in scenes for layer in scene.layers]
     cut = np.array([max(layer.phase_matrix.terms for layer in scene.layers) > 2 * request.nodes for scene in scenes])
     truncated = [

@@ -59,7 +59,7 @@ def make_blocks(
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     rough = problem.media is not None and problem.media.scene.is_rough
     fed_back, mixed, leave_out = base.is_uneven or rough, base.mixes_stokes or rough, problem.leave_out
-    everywhere = fed_back or not leave_out.nodes or problem.media is not None
+    everywhere = fed_back or not leave_out.nodes or problem.media is not None or not problem.is_exact
     sets = list_stokes_sets(problem) if leave_out.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
     if not everywhere and not (eigensolver and is_by_scatterings(algorithm, problem, orders, accuracy)):
@@ -67,7 +67,6 @@ def make_blocks(
         nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
         )
-        nodes[:1] = [problem.nodes.size]  # order 0 carries the flux on all nodes
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
@@ -93,6 +92,8 @@ def make_blocks(
         chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
         strength = needs.strength[chosen]
+        if members[0] == 0 and not problem.is_exact:  # whose flux invariance would not conserve to rounding
+            strength = np.concatenate([[1.0], strength[1:]])
         alone = chosen if below is BLACK else None
         for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))

@@ -62,7 +62,7 @@ def choose_algorithms(
     if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
         reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         return [(every, Choice("doubling", reason))]
-    if STEEP_LOSS / float(problem.nodes[0]) ** 2 > SHARE_OF_STEEP * accuracy:
+    if problem.grading > 1 and STEEP_LOSS / float(problem.nodes[0]) ** 2 > SHARE_OF_STEEP * accuracy:
         reason = "auto: modes lose digits along the lowest nodes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
@@ -135,7 +135,7 @@ def count_operations_of_modes(problem: Problem) -> float:
 
 def is_for_fractions(problem: Problem, accuracy: float) -> bool:
     """Whether light of one slab that is not too thick is asked for, and a scattering of nothing would be quicker."""
-    if problem.albedo.size != 1 or problem.media is not None or accuracy < FINEST_FRACTIONS:
+    if problem.albedo.size != 1 or problem.media is not None or not problem.is_exact or accuracy < FINEST_FRACTIONS:
         return False
     least = 2.0 * cost.SCATTERINGS * problem.n_rhs * cost.A_SCATTERING
     if problem.is_symmetric and least >= cost.WORTH_FRACTIONS * count_operations_of_modes(problem):

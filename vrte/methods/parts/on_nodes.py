@@ -76,7 +76,7 @@ class OnNodes:
         table = problem.coefficients[layer, : problem.terms[layer]]
         rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
         strength = 0.5 * problem.albedo[layer] / rows[:, None, None, None]
-        if order == 0 and not problem.is_gauss:
+        if order == 0 and not problem.is_exact:
             shifts = find_even_shifts(problem, int(problem.terms.max()))
             back, ahead = scatter_once(order, table, rows, into, shifts) * strength
             return Scattered(self.operator(ahead), self.operator(back))

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Progress
 from vrte.discrete_ordinates.planning.choose_quadrature import (
     AIM,
@@ -33,7 +34,7 @@ Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 class Refinement:
     """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
     brightest light, by the finer count; ``coarse``, the last solution's light at the azimuths compared; ``spent``, the
-    seconds of each solve."""
+    seconds of each solve; ``failed``: why the last count found no answer."""
 
     request: Request
     first: NodeChoice
@@ -42,6 +43,7 @@ class Refinement:
     coarse: Solution | None = None
     answer: Answer | None = None
     spent: list[float] = field(default_factory=list)
+    failed: AccuracyError | None = None
 
     @cached_property
     def azimuths(self) -> IntArray:
@@ -55,7 +57,9 @@ class Refinement:
         request, started = self.request, bool(self.nodes)
         count = find_next_count(request.scene, self.nodes) if started else self.first.nodes
         if self.is_done or count is None:
-            if request.mu is None and self.answer is None:  # light along the nodes themselves, at last
+            if (
+                request.mu is None and self.answer is None and self.failed is None
+            ):  # light along the nodes themselves, at last
                 return self.put_on(self.nodes)
             return None
         asked = self.put_on(count)
@@ -70,31 +74,36 @@ class Refinement:
     @property
     def is_done(self) -> bool:
         """Whether the last two solutions agree to the accuracy, or to rounding."""
+        if self.failed is not None:
+            return False
         last = [*self.differences.values()][-2:]
         stalled = len(last) == 2 and last[1] < ROUNDING and last[1] > STALLED * last[0]
         return bool(last) and (last[-1] <= AIM * self.request.accuracy or stalled)
 
-    def take(self, asked: Request, answer: Answer) -> None:
-        """Compares a solution with the one before."""
+    def take(self, asked: Request, answer: Answer | AccuracyError) -> None:
+        """Compares a solution with the one before; a count on which no algorithm finds an answer is passed over."""
         assert asked.nodes is not None
+        if isinstance(answer, AccuracyError):
+            self.nodes, self.coarse, self.failed = asked.nodes, None, answer
+            return
         cosines, found = answer
         self.spent.append(float(found.diagnostics["wall_seconds"]))
         if self.request.mu is None and asked.mu is None:
             self.answer = answer
             return
-        if self.nodes:
-            seen = replace(found, parts=[part[:, :, :, self.azimuths] for part in found.parts])
-            assert self.coarse is not None
+        seen = replace(found, parts=[part[:, :, :, self.azimuths] for part in found.parts]) if self.nodes else found
+        if self.coarse is not None:
             self.differences[asked.nodes] = measure_difference(self.request, self.coarse, seen)
-            self.coarse = seen
-        else:
-            self.coarse = found
+        self.coarse, self.failed = seen, None
         self.nodes = asked.nodes
         if self.request.mu is not None:
             self.answer = cosines, found
 
     def finish(self) -> Answer:
-        """The finest solution, with what its error is estimated to be."""
+        """The finest solution, with what its error is estimated to be. Raises AccuracyError where the finest count
+        found none."""
+        if self.failed is not None:
+            raise self.failed
         assert self.answer is not None
         mu, found = self.answer
         accuracy = self.request.accuracy
@@ -122,10 +131,18 @@ def refine(requests: Sequence[Request], solve: Solve) -> list[Answer]:
     ways = [Refinement(request, choose_first_nodes(request)) for request in requests]
     open_ = [(way, asked) for way in ways if (asked := way.following)]
     while open_:
-        for (way, asked), answer in zip(open_, solve([asked for _, asked in open_]), strict=True):
+        for (way, asked), answer in zip(open_, try_to_solve([asked for _, asked in open_], solve), strict=True):
             way.take(asked, answer)
         open_ = [(way, asked) for way, _ in open_ if (asked := way.following)]
     return [way.finish() for way in ways]
+
+
+def try_to_solve(requests: Sequence[Request], solve: Solve) -> Sequence[Answer | AccuracyError]:
+    """The answers; one by one where a request among several has none."""
+    try:
+        return solve(requests)
+    except AccuracyError as error:
+        return [error] if len(requests) == 1 else [each for one in requests for each in try_to_solve([one], solve)]
 
 
 def share_steps(progress: Progress | None, step: int) -> Progress | None:

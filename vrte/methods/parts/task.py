@@ -114,5 +114,5 @@ class Task:
         if "accuracy" in self.request.given:
             told = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []} | told
         if choice.notes:
-            told |= {"promised": False, "notes": [*choice.notes, *told.get("notes", ())]}
+            told |= {"promised": False, "notes": [*told.get("notes", ()), *choice.notes]}
         return self.answer(self.sum_orders(self.problem, kernels), fluxes, self.problem, orders=len(kernels), **told)
