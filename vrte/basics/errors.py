@@ -15,7 +15,7 @@ class SceneError(ValueError):
     Parameters
     ----------
     message : str
-        The sentence.
+        The sentence; what cannot be printed in it, a line break among them, becomes a space.
     *place : str or int
         The argument of a call, "mu_i", or the way to a key of a scene file, "layer", 0, "thickness", which the sentence
         calls layer[1].thickness; nothing where it is nothing in particular.
@@ -31,6 +31,8 @@ class SceneError(ValueError):
     """
 
     def __init__(self, message: str, *place: str | int) -> None:
+        if not message.isprintable():
+            message = "".join(sign if sign.isprintable() else " " for sign in message)
         super().__init__(message)
         self.place: Place = place
 

@@ -322,8 +322,6 @@ def make_model(
     jacobian: str = "exact",
 ) -> Model:
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
-    if not isinstance(measurement, Measurement):
-        raise SceneError.of("measurement", f"must be a vrte.Measurement, not {type(measurement).__name__}")
     at = {None if math.isnan(one) else float(one) for one in measurement.wavelength_um.tolist()}
     coloured = any(QUANTITIES[name].needs == LOOK for name in measurement.names)
     colours_um = check_ascending(VISIBLE_UM if wavelengths_um is None else wavelengths_um)
@@ -331,7 +329,8 @@ def make_model(
         raise SceneError.of("wavelengths_um", "are of colours, and none was measured")
     only_colours = all(QUANTITIES[name].needs == LOOK for name in measurement.names)
     at = ({*colours_um.tolist()} if coloured else set()) | (set() if only_colours else at)
-    asked = {name: one for name, one in (("nodes", nodes), ("accuracy", accuracy), ("threads", threads)) if one}
+    given = {"nodes": nodes, "accuracy": accuracy, "threads": threads}
+    asked = {name: one for name, one in given.items() if one is not None}
     if isinstance(scene, Scene) and at != {None}:
         wave = next(one for one in at if one is not None)
         raise SceneError(

@@ -11,6 +11,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_whole, settle_array
 from vrte.basics.errors import IndistinguishableWarning, SceneError
 from vrte.basics.running import Progress, share_progress
+from vrte.calls.spectrum import Source
 from vrte.fit.identify import (
     find_blind_spots,
     find_correlations,
@@ -24,7 +25,9 @@ from vrte.fit.parameters import Parameter, read_parameters, read_priors
 from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
+from vrte.formats.scene_family import SceneFamily
 from vrte.request.how import check_choice
+from vrte.scene.scene import Scene
 
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
@@ -68,7 +71,7 @@ Watch = Callable[[Step], None]
 
 def fit(
     measurement: Measurement,
-    scene: Any,
+    scene: Source | Scene | SceneFamily,
     free: Sequence[str] | Mapping[str, Any],
     priors: Mapping[str, Any] | None = None,
     bounds: Mapping[str, Any] | None = None,
@@ -172,8 +175,9 @@ def fit(
     check_choice("jacobian", jacobian, JACOBIANS)
     count = check_whole("starts", starts, 1, MOST_STARTS)
     most = check_whole("most_steps", most_steps, 1, 100_000)
+    check_whole("seed", seed, 0, 2**64)
     names = list(free)
-    if isinstance(free, str) or not names or len(set(names)) < len(names):
+    if not names or len(set(names)) < len(names):
         raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
     parameters = read_parameters(free, bounds, dict(zip(names, model.start.tolist(), strict=True)))

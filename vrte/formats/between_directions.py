@@ -5,6 +5,8 @@ meridian planes go on into their other half, f(-theta_i, theta_o, phi) = f(theta
 horizon, where f (mu_i + mu_o) is an even function of 1 - s.
 """
 
+from typing import Any
+
 import numpy as np
 
 from vrte.basics.arrays import Array, check_whole
@@ -26,7 +28,7 @@ FEWEST, MOST = 8, 1024
 MARGIN = 8  # points beyond each end: the ends' own error, which is small on such fine grids, has faded to 3e-5 there
 
 
-def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Array]:
+def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Any]:
     """What a spectrum must be solved for to be written as a table: ``mu_i``, ``mu_o`` and ``phi`` for `vrte.spectrum`.
 
     ``cosines`` of incidence and of exit each, ``azimuths`` from 0 to 180 degrees, the other half is their mirror image.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_flag, check_number, check_vector, freeze_copy, settle_array, show_value
+from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, settle_array, show_value
 from vrte.basics.errors import AccuracyWarning, SceneError
 from vrte.basics.spherical_functions import find_gap
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
@@ -189,9 +189,8 @@ def expand_table(
         accuracy = check_number("accuracy", accuracy, 1e-12, 0.1, "from 1e-12 to 0.1, of F11")
     if ends not in (None, EXTRAPOLATE):
         raise SceneError.of("ends", f'must be "{EXTRAPOLATE}" or left out, not {show_value(ends)}')
-    normalise = check_flag("normalise", normalise)
     angles = check_angles(angle_deg)
-    elements = read_elements(angles, columns, about, check_flag("spheres", spheres))
+    elements = read_elements(angles, columns, about, spheres)
     sums = integrate_exactly(angles, elements)
     way, spline = f"exact quadrature over {angles.size} angles", None
     if sums is None:
@@ -374,7 +373,8 @@ def cut_exact_terms(sums: Array, table: ScatteringTable, accuracy: float | None)
         return coefficients[: count_terms(worst, accuracy)]
     size = np.abs(coefficients).max(axis=1)
     noise = max(NO_MORE_TERMS, NOISE * float(size[3 * len(size) // 4 :].max()))
-    return coefficients[: 1 + int(np.flatnonzero(size > noise)[-1])]
+    kept = np.flatnonzero(size > noise)
+    return coefficients[: 1 + int(kept[-1])] if kept.size else coefficients
 
 
 def expand_spline(spline: ElementSpline, mean: float, angles: Array, elements: Array, accuracy: float) -> Array:

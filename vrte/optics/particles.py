@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 from vrte.basics.arrays import check_number, put_in_one_line
 from vrte.basics.errors import SceneError
@@ -100,7 +101,7 @@ class Particles:
         return view(self, "_repr_html_")
 
 
-def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
+def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particles:
     """Several kinds of particles side by side.
 
     Parameters

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -532,7 +532,7 @@ def count_henyey_greenstein_terms(g: float) -> int:
     return terms
 
 
-def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
+def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatrix:
     """The mean phase matrix of several kinds of particles, weighted by what each scatters.
 
     Parameters

@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -165,9 +165,9 @@ class IndexTable:
     (2+0.25j)
     """
 
-    wavelengths_um: tuple[float, ...]
-    n: tuple[float, ...]
-    k: tuple[float, ...]
+    wavelengths_um: Annotated[tuple[float, ...], Any]
+    n: Annotated[tuple[float, ...], Any]
+    k: Annotated[tuple[float, ...], Any]
     source: str = "given"
 
     def __post_init__(self) -> None:
@@ -182,7 +182,7 @@ class IndexTable:
                 "index",
             )
         for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
-            _check_wavelength(wavelength)
+            check_wavelength(wavelength)
             _check_index(n, k, f"row {row} of {self.source}")
         if (np.diff(self.wavelengths_um) <= 0.0).any():
             raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
@@ -250,7 +250,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     >>> vrte.refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
-    wavelength = _check_wavelength(wavelength_um)
+    wavelength = check_wavelength(wavelength_um)
     if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
         warnings.warn(
             f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?",
@@ -267,7 +267,8 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     return _read_given(material)
 
 
-def _check_wavelength(value: Any) -> float:
+def check_wavelength(value: Any) -> float:
+    """A vacuum wavelength [um]. Raises SceneError."""
     return check_number("wavelength_um", value, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
 
 

@@ -28,7 +28,7 @@ from vrte.optics.populations import (
     settle_population,
     sum_bulk,
 )
-from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, refractive_index
+from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, check_wavelength, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
@@ -177,7 +177,7 @@ def check_phase(relative_index: float, size: float, radius_um: float) -> None:
 
 def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveIndex, float]:
     """The index of the medium around particles, and the wavelength in vacuum [um]. Raises SceneError."""
-    wavelength = check_number("wavelength_um", wavelength_um, 5e-324, math.inf, "a length above 0")
+    wavelength = check_wavelength(wavelength_um)
     return find_host_index(host_index, wavelength), wavelength
 
 

@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from vrte.basics.arrays import check_number
 from vrte.basics.errors import FittedRangeWarning
@@ -12,7 +13,7 @@ CALM, BY_WIND = 0.003, 0.00512  # mean square slope, and how it grows with the w
 MEASURED, MOST_WIND = 14.0, 40.0  # [m/s]
 
 
-def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
+def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.34, shadowing: bool = False) -> Facets:
     """A rough sea by the speed of the wind, with Fresnel's reflection off every wave; reciprocal and polarizing.
 
     The mean square slope is 0.003 + 0.00512 wind, the same in all directions. What the water itself sends back, and

@@ -2,8 +2,9 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Facets(Boundary):
     0.4855
     """
 
-    index: complex
+    index: Annotated[complex, complex | Sequence[float]]
     roughness: float
     distribution: Distribution = "beckmann"
     shadowing: bool = False

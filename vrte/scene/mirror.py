@@ -1,7 +1,8 @@
 """A smooth base: a metal or a dielectric without end."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
@@ -44,7 +45,7 @@ class Mirror(Boundary):
     0.04
     """
 
-    index: complex
+    index: Annotated[complex, complex | Sequence[float]]
 
     keeps_beams = True
 

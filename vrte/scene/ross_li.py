@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_flag, check_number
+from vrte.basics.arrays import Array, check_number
 from vrte.scene.scalar import Angles, ScalarBase
 
 HOT_SPOT = np.radians(1.5)  # phase angle within which leaves hide their shadows, after Maignan et al.
@@ -63,7 +63,6 @@ class RossLi(ScalarBase):
         }
         for name, limit in limits.items():
             object.__setattr__(self, name, check_number(f"base: {name}", getattr(self, name), *limit))
-        object.__setattr__(self, "hot_spot", check_flag("base: hot_spot", self.hot_spot))
         self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 from vrte.basics.arrays import (
     Array,
     BoolArray,
-    check_flag,
     check_number,
     check_numbers,
     check_vector,
@@ -145,10 +144,9 @@ class TabulatedBase(Boundary):
             named["index_above"] = check_number(
                 "base: index_above", self.index_above, LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED
             )
-        average = check_flag("base: average_mirrored", self.average_mirrored)
         if (mueller[..., 0, 0] < -DARK * np.abs(mueller).max()).any():
             raise SceneError.of("base: mueller", f"must have f_00 >= 0, not {mueller[..., 0, 0].min():.3g}")
-        orders, azimuths = expand_azimuths(phi_deg, mueller, average)
+        orders, azimuths = expand_azimuths(phi_deg, mueller, self.average_mirrored)
         cosines = mu_i[into], mu_o[out]
         weighted = orders[:, into[:, None], out] * (cosines[0][:, None] + cosines[1])[..., None, None]
         named |= {"_cosines": cosines, "_orders": settle_array(weighted)}
