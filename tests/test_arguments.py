@@ -133,14 +133,13 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
     panel = {"wavelengths_um": np.linspace(0.4, 0.7, 9), "nodes": 2}
     rough, smooth = vrte.Facets(1.5, 0.3), vrte.Interface(1.0, 1.5)
     indices = vrte.IndexTable((0.4, 0.7), (2.0, 1.5), (0.1, 0.0))
-    base, look, family, quantities, over = (
-        vrte.TabulatedBase(**made["table"]), made["look"], made["family"], vrte.quantities, vrte.over_hemisphere,
-    )  # fmt: skip
+    base, look, family = vrte.TabulatedBase(**made["table"]), made["look"], made["family"]
+    quantities, over = vrte.quantities, vrte.over_hemisphere
     records = [made[name] for name in ("brdf", "field", "views", "linearized", "gradient", "particles", "look", "fit",
                                        "spectrum", "paint", "family")]  # fmt: skip
     return [
-        *((type(one), {name: getattr(one, name) for name in inspect.signature(type(one)).parameters}) for one in records),
-        (vrte.Plan, {name: getattr(made["linearized"].plan, name) for name in inspect.signature(vrte.Plan).parameters}),
+        *((type(one), {name: getattr(one, name) for name in inspect.signature(type(one)).parameters})
+          for one in [*records, made["linearized"].plan]),
         (vrte.RPV, {"rho_0": 0.1, "k": 0.8}),
         (vrte.Facets, {"index": 1.5, "roughness": 0.3}),
         (rough.reflectance, {"mu_i": 0.5}),
@@ -167,9 +166,8 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (vrte.MuellerBase, {"function": even}),
         (vrte.MuellerBase(even).reflectance, {"mu_i": 0.5, "points": 4}),
         (vrte.PhaseMatrix, {name: getattr(RAYLEIGH, name) for name in ("a1", "a2", "a3", "a4", "b1", "b2")}),
-        (vrte.PhaseMatrix.from_angles, {"angle_deg": angle, "F11": element, **dict.fromkeys(("F12", "F33", "F34", "F44"),
-                                                                                            0.0 * angle),
-                                        "F22": element}),
+        (vrte.PhaseMatrix.from_angles, {"angle_deg": angle, "F11": element, "F22": element,
+                                        **dict.fromkeys(("F12", "F33", "F34", "F44"), 0.0 * angle)}),
         (RAYLEIGH.to_angles, {}),
         (RAYLEIGH.scattering_matrix, {"angle_deg": angle}),
         (vrte.RossLi, {"f_iso": 0.1, "f_vol": 0.02, "f_geo": 0.02}),
@@ -372,6 +370,18 @@ class TestDoor:
         with pytest.raises(vrte.SceneError) as told:
             call()
         assert str(told.value) == words
+
+    @pytest.mark.parametrize(
+        "call",
+        [
+            lambda: vrte.cox_munk(20.0),
+            lambda: vrte.refractive_index(1.5, 500.0),
+        ],
+    )
+    def test_a_warning_is_of_the_line_that_called(self, call: Callable[[], Any]) -> None:
+        with pytest.warns() as told:
+            call()
+        assert {one.filename for one in told} == {__file__}
 
     def test_a_wrong_number_of_arguments_is_told_by_python(self) -> None:
         with pytest.raises(TypeError, match="unexpected keyword argument 'nods'"):

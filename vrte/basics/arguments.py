@@ -126,7 +126,7 @@ def find_kind(declared: Any) -> Kind:
         return Kind(f"({', '.join(kind.words for kind in kinds)})", functools.partial(is_tuple, kinds))
     if isinstance(origin, type) and issubclass(origin, Iterable):
         item = find_kind(parts[0])
-        return Kind(f"a list, each item {item.words}", functools.partial(is_list, item), items=item)
+        return Kind(f"a list (each item {item.words})", functools.partial(is_list, item), items=item)
     if isinstance(declared, str | ForwardRef):  # a class that is not imported where it is named
         name = declared if isinstance(declared, str) else declared.__forward_arg__
         return Kind(f"a {name}", lambda value: name in {one.__name__ for one in type(value).__mro__})
@@ -196,7 +196,7 @@ def check_arguments(call: Call, of: str = "") -> Call:
     def checked(*given: Any, **named: Any) -> Any:
         if not in_order:
             kinds.update(list_kinds(call))
-            in_order.extend(kinds.items())
+            in_order.extend((name, kinds[name]) for name in call.__code__.co_varnames[: call.__code__.co_argcount])
         for (name, kind), value in zip(in_order, given, strict=False):
             if type(value) not in kind.at_once and not kind.takes(value):
                 raise refuse(of, name, kind, value)

