@@ -357,7 +357,10 @@ class TestDoor:
                 lambda: vrte.Scene([LAYER, {}]),
                 "Scene: item 2 of layers must be a vrte.Layer or a vrte.Interface, not {}",
             ),
-            (lambda: vrte.brdf(LAYER, 0.5, 0.5), "scene must be a vrte.Scene, not an object of type Layer"),
+            (
+                lambda: vrte.brdf(LAYER, 0.5, 0.5),
+                "scene must be a vrte.Scene, not an object of type Layer; vrte.Scene([layer]) makes one of it",
+            ),
             (lambda: vrte.load(3), "path must be the name of a file, not 3"),
             (
                 lambda: vrte.paint(np.zeros((2, 2))),
@@ -370,6 +373,34 @@ class TestDoor:
         with pytest.raises(vrte.SceneError) as told:
             call()
         assert str(told.value) == words
+
+    @pytest.mark.parametrize(
+        ("call", "words"),
+        [
+            (lambda: vrte.refractive_index("aluminum oxide", 0.5), "did you mean 'alumina'?"),
+            (lambda: vrte.refractive_index("TiO2", 0.5), "did you mean 'rutile' or 'anatase'?"),
+            (lambda: vrte.refractive_index("golf", 0.5), "did you mean 'gold'"),
+            (lambda: vrte.refractive_index(1.5 - 0.01j, 0.5), "n + ik here, 1.5+0.01j"),
+            (lambda: vrte.Mirror(1.5 - 0.01j), "n + ik here"),
+            (lambda: vrte.Mirror("gold"), "vrte.refractive_index('gold', wavelength_um).value"),
+            (lambda: vrte.brdf(SCENE, 30, 45), "as cosines do, not 30; 30 degrees have the cosine 0.866025"),
+            (lambda: vrte.Interface(1.0, 1.5).share(60), "60 degrees have the cosine 0.5"),
+            (lambda: vrte.brdf(SCENE, 0.5, 0.5, derivatives="layer[2].albedo"), "the scene has layer 1"),
+            (lambda: vrte.Scene([LAYER], 0.3), "vrte.Lambertian(0.3)"),
+            (lambda: vrte.Scene([LAYER], vrte.Lambertian), "has to be called: Lambertian(...)"),
+            (lambda: vrte.Scene([LAYER], vrte.Brdf), "has to be called: Brdf(...)"),
+            (lambda: vrte.Scene([RAYLEIGH]), "vrte.Layer(phase_matrix, albedo, thickness)"),
+            (lambda: vrte.Layer(vrte.rayleigh, 0.5, 1.0), "has to be called: rayleigh(...)"),
+            (lambda: vrte.mix([(vrte.spheres(1.5, radius_um=0.1, wavelength_um=0.5), 1.0)]), "vrte.mixture"),
+            (lambda: vrte.mixture([(RAYLEIGH, 1.0)]), "vrte.mix "),
+            (lambda: vrte.appearance(CONTENT, geometries="45:0"), "one alone is ['45:0']"),
+            (lambda: vrte.Interface(1.0, 1.5j), "index_below must be a real number, not 1.5j"),
+        ],
+    )
+    def test_what_was_meant_is_told(self, call: Callable[[], Any], words: str) -> None:
+        with pytest.raises(vrte.SceneError) as told:
+            call()
+        assert words in str(told.value)
 
     @pytest.mark.parametrize(
         "call",

@@ -22,6 +22,18 @@ PACKAGE = "vrte."
 SHOWN = (NoneType, bool, int, float, complex, str, bytes, list, tuple, dict, set, np.ndarray)
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 DOUBLE = np.dtype(np.float64)
+HINTS = {  # by argument and by the class of what was given in its place
+    ("scene", "Layer"): "; vrte.Scene([layer]) makes one of it",
+    ("layers", "PhaseMatrix"): "; vrte.Layer(phase_matrix, albedo, thickness) makes one of it",
+    ("layers", "Particles"): "; vrte.Layer.of(particles, thickness) makes one of them",
+    ("layers", "Lambertian"): "; what lies below is the second argument, base",
+    ("phase_matrix", "Particles"): "; vrte.Layer.of(particles, thickness) takes them",
+    ("particles", "PhaseMatrix"): "; vrte.Layer(phase_matrix, albedo, thickness) takes it",
+    ("base", "float"): "; a base of that albedo is vrte.Lambertian({})",
+    ("base", "int"): "; a base of that albedo is vrte.Lambertian({})",
+    ("base", "Layer"): "; layers stand in one list, the first argument",
+    ("index", "str"): "; vrte.refractive_index({}, wavelength_um).value is that of a material",
+}
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 
@@ -199,16 +211,16 @@ def check_arguments(call: Call, of: str = "") -> Call:
             in_order.extend((name, kinds[name]) for name in call.__code__.co_varnames[: call.__code__.co_argcount])
         for (name, kind), value in zip(in_order, given, strict=False):
             if type(value) not in kind.at_once and not kind.takes(value):
-                raise refuse(of, name, kind, value)
+                raise describe_refusal(of, name, kind, value)
         for name, value in named.items():
             if type(value) not in (kind := kinds.get(name, ANYTHING)).at_once and not kind.takes(value):
-                raise refuse(of, name, kind, value)
+                raise describe_refusal(of, name, kind, value)
         return call(*given, **named)
 
     return checked  # type: ignore[return-value]
 
 
-def refuse(of: str, name: str, kind: Kind, value: Any) -> SceneError:
+def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
     """What is wrong with an argument, or with the first item of a list that is, in a sentence."""
     where = name
     if kind.items is not None and isinstance(value, list | tuple):
@@ -216,8 +228,22 @@ def refuse(of: str, name: str, kind: Kind, value: Any) -> SceneError:
             if not kind.items.takes(item):
                 where, kind, value = f"item {place + 1} of {name}", kind.items, item
                 break
+    elif kind.items is not None and kind.items.takes(value):
+        return SceneError(f"{of}{name} must be {kind.words}, not {value!r}; one alone is [{value!r}]", name)
+    words = kind.words.replace("a number", "a real number") if isinstance(value, complex) else kind.words
+    return SceneError(f"{of}{where} must be {words}, not {show_given(name, value)}", name)
+
+
+def show_given(name: str, value: Any) -> str:
+    """What was given in place of an argument, and what makes the right thing of it, where that is known.
+
+    >>> show_given("base", 0.3)
+    '0.3; a base of that albedo is vrte.Lambertian(0.3)'
+    """
     shown = show_value(value) if type(value) in SHOWN else f"an object of type {type(value).__name__}"
-    return SceneError(f"{of}{where} must be {kind.words}, not {shown}", name)
+    if isinstance(value, type | FunctionType):
+        shown = f"{value.__name__} itself, which has to be called: {value.__name__}(...)"
+    return shown + HINTS.get((name, type(value).__name__), "").format(shown)
 
 
 def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[str] = ()) -> None:

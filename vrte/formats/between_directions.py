@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_whole
+from vrte.basics.arrays import SMALLEST_COSINE, Array, check_whole
 from vrte.basics.splines import (
     MIRROR,
     compute_coefficients,
@@ -20,7 +20,6 @@ from vrte.basics.splines import (
     make_spline_matrix,
     stretch_cosines,
 )
-from vrte.request.request import SMALLEST_COSINE
 from vrte.results.brdf import Brdf
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default

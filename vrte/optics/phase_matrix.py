@@ -558,7 +558,7 @@ def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatr
     >>> vrte.mix([(vrte.isotropic(), 1.0), (vrte.rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """
-    pairs = _check_pairs(parts)
+    pairs = check_mixture(parts, PhaseMatrix, "phase matrix, weight", "vrte.mixture mixes particles")
     weights = check_vector("the weights of a mixture", [weight for _, weight in pairs])
     if (weights < 0.0).any() or not weights.any():
         raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {show_value(weights.tolist())}")
@@ -570,8 +570,8 @@ def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatr
     return PhaseMatrix(*total.T, tolerance=max(matrix.tolerance for matrix, _ in pairs))
 
 
-def check_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
-    """The parts of a mixture, at least one, as pairs of what ``pair`` says."""
+def check_mixture(parts: Any, kind_of: type, pair: str, other: str) -> list[tuple[Any, Any]]:
+    """The parts of a mixture, at least one, as pairs of what ``pair`` says; ``other``: what mixes other things."""
     found = check_list("the parts of a mixture", parts, MOST_KINDS)
     try:
         pairs = [(kind, share) for kind, share in found]
@@ -579,12 +579,7 @@ def check_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
         raise SceneError(f"a mixture needs pairs ({pair})") from None
     if not pairs:
         raise SceneError("a mixture needs at least one kind of particle, not an empty list")
-    return pairs
-
-
-def _check_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
-    pairs: list[tuple[PhaseMatrix, float]] = check_mixture(parts, "phase matrix, weight")
-    for matrix, _ in pairs:
-        if not isinstance(matrix, PhaseMatrix):
-            raise SceneError(f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first")
+    for kind, _ in pairs:
+        if not isinstance(kind, kind_of):
+            raise SceneError(f"a mixture needs pairs ({pair}), not {type(kind).__name__} as the first; {other}")
     return pairs

@@ -102,6 +102,23 @@ MATERIALS = {
 }
 
 
+ALSO_CALLED = {  # other names of these materials, which are offered where one of them is given
+    "gold": ("au",),
+    "silver": ("ag",),
+    "copper": ("cu",),
+    "rutile": ("titanium dioxide", "titania", "tio2"),
+    "anatase": ("titanium dioxide", "titania", "tio2"),
+    "hematite": ("haematite", "iron oxide", "ferric oxide", "fe2o3"),
+    "zinc oxide": ("zno",),
+    "alumina": ("aluminum oxide", "aluminium oxide", "al2o3", "corundum", "sapphire"),
+    "silica": ("silicon dioxide", "silicon oxide", "sio2", "fused silica"),
+    "water": ("h2o",),
+    "calcite": ("calcium carbonate", "caco3", "chalk"),
+    "titanium nitride": ("tin",),
+    "carbon": ("soot", "carbon black", "graphite"),
+    "glass": ("bk7", "n-bk7", "borosilicate glass"),
+    "acrylic": ("pmma", "poly(methyl methacrylate)", "plexiglas"),
+}
 SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
 LIKE_NANOMETRES = (190.0, 3000.0)  # um: ultraviolet to near infrared, had they been nanometres
 LONGEST_NAME = 200  # characters of which similar names are looked for
@@ -333,7 +350,9 @@ def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
         raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})", "index")
     if k < 0.0:
         raise SceneError(
-            f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})", "index"
+            f"index: k must be >= 0 (an index is n + ik here; k < 0 would amplify light), not {k:g} ({source}): "
+            f"n - ik of the other convention is n + ik here, {n:g}+{-k:g}j",
+            "index",
         )
     return RefractiveIndex(float(n), float(k), source)
 
@@ -402,8 +421,10 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 def _describe_unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
     start = name[:LONGEST_NAME]
-    similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.65)
-    suggestions = [repr(one) for one in similar + _find_similar_pages(start)]
+    similar = [name for name, others in ALSO_CALLED.items() if start.lower().replace("_", " ") in others]
+    if not similar:
+        similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.75) + _find_similar_pages(start)
+    suggestions = [repr(one) for one in similar]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
         f"index: {show_value(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "

@@ -10,6 +10,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import (
     Array,
     BoolArray,
+    check_cosines,
     check_numbers,
     check_vector,
     freeze_copy,
@@ -22,7 +23,6 @@ from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
-SMALLEST_COSINE = 1e-8
 SIDES = ("above", "below")  # of an interface
 ROWS = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])  # (I, Q) and (U, V)
 
@@ -82,19 +82,6 @@ def check_scene(scene: Any) -> Scene:
     if not isinstance(scene, Scene):
         raise SceneError.of("scene", f"must be a vrte.Scene, not {type(scene).__name__}")
     return scene
-
-
-def check_cosines(name: str, values: Any, signed: bool = False) -> Array:
-    """Cosines with 1e-8 <= |mu| <= 1, positive unless `signed`."""
-    if type(values) is float and SMALLEST_COSINE <= (abs(values) if signed else values) <= 1.0:
-        return freeze_copy([values])
-    array = check_vector(name, values)
-    size = np.abs(array) if signed else array
-    bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
-    if bad.any():
-        allowed = "1e-8 <= |mu| <= 1 (above 0: up, below 0: down)" if signed else "1e-8 <= mu <= 1"
-        raise SceneError.of(name, f"must satisfy {allowed}, not {array[bad][0]}")
-    return array
 
 
 def check_stokes_vector(values: Any, name: str = "stokes") -> Array:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from vrte.basics.arrays import Array, check_number, check_vector
+from vrte.basics.arrays import Array, check_cosines, check_number
 from vrte.basics.errors import SceneError
 from vrte.optics.facet_energy import share_energy
 from vrte.optics.facets import RoughSurface
@@ -167,11 +167,3 @@ def check_facets(what: str, given: object) -> None:
             "gives back what is lost, and facets without shadows get more than there is: give shadowing=True as well"
         )
         raise SceneError.of(f"{what}: conserving", words)
-
-
-def check_cosines(name: str, values: Any) -> Array:
-    """Cosines above 0, up to 1, (n,). Raises SceneError."""
-    mu = check_vector(name, values)
-    if not ((mu > 0.0) & (mu <= 1.0)).all():
-        raise SceneError.of(name, f"must be above 0 and at most 1, not {mu[(mu <= 0.0) | (mu > 1.0)][0]:g}")
-    return mu

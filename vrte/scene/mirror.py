@@ -20,7 +20,8 @@ def check_complex_index(name: str, index: Any) -> complex:
     except (TypeError, ValueError):
         raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}") from None
     if not (SMALLEST <= value.real <= LARGEST and 0.0 <= value.imag <= LARGEST):
-        raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}")
+        other = "; n - ik of the other convention is n + ik here" if value.imag < 0.0 else ""
+        raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}{other}")
     return value
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Annotated, Any
 
+from vrte.basics.arguments import show_given
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
@@ -69,12 +70,12 @@ class Scene:
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
         as_base = getattr(self.base, "as_base", None)
-        if as_base is not None:
+        if as_base is not None and not isinstance(self.base, type):
             object.__setattr__(self, "base", as_base())
         if not isinstance(self.base, Boundary | None):
             raise SceneError(
                 "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror, vrte.Facets, "
-                f"vrte.TabulatedBase or a vrte.Brdf, not {type(self.base).__name__}"
+                f"vrte.TabulatedBase or a vrte.Brdf, not {show_given('base', self.base)}"
             )
         given = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
         if given:

@@ -8,6 +8,7 @@ import numpy as np
 from vrte.basics.arrays import (
     Array,
     BoolArray,
+    check_cosines,
     check_number,
     check_numbers,
     check_vector,
@@ -32,7 +33,7 @@ from vrte.scene.base_checks import (
     make_exit_rule,
 )
 from vrte.scene.boundary import Allowed, Boundary
-from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX, check_cosines
+from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
 DEGREE = 5  # of the splines over cosines
 FEWEST_COSINES, FEWEST_AZIMUTHS = 2, 3
