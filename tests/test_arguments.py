@@ -364,8 +364,7 @@ class TestDoor:
             (lambda: vrte.load(3), "path must be the name of a file, not 3"),
             (
                 lambda: vrte.paint(np.zeros((2, 2))),
-                "scene must be the name of a file, a dictionary by names, a Panel or None, not "
-                "array([[0., 0.], [0., 0.]])",
+                "scene must be the name of a file, a dictionary by names or a Panel, not array([[0., 0.], [0., 0.]])",
             ),
         ],
     )

@@ -40,12 +40,13 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 @dataclass(frozen=True)
 class Kind:
     """What a declared type takes: values of the types ``at_once``, others that it ``fits``, and what both are called;
-    ``items``, of a list: the kind of each."""
+    ``items`` of a list, ``values`` of a dictionary: the kind of each."""
 
     words: str
     fits: Callable[[Any], bool]
     at_once: frozenset[type] = frozenset()
     items: "Kind | None" = None
+    values: "Kind | None" = None
 
     def takes(self, value: Any) -> bool:
         """Whether a value is of this kind."""
@@ -132,7 +133,8 @@ def find_kind(declared: Any) -> Kind:
     if origin is np.ndarray:
         return Kind("real numbers", is_array) if parts[1] == np.dtype[np.float64] else ANYTHING
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return Kind("a dictionary by names", functools.partial(is_table, *map(find_kind, parts)))
+        key, value = map(find_kind, parts)
+        return Kind("a dictionary by names", functools.partial(is_table, key, value), values=value)
     if origin is tuple and parts[-1] is not Ellipsis:
         kinds = tuple(map(find_kind, parts))
         return Kind(f"({', '.join(kind.words for kind in kinds)})", functools.partial(is_tuple, kinds))
@@ -149,17 +151,18 @@ def find_kind(declared: Any) -> Kind:
     return Kind(words, lambda value: isinstance(value, declared), frozenset({declared}))
 
 
-def join_kinds(parts: Sequence[Any]) -> Kind:
-    """The kind of a union; a text beside the name of a file is one as well."""
+def join_kinds(parts: Sequence[Any], is_optional: bool = False) -> Kind:
+    """The kind of a union; a text beside the name of a file is one as well. Where None is the default, it is not named:
+    that stands for what is left out."""
     kinds = list(map(find_kind, parts))
     kinds = [kind for kind in kinds if kind is not KINDS[str] or PATH not in kinds]
-    *first, last = dict.fromkeys(kind.words for kind in kinds)
+    *first, last = dict.fromkeys(kind.words for kind in kinds if not (is_optional and kind is NONE and len(kinds) > 1))
     words = f"{', '.join(first)} or {last}" if first else last
-    items = next((kind.items for kind in kinds if kind.items), None)
-    at_once = frozenset().union(*(kind.at_once for kind in kinds))
+    items, values = (next(filter(None, (getattr(kind, name) for kind in kinds)), None) for name in ("items", "values"))
+    at_once = frozenset({NoneType} if is_optional else ()).union(*(kind.at_once for kind in kinds))
     others = [kind for kind in kinds if kind is not NONE]
     fits = others[0].fits if len(others) == 1 else lambda value: any(kind.takes(value) for kind in others)
-    return Kind(words, fits, at_once, items)
+    return Kind(words, fits, at_once, items, values)
 
 
 def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
@@ -168,7 +171,7 @@ def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
     for name, one in inspect.signature(call).parameters.items():
         declared = Any if one.annotation is one.empty or one.kind in VARIADIC else one.annotation
         parts = read_words(declared, known) if isinstance(declared, str) else split_union(declared)
-        found[name] = join_kinds([*parts, NoneType] if one.default is None else parts)
+        found[name] = join_kinds(parts, is_optional=one.default is None)
     return found
 
 
@@ -221,17 +224,19 @@ def check_arguments(call: Call, of: str = "") -> Call:
 
 
 def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
-    """What is wrong with an argument, or with the first item of a list that is, in a sentence."""
-    where = name
+    """What is wrong with an argument, or with the first item in it that is, in a sentence."""
+    where, alone = name, ""
     if kind.items is not None and isinstance(value, list | tuple):
-        for place, item in enumerate(value):
-            if not kind.items.takes(item):
-                where, kind, value = f"item {place + 1} of {name}", kind.items, item
-                break
-    elif kind.items is not None and kind.items.takes(value):
-        return SceneError(f"{of}{name} must be {kind.words}, not {value!r}; one alone is [{value!r}]", name)
+        parts = [(f"item {place} of {name}", kind.items, item) for place, item in enumerate(value, 1)]
+    elif kind.values is not None and isinstance(value, Mapping):
+        parts = [(f"{name}: {key}", kind.values, item) for key, item in value.items() if isinstance(key, str)]
+    else:
+        parts = []
+        if kind.items is not None and kind.items.takes(value):
+            alone = f"; one alone is [{show_value(value)}]"
+    where, kind, value = next((part for part in parts if not part[1].takes(part[2])), (name, kind, value))
     words = kind.words.replace("a number", "a real number") if isinstance(value, complex) else kind.words
-    return SceneError(f"{of}{where} must be {words}, not {show_given(name, value)}", name)
+    return SceneError(f"{of}{where} must be {words}, not {show_given(name, value)}{alone}", name)
 
 
 def show_given(name: str, value: Any) -> str:
@@ -257,10 +262,10 @@ def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[st
             for one in given.__mro__:
                 if one.__module__.startswith(PACKAGE):
                     check_methods(one, {*inner})
-        else:
+        elif inspect.signature(given).parameters:
             checked = check_arguments(given)
-            for place in (module, sys.modules[given.__module__]):  # pickles look for it where it was made
-                setattr(place, name, checked)
+            setattr(module, name, checked)
+            setattr(sys.modules[given.__module__], given.__name__, checked)  # where pickles look for it
 
 
 def is_own(one: Any, module: str) -> bool:

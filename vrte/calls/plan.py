@@ -2,9 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
-from vrte.basics.arrays import show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible, start_run
 from vrte.calls.derivatives import Derivatives, check_differentiable, plan_derivatives, read_derivatives
@@ -17,7 +16,9 @@ from vrte.scene.scene import Scene
 REQUESTS: dict[str, Callable[..., Request]] = {"brdf": make_brdf_request, "radiance": make_radiance_request}
 
 
-def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Derivatives = None, **keywords: Any) -> Plan:
+def plan(
+    kind: Literal["brdf", "radiance"], scene: Scene, *arguments: Any, derivatives: Derivatives = None, **keywords: Any
+) -> Plan:
     """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
 
     Parameters
@@ -66,6 +67,4 @@ def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Derivatives = No
 
 def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
-    if not (isinstance(kind, str) and kind in REQUESTS):
-        raise SceneError.of("kind", f"must be 'brdf' or 'radiance', not {show_value(kind)}")
     return choose_method(REQUESTS[kind](scene, *arguments, **keywords))

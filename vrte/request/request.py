@@ -84,12 +84,12 @@ def check_scene(scene: Any) -> Scene:
     return scene
 
 
-def check_stokes_vector(values: Any, name: str = "stokes") -> Array:
+def check_stokes_vector(values: Any) -> Array:
     """Four numbers of any sensible unit that are light. Raises SceneError."""
-    array = check_vector(name, values)
+    array = check_vector("stokes", values)
     if array.shape != (4,):
-        raise SceneError.of(name, f"must be four numbers I, Q, U, V, not {array.size}")
-    check_physical(name, array)
+        raise SceneError.of("stokes", f"must be four numbers I, Q, U, V, not {array.size}")
+    check_physical("stokes", array)
     return array
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from vrte.basics.arrays import Array, check_number, check_numbers, check_vector, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import compute_weights, extend_azimuths, extend_over_pole, mirror_azimuths
-from vrte.request.request import check_stokes_vector
 from vrte.results.brdf import Brdf
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
@@ -61,11 +60,14 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     """
     place = check_whole("place", place, 0, brdf.mu_i.size - 1)
     theta, phi = check_vector("theta", theta), check_vector("phi", phi)
+    light = check_vector("incident", incident)
+    if light.size != 4:
+        raise SceneError.of("incident", f"must be four numbers I, Q, U, V, not {light.size}")
     azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[place])
     if not np.isfinite(matrices).all():
         raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
-    smooth = _turn_axes(matrices @ check_stokes_vector(incident, "incident"), -azimuths)
+    smooth = _turn_axes(matrices @ light, -azimuths)
     given, places = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
     here, opposite = (compute_weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
     circle, light = extend_over_pole(given, here, opposite)
