@@ -299,8 +299,8 @@ def test_a_base_may_overwrite_what_it_is_given() -> None:
 PLAIN = vrte.Layer(vrte.isotropic(), 0.5, 1.0)
 SCENE = vrte.Scene(PLAIN)
 ANSWERS: list[tuple[Callable[[], Any], str]] = [
-    (lambda: vrte.Layer(vrte.isotropic(), True, 1.0), "layer: albedo"),
-    (lambda: vrte.Layer(vrte.isotropic(), "0.5", 1.0), "layer: albedo"),
+    (lambda: vrte.Layer(vrte.isotropic(), True, 1.0), "Layer: albedo"),
+    (lambda: vrte.Layer(vrte.isotropic(), "0.5", 1.0), "Layer: albedo"),
     (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1e13), "layer: thickness"),
     (lambda: vrte.Scene([PLAIN] * 10_001), "layers"),
     (lambda: vrte.brdf(SCENE, 0.5, np.array([0.5 + 1e-3j]), 0.0, nodes=2), "mu_o"),
@@ -317,7 +317,7 @@ ANSWERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: vrte.spheres(1e308, radius_um=1.0, wavelength_um=0.5), "n and k must be at most 10000"),
     (lambda: vrte.PhaseMatrix([1.0], b1=[0.0, 0.0, 1e308]), "b1 holds 1e+308"),
     (lambda: vrte.rayleigh(Sullen()), "depolar"),
-    (lambda: vrte.Lambertian(np.array([1.0, 2.0, 1.0 + 1e-15], dtype=object)), "base: albedo must be a number"),
+    (lambda: vrte.Lambertian(np.array([1.0, 2.0, 1.0 + 1e-15], dtype=object)), "Lambertian: albedo must be a number"),
     # a flag is true or false, and an empty array is neither
     *[
         (lambda value=value: vrte.brdf(SCENE, 0.5, 0.5, nodes=2, transmission=value), "transmission must be True or")

@@ -102,11 +102,15 @@ class TestInit:
     ) -> None:
         monkeypatch.chdir(tmp_path)
         assert run("init", kind) == 0
-        *_, last = capsys.readouterr().out.splitlines()
+        *_, solve, view = capsys.readouterr().out.splitlines()
+        assert view == f"in a browser: vrte view {kind}.toml"
         assert Path(f"{kind}.toml").read_text() == (FOLDER / f"{kind}.toml").read_text()
-        assert run(*words_of(last.removeprefix("next: "))) == 0
+        assert run(*words_of(solve.removeprefix("next: "))) == 0
         assert capsys.readouterr().err == ""
-        assert Path(f"{kind}.png").read_bytes().startswith(b"\x89PNG")
+        if kind == "paint":
+            assert Path("paint.html").read_bytes().startswith(b"<!doctype html>")
+        else:
+            assert Path(f"{kind}.png").read_bytes().startswith(b"\x89PNG")
 
     def test_nothing_is_written_over_without_force(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         path = tmp_path / "mine scene.toml"
@@ -117,7 +121,7 @@ class TestInit:
         )
         assert path.read_text() == "mine"
         assert run("init", "sea", "-o", path, "--force") == 0
-        told = capsys.readouterr().out.splitlines()[-1]
+        told = capsys.readouterr().out.splitlines()[-2]
         assert words_of(told.removeprefix("next: "))[1] == str(path)
         assert read_scene(path).kind == "brdf"
 

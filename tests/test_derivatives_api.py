@@ -178,11 +178,11 @@ def test_results_keep_derivatives_read_only_and_checked():
 @pytest.mark.parametrize(
     ("scene", "asked", "said"),
     [
-        (HAZE, "layer[2].thickness", "no such layer; those of the scene are 1"),
-        (GLOSSY, DEPTH, "no such layer; those of the scene are 2"),
+        (HAZE, "layer[2].thickness", "no such layer; the scene has layer 1"),
+        (GLOSSY, DEPTH, "no such layer; the scene has layer 2"),
         (HAZE, "layer[1].colour", "no number of a scene is called so"),
         (HAZE, 3.0, "list"),
-        (HAZE, [3.0], "must be names or vrte.Variation, not 3.0"),
+        (HAZE, [3.0], "item 1 of derivatives must be a text or a vrte.Variation, not 3.0"),
         (HAZE, [DEPTH, DEPTH], "asked for twice"),
         (HAZE, "layer[1].coefficients[0].a1", "cannot change"),
         (HAZE, "layer[1].coefficients[1].b1", "does nothing"),

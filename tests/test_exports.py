@@ -114,7 +114,7 @@ class TestSpectrum:
         bottom = replace(one, diagnostics={"illuminate": "bottom"})
         for others, words in (
             ((one,), "one a wavelength, 2, not 1"),
-            ((one, 3), "must be vrte.Brdf"),
+            ((one, 3), "must be a vrte.Brdf"),
             ((one, replace(one, phi=[0.0, 91.0])), "phi differs"),
             ((one, replace(one, transmission=None)), "must all have transmission"),
             ((one, bottom), "same side"),

@@ -92,7 +92,7 @@ def test_a_tinted_coat_obeys_beers_law():
         (lambda: pigment((1.5, 0.1)), "host_index: 1.5 .* 0.1i absorbs too much"),
         (lambda: Layer.clear(1.0, (1.5, 0.1), 0.55), "host_index: .* absorbs too much"),
         (lambda: Layer.clear(-1.0, 1.5, 0.55), "thickness_um must be a length"),
-        (lambda: Layer.clear(1.0, 1.5, 0.0), "wavelength_um must be a length above 0"),
+        (lambda: Layer.clear(1.0, 1.5, 0.0), "wavelength_um must be a length from 1e-6 to 1e6 um"),
         (lambda: vrte.mixture([(pigment(), 1.0), (pigment(1.33), 1.0)]), "lie in one medium"),
     ],
 )

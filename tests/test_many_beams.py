@@ -55,7 +55,7 @@ def test_a_list_of_one_beam_keeps_its_axis():
     assert field.stokes.shape == (1, 1, 0, 1, 4)
     assert repr(field.beam(0)) == repr(vrte.radiance(SCENE, 0.6, mu=[], nodes=4))
     assert "1 mu0" in repr(field)
-    with pytest.raises(SceneError, match="there are 1 beams, from 0 on, none at 1"):
+    with pytest.raises(SceneError, match="place must be one of 1 beams, from 0 on, not 1"):
         field.beam(1)
     with pytest.raises(SceneError, match="field of one beam"):
         field.beam(0).beam(0)

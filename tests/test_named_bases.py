@@ -278,7 +278,7 @@ def test_the_orders_of_what_is_cut_are_those_of_a_bent_function() -> None:
         (lambda: vrte.Hapke(0.5, linear=1.5), r"base: linear must give a phase function of at least 0 .* not -0\.5"),
         (lambda: vrte.Hapke(0.5, linear=0.5, asymmetry=0.1), r"base: asymmetry is instead of linear and quadratic"),
         (lambda: vrte.Hapke(0.5, width=0.0), r"base: width must be from 0\.001 to 10, not 0"),
-        (lambda: vrte.RossLi(0.1, 0.1, 0.0, hot_spot=1), r"base: hot_spot must be True or False, not 1"),  # type: ignore[arg-type]
+        (lambda: vrte.RossLi(0.1, 0.1, 0.0, hot_spot=1), "RossLi: hot_spot must be True or False, not 1"),  # type: ignore[arg-type]
         (lambda: vrte.RossLi(0.1, 0.1, 0.0, crown_shape=0.0), r"base: crown_shape must be from 0\.1 to 10, not 0"),
         (lambda: vrte.cox_munk(-1.0), r"base: wind must be a speed in m/s from 0 to 40, not -1"),
         (lambda: vrte.cox_munk(5.0, index=0.0), r"base: index must be n or n \+ ik"),

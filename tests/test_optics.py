@@ -119,8 +119,8 @@ def test_numbers_are_taken_as_they_are():
         (0.0, 0.5, "n must be above 0"),
         (math.nan, 0.5, "finite"),
         ((1.0, 2.0, 3.0), 0.5, "a pair"),
-        (None, 0.5, "a name, a database path"),
-        ([[1.5]], 0.5, "a name, a database path"),
+        (None, 0.5, "material must be a text, a number"),
+        ([[1.5]], 0.5, "item 1 of material must be a number"),
     ],
 )
 def test_index_errors(material, wavelength, words):

@@ -242,7 +242,7 @@ GOOD = {"aspect_ratio": 1.5, "radius_um": 0.1, "wavelength_um": 0.5}
     [
         ({"aspect_ratio": 0.0}, "aspect_ratio must be a width over a length, from 0.1 to 10, not 0.0"),
         ({"aspect_ratio": math.nan}, "aspect_ratio must be a width over a length"),
-        ({"aspect_ratio": "flat"}, "aspect_ratio must be a number .a width over a length"),
+        ({"aspect_ratio": "flat"}, "aspect_ratio must be a number"),
         ({"radius_um": None}, "give either radius_um or size"),
         ({"size": vrte.Gamma(0.1, 0.1)}, "give either radius_um or size"),
         ({"radius_um": -0.1}, "radius_um must be a length"),

@@ -258,7 +258,7 @@ def of_diagonal(*values: float) -> np.ndarray:
         ({"specular": np.zeros((5, 4, 4))}, r"base: specular must have the shape \(6, 4, 4\)"),
         ({"specular": 0.9 * np.broadcast_to(np.eye(4), (6, 4, 4))}, r"base: it gives back 1\.214 of the light"),
         ({"index_above": 0.0}, r"base: index_above must be a real refractive index from 0\.1 to 10, not 0\.0"),
-        ({"average_mirrored": 1}, "base: average_mirrored must be True or False, not 1"),
+        ({"average_mirrored": 1}, "TabulatedBase: average_mirrored must be True or False, not 1"),
     ],
 )
 def test_what_is_no_table_of_a_surface_is_refused(change: dict[str, Any], words: str) -> None:

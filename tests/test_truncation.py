@@ -309,8 +309,8 @@ def test_counts_of_nodes_without_an_answer_are_passed_over() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.97, 600), 1.0, 20.0)], vrte.Lambertian(0.3))
     asked = {"mu": [0.3, 0.9, -0.5, -0.9], "tau": [0.0, 20.0]}
     right = vrte.radiance(scene, 0.6, nodes=96, **asked).stokes
-    for truncation in ("auto", "none"):
-        found = vrte.radiance(scene, 0.6, accuracy=1e-2, truncation=truncation, **asked)
+    for name in ("auto", "none"):
+        found = vrte.radiance(scene, 0.6, accuracy=1e-2, truncation=name, **asked)
         gap = np.abs(found.stokes - right).max(axis=(1, 2, 3)) / right[..., 0].max(axis=(1, 2))
         assert found.diagnostics["promised"]
         assert gap.max() <= 1e-2

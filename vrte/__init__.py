@@ -3,6 +3,7 @@
 from vrte.basics import starting  # noqa: F401  # first of all: Ctrl-C while the rest loads
 
 # isort: split
+import sys as _sys
 from importlib import metadata as _metadata
 
 try:
@@ -19,6 +20,7 @@ except ModuleNotFoundError as error:
 
 from vrte.appearance.appearance import Appearance, appearance
 from vrte.appearance.paint import Paint, paint
+from vrte.basics.arguments import open_front_door as _open_front_door
 from vrte.basics.errors import (
     AccuracyError,
     AccuracyWarning,
@@ -67,6 +69,7 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum
 from vrte.results.views import Views
+from vrte.scene.boundary import Boundary as _Boundary
 from vrte.scene.boundary import Lambertian, MuellerBase
 from vrte.scene.cox_munk import cox_munk
 from vrte.scene.facets import Facets
@@ -86,6 +89,8 @@ try:
     __version__ = _metadata.version("vrte")
 except _metadata.PackageNotFoundError:  # built in place and never installed
     __version__ = "0+unknown"
+
+_INNER = ("quadrature", "compute_elements", "compute_f", "compute_phase_function", "weigh")  # called while solving
 
 __all__ = [
     "RPV",
@@ -173,3 +178,5 @@ __all__ = [
     "to_mitsuba",
     "views",
 ]
+
+_open_front_door(_sys.modules[__name__], __all__, inner=[*vars(_Boundary), *_INNER])

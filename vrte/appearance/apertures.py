@@ -17,12 +17,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number, check_whole
+from vrte.basics.arrays import Array, check_cosines, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.optics.facet_energy import restore_lost
 from vrte.optics.facets import RoughSurface
-from vrte.scene.interface import Interface, check_cosines
+from vrte.scene.interface import Interface
 
 POINTS, MOST_POINTS = 8, 64  # of a panel; half as many of what has no peak
 SOURCE_POINTS = 4  # of half a source, either way: it is smaller than its receptor, and 3e-6 of a share is left out

@@ -470,7 +470,7 @@ def appearance(
     0.2 51.84
     """
     illuminant, observer = check_light(illuminant, observer)
-    kept = illuminant, observer, float(port_deg)
+    kept = illuminant, observer, port_deg
     if isinstance(scene, Spectrum):
         given = {"wavelengths_um": wavelengths_um, "layer": layer, **asked}
         for name in (name for name, value in given.items() if value is not None):

@@ -19,7 +19,7 @@ from vrte.appearance.lights import weigh_wavelengths
 from vrte.appearance.paint_words import describe_content, list_approximations, list_hiding_readings
 from vrte.appearance.panel import Panel, make_panel, read_source
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
 from vrte.calls.spectrum import Source
@@ -270,6 +270,7 @@ def paint(
     >>> round(found.hiding.contrast_ratio, 3), found.glosses
     (0.747, {})
     """
+    check_number("white", white, 0.0, 1.0, "an albedo from 0 to 1")
     fields = {key: asked.pop(key) for key in KEYS if key in asked}
     if isinstance(fields.get("binder"), tuple):
         fields["binder"] = list(fields["binder"])  # n, k

@@ -15,6 +15,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
 
 MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
+SMALLEST_COSINE = 1e-8  # of light: nearer to the horizon, nothing is solved
 EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
 
@@ -69,6 +70,23 @@ def check_vector(name: str, values: Any) -> Array:
         raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.isfinite(array).all():
         raise SceneError.of(name, f"must be finite numbers, not {array[~np.isfinite(array)][0]}")
+    return array
+
+
+def check_cosines(name: str, values: Any, signed: bool = False) -> Array:
+    """Cosines with 1e-8 <= |mu| <= 1, positive unless ``signed``."""
+    if type(values) is float and SMALLEST_COSINE <= (abs(values) if signed else values) <= 1.0:
+        return freeze_copy([values])
+    array = check_vector(name, values)
+    size = np.abs(array) if signed else array
+    bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
+    if bad.any():
+        worst = float(array[bad][0])
+        allowed = "1e-8 <= |mu| <= 1 (above 0: up, below 0: down)" if signed else "1e-8 <= mu <= 1"
+        meant = (
+            f"; {abs(worst):g} degrees have the cosine {math.cos(math.radians(worst)):.6g}" if abs(worst) > 1.0 else ""
+        )
+        raise SceneError.of(name, f"must satisfy {allowed}, as cosines do, not {worst:g}{meant}")
     return array
 
 

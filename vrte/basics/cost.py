@@ -5,10 +5,9 @@ unknowns of a hemisphere. What will take long is said before it starts, and refu
 """
 
 import math
-import warnings
 from collections.abc import Mapping
 
-from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.errors import LongSolveWarning, SceneError, warn_user
 
 # seconds
 LONG = 20.0  # that are told
@@ -83,7 +82,7 @@ def foretell(seconds: float, limit: float, why: str, change: str, told: bool = F
     if seconds > limit:
         raise SceneError(f"{said}, or go on with time_limit_s above its {say_time(limit)} (math.inf for no limit)")
     if not told:
-        warnings.warn(said, LongSolveWarning, stacklevel=2)
+        warn_user(said, LongSolveWarning)
 
 
 def say_time(seconds: float) -> str:

@@ -1,5 +1,7 @@
 """The errors a user meets, each one clear sentence."""
 
+import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -15,7 +17,7 @@ class SceneError(ValueError):
     Parameters
     ----------
     message : str
-        The sentence.
+        The sentence; what cannot be printed in it, a line break among them, becomes a space.
     *place : str or int
         The argument of a call, "mu_i", or the way to a key of a scene file, "layer", 0, "thickness", which the sentence
         calls layer[1].thickness; nothing where it is nothing in particular.
@@ -31,6 +33,8 @@ class SceneError(ValueError):
     """
 
     def __init__(self, message: str, *place: str | int) -> None:
+        if not message.isprintable():
+            message = "".join(sign if sign.isprintable() else " " for sign in message)
         super().__init__(message)
         self.place: Place = place
 
@@ -157,6 +161,14 @@ class SweepError(RuntimeError):
 
     It is a RuntimeError; the same sweep, called again, goes on with the chunks that are left.
     """
+
+
+def warn_user(message: str, category: type[Warning]) -> None:
+    """Warns at the line outside of vrte from which all this was called."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("vrte."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 for _error in list(globals().values()):

@@ -7,13 +7,19 @@ import numpy as np
 
 from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible, start_run
-from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
+from vrte.calls.derivatives import (
+    Derivative,
+    Derivatives,
+    check_differentiable,
+    read_derivatives,
+    solve_with_derivatives,
+)
 from vrte.calls.differences import differentiate_beams
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, check_scene, make_brdf_request
+from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
@@ -43,7 +49,7 @@ def brdf(
     time_limit_s: float | None = None,
     precision: str | None = None,
     grading: int | None = None,
-    derivatives: Any = None,
+    derivatives: Derivatives = None,
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
@@ -89,7 +95,7 @@ def brdf(
     1.0
     """
     asked = locals()
-    variations = read_derivatives(check_scene(scene), asked.pop("derivatives"))
+    variations = read_derivatives(scene, asked.pop("derivatives"))
     return solve_brdf(choose_method(make_brdf_request(**asked)), progress, variations=variations)
 
 

@@ -2,13 +2,14 @@
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
+from vrte.basics.arrays import check_list
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
 from vrte.calls.alike import make_alike_request, solve_alike_ones
 from vrte.calls.brdf import make_brdf, solve_brdf
-from vrte.calls.derivatives import check_differentiable, read_derivatives
+from vrte.calls.derivatives import Derivatives, check_differentiable, read_derivatives
 from vrte.calls.forecast import foretell_all
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
@@ -22,10 +23,12 @@ from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
+MOST_SCENES = 1_000_000
+
 
 @describe_options
 def brdfs(
-    scenes: Iterable[Scene],
+    scenes: Annotated[Iterable[Scene], Any],
     mu_i: Any,
     mu_o: Any,
     phi: Any = 0.0,
@@ -44,7 +47,7 @@ def brdfs(
     settings: Mapping[str, Any] | None = None,
     precision: str | None = None,
     grading: int | None = None,
-    derivatives: Any = None,
+    derivatives: Derivatives = None,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
@@ -83,7 +86,7 @@ def brdfs(
     [2, 2]
     """
     asked = locals()
-    given = list(asked.pop("scenes"))
+    given = check_list("scenes", asked.pop("scenes"), MOST_SCENES)
     names = asked.pop("derivatives")
     requests: list[Request] = []
     variations = []

@@ -1,6 +1,6 @@
 """Derivatives of what a call finds: which are asked for, and how each is found."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from vrte.scene.variation import Variation
 from vrte.scene.vary import vary_scene
 
 MOST_DERIVATIVES = 10_000
+Derivatives = str | Variation | Iterable[str | Variation] | None  # as calls take them
 ALGEBRA, BY_SOLVES = "algebra", "differences of the solve"  # how derivatives are found
 
 
@@ -40,13 +41,13 @@ class Derivative:
         return self.variation.name
 
 
-def read_derivatives(scene: Scene, derivatives: Any) -> list[Variation]:
+def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
     """The variations that are asked for, names among them looked up in the scene. Raises SceneError for a name that
     there is not, that does nothing or stands there twice, and for a variation of another scene."""
     if derivatives is None:
         return []
-    alone = isinstance(derivatives, str | Variation)
-    given = check_list("derivatives", [derivatives] if alone else derivatives, MOST_DERIVATIVES)
+    several = (derivatives,) if isinstance(derivatives, str | Variation) else derivatives
+    given = check_list("derivatives", several, MOST_DERIVATIVES)
     found = [one if isinstance(one, Variation) else vary_scene(scene, one) for one in given]
     names = [one.name for one in found]
     for one in found:

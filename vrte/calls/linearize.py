@@ -18,7 +18,7 @@ from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.how import describe_options
-from vrte.request.request import Request, check_scene, make_brdf_request
+from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
 from vrte.scene.scene import Scene
@@ -195,7 +195,6 @@ def linearize(
         "illuminate": "top",
     }
     asked = {name: value for name, value in locals().items() if name not in ("fixed",)}
-    check_scene(scene)
     request = choose_method(make_brdf_request(**asked, **fixed))
     check_differentiable(request)
     run = make_run(request)

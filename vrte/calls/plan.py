@@ -2,22 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
-from vrte.basics.arrays import show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible, start_run
-from vrte.calls.derivatives import check_differentiable, plan_derivatives, read_derivatives
+from vrte.calls.derivatives import Derivatives, check_differentiable, plan_derivatives, read_derivatives
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
 from vrte.request.how import AUTO, EXACT
-from vrte.request.request import Request, check_scene, make_brdf_request, make_radiance_request
+from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
 REQUESTS: dict[str, Callable[..., Request]] = {"brdf": make_brdf_request, "radiance": make_radiance_request}
 
 
-def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Any = None, **keywords: Any) -> Plan:
+def plan(
+    kind: Literal["brdf", "radiance"], scene: Scene, *arguments: Any, derivatives: Derivatives = None, **keywords: Any
+) -> Plan:
     """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
 
     Parameters
@@ -54,7 +55,7 @@ def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Any = None, **ke
     if request.method != EXACT and not request.method_rule:
         words = f"has no plan: there are plans of {EXACT!r} and {AUTO!r}"
         raise SceneError(f"method {request.method!r} {words}", "method")
-    variations = read_derivatives(check_scene(scene), derivatives)
+    variations = read_derivatives(scene, derivatives)
     if variations:
         check_differentiable(request)
     run = start_run(request.threads)
@@ -66,6 +67,4 @@ def plan(kind: str, scene: Scene, *arguments: Any, derivatives: Any = None, **ke
 
 def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
-    if not (isinstance(kind, str) and kind in REQUESTS):
-        raise SceneError.of("kind", f"must be 'brdf' or 'radiance', not {show_value(kind)}")
     return choose_method(REQUESTS[kind](scene, *arguments, **keywords))

@@ -7,12 +7,18 @@ import numpy as np
 
 from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible
-from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
+from vrte.calls.derivatives import (
+    Derivative,
+    Derivatives,
+    check_differentiable,
+    read_derivatives,
+    solve_with_derivatives,
+)
 from vrte.calls.differences import differentiate_beams
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, check_scene, find_under, make_radiance_request
+from vrte.request.request import Request, find_under, make_radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
@@ -43,7 +49,7 @@ def radiance(
     precision: str | None = None,
     grading: int | None = None,
     side: str = "above",
-    derivatives: Any = None,
+    derivatives: Derivatives = None,
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
@@ -96,7 +102,7 @@ def radiance(
     (1, 2, 1, 4)
     """
     asked = locals()
-    variations = read_derivatives(check_scene(scene), asked.pop("derivatives"))
+    variations = read_derivatives(scene, asked.pop("derivatives"))
     request = choose_method(make_radiance_request(**asked))
     if variations:
         check_differentiable(request)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, check_number, settle_array
-from vrte.basics.errors import AccuracyWarning, SceneError
+from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
 from vrte.calls.brdf import brdf
 from vrte.request.how import EXACT
@@ -76,11 +76,10 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
         finer = min(place + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)
         more = finer[0] > place or (off_azimuths > wanted and finer[1] > azimuths)
         place, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
-    warnings.warn(
+    warn_user(
         f"the base is off by {max(off, off_azimuths):.2g} between its {COSINES[place]} cosines and {azimuths} "
         f"azimuths, and {wanted:g} was asked for",
         AccuracyWarning,
-        stacklevel=2,
     )
     return base
 

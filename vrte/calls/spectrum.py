@@ -27,7 +27,7 @@ def spectrum(
     wavelengths_um: Any = None,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
-    derivatives: Any = None,
+    derivatives: str | Sequence[str] | None = None,
     **asked: Any,
 ) -> Spectrum:
     """The Mueller BRDFs of a scene file at several wavelengths, particles worked out anew at each.
@@ -83,7 +83,7 @@ def spectrum(
 
 
 def vary_files(
-    scene: Source, wavelengths: Array, derivatives: Any, folder: str | os.PathLike[str] = "."
+    scene: Source, wavelengths: Array, derivatives: str | Sequence[str] | None, folder: str | os.PathLike[str] = "."
 ) -> list[list[Variation]]:
     """How the scene of a file changes with numbers of these names at each wavelength; nothing where there are none.
     Raises SceneError, which names the wavelength."""

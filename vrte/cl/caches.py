@@ -12,7 +12,6 @@ import os
 import shutil
 import tempfile
 import threading
-import warnings
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,7 +19,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.errors import DeviceError
+from vrte.basics.errors import DeviceError, warn_user
 from vrte.cl.drivers import set_variable
 
 try:
@@ -97,11 +96,10 @@ def _make_temporary_folder(unusable: Path, error: OSError) -> Path:
         folder = tempfile.mkdtemp(prefix="vrte-opencl-")
     except OSError as second:
         raise DeviceError(f"OpenCL kernels cannot be compiled: neither {unusable} ({error}) nor {second}") from second
-    warnings.warn(
+    warn_user(
         f"OpenCL kernels are compiled anew by each process: no files can be written in {unusable} "
         f"({VARIABLE} names another folder)",
         UserWarning,
-        stacklevel=2,
     )
     return Path(folder)
 

@@ -43,14 +43,17 @@ def run(options: argparse.Namespace) -> None:
         part.write_bytes((FOLDER / f"{options.kind}.toml").read_bytes())
     say_written(path)
     print(f"next: {tell_next(options.kind, path)}")
+    print(f"in a browser: {shlex.join(['vrte', 'view', str(path)])}")
 
 
 def tell_next(kind: str, path: Path) -> str:
-    """The command that solves a scene file: into a picture, or a table where no picture can be made.
+    """The command that solves a scene file: into a picture, or a table where no picture can be made; of a paint into a
+    page, which has its own name without being told.
 
     >>> tell_next("cloud", Path("cloud.toml")).split(" --")[0]
     'vrte field cloud.toml'
     """
     draws = importlib.util.find_spec("matplotlib") is not None
     output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
+    output = [] if kind == "paint" else output
     return shlex.join(["vrte", KINDS[kind][0], str(path), *map(str, output)])

@@ -77,8 +77,8 @@ NOTES = {  # what options alone do not say
 
 {KINDS_TOLD}
 
-Every line of the file says in which unit a number is and what else could stand there; the last line that the command
-prints is the command to type next.""",
+Every line of the file says in which unit a number is and what else could stand there; the last two lines that the
+command prints are commands to type next.""",
     "brdf": SOLVING,
     "field": "Algorithms and methods are those of [vrte brdf](#vrte-brdf).",
     "sweep": "On threads, a Dask cluster or an OpenCL device.",

@@ -1,19 +1,23 @@
 """vrte.Measurement: what was measured, where, and how well."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.appearance.geometries import read_geometry
 from vrte.appearance.lights import check_light
-from vrte.basics.arrays import Array, check_numbers, settle_array, show_value
+from vrte.basics.arrays import Array, check_list, check_numbers, settle_array, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import LOOK, QUANTITIES, Quantity
 from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns, write_table
 from vrte.formats.toml_table import suggest_nearest
+
+if TYPE_CHECKING:
+    from vrte.formats.scene_family import SceneFamily
+    from vrte.scene.scene import Scene
 
 DEFAULTS: dict[str, Any] = {"illuminant": "D65", "observer": 10.0, "phi_deg": 0.0}  # where a place is left empty
 OPTIONAL = ("wavelength_um",)
@@ -189,7 +193,14 @@ class Measurement:
         >>> vrte.Measurement("f00", [0.1, 0.2], theta_i_deg=0.0, theta_o_deg=[10.0, 20.0]).pick([1]).value.tolist()
         [0.2]
         """
-        return Measurement(**{name: getattr(self, name)[rows] for name in COLUMNS})
+        try:
+            here = np.atleast_1d(np.arange(len(self))[rows])
+        except Exception:  # whatever NumPy says of it
+            here = np.zeros((0, 0))
+        if here.ndim != 1 or not here.size:
+            words = f"must be places from 0 to {len(self) - 1}, or whether each row is taken, not {show_value(rows)}"
+            raise SceneError.of("rows", words)
+        return Measurement(**{name: getattr(self, name)[here] for name in COLUMNS})
 
     def measure(self, value: Any, sigma: Any = None) -> "Measurement":
         """The same rows with other values: what another panel, or a model, shows there.
@@ -212,17 +223,28 @@ class Measurement:
         >>> vrte.Measurement("total_reflectance", [0.5], theta_i_deg=8.0).measure([0.4]).value.tolist()
         [0.4]
         """
+        columns = {"value": make_column("value", value), "sigma": make_column("sigma", sigma)}
+        for name, column in columns.items():
+            if column.size not in (1, len(self)):
+                raise SceneError.of(name, f"must be one for all, or one a row, {len(self)}, not {column.size}")
         return replace(self, value=value, sigma=self.sigma if sigma is None else sigma)
 
-    def predict(self, scene: Any, **asked: Any) -> Array:
+    def predict(
+        self,
+        scene: "str | os.PathLike[str] | Mapping[str, Any] | Scene | SceneFamily",
+        nodes: int | None = None,
+        accuracy: float | None = None,
+        wavelengths_um: Any = None,
+        folder: str | os.PathLike[str] = ".",
+    ) -> Array:
         """What a scene would show in every row.
 
         Parameters
         ----------
         scene : path, mapping, Scene or SceneFamily
             As for `vrte.fit`.
-        **asked
-            nodes, accuracy, folder and wavelengths_um as for `vrte.fit`.
+        nodes, accuracy, wavelengths_um, folder
+            As for `vrte.fit`.
 
         Returns
         -------
@@ -244,7 +266,7 @@ class Measurement:
         """
         from vrte.fit.model import make_model
 
-        return make_model(self, scene, (), **asked).predict(np.zeros(0))
+        return make_model(self, scene, (), nodes, accuracy, wavelengths_um, folder).predict(np.zeros(0))
 
     def save(self, path: str | os.PathLike[str], comment: str = "") -> None:
         """Writes the rows as CSV, which `vrte.read_measurement` brings back.
@@ -291,10 +313,10 @@ ALLOWED = {
 def make_column(name: str, given: Any) -> Any:
     """A column as an array (1,) or (n,); empty places are NaN or "". Raises SceneError."""
     if name in WORDS:
-        words = [""] if given is None else [given] if isinstance(given, str) else list(given)
+        words = [""] if given is None else [given] if isinstance(given, str) else check_list(name, given, MOST_ROWS)
         if not words or not all(isinstance(one, str) for one in words):
             raise SceneError.of(name, f"must be a text, or one a row, not {show_value(given)}")
-        return np.array(words, dtype=object)
+        return np.array([str(one) for one in words], dtype=object)
     found = np.atleast_1d(check_numbers(name, np.nan if given is None else given))
     if found.ndim != 1 or not found.size:
         raise SceneError.of(name, f"must be a number, or one a row, not of shape {found.shape}")
@@ -305,7 +327,9 @@ def check_quantities(given: Sequence[str]) -> None:
     """Whether all quantities are known. Raises SceneError."""
     for row, name in enumerate(given):
         if name not in QUANTITIES:
-            hint = suggest_nearest(name, QUANTITIES) or f"; there are {', '.join(QUANTITIES)}"
+            others = ", ".join(one for one in QUANTITIES if not one[-1].isdigit())
+            matrices = "f00 to f33, t00 to t33, normalized_f01 to normalized_f33, normalized_t01 to normalized_t33"
+            hint = suggest_nearest(name, QUANTITIES) or f"; there are {matrices}, {others}"
             raise SceneError(f"row {row + 1}: there is no quantity {show_value(name)}{hint}", "quantity")
 
 

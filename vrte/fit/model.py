@@ -329,13 +329,12 @@ def make_model(
     jacobian: str = "exact",
 ) -> Model:
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
-    if not isinstance(measurement, Measurement):
-        raise SceneError.of("measurement", f"must be a vrte.Measurement, not {type(measurement).__name__}")
     looks = [QUANTITIES[name].needs == LOOK for name in measurement.quantity.tolist()]
     at = {None if math.isnan(one) else float(one) for one in measurement.wavelength_um[np.logical_not(looks)].tolist()}
     if wavelengths_um is not None and not any(looks):
         raise SceneError.of("wavelengths_um", "are of colours, and none was measured")
-    asked = {name: one for name, one in (("nodes", nodes), ("accuracy", accuracy), ("threads", threads)) if one}
+    given = {"nodes": nodes, "accuracy": accuracy, "threads": threads}
+    asked = {name: one for name, one in given.items() if one is not None}
     if isinstance(scene, SceneFamily):
         scene, folder = scene.source, scene.folder or folder
     if isinstance(scene, Scene):

@@ -2,15 +2,15 @@
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
-from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning
+from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning, warn_user
 from vrte.basics.running import Progress, share_progress
+from vrte.calls.spectrum import Source
 from vrte.fit.identify import (
     find_blind_spots,
     find_correlations,
@@ -25,6 +25,8 @@ from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
 from vrte.fit.verdict import NO_NOISE, UNLIKELY, describe_pattern, find_p_value, guess_units, tell
+from vrte.formats.scene_family import SceneFamily
+from vrte.scene.scene import Scene
 
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
@@ -68,7 +70,7 @@ Watch = Callable[[Step], None]
 
 def fit(
     measurement: Measurement,
-    scene: Any,
+    scene: Source | Scene | SceneFamily,
     free: Sequence[str] | Mapping[str, Any],
     priors: Mapping[str, Any] | None = None,
     bounds: Mapping[str, Any] | None = None,
@@ -179,8 +181,9 @@ def fit(
     check_choice("jacobian", jacobian, JACOBIANS)
     count = check_whole("starts", starts, 1, MOST_STARTS)
     most = check_whole("most_steps", most_steps, 1, 100_000)
+    check_whole("seed", seed, 0, 2**64)
     names = list(free)
-    if isinstance(free, str) or not names or len(set(names)) < len(names):
+    if not names or len(set(names)) < len(names):
         raise SceneError.of("free", "must be one or more names of numbers of the scene, each once")
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
     begun = dict(zip(names, model.start.tolist(), strict=True))
@@ -344,10 +347,10 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     alike = list_alike(model.names, find_correlations(covariance))
     for one, other, correlation in alike:
         told = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
-        warnings.warn(f"{told}: fix one, or give it a prior", IndistinguishableWarning, stacklevel=3)
+        warn_user(f"{told}: fix one, or give it a prior", IndistinguishableWarning)
         blind.append(told)
     if blind and not alike:
-        warnings.warn(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning, stacklevel=3)
+        warn_user(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning)
     return Fit(
         names=tuple(model.names),
         values=best.values,
@@ -389,9 +392,9 @@ def list_faults(
         faults, sound = [f"the model may not fit: {pattern[0]}"], False
     guesses = [] if sound else [*guess_units(given)]
     for words in guesses:
-        warnings.warn(words, UnitsWarning, stacklevel=4)
+        warn_user(words, UnitsWarning)
     if faults:
-        warnings.warn("; ".join(faults), MisfitWarning, stacklevel=4)
+        warn_user("; ".join(faults), MisfitWarning)
     return [*faults, *guesses]
 
 

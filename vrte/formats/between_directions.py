@@ -5,9 +5,11 @@ meridian planes go on into their other half, f(-theta_i, theta_o, phi) = f(theta
 horizon, where f (mu_i + mu_o) is an even function of 1 - s.
 """
 
+from typing import Any
+
 import numpy as np
 
-from vrte.basics.arrays import Array, check_whole
+from vrte.basics.arrays import SMALLEST_COSINE, Array, check_whole
 from vrte.basics.splines import (
     MIRROR,
     compute_coefficients,
@@ -18,7 +20,6 @@ from vrte.basics.splines import (
     make_spline_matrix,
     stretch_cosines,
 )
-from vrte.request.request import SMALLEST_COSINE
 from vrte.results.brdf import Brdf
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
@@ -26,7 +27,7 @@ FEWEST, MOST = 8, 1024
 MARGIN = 8  # points beyond each end: the ends' own error, which is small on such fine grids, has faded to 3e-5 there
 
 
-def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Array]:
+def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Any]:
     """What a spectrum must be solved for to be written as a table: ``mu_i``, ``mu_o`` and ``phi`` for `vrte.spectrum`.
 
     ``cosines`` of incidence and of exit each, ``azimuths`` from 0 to 180 degrees, the other half is their mirror image.

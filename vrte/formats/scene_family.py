@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 
@@ -76,8 +76,8 @@ class SceneFamily:
     """
 
     source: str | os.PathLike[str] | Mapping[str, Any] | Scene
-    names: Sequence[str]
-    folder: Path | None = None
+    names: Annotated[Sequence[str], str | Sequence[str]]
+    folder: Annotated[Path | None, str | os.PathLike[str] | None] = None
     _content: dict[str, Any] | None = field(init=False, repr=False)
     _places: tuple[Place, ...] = field(init=False, repr=False)
     _optics: "Optics" = field(init=False, repr=False)
@@ -85,8 +85,6 @@ class SceneFamily:
     def __post_init__(self) -> None:
         names = (self.names,) if isinstance(self.names, str) else tuple(check_list("names", self.names, MOST_NAMES))
         for name in names:
-            if not isinstance(name, str):
-                raise SceneError.of("names", f"must be keys such as layer[1].thickness, not {name!r}")
             if names.count(name) > 1:
                 raise SceneError.of("names", f"{name} comes twice")
         content, folder = None, Path(self.folder or "")

@@ -1,6 +1,5 @@
 """Discrete ordinates, the exact method: planned and executed, in two parts where polarized light wants another cut."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import AccuracyWarning
+from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines import choose_engine
@@ -81,11 +80,10 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
     each = intensity.reshape(intensity.shape[0], -1)
     least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
     if request.scene.is_rough and least < -RUNAWAY:
-        warnings.warn(
+        warn_user(
             f"light comes out negative, {least:.1g} of the largest: facets without shadowing send back more than they "
             "get, and what they hold down grows without end; give the interface shadowing = True",
             AccuracyWarning,
-            stacklevel=4,
         )
         return
     if not diagnostics["terms_cut"]:
@@ -93,11 +91,10 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
     if least < -request.accuracy:
         mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
         enough = estimate_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
-        warnings.warn(
+        warn_user(
             f"{diagnostics['nodes']} nodes are too few for the phase matrix: light comes out negative, {least:.1g} of "
             f"the largest; {enough} nodes do by an estimate for an accuracy of {GOOD:g}, or leave nodes out",
             AccuracyWarning,
-            stacklevel=4,
         )
 
 

@@ -1,7 +1,6 @@
 """Successive orders of scattering, (2:21)-(2:27): light scattered s times from light scattered s - 1 times."""
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +10,7 @@ from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.errors import AccuracyWarning
+from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.planning.needs import find_needs
 from vrte.methods.parts.convergence import Convergence, sum_scatterings
@@ -182,7 +181,7 @@ def solve_by_successive_orders(task: Task) -> Answer:
             panels = scene.depths.layer.size
     more = {"levels": int(panels * POINTS), **convergence.diagnostics(settings)}
     for note in () if "orders" in task.request.settings else more["notes"]:  # who says how many knows what they are
-        warnings.warn(note, AccuracyWarning, stacklevel=2)
+        warn_user(note, AccuracyWarning)
     return task.answer_on_nodes(kernels, fluxes, **more)
 
 

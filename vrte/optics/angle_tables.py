@@ -6,15 +6,14 @@ is right to rounding; elsewhere it is a spline of log F11 and of the ratios F_ij
 """
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_flag, check_number, check_vector, freeze_copy, settle_array, show_value
-from vrte.basics.errors import AccuracyWarning, SceneError
+from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, settle_array, show_value
+from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.spherical_functions import find_gap
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
 from vrte.optics.expansion import arrange_coefficients
@@ -189,9 +188,8 @@ def expand_table(
         accuracy = check_number("accuracy", accuracy, 1e-12, 0.1, "from 1e-12 to 0.1, of F11")
     if ends not in (None, EXTRAPOLATE):
         raise SceneError.of("ends", f'must be "{EXTRAPOLATE}" or left out, not {show_value(ends)}')
-    normalise = check_flag("normalise", normalise)
     angles = check_angles(angle_deg)
-    elements = read_elements(angles, columns, about, check_flag("spheres", spheres))
+    elements = read_elements(angles, columns, about, spheres)
     sums = integrate_exactly(angles, elements)
     way, spline = f"exact quadrature over {angles.size} angles", None
     if sums is None:
@@ -212,12 +210,11 @@ def expand_table(
     error = settle_array(follow_errors(coefficients, angles, table.elements)[1])
     told = Expansion(table, convention, integral, way, error, lowest, where)
     if told.largest_error > (accuracy or FINE_ENOUGH):
-        warnings.warn(
+        warn_user(
             f"the expansion of a table over angle is off by {told.largest_error:.2g} of F11 at "
             f"{told.largest_error_angle_deg:g} degrees, with {len(coefficients)} terms; {accuracy or FINE_ENOUGH:g} "
             "was asked for (accuracy=)",
             AccuracyWarning,
-            stacklevel=3,
         )
     return PhaseMatrix(*arrange_coefficients(coefficients), tolerance=tolerance, expansion=told)
 
@@ -357,12 +354,11 @@ def warn_of_coarse_steps(angles: Array, elements: Array, integral: float) -> Non
     fewer = ElementSpline(angles[kept], elements[:, kept])
     ratio, off = fewer.integrate(1)[0, 0] / integral, fewer.compare(angles[~kept], elements[0, ~kept])
     if abs(ratio - 1.0) > MISSED or off > UNRESOLVED:
-        warnings.warn(
+        warn_user(
             f"the steps of a table over angle are coarse: without every other angle the mean of F11 is {ratio:.3g} "
             f"times as large, and F11 at those left out is missed by up to a factor of {math.exp(min(off, 99.0)):.3g}; "
             "what lies between its angles is as uncertain, a peak above all",
             AccuracyWarning,
-            stacklevel=4,
         )
 
 
@@ -374,7 +370,8 @@ def cut_exact_terms(sums: Array, table: ScatteringTable, accuracy: float | None)
         return coefficients[: count_terms(worst, accuracy)]
     size = np.abs(coefficients).max(axis=1)
     noise = max(NO_MORE_TERMS, NOISE * float(size[3 * len(size) // 4 :].max()))
-    return coefficients[: 1 + int(np.flatnonzero(size > noise)[-1])]
+    kept = np.flatnonzero(size > noise)
+    return coefficients[: 1 + int(kept[-1])] if kept.size else coefficients
 
 
 def expand_spline(spline: ElementSpline, mean: float, angles: Array, elements: Array, accuracy: float) -> Array:

@@ -1,7 +1,6 @@
 """Particles close to each other: how they scatter where the light of neighbours interferes, by a named model each."""
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vrte.basics.arrays import Array, show_value
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.optics.effective_medium import (
     Kinds,
     find_coherent_potential_index,
@@ -171,7 +170,7 @@ def _join_populations(populations: Sequence[Population], shares: Sequence[float]
 
 def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
     """Warns above a volume fraction of 0.3, and where the phase shift 2 k r |m - 1| is above 3 for the mean sphere."""
-    check_coherent_potential(particles, volume_fraction, EFFECTIVE_MEDIUM, stacklevel=6)
+    check_coherent_potential(particles, volume_fraction, EFFECTIVE_MEDIUM)
     if particles.balls:
         radii, weights, permittivities = list_sizes(particles.balls)
         ball = particles.balls[0][0]
@@ -184,13 +183,11 @@ def check_effective_medium(particles: Particles, volume_fraction: float) -> None
             )
 
 
-def check_coherent_potential(
-    particles: Particles, volume_fraction: float, packing: str = COHERENT_POTENTIAL, stacklevel: int = 5
-) -> None:
+def check_coherent_potential(particles: Particles, volume_fraction: float, packing: str = COHERENT_POTENTIAL) -> None:
     """Warns above a volume fraction of 0.3."""
     if volume_fraction > CROWDED_UP_TO:
         said = f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, where packing="{packing}" ends'
-        _warn(said, stacklevel=stacklevel)
+        _warn(said)
 
 
 def scatter_in_medium(
@@ -287,6 +284,6 @@ def _share_out(particles: Particles) -> list[tuple[Ball, float]]:
     return [(ball, share / total) for ball, share in particles.balls if share > 0.0]
 
 
-def _warn(words: str, category: type[Warning] = PackingWarning, stacklevel: int = 5) -> None:
-    """Where `Layer.of` is called: that calls `pack`, which calls a check, which calls this."""
-    warnings.warn(f"layer: {words}", category, stacklevel=stacklevel)
+def _warn(words: str, category: type[Warning] = PackingWarning) -> None:
+    """Warns of a layer."""
+    warn_user(f"layer: {words}", category)

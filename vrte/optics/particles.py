@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 from vrte.basics.arrays import check_number, put_in_one_line
 from vrte.basics.errors import SceneError
@@ -100,7 +101,7 @@ class Particles:
         return view(self, "_repr_html_")
 
 
-def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
+def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particles:
     """Several kinds of particles side by side.
 
     Parameters
@@ -125,10 +126,7 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     >>> vrte.mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
     True
     """
-    pairs: list[tuple[Particles, float]] = check_mixture(parts, "particles, number fraction")
-    for kind, _ in pairs:
-        if not isinstance(kind, Particles):
-            raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
+    pairs = check_mixture(parts, Particles, "particles, number fraction", "vrte.mix mixes phase matrices")
     hosts = [kind.host_index for kind, _ in pairs if kind.host_index is not None]
     if hosts and max(hosts) != min(hosts):
         raise SceneError(

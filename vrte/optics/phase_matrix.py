@@ -6,11 +6,10 @@ P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from vrte.basics.arrays import (
     settle_array,
     show_value,
 )
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.spherical_functions import compute_wigner_functions
 from vrte.basics.views import view
 
@@ -391,12 +390,11 @@ class PhaseMatrix:
             )
         if excused:  # what is made of it, a mixture, is allowed as much
             object.__setattr__(self, "tolerance", max(self.tolerance, enough))
-        warnings.warn(
+        warn_user(
             f"the phase matrix is not quite physical: {fault}; taken, as "
             f"{f'its expansion is off by {off / 2.0:.2g}' if excused else f'tolerance {self.tolerance:g} allows'}, but "
             "light may come out negative or too polarized",
             NegativeScatteringWarning,
-            stacklevel=4,
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -532,7 +530,7 @@ def count_henyey_greenstein_terms(g: float) -> int:
     return terms
 
 
-def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
+def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatrix:
     """The mean phase matrix of several kinds of particles, weighted by what each scatters.
 
     Parameters
@@ -560,7 +558,7 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     >>> vrte.mix([(vrte.isotropic(), 1.0), (vrte.rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """
-    pairs = _check_pairs(parts)
+    pairs = check_mixture(parts, PhaseMatrix, "phase matrix, weight", "vrte.mixture mixes particles")
     weights = check_vector("the weights of a mixture", [weight for _, weight in pairs])
     if (weights < 0.0).any() or not weights.any():
         raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {show_value(weights.tolist())}")
@@ -572,8 +570,8 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     return PhaseMatrix(*total.T, tolerance=max(matrix.tolerance for matrix, _ in pairs))
 
 
-def check_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
-    """The parts of a mixture, at least one, as pairs of what ``pair`` says."""
+def check_mixture(parts: Any, kind_of: type, pair: str, other: str) -> list[tuple[Any, Any]]:
+    """The parts of a mixture, at least one, as pairs of what ``pair`` says; ``other``: what mixes other things."""
     found = check_list("the parts of a mixture", parts, MOST_KINDS)
     try:
         pairs = [(kind, share) for kind, share in found]
@@ -581,12 +579,7 @@ def check_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
         raise SceneError(f"a mixture needs pairs ({pair})") from None
     if not pairs:
         raise SceneError("a mixture needs at least one kind of particle, not an empty list")
-    return pairs
-
-
-def _check_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
-    pairs: list[tuple[PhaseMatrix, float]] = check_mixture(parts, "phase matrix, weight")
-    for matrix, _ in pairs:
-        if not isinstance(matrix, PhaseMatrix):
-            raise SceneError(f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first")
+    for kind, _ in pairs:
+        if not isinstance(kind, kind_of):
+            raise SceneError(f"a mixture needs pairs ({pair}), not {type(kind).__name__} as the first; {other}")
     return pairs

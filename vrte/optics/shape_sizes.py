@@ -1,14 +1,13 @@
 """Particles of one shape in random orientation, averaged over sizes."""
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.basics.errors import AccuracyWarning, LongSolveWarning, SceneError
+from vrte.basics.errors import AccuracyWarning, LongSolveWarning, SceneError, warn_user
 from vrte.basics.running import count_usable_cpus
 from vrte.optics.expansion import arrange_coefficients
 from vrte.optics.particles import Particles
@@ -102,11 +101,9 @@ def average_shape(shape: Shape) -> Particles:
     if not shape.absorbs:
         extinction = scattering
     if max(mean.error, 0.0 if shape.absorbs else energy) > FAIR:
-        warnings.warn(
-            f"{shape.words}: the null-field method hardly converges; {description}", AccuracyWarning, stacklevel=3
-        )
+        warn_user(f"{shape.words}: the null-field method hardly converges; {description}", AccuracyWarning)
     if change > DOUBTFUL:
-        warnings.warn(f"{shape.words}: not settled; {description}", SizeAverageWarning, stacklevel=3)
+        warn_user(f"{shape.words}: not settled; {description}", SizeAverageWarning)
     sums = mean.sums * ((2.0 * np.arange(len(mean.sums))[:, None] + 1.0) / mean.sums[0, 0])
     kept = 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > LEFT_OUT)[-1])
     phase_matrix = PhaseMatrix(*arrange_coefficients(sums[:kept]))
@@ -174,7 +171,7 @@ def warn_of_time(shape: Shape, radii: set[float]) -> None:
     seconds = cost.SECONDS_OF_ORDERS * work / count_usable_cpus()
     if seconds > cost.LONG:
         told = f"this will take about {cost.say_time(seconds)}, most of it for the largest {shape.words}"
-        warnings.warn(f"{told}; smaller or rounder ones take less", LongSolveWarning, stacklevel=6)
+        warn_user(f"{told}; smaller or rounder ones take less", LongSolveWarning)
 
 
 def solve_size(shape: Shape, radius_um: float) -> Average:

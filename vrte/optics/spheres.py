@@ -1,7 +1,6 @@
 """Homogeneous spheres after Mie, averaged over sizes."""
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 
 from vrte._core import sphere_coefficients, sphere_slopes
 from vrte.basics.arrays import Array, check_number, show_value
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.optics.particles import HOST_ALLOWED, Particles
 from vrte.optics.phase_matrix import PhaseMatrix, rayleigh
 from vrte.optics.populations import (
@@ -28,7 +27,7 @@ from vrte.optics.populations import (
     settle_population,
     sum_bulk,
 )
-from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, refractive_index
+from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, check_wavelength, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
@@ -177,7 +176,7 @@ def check_phase(relative_index: float, size: float, radius_um: float) -> None:
 
 def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveIndex, float]:
     """The index of the medium around particles, and the wavelength in vacuum [um]. Raises SceneError."""
-    wavelength = check_number("wavelength_um", wavelength_um, 5e-324, math.inf, "a length above 0")
+    wavelength = check_wavelength(wavelength_um)
     return find_host_index(host_index, wavelength), wavelength
 
 
@@ -210,7 +209,7 @@ def average_ball(ball: Ball, host: RefractiveIndex) -> Particles:
     population, changes = settle_population(ball)
     description = _describe_spheres(ball, population, float(changes[:2].max()))
     if changes[:2].max() > DOUBTFUL:
-        warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=3)
+        warn_user(f"spheres: not settled; {description}", SizeAverageWarning)
     extinction, scattering, _, _ = sum_bulk(population) * (2.0 * math.pi / find_wavenumber(ball) ** 2)
     if not ball.absorbs:
         extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that

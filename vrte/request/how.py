@@ -197,13 +197,13 @@ class How:
     def __post_init__(self) -> None:
         left_out = {name for name in OPTIONS if (value := getattr(self, name)) is None or value is False}
         told: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
-        if self.accuracy is None:
-            usual = WITHOUT_NODES if self.nodes is None else WITH_NODES
-            told["accuracy"] = OF_SINGLE if self.precision == "single" else usual
         for name, known in OPTIONS.items():
             value = getattr(self, name)
-            value = told.get(name, known.default) if value is None else value
+            value = known.default if value is None else value
             told[name] = None if value is None else known.check(name, value)
+        if self.accuracy is None:
+            usual = WITHOUT_NODES if self.nodes is None else WITH_NODES
+            told["accuracy"] = OF_SINGLE if told["precision"] == "single" else usual
         for name, value in told.items():
             object.__setattr__(self, name, value)
         self.check_together()

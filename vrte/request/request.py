@@ -10,21 +10,19 @@ from vrte.basics import cost
 from vrte.basics.arrays import (
     Array,
     BoolArray,
-    check_flag,
+    check_cosines,
     check_numbers,
     check_vector,
     freeze_copy,
     settle_array,
-    show_value,
 )
 from vrte.basics.errors import SceneError
-from vrte.request.how import BY_RULE, How, check_options
+from vrte.request.how import BY_RULE, How, check_choice, check_options
 from vrte.request.wanted import Wanted
 from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
-SMALLEST_COSINE = 1e-8
 SIDES = ("above", "below")  # of an interface
 ROWS = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])  # (I, Q) and (U, V)
 
@@ -89,19 +87,6 @@ def check_scene(scene: Any) -> Scene:
     return scene
 
 
-def check_cosines(name: str, values: Any, signed: bool = False) -> Array:
-    """Cosines with 1e-8 <= |mu| <= 1, positive unless `signed`."""
-    if type(values) is float and SMALLEST_COSINE <= (abs(values) if signed else values) <= 1.0:
-        return freeze_copy([values])
-    array = check_vector(name, values)
-    size = np.abs(array) if signed else array
-    bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
-    if bad.any():
-        allowed = "1e-8 <= |mu| <= 1 (above 0: up, below 0: down)" if signed else "1e-8 <= mu <= 1"
-        raise SceneError.of(name, f"must satisfy {allowed}, not {array[bad][0]}")
-    return array
-
-
 def check_stokes_vector(values: Any) -> Array:
     """Four numbers of any sensible unit that are light. Raises SceneError."""
     array = check_vector("stokes", values)
@@ -138,8 +123,7 @@ def find_under(request: "Request") -> BoolArray:
 def check_side(side: Any, scene: Scene, tau: Array, illuminate: str) -> BoolArray:
     """Whether depths at interfaces lie on their lower side, as the light meets them, (n_tau,). Raises SceneError for
     another side than the two, and for one asked for where no depth lies at an interface."""
-    if side not in SIDES:
-        raise SceneError.of("side", f"must be 'above' or 'below', not {show_value(side)}")
+    check_choice("side", side, SIDES)
     turned = illuminate == "bottom"
     under = np.full(tau.size, (side == "below") != turned)
     if side == "below":
@@ -165,10 +149,10 @@ def make_brdf_request(
 ) -> Request:
     """What `vrte.brdf` asks with these arguments, which are its own. Raises SceneError, TypeError."""
     how = check_options(*options, nodes=nodes, threads=threads, **more)
-    scene = turn_to_light(how.illuminate, check_scene(scene))
+    scene = turn_to_light(how.illuminate, scene)
     into, out = check_cosines("mu_i", mu_i), check_cosines("mu_o", mu_o)
     azimuths = check_vector("phi", phi)
-    if check_flag("transmission", transmission) and not np.isfinite(scene.thickness):
+    if transmission and not np.isfinite(scene.thickness):
         raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a layer without end")
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
@@ -207,7 +191,7 @@ def make_radiance_request(
 ) -> Request:
     """What `vrte.radiance` asks with these arguments, which are its own. Raises SceneError, TypeError."""
     how = check_options(*options, nodes=nodes, threads=threads, **more)
-    scene = turn_to_light(how.illuminate, check_scene(scene))
+    scene = turn_to_light(how.illuminate, scene)
     beam = check_cosines("mu0", mu0)
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
     directions = np.ones(1) if fluxes_only else None if mu is None else check_cosines("mu", mu, signed=True)

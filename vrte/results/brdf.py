@@ -99,12 +99,12 @@ class Brdf(Result):
     specular_jacobian: dict[str, Array] | None = None
 
     def __post_init__(self) -> None:
-        incident = (len(self.mu_i),)
-        matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
+        incident = (np.size(self.mu_i),)
+        matrices = (*incident, np.size(self.mu_o), np.size(self.phi), 4, 4)
         shapes: dict[str, tuple[int, ...]] = {"mueller": matrices, "transmission": matrices, "surface": matrices}
         shapes |= dict.fromkeys(("reflectance", "mu_i", "direct_transmittance"), incident)
         shapes |= dict.fromkeys(("specular", "specular_transmission"), (*incident, 4, 4))
-        shapes |= {"mu_o": (len(self.mu_o),), "phi": (len(self.phi),)}
+        shapes |= {"mu_o": (np.size(self.mu_o),), "phi": (np.size(self.phi),)}
         there = {name: shape for name, shape in shapes.items() if getattr(self, name) is not None}
         self._freeze(there)
         self._freeze_derivatives(BRDF_DERIVATIVES, there)

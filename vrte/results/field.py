@@ -100,12 +100,12 @@ class Field(Result):
 
     def __post_init__(self) -> None:
         beams = np.shape(self.mu0)
-        depths = (*beams, len(self.tau))
-        shapes: dict[str, tuple[int, ...]] = {"stokes": (*depths, len(self.mu), len(self.phi), 4)}
+        depths = (*beams, np.size(self.tau))
+        shapes: dict[str, tuple[int, ...]] = {"stokes": (*depths, np.size(self.mu), np.size(self.phi), 4)}
         shapes |= dict.fromkeys(("flux_up", "flux_down", "direct"), depths)
         shapes |= {"direct_up": depths} if self.direct_up is not None else {}
-        shapes |= {"index": (len(self.tau),)} if self.index is not None else {}
-        shapes |= {name: (len(getattr(self, name)),) for name in ("tau", "mu", "phi")} | {"incident_stokes": (4,)}
+        shapes |= {"index": (np.size(self.tau),)} if self.index is not None else {}
+        shapes |= {name: (np.size(getattr(self, name)),) for name in ("tau", "mu", "phi")} | {"incident_stokes": (4,)}
         if len(beams) > 1:
             raise SceneError(f"mu0 must be a number or a 1-D list, not of shape {beams}")
         self._freeze(shapes | ({"mu0": beams} if beams else {}))
@@ -149,7 +149,7 @@ class Field(Result):
         if isinstance(self.mu0, float):
             raise SceneError("this is the field of one beam: there are no others to choose from")
         if not -self.mu0.size <= place < self.mu0.size:
-            raise SceneError(f"there are {self.mu0.size} beams, from 0 on, none at {place}")
+            raise SceneError.of("place", f"must be one of {self.mu0.size} beams, from 0 on, not {place}")
         names = ("stokes", "flux_up", "flux_down", "direct", *(("direct_up",) if self.direct_up is not None else ()))
         shares: dict[str, Any] = {name: getattr(self, name)[place] for name in names}
         for name in FIELD_DERIVATIVES:

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, check_number, check_numbers, check_vector, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import compute_weights, extend_azimuths, extend_over_pole, mirror_azimuths
 from vrte.results.brdf import Brdf
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
+MOST_TIMES = 1000
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
 
 
@@ -57,11 +58,16 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
+    place = check_whole("place", place, 0, brdf.mu_i.size - 1)
+    theta, phi = check_vector("theta", theta), check_vector("phi", phi)
+    light = check_vector("incident", incident)
+    if light.size != 4:
+        raise SceneError.of("incident", f"must be four numbers I, Q, U, V, not {light.size}")
     azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[place])
     if not np.isfinite(matrices).all():
         raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
-    smooth = _turn_axes(matrices @ np.asarray(incident, float), -azimuths)
+    smooth = _turn_axes(matrices @ light, -azimuths)
     given, places = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
     here, opposite = (compute_weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
     circle, light = extend_over_pole(given, here, opposite)
@@ -175,6 +181,7 @@ def _list_polar_angles(brdf: Brdf, step_deg: float) -> Array:
 
 def _count_steps(length: float, most: float) -> int:
     """So many steps of at most ``most``, whatever the rounding."""
+    most = check_number("step_deg", most, 0.01, 360.0, "from 0.01 to 360 degrees")
     return max(1, int(np.ceil(length / most - 1e-9)))
 
 
@@ -211,6 +218,10 @@ def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, 
     """
     from scipy.interpolate import PchipInterpolator
 
+    angle, stokes = check_vector("angle", angle), check_numbers("stokes", stokes)
+    times = check_whole("times", times, 1, MOST_TIMES)
+    if stokes.shape[:1] != angle.shape:
+        raise SceneError.of("stokes", f"must be one a angle, {angle.size}, not of shape {stokes.shape}")
     order = np.argsort(angle)
     angle, stokes = angle[order], stokes[order]
     if angle.size < 3 or not np.isfinite(stokes).all():
@@ -239,7 +250,8 @@ def check_directions(mu_o: Any, phi: Any) -> None:
     >>> from vrte.results.over_hemisphere import check_directions
     >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
     """
-    if mirror_azimuths(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
+    mu_o, phi = check_vector("mu_o", mu_o), check_vector("phi", phi)
+    if mirror_azimuths(phi)[0].size < 4 or np.unique(mu_o).size < 2:
         raise SceneError(
             "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
             "others, the mirror images are taken)"

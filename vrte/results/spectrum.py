@@ -51,8 +51,6 @@ class Spectrum(Result):
     def __post_init__(self) -> None:
         object.__setattr__(self, "wavelength_um", check_ascending(self.wavelength_um))
         object.__setattr__(self, "brdfs", tuple(self.brdfs))
-        if not all(isinstance(one, Brdf) for one in self.brdfs):
-            raise SceneError("brdfs must be vrte.Brdf")
         if len(self.brdfs) != self.wavelength_um.size:
             raise SceneError(f"brdfs must be one a wavelength, {self.wavelength_um.size}, not {len(self.brdfs)}")
         object.__setattr__(self, "brdfs", fill_shares(self.brdfs))

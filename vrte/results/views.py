@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from vrte.basics.arrays import Array
 from vrte.results.result import Labelled
 
@@ -50,7 +52,7 @@ class Views(Labelled):
     index: float | None = None
 
     def __post_init__(self) -> None:
-        rows = (len(self.mu0),)
+        rows = (np.size(self.mu0),)
         self._freeze({"stokes": (*rows, 4), "mu0": rows, "mu": rows, "phi": rows, "incident_stokes": (4,)})
 
     def __repr__(self) -> str:

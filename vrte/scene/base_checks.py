@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import Array, check_whole, settle_array
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
 
@@ -13,6 +13,7 @@ LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
 CHECKED_COSINES = settle_array(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
 GRAZING = 0.05  # mu_i below which a base may give back more than it gets
 ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
+MOST_POINTS = 4096
 COARSE = 24  # points of a first look at a base's energy
 PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])  # of I, Q, U, V
 
@@ -51,7 +52,7 @@ def make_exit_rule(points: int) -> tuple[Array, Array]:
     >>> make_exit_rule(24)[1].sum().round(12).item()
     0.5
     """
-    root, weight = np.polynomial.legendre.leggauss(points)
+    root, weight = np.polynomial.legendre.leggauss(check_whole("points", points, 2, MOST_POINTS))
     mu_o = (0.5 * (root + 1.0)) ** 2
     return mu_o, weight * np.sqrt(mu_o) * mu_o
 

@@ -365,8 +365,6 @@ class MuellerBase(SampledBase):
     mixes_stokes = True
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise SceneError(f"base: function must be callable, not {type(self.function).__name__}")
         mu_i, mu_o = CHECKED_COSINES[:, None, None], np.array([0.1, 0.6, 0.95])[:, None]
         phi = np.array([0.0, 20.0, 75.0, 160.0, 180.0])
         there, mirrored = self(mu_i, mu_o, phi), self(mu_i, mu_o, -phi)

@@ -1,18 +1,18 @@
 """Cox and Munk's sea: facets whose slopes follow from the wind."""
 
 import math
-import warnings
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from vrte.basics.arrays import check_number
-from vrte.basics.errors import FittedRangeWarning
+from vrte.basics.errors import FittedRangeWarning, warn_user
 from vrte.scene.facets import Facets
 
 CALM, BY_WIND = 0.003, 0.00512  # mean square slope, and how it grows with the wind [s/m]
 MEASURED, MOST_WIND = 14.0, 40.0  # [m/s]
 
 
-def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
+def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.34, shadowing: bool = False) -> Facets:
     """A rough sea by the speed of the wind, with Fresnel's reflection off every wave; reciprocal and polarizing.
 
     The mean square slope is 0.003 + 0.00512 wind, the same in all directions. What the water itself sends back, and
@@ -50,5 +50,5 @@ def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
     wind = check_number("base: wind", wind, 0.0, MOST_WIND, f"a speed in m/s from 0 to {MOST_WIND:g}")
     if wind > MEASURED:
         words = f"base: slopes of the sea were measured up to a wind of {MEASURED:g} m/s, and are extrapolated to"
-        warnings.warn(FittedRangeWarning(f"{words} {wind:g} m/s"), stacklevel=2)
+        warn_user(f"{words} {wind:g} m/s", FittedRangeWarning)
     return Facets(index, math.sqrt(CALM + BY_WIND * wind), shadowing=shadowing)

@@ -2,18 +2,19 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.arrays import Array, BoolArray, check_cosines
 from vrte.basics.errors import SceneError
 from vrte.optics.facet_energy import restore_lost, share_energy
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Allowed, Boundary
-from vrte.scene.interface import Distribution, check_cosines, check_facets
+from vrte.scene.interface import Distribution, check_facets
 from vrte.scene.mirror import check_complex_index
 
 
@@ -53,7 +54,7 @@ class Facets(Boundary):
     0.4855
     """
 
-    index: complex
+    index: Annotated[complex, complex | Sequence[float]]
     roughness: float
     distribution: Distribution = "beckmann"
     shadowing: bool = False

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from vrte.basics.arrays import Array, check_flag, check_number, check_vector, show_value
+from vrte.basics.arrays import Array, check_cosines, check_number
 from vrte.basics.errors import SceneError
 from vrte.optics.facet_energy import share_energy
 from vrte.optics.facets import RoughSurface
@@ -158,12 +158,6 @@ def check_facets(what: str, given: object) -> None:
     if 0.0 < alpha < LEAST_ROUGHNESS:
         raise SceneError.of(f"{what}: roughness", f"must be {ROUGHNESS_ALLOWED}, not {alpha:g}")
     object.__setattr__(given, "roughness", alpha)
-    distribution = vars(given)["distribution"]
-    if distribution not in DISTRIBUTIONS:
-        words = f"must be {' or '.join(map(repr, DISTRIBUTIONS))}, not {show_value(distribution)}"
-        raise SceneError.of(f"{what}: distribution", words)
-    for name in ("shadowing", "conserving"):
-        object.__setattr__(given, name, check_flag(f"{what}: {name}", vars(given)[name]))
     if alpha == 0.0:
         for name, usual in (("distribution", "beckmann"), ("shadowing", False), ("conserving", False)):
             if vars(given)[name] != usual:
@@ -173,11 +167,3 @@ def check_facets(what: str, given: object) -> None:
             "gives back what is lost, and facets without shadows get more than there is: give shadowing=True as well"
         )
         raise SceneError.of(f"{what}: conserving", words)
-
-
-def check_cosines(name: str, values: Any) -> Array:
-    """Cosines above 0, up to 1, (n,). Raises SceneError."""
-    mu = check_vector(name, values)
-    if not ((mu > 0.0) & (mu <= 1.0)).all():
-        raise SceneError.of(name, f"must be above 0 and at most 1, not {mu[(mu <= 0.0) | (mu > 1.0)][0]:g}")
-    return mu

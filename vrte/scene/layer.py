@@ -10,7 +10,7 @@ from vrte.basics.views import view
 from vrte.optics.crowding import INDEPENDENT, check_packing, pack
 from vrte.optics.particles import HOST_ALLOWED, Particles
 from vrte.optics.phase_matrix import PhaseMatrix, isotropic
-from vrte.optics.refractive_index import Material
+from vrte.optics.refractive_index import Material, check_wavelength
 from vrte.optics.spheres import find_absorption, find_host_index
 
 CLEAR_HOST = 3.2e-5  # absorption of a medium [1/um] that an optical thickness alone leaves out: k = 1e-6 at 0.4 um
@@ -50,8 +50,6 @@ class Layer:
     host_index: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.phase_matrix, PhaseMatrix):
-            raise SceneError(f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
         object.__setattr__(self, "albedo", check_number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
         allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
         object.__setattr__(self, "thickness", _check_extent("layer: thickness", self.thickness, allowed))
@@ -122,8 +120,6 @@ class Layer:
         >>> vrte.Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
         1.0
         """
-        if not isinstance(particles, Particles):
-            raise SceneError(f"layer: particles must be vrte.spheres(...) or a mixture, not {type(particles).__name__}")
         if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         check_packing(packing)
@@ -178,9 +174,7 @@ class Layer:
         >>> round(vrte.Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
         0.251327
         """
-        host = find_host_index(
-            host_index, check_number("wavelength_um", wavelength_um, 5e-324, math.inf, "a length above 0")
-        )
+        host = find_host_index(host_index, check_wavelength(wavelength_um))
         length = check_number(
             "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
         )

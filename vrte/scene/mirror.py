@@ -1,7 +1,8 @@
 """A smooth base: a metal or a dielectric without end."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
@@ -19,7 +20,8 @@ def check_complex_index(name: str, index: Any) -> complex:
     except (TypeError, ValueError):
         raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}") from None
     if not (SMALLEST <= value.real <= LARGEST and 0.0 <= value.imag <= LARGEST):
-        raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}")
+        other = "; n - ik of the other convention is n + ik here" if value.imag < 0.0 else ""
+        raise SceneError.of(name, f"must be {ALLOWED}, not {show_value(index)}{other}")
     return value
 
 
@@ -44,7 +46,7 @@ class Mirror(Boundary):
     0.04
     """
 
-    index: complex
+    index: Annotated[complex, complex | Sequence[float]]
 
     keeps_beams = True
 

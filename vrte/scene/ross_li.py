@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_flag
+from vrte.basics.arrays import Array
 from vrte.scene.scalar import Angles, ScalarBase, check_limits
 
 HOT_SPOT = np.radians(1.5)  # phase angle within which leaves hide their shadows, after Maignan et al.
@@ -64,7 +64,6 @@ class RossLi(ScalarBase):
 
     def __post_init__(self) -> None:
         check_limits(self)
-        object.__setattr__(self, "hot_spot", check_flag("base: hot_spot", self.hot_spot))
         self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:

@@ -1,13 +1,12 @@
 """Bases known by their reflectance alone: light leaves them unpolarized, whatever its polarization was."""
 
-import warnings
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, check_number
-from vrte.basics.errors import FittedRangeWarning, SceneError
+from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
@@ -184,4 +183,4 @@ class ScalarBase(SampledBase):
         base: Hapke was fitted to zenith angles up to about 75; beyond, it is bright
         """
         where = f"base: {self.name} was fitted to zenith angles up to about 75; beyond, {words}"
-        warnings.warn(FittedRangeWarning(where), stacklevel=5)
+        warn_user(where, FittedRangeWarning)

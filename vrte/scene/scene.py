@@ -5,7 +5,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Annotated, Any
 
+from vrte.basics.arguments import show_given
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
@@ -50,13 +52,13 @@ class Scene:
     (1.5,)
     """
 
-    layers: Sequence[Layer]
-    base: Boundary | None = None
+    layers: Annotated[Sequence[Layer], Sequence[Layer | Interface] | Layer | Interface]
+    base: Annotated[Boundary | None, Any] = None
     interfaces: Sequence[Interface | None] = ()
 
     def __post_init__(self) -> None:
-        given = (self.layers,) if isinstance(self.layers, Layer | Interface) else self.layers
-        pile = tuple(check_list("layers", given, MOST_LAYERS))
+        alone = isinstance(self.layers, Layer | Interface)
+        pile = tuple(check_list("layers", (self.layers,) if alone else self.layers, MOST_LAYERS))
         for position, part in enumerate(pile, 1):
             if not isinstance(part, Layer | Interface):
                 raise SceneError(
@@ -66,22 +68,23 @@ class Scene:
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
         as_base = getattr(self.base, "as_base", None)
-        if as_base is not None:
+        if as_base is not None and not isinstance(self.base, type):
             object.__setattr__(self, "base", as_base())
         if not isinstance(self.base, Boundary | None):
             raise SceneError(
                 "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror, vrte.Facets, "
-                f"vrte.TabulatedBase or a vrte.Brdf, not {type(self.base).__name__}"
+                f"vrte.TabulatedBase or a vrte.Brdf, not {show_given('base', self.base)}"
             )
         if not pile and self.base is None:
             raise SceneError("a scene needs at least one layer, or a base")
-        if self.interfaces:
-            pile = interleave(pile, check_list("interfaces", self.interfaces, MOST_LAYERS + 1))
+        given = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
+        if given:
+            pile = interleave(pile, given)
         layers, interfaces, places = sort_pile(pile, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
         object.__setattr__(self, "layers", layers)
-        numbered = tuple(range(len(layers))) if self.interfaces else places
+        numbered = tuple(range(len(layers))) if given else places
         object.__setattr__(self, "_places", numbered)
         object.__setattr__(self, "_media", find_media(layers, interfaces, numbered, self.base))
         refracting = (

@@ -1,6 +1,5 @@
 """A base from a table: a Mueller BRDF that was measured, or solved for, at a grid of directions."""
 
-import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,14 +8,14 @@ import numpy as np
 from vrte.basics.arrays import (
     Array,
     BoolArray,
-    check_flag,
+    check_cosines,
     check_number,
     check_numbers,
     check_vector,
     freeze_copy,
     settle_array,
 )
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.polarization import FLIP
 from vrte.basics.splines import (
     MIRROR,
@@ -34,7 +33,7 @@ from vrte.scene.base_checks import (
     make_exit_rule,
 )
 from vrte.scene.boundary import Allowed, Boundary
-from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX, check_cosines
+from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
 DEGREE = 5  # of the splines over cosines
 FEWEST_COSINES, FEWEST_AZIMUTHS = 2, 3
@@ -145,10 +144,9 @@ class TabulatedBase(Boundary):
             named["index_above"] = check_number(
                 "base: index_above", self.index_above, LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED
             )
-        average = check_flag("base: average_mirrored", self.average_mirrored)
         if (mueller[..., 0, 0] < -DARK * np.abs(mueller).max()).any():
             raise SceneError.of("base: mueller", f"must have f_00 >= 0, not {mueller[..., 0, 0].min():.3g}")
-        orders, azimuths = expand_azimuths(phi_deg, mueller, average)
+        orders, azimuths = expand_azimuths(phi_deg, mueller, self.average_mirrored)
         cosines = mu_i[into], mu_o[out]
         weighted = orders[:, into[:, None], out] * (cosines[0][:, None] + cosines[1])[..., None, None]
         named |= {"_cosines": cosines, "_orders": settle_array(weighted)}
@@ -174,7 +172,7 @@ class TabulatedBase(Boundary):
         if self.interpolation_error > COARSE:
             words.append(f"is off by about {self.interpolation_error:.2g} of itself between its directions")
         if words:
-            warnings.warn(f"base: the table {', and '.join(words)}", CoarseTableWarning, stacklevel=4)
+            warn_user(f"base: the table {', and '.join(words)}", CoarseTableWarning)
 
     def __repr__(self) -> str:
         mirrors = ", mirrored beams" if self.keeps_beams else ""

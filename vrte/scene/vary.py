@@ -75,8 +75,9 @@ def find_layer(scene: Scene, name: str, number: int) -> int:
     """The place among a scene's layers of that number in the list it was made of."""
     places = list(scene.places)
     if number - 1 not in places:
-        there = ", ".join(str(place + 1) for place in places if place is not None)
-        raise complain_of(name, f"there is no such layer; those of the scene are {there}")
+        there = [str(place + 1) for place in places if place is not None]
+        words = f"layer{'s'[: len(there) > 1]} {', '.join(there)}" if there else "no layer"
+        raise complain_of(name, f"there is no such layer; the scene has {words}")
     return places.index(number - 1)
 
 
@@ -131,7 +132,7 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
     """With a number of the base: in closed form of an even one, else by differences of what it reflects."""
     base = scene.base
     if base is None:
-        raise complain_of(name, "the scene has no base, which is black")
+        raise complain_of(name, "the scene has no base: it is black below")
     if not scene.base_is_reached:
         raise complain_of(name, "it does nothing: no light reaches the base below a layer without end")
     numbers = list_numbers(base)

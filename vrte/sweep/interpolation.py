@@ -105,8 +105,6 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
     """
     import xarray
 
-    if not isinstance(point, Mapping):
-        raise SceneError(f"point must be a dictionary of values by axis, not {type(point).__name__}")
     near, shares = table, {}
     for name, value in point.items():
         places, shares[str(name)] = find_neighbours(table, str(name), value)

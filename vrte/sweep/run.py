@@ -5,7 +5,6 @@ import os
 import shutil
 import tempfile
 import time
-import warnings
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from vrte.basics import cost
 from vrte.basics.arrays import check_choice, check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.formats.text_file import check_file_name
@@ -177,7 +176,7 @@ def make_table(
             raise
         if damage or more:
             message = f"{output} was damaged; made again: {', '.join(damage + more)}"
-            warnings.warn(message, SweepWarning, stacklevel=3)
+            warn_user(message, SweepWarning)
         if engine != "opencl":  # a device's speed is not known
             with keep_to_one_thread():
                 foretell_sweep(work, workers, limit)
@@ -308,8 +307,6 @@ def tell(work: Work) -> None:
             kinds[kind] = (before[0] + count, before[1])
     for count, message in kinds.values():
         more = f" (and {count - 1} more like it)" if count > 1 else ""
-        warnings.warn(f"{message}{more}", SweepWarning, stacklevel=4)
+        warn_user(f"{message}{more}", SweepWarning)
     if failed:
-        warnings.warn(
-            f"{failed} of {work.sweep.count} scenes failed; the first said: {failures[0]}", SweepWarning, stacklevel=4
-        )
+        warn_user(f"{failed} of {work.sweep.count} scenes failed; the first said: {failures[0]}", SweepWarning)

@@ -1,13 +1,12 @@
 """Section 3.C.1, base reflection: what the boundary below sends back, order by order, as the stages take it."""
 
-import warnings
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.errors import AccuracyError, AccuracyWarning
+from vrte.basics.errors import AccuracyError, AccuracyWarning, warn_user
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -100,9 +99,7 @@ def find_reflected_orders(
         words = f"{error} at accuracy {accuracy:g}"
         if reached > LARGEST_ERROR:
             raise AccuracyError(f"{words}: ask for a coarser one, or give a smoother function") from None
-        warnings.warn(
-            AccuracyWarning(f"{words}: what the base adds to light has the accuracy {reached:.1g}"), stacklevel=2
-        )
+        warn_user(f"{words}: what the base adds to light has the accuracy {reached:.1g}", AccuracyWarning)
         return error.found
 
 

@@ -57,9 +57,7 @@ class Refinement:
         request, started = self.request, bool(self.nodes)
         count = find_next_count(request.scene, self.nodes) if started else self.first.nodes
         if self.is_done or count is None:
-            if (
-                request.mu is None and self.answer is None and self.failed is None
-            ):  # light along the nodes themselves, at last
+            if request.mu is None and not (self.answer or self.failed):  # light along the nodes themselves, at last
                 return self.put_on(self.nodes)
             return None
         asked = self.put_on(count)

@@ -1,0 +1,438 @@
+"""Every argument of every public call, given all that it is not: a result comes back, or one line that names it."""
+
+import inspect
+import math
+import pickle
+import timeit
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.basics.arguments import check_arguments
+from vrte.scene.boundary import Boundary
+
+
+class Sullen:
+    """Something that answers no question."""
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise RuntimeError("no")
+
+    def __repr__(self) -> str:
+        return "Sullen()"
+
+
+class Vast:
+    """A class that can be made of anything."""
+
+    def __init__(self, *_: Any) -> None: ...
+
+
+ZOO: dict[str, Any] = {
+    "None": None, "object": object(), "class": Vast, "text": "x", "empty text": "", "NUL": "a\0b", "bytes": b"x",
+    "list": [], "ragged": [[1.0], [1.0, 2.0]], "words": ["x"], "nones": [None], "tuple": (), "dict": {},
+    "table": {"x": 1}, "odd keys": {1: 2}, "set": {0.5}, "range": range(3), "NaN": math.nan, "inf": math.inf, "-1": -1,
+    "-0.5": -0.5, "0": 0, "0.5": 0.5, "1e308": 1e308, "huge": 10**400, "complex": 1j, "True": True, "False": False,
+    "pair": np.array([1, 2]), "matrix": np.zeros((2, 2)), "empty": np.zeros(0), "NaNs": np.array([np.nan]),
+    "texts": np.array(["x", "y"]), "objects": np.array([None, {}], dtype=object),
+    "date": np.array(["2026-01-01"], "datetime64[D]"), "masked": np.ma.masked_array([0.5, 0.6], [0, 1]),
+    "lambda": lambda *_: None, "module": math, "Sullen": Sullen(), "layer": vrte.Layer(vrte.isotropic(), 0.5, 1.0),
+}  # fmt: skip
+# other words that name an argument, or what is in it
+ALSO: dict[str, tuple[str, ...]] = {
+    "path": ("must end in", "is not a NetCDF file", "not a number"),
+    "scene": ("unknown key", "TOML", "is missing"),
+    "scenes": ("scene ",),
+    "layers": ("layer",),
+    "allowed": ("a quantity",),
+    "source": ("TOML", "axes", "the scene has no"),
+    "names": ("the scene has no", "no key"),
+    "values": ("base.albedo",),
+    "index": ("host_index",),
+    "material": ("index: ",),
+    "name": ("a quantity", "material = "),
+    "parts": ("a mixture",),
+    "rows": ("place",),
+    "variation": ("derivatives",),
+    "thickness": ("derivatives",),
+    "albedo": ("derivatives",),
+    "thickness_um": ("thickness",),
+    "is_outside": ("scene_at",),
+    "transmitted": ("transmission",),
+    "light": ("stokes",),
+    "geometries": ("geometry",),
+    "spheres": ("six elements",),
+    "wavelength_um": ("a wavelength",),
+    "wavelengths_um": ("wavelength",),
+    "angle_deg": ("angles", "no known convention"),
+    "phi_deg": ("phi", "directions"),
+    "f_iso": ("f must",), "f_vol": ("f must",), "f_geo": ("f must",), "hot_spot": ("f must",),
+    **dict.fromkeys(("a1", "a2", "a3", "a4", "b1", "b2"), ("the phase matrix is not physical",)),
+    **dict.fromkeys(("mu", "mu_i", "mu_o", "mu0", "tau", "phi"), ("directions",)),
+}  # fmt: skip
+
+RAYLEIGH = vrte.rayleigh()
+LAYER = vrte.Layer(RAYLEIGH, 0.9, 0.5)
+SCENE = vrte.Scene([LAYER], vrte.Lambertian(0.3))
+EVEN = {"kind": "lambertian", "albedo": 0.2}
+CONTENT = {"nodes": 2, "layer": [{"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}], "base": EVEN}
+ASKED = {**CONTENT, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
+FILM = {**CONTENT, "layer": [{"interface": {"above": 1.0, "below": 1.5}}, {"phase": "isotropic", "albedo": 0.5,
+                                                                           "thickness": 1.0}]}  # fmt: skip
+AXES = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
+SLOW = {"paint", "to_mitsuba", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk"}
+Case = tuple[Callable[..., Any], dict[str, Any]]
+
+
+def even(mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
+    """f of a Lambertian base."""
+    return np.diag([0.1, 0.0, 0.0, 0.0])
+
+
+def make_objects() -> dict[str, Any]:
+    """Objects that other calls start from."""
+    cosines, azimuths = vrte.hemisphere(2)[0], np.linspace(0.0, 315.0, 8)
+    rows = vrte.Measurement("total_reflectance", [0.2, 0.3], 0.01, theta_i_deg=[0.0, 30.0])
+    found = vrte.linearize(SCENE, 0.5, 0.5, nodes=2, threads=1)
+    dense = np.linspace(0.05, 1.0, 6)
+    table = np.zeros((2, 2, 3, 4, 4))
+    table[..., 0, 0] = 0.1
+    look = vrte.appearance(FILM, np.linspace(0.4, 0.7, 9), geometries=["45:0"], nodes=2)
+    brdf = vrte.brdf(SCENE, cosines, cosines, azimuths, nodes=2, threads=1)
+    return {
+        "brdf": brdf,
+        "dense": vrte.brdf(vrte.Scene(LAYER), dense, dense, np.linspace(0.0, 180.0, 7), nodes=2, threads=1),
+        "field": vrte.radiance(SCENE, [0.5, 0.6], mu=[0.5], nodes=2, threads=1),
+        "views": vrte.views(SCENE, 0.5, 0.5, nodes=2, threads=1),
+        "linearized": found,
+        "gradient": found.vjp(np.ones((1, 1, 1, 4, 4))),
+        "measurement": rows,
+        "particles": vrte.spheres(1.5, radius_um=0.05, wavelength_um=0.5),
+        "look": look,
+        "paint": vrte.Paint("x", ("x",), look, {}, None, None, brdf, 0.5, ()),
+        "fit": vrte.fit(rows, CONTENT, ["base.albedo"], nodes=2, threads=1),
+        "spectrum": vrte.spectrum(ASKED, [0.4, 0.5]),
+        "family": vrte.SceneFamily(ASKED, ["base.albedo"]),
+        "swept": vrte.sweep({**ASKED, "axes": AXES}, workers=1),
+        "table": {"mu_i": [0.5, 1.0], "mu_o": [0.5, 1.0], "phi_deg": [0.0, 90.0, 180.0], "mueller": table},
+    }
+
+
+def list_calls(made: dict[str, Any]) -> list[Case]:
+    """Public calls, each with arguments that are right; those that are left out are at their defaults."""
+    angle = np.arange(0.0, 181.0, 5.0)
+    element = 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)
+    light, axis = (1.0, 0.1, 0.0, 0.0), np.array([0.0, 30.0, 60.0])
+    at = {"mu_i": 0.5, "mu_o": 0.5, "nodes": 2, "threads": 1}
+    sphere = {"material": 1.5, "wavelength_um": 0.5, "radius_um": 0.05}
+    panel = {"wavelengths_um": np.linspace(0.4, 0.7, 9), "nodes": 2}
+    rough, smooth = vrte.Facets(1.5, 0.3), vrte.Interface(1.0, 1.5)
+    indices = vrte.IndexTable((0.4, 0.7), (2.0, 1.5), (0.1, 0.0))
+    base, look, family = vrte.TabulatedBase(**made["table"]), made["look"], made["family"]
+    quantities, over = vrte.quantities, vrte.over_hemisphere
+    records = [made[name] for name in ("brdf", "field", "views", "linearized", "gradient", "particles", "look", "fit",
+                                       "spectrum", "paint", "family")]  # fmt: skip
+    return [
+        *((type(one), {name: getattr(one, name) for name in inspect.signature(type(one)).parameters})
+          for one in [*records, made["linearized"].plan]),
+        (vrte.RPV, {"rho_0": 0.1, "k": 0.8}),
+        (vrte.Facets, {"index": 1.5, "roughness": 0.3}),
+        (rough.reflectance, {"mu_i": 0.5}),
+        (vrte.Gamma, {"r_eff_um": 0.2, "v_eff": 0.1}),
+        (vrte.Hapke, {"albedo": 0.5}),
+        (vrte.IndexTable, {"wavelengths_um": (0.4, 0.7), "n": (2.0, 1.5), "k": (0.1, 0.0)}),
+        (indices.at, {"wavelength_um": 0.5}),
+        (vrte.Interface, {"index_above": 1.0, "index_below": 1.5, "roughness": 0.3}),
+        (smooth.share, {"mu": 0.5}),
+        (smooth.put_between, {"above": 1.0, "below": 1.5}),
+        (vrte.Hapke(0.6).warn_beyond, {"words": "it is bright"}),
+        (vrte.Lambertian, {"albedo": 0.3}),
+        (vrte.Layer, {"phase_matrix": RAYLEIGH, "albedo": 0.9, "thickness": 1.0}),
+        (vrte.Layer.of, {"particles": made["particles"], "thickness_um": 1.0, "volume_fraction": 0.01}),
+        (vrte.Layer.clear, {"thickness_um": 1.0, "host_index": 1.5, "wavelength_um": 0.5}),
+        (vrte.Lognormal, {"median_um": 0.2, "sigma": 1.4}),
+        (vrte.Measurement, {"quantity": "f00", "value": 0.1, "theta_i_deg": 0.0, "theta_o_deg": 10.0}),
+        (made["measurement"].pick, {"rows": [0]}),
+        (made["measurement"].measure, {"value": 0.5}),
+        (made["measurement"].predict, {"scene": SCENE, "nodes": 2}),
+        (made["measurement"].save, {"path": "rows.csv"}),
+        (vrte.Mirror, {"index": 1.5}),
+        (vrte.Monodisperse, {"radius_um": 0.5}),
+        (vrte.MuellerBase, {"function": even}),
+        (vrte.MuellerBase(even).reflectance, {"mu_i": 0.5, "points": 4}),
+        (vrte.PhaseMatrix, {name: getattr(RAYLEIGH, name) for name in ("a1", "a2", "a3", "a4", "b1", "b2")}),
+        (vrte.PhaseMatrix.from_angles, {"angle_deg": angle, "F11": element, "F22": element,
+                                        **dict.fromkeys(("F12", "F33", "F34", "F44"), 0.0 * angle)}),
+        (RAYLEIGH.to_angles, {}),
+        (RAYLEIGH.scattering_matrix, {"angle_deg": angle}),
+        (vrte.RossLi, {"f_iso": 0.1, "f_vol": 0.02, "f_geo": 0.02}),
+        (vrte.Scene, {"layers": [LAYER], "base": vrte.Lambertian(0.3)}),
+        (family.content_at, {"values": [0.5]}),
+        (family.file_at, {"values": [0.5]}),
+        (family.at, {"values": [0.5]}),
+        (family.variations, {}),
+        (vrte.Tabulated, {"radius_um": [0.1, 0.3], "density": [1.0, 1.0]}),
+        (vrte.TabulatedBase, made["table"]),
+        (base.reflectance, {"mu_i": 0.5, "points": 4}),
+        (vrte.Variation, {"name": "depth", "value": 1.0, "thickness": [1.0], "albedo": [0.0]}),
+        (look.reflectance, {}),
+        (look.colour, {}),
+        (look.polarization, {}),
+        (look.difference, {"other": look}),
+        (look.gloss, {}),
+        (look.hiding, {}),
+        (look.kubelka_munk, {}),
+        (made["dense"].as_base, {}),
+        (made["brdf"].under, {"light": light}),
+        (made["brdf"].diffuse_reflectance, {}),
+        (made["brdf"].bihemispherical_reflectance, {}),
+        (made["brdf"].save, {"path": "found.csv"}),
+        (made["field"].beam, {"place": 0}),
+        (made["fit"].profile, {"name": "base.albedo", "values": [0.2]}),
+        (made["fit"].save, {"path": "fit.json"}),
+        (vrte.Fit.load, {"path": "fit.json"}),
+        (made["fit"].page, {"path": "fit.html"}),
+        (made["fit"].scene, {}),
+        (made["fit"].write_scene, {"path": "fit.toml"}),
+        (made["gradient"].along, {"variation": vrte.Variation("x", 1.0, [1.0], [0.0])}),
+        (made["linearized"].jvp, {"variation": "layer[1].thickness"}),
+        (made["linearized"].vjp, {"cotangent": np.ones((1, 1, 1, 4, 4))}),
+        (made["paint"].save, {"path": "paint.csv"}),
+        (made["spectrum"].at, {"wavelengths_um": [0.4]}),
+        (vrte.appearance, {"scene": CONTENT, "geometries": ["45:0"], **panel, "accuracy": 1e-3}),
+        (vrte.brdf, {"scene": SCENE, **at}),
+        (vrte.brdfs, {"scenes": [SCENE], **at}),
+        (vrte.coated_spheres, {"core": 1.5, "shell": 1.4, "wavelength_um": 0.5, "shell_um": 0.01, "radius_um": 0.06}),
+        (vrte.cox_munk, {"wind": 5.0}),
+        (vrte.cylinders, {**sphere, "aspect_ratio": 1.1}),
+        (vrte.spheroids, {**sphere, "aspect_ratio": 1.1}),
+        (vrte.spheres, sphere),
+        (vrte.fit, {"measurement": made["measurement"], "scene": SCENE, "free": ["base.albedo"], "nodes": 2,
+                    "most_steps": 3, "threads": 1}),
+        (vrte.hemisphere, {"n": 4}),
+        (vrte.henyey_greenstein, {"g": 0.3}),
+        (vrte.interpolate, {"table": made["swept"], "point": {"depth": 1.25}}),
+        (vrte.isotropic, {}),
+        (vrte.linearize, {"scene": SCENE, **at}),
+        (vrte.load, {"path": "found.csv"}),
+        (vrte.material, {"name": "chalk", "wavelength_um": 0.5, "thickness_um": 10.0, "volume_fraction": 0.01}),
+        (vrte.materials, {}),
+        (vrte.mix, {"parts": [(RAYLEIGH, 1.0)]}),
+        (vrte.mixture, {"parts": [(made["particles"], 1.0)]}),
+        (vrte.paint, {"scene": FILM, **panel}),
+        (vrte.plan, {"kind": "brdf", "scene": SCENE, "mu_i": 0.5, "mu_o": 0.5, "nodes": 2}),
+        (vrte.radiance, {"scene": SCENE, "mu0": 0.5, "mu": 0.5, "nodes": 2, "threads": 1}),
+        (vrte.rayleigh, {}),
+        (vrte.read_base, {"path": "base.csv"}),
+        (vrte.read_index, {"path": "index.csv"}),
+        (vrte.read_measurement, {"path": "rows.csv"}),
+        (vrte.read_scattering, {"path": "dust.csv"}),
+        (vrte.read_sizes, {"path": "sizes.csv"}),
+        (vrte.recognise_convention, {"angle_deg": [30, 60, 120], "F11": [4.997, 0.4996, 0.1506]}),
+        (vrte.refractive_index, {"material": 1.5, "wavelength_um": 0.5}),
+        (vrte.show_versions, {}),
+        (vrte.solve_base, {"scene": vrte.Scene(LAYER), "accuracy": 0.1, "nodes": 2, "threads": 1}),
+        (vrte.spectrum, {"scene": ASKED, "wavelengths_um": [0.4, 0.5]}),
+        (vrte.sweep, {"source": {**ASKED, "axes": {"base.albedo": [0.1, 0.2]}}, "workers": 1}),
+        (vrte.to_mitsuba, {"scene": ASKED, "wavelengths_um": [0.4, 0.45, 0.5, 0.55, 0.6], "path": "x.pbsdf",
+                           "step_deg": 15.0, "nodes": 2}),
+        (vrte.views, {"scene": SCENE, "mu0": 0.5, "mu": 0.5, "nodes": 2}),
+        (quantities.of_brdf, {"brdf": made["brdf"], "name": "f00"}),
+        (quantities.of_light, {"light": np.array(light), "name": "I"}),
+        (quantities.of_stokes, {"stokes": light, "name": "I"}),
+        (quantities.incident_for, {"name": "f00", "stokes": light}),
+        (quantities.unit_of, {"name": "f00"}),
+        (quantities.check_name, {"name": "f00", "allowed": ("f00",)}),
+        (over.stokes_over_hemisphere, {"brdf": made["dense"], "place": 0, "theta": axis, "phi": axis}),
+        (over.light_on_mesh, {"brdf": made["dense"], "place": 0, "step_deg": 30.0}),
+        (over.light_in_plane, {"brdf": made["dense"], "place": 0, "step_deg": 30.0}),
+        (over.between_angles, {"angle": axis, "stokes": np.ones((3, 4))}),
+        (over.check_directions, {"mu_o": [0.5, 1.0], "phi": axis}),
+    ]  # fmt: skip
+
+
+@cache
+def prepare_calls() -> tuple[Case, ...]:
+    """All of them, and the files that they read, in the folder of now."""
+    made = make_objects()
+    made["measurement"].save("rows.csv")
+    made["brdf"].save("found.csv")
+    made["dense"].save("base.csv")
+    made["fit"].save("fit.json")
+    Path("index.csv").write_text("wavelength_um,n,k\n0.4,1.5,0\n0.7,1.4,0\n")
+    Path("sizes.csv").write_text("radius_um,density\n0.1,1\n0.3,1\n")
+    Path("dust.csv").write_text("angle_deg,F11\n0,1.5\n45,1.125\n90,0.75\n135,1.125\n180,1.5\n")
+    found = []
+    for call, given in list_calls(made):
+        known = inspect.signature(call).parameters.values()
+        usual = {one.name: one.default for one in known if one.default is not one.empty}
+        found.append((call, usual | given))
+    return tuple(found)
+
+
+def find_fault(call: Callable[..., Any], given: dict[str, Any], name: str, spoilt: Any) -> str:
+    """What is wrong with the answer to a call with one argument spoilt; nothing where it is as promised."""
+    try:
+        call(**given | {name: spoilt})
+    except vrte.SceneError as error:
+        words = str(error)
+        if not words.isprintable() or len(words) > 1000:
+            return f"not one line: {words}"
+        return "" if any(each in words for each in (name, *ALSO.get(name, ()))) else f"not named: {words}"
+    except OSError:
+        return "" if isinstance(spoilt, str) else "OSError"
+    except Exception as error:
+        return repr(error)
+    return ""
+
+
+def list_faults(cases: list[Case]) -> list[str]:
+    """The answers to calls with one argument after another spoilt in every way that are not as promised."""
+    return [
+        f"{call.__qualname__}({name}={kind}): {fault}"
+        for call, given in cases
+        for name in given
+        if name != "step_deg" or call.__name__ != "to_mitsuba"  # half a degree is right, and takes minutes
+        for kind, spoilt in ZOO.items()
+        if (fault := find_fault(call, given, name, spoilt))
+    ]
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Case, ...]]:
+    """All calls, in a folder with the files that they read."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("arguments"))
+        yield prepare_calls()
+
+
+@pytest.mark.filterwarnings("ignore")
+class TestZoo:
+    def test_every_answer_is_a_result_or_names_the_argument(self, cases: tuple[Case, ...]) -> None:
+        assert list_faults([case for case in cases if case[0].__name__ not in SLOW]) == []
+
+    @pytest.mark.slow
+    def test_of_those_that_take_long(self, cases: tuple[Case, ...]) -> None:
+        assert list_faults([case for case in cases if case[0].__name__ in SLOW]) == []
+
+    def test_what_is_refused_at_the_door_of_those_that_take_long(self, cases: tuple[Case, ...]) -> None:
+        """Their calls do not begin: what they are given is of no type that they are declared with."""
+        slow = [case for case in cases if case[0].__name__ in SLOW]
+        assert [fault for one in slow for name in one[1] if (fault := find_fault(*one, name, ZOO["Sullen"]))] == []
+
+    def test_no_public_call_is_left_out(self, cases: tuple[Case, ...]) -> None:
+        tried = {inspect.unwrap(getattr(call, "__func__", call)) for call, _ in cases}
+        assert {one.__qualname__ for one in list_public_calls() if one not in tried} == set()
+
+
+class TestDoor:
+    def test_it_costs_next_to_nothing(self) -> None:
+        """Of the call of `vrte.brdf` with the most arguments, and of a layer."""
+        many = {"scene": SCENE, "mu_i": 0.5, "mu_o": 0.5, "phi": 0.0, "nodes": 2, "threads": 1, "transmission": False,
+                "progress": None, "algorithm": "modes", "verify": False, "accuracy": 1e-4, "truncation": None,
+                "backend": None, "method": "discrete-ordinates", "settings": None, "illuminate": "top",
+                "time_limit_s": 10.0, "precision": None, "derivatives": None}  # fmt: skip
+
+        def take(scene: vrte.Scene, **_: Any) -> None: ...
+
+        take.__signature__ = inspect.signature(vrte.brdf)  # type: ignore[attr-defined]
+        checked = check_arguments(take)
+        times = [min(timeit.repeat(lambda call=call: call(**many), number=1000, repeat=20)) for call in (take, checked)]
+        assert (times[1] - times[0]) / 1000 < 10e-6
+
+    def test_functions_stay_what_they_are_in_a_pickle(self) -> None:
+        for call in (vrte.brdf, vrte.fit, vrte.sweep, vrte.Layer.of, vrte.quantities.of_brdf):
+            assert pickle.loads(pickle.dumps(call)) is call
+
+    @pytest.mark.parametrize(
+        ("call", "words"),
+        [
+            (lambda: vrte.Layer("x", 0.5, 1.0), "Layer: phase_matrix must be a vrte.PhaseMatrix, not 'x'"),
+            (
+                lambda: vrte.Scene([LAYER, {}]),
+                "Scene: item 2 of layers must be a vrte.Layer or a vrte.Interface, not {}",
+            ),
+            (
+                lambda: vrte.brdf(LAYER, 0.5, 0.5),
+                "scene must be a vrte.Scene, not an object of type Layer; vrte.Scene([layer]) makes one of it",
+            ),
+            (lambda: vrte.load(3), "path must be the name of a file, not 3"),
+            (
+                lambda: vrte.paint(np.zeros((2, 2))),
+                "scene must be the name of a file, a dictionary by names or a Panel, not array([[0., 0.], [0., 0.]])",
+            ),
+        ],
+    )
+    def test_sentences(self, call: Callable[[], Any], words: str) -> None:
+        with pytest.raises(vrte.SceneError) as told:
+            call()
+        assert str(told.value) == words
+
+    @pytest.mark.parametrize(
+        ("call", "words"),
+        [
+            (lambda: vrte.refractive_index("aluminum oxide", 0.5), "did you mean 'alumina'?"),
+            (lambda: vrte.refractive_index("TiO2", 0.5), "did you mean 'rutile' or 'anatase'?"),
+            (lambda: vrte.refractive_index("golf", 0.5), "did you mean 'gold'"),
+            (lambda: vrte.refractive_index(1.5 - 0.01j, 0.5), "n + ik here, 1.5+0.01j"),
+            (lambda: vrte.Mirror(1.5 - 0.01j), "n + ik here"),
+            (lambda: vrte.Mirror("gold"), "vrte.refractive_index('gold', wavelength_um).value"),
+            (lambda: vrte.brdf(SCENE, 30, 45), "as cosines do, not 30; 30 degrees have the cosine 0.866025"),
+            (lambda: vrte.Interface(1.0, 1.5).share(60), "60 degrees have the cosine 0.5"),
+            (lambda: vrte.brdf(SCENE, 0.5, 0.5, derivatives="layer[2].albedo"), "the scene has layer 1"),
+            (lambda: vrte.Scene([LAYER], 0.3), "vrte.Lambertian(0.3)"),
+            (lambda: vrte.Scene([LAYER], vrte.Lambertian), "has to be called: Lambertian(...)"),
+            (lambda: vrte.Scene([LAYER], vrte.Brdf), "has to be called: Brdf(...)"),
+            (lambda: vrte.Scene([RAYLEIGH]), "vrte.Layer(phase_matrix, albedo, thickness)"),
+            (lambda: vrte.Layer(vrte.rayleigh, 0.5, 1.0), "has to be called: rayleigh(...)"),
+            (lambda: vrte.mix([(vrte.spheres(1.5, radius_um=0.1, wavelength_um=0.5), 1.0)]), "vrte.mixture"),
+            (lambda: vrte.mixture([(RAYLEIGH, 1.0)]), "vrte.mix "),
+            (lambda: vrte.appearance(CONTENT, geometries="45:0"), "one alone is ['45:0']"),
+            (lambda: vrte.Interface(1.0, 1.5j), "index_below must be a real number, not 1.5j"),
+        ],
+    )
+    def test_what_was_meant_is_told(self, call: Callable[[], Any], words: str) -> None:
+        with pytest.raises(vrte.SceneError) as told:
+            call()
+        assert words in str(told.value)
+
+    @pytest.mark.parametrize(
+        "call",
+        [
+            lambda: vrte.cox_munk(20.0),
+            lambda: vrte.refractive_index(1.5, 500.0),
+        ],
+    )
+    def test_a_warning_is_of_the_line_that_called(self, call: Callable[[], Any]) -> None:
+        with pytest.warns() as told:
+            call()
+        assert {one.filename for one in told} == {__file__}
+
+    def test_a_wrong_number_of_arguments_is_told_by_python(self) -> None:
+        with pytest.raises(TypeError, match="unexpected keyword argument 'nods'"):
+            vrte.brdf(SCENE, 0.5, 0.5, nods=3)
+
+
+def list_public_calls() -> list[Any]:
+    """Functions, classes and their methods with arguments, as users find them."""
+    found: list[Any] = []
+    for name in vrte.__all__:
+        given = getattr(vrte, name)
+        if inspect.ismodule(given):
+            own = [one for one in vars(given).values() if getattr(one, "__module__", "") == given.__name__]
+            found += [inspect.unwrap(one) for one in own if inspect.isfunction(one) and one.__name__[0] != "_"]
+        elif not inspect.isclass(given):
+            found.append(inspect.unwrap(given))
+        elif not issubclass(given, BaseException):
+            found.append(given)
+            for key, one in inspect.getmembers(given):
+                method = inspect.unwrap(getattr(one, "__func__", one))
+                asked = inspect.isfunction(method) and len(inspect.signature(one).parameters) > inspect.isfunction(one)
+                if asked and key[0] != "_" and key not in {*vars(Boundary), *vrte._INNER}:
+                    found.append(method)
+    return found

@@ -1,0 +1,284 @@
+"""Arguments of public calls, checked by the types that they are declared with, in one place: the front door.
+
+How large a number may be is checked where it is used. What is declared as Any, as cosines are, is checked where it
+becomes an array. ``Annotated[kept, taken]`` declares a field that takes more than it keeps.
+"""
+
+import functools
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import FunctionType, ModuleType, NoneType, UnionType
+from typing import Annotated, Any, ForwardRef, Literal, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from vrte.basics.arrays import check_numbers, read_real, show_value
+from vrte.basics.errors import SceneError
+
+PACKAGE = "vrte."
+SHOWN = (NoneType, bool, int, float, complex, str, bytes, list, tuple, dict, set, np.ndarray)
+VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+DOUBLE = np.dtype(np.float64)
+HINTS = {  # by argument and by the class of what was given in its place
+    ("scene", "Layer"): "; vrte.Scene([layer]) makes one of it",
+    ("layers", "PhaseMatrix"): "; vrte.Layer(phase_matrix, albedo, thickness) makes one of it",
+    ("layers", "Particles"): "; vrte.Layer.of(particles, thickness) makes one of them",
+    ("layers", "Lambertian"): "; what lies below is the second argument, base",
+    ("phase_matrix", "Particles"): "; vrte.Layer.of(particles, thickness) takes them",
+    ("particles", "PhaseMatrix"): "; vrte.Layer(phase_matrix, albedo, thickness) takes it",
+    ("base", "float"): "; a base of that albedo is vrte.Lambertian({})",
+    ("base", "int"): "; a base of that albedo is vrte.Lambertian({})",
+    ("base", "Layer"): "; layers stand in one list, the first argument",
+    ("index", "str"): "; vrte.refractive_index({}, wavelength_um).value is that of a material",
+}
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a declared type takes: values of the types ``at_once``, others that it ``fits``, and what both are called;
+    ``items`` of a list, ``values`` of a dictionary: the kind of each."""
+
+    words: str
+    fits: Callable[[Any], bool]
+    at_once: frozenset[type] = frozenset()
+    items: "Kind | None" = None
+    values: "Kind | None" = None
+
+    def takes(self, value: Any) -> bool:
+        """Whether a value is of this kind."""
+        try:
+            return self.fits(value) or type(value) in self.at_once
+        except Exception:  # whatever a foreign object raises when it is asked
+            return False
+
+    def takes_all(self, values: Iterable[Any]) -> bool:
+        """Whether all values are of this kind."""
+        return self is ANYTHING or self.at_once.issuperset(map(type, values)) or all(map(self.takes, values))
+
+
+def is_number(value: Any) -> bool:
+    """Whether something is one real number that a float can hold."""
+    found = read_real(value)
+    return found == found or value != value
+
+
+def is_path(value: Any) -> bool:
+    """Whether something can be the name of a file or a folder."""
+    return isinstance(value, str | os.PathLike) and bool(os.fspath(value)) and "\0" not in os.fspath(value)
+
+
+def is_array(value: Any) -> bool:
+    """Whether something is an array of real numbers, or can become one."""
+    if type(value) is np.ndarray and value.dtype is DOUBLE:
+        return True
+    return check_numbers("array", value).size == np.asarray(value, np.float64).size  # the latter raises for 10**400
+
+
+def is_list(kind: Kind, value: Any) -> bool:
+    """Whether something can be iterated over, and gives items of a kind; what gives them once only is not asked."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return False
+    return isinstance(value, Iterator) or kind.takes_all(value)
+
+
+def is_tuple(kinds: tuple[Kind, ...], value: Any) -> bool:
+    """Whether something is as many items, each of its kind."""
+    return is_list(ANYTHING, value) and all(kind.takes(one) for kind, one in zip(kinds, value, strict=True))
+
+
+def is_table(key: Kind, item: Kind, value: Any) -> bool:
+    """Whether something is a mapping from keys to values of these kinds."""
+    return isinstance(value, Mapping) and key.takes_all(value) and item.takes_all(value.values())
+
+
+ANYTHING, NONE = Kind("anything", lambda value: True), Kind("None", lambda value: False, frozenset({NoneType}))
+PATH = Kind("the name of a file", is_path)
+KINDS = {
+    Any: ANYTHING,
+    object: ANYTHING,
+    None: NONE,
+    NoneType: NONE,
+    bool: Kind("True or False", lambda value: False, frozenset({bool, np.bool_})),
+    int: Kind("a whole number", lambda value: read_real(value).is_integer(), frozenset({int})),
+    float: Kind("a number", is_number, frozenset({float, np.float64})),
+    complex: Kind("a number n + ik", lambda value: isinstance(value, complex) or is_number(value), frozenset({float})),
+    str: Kind("a text", lambda value: isinstance(value, str), frozenset({str})),
+}
+
+
+@functools.cache
+def find_kind(declared: Any) -> Kind:
+    """The kind of values that a declared type takes.
+
+    >>> find_kind(float | None).words, find_kind(list[int]).takes([1, "x"])
+    ('a number or None', False)
+    """
+    origin, parts = get_origin(declared), get_args(declared)
+    if declared in KINDS:
+        return KINDS[declared]
+    if origin is Annotated:
+        return find_kind(parts[1])
+    if origin is os.PathLike:
+        return PATH
+    if origin is Literal:
+        return Kind(" or ".join(map(repr, parts)), lambda value: isinstance(value, str) and value in parts)
+    if origin in (Union, UnionType):
+        return join_kinds(parts)
+    if origin is Callable or origin is get_origin(Callable[..., Any]):
+        return Kind("a function", callable)
+    if origin is np.ndarray:
+        return Kind("real numbers", is_array) if parts[1] == np.dtype[np.float64] else ANYTHING
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        key, value = map(find_kind, parts)
+        return Kind("a dictionary by names", functools.partial(is_table, key, value), values=value)
+    if origin is tuple and parts[-1] is not Ellipsis:
+        kinds = tuple(map(find_kind, parts))
+        return Kind(f"({', '.join(kind.words for kind in kinds)})", functools.partial(is_tuple, kinds))
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        item = find_kind(parts[0])
+        return Kind(f"a list (each item {item.words})", functools.partial(is_list, item), items=item)
+    if isinstance(declared, str | ForwardRef):  # a class that is not imported where it is named
+        name = declared if isinstance(declared, str) else declared.__forward_arg__
+        return Kind(f"a {name}", lambda value: name in {one.__name__ for one in type(value).__mro__})
+    if not isinstance(declared, type) or getattr(declared, "_is_protocol", False):
+        return ANYTHING
+    public = getattr(sys.modules.get("vrte"), declared.__name__, None) is declared
+    words = f"a {PACKAGE if public else ''}{declared.__name__}"
+    return Kind(words, lambda value: isinstance(value, declared), frozenset({declared}))
+
+
+def join_kinds(parts: Sequence[Any], is_optional: bool = False) -> Kind:
+    """The kind of a union; a text beside the name of a file is one as well. Where None is the default, it is not named:
+    that stands for what is left out."""
+    kinds = list(map(find_kind, parts))
+    kinds = [kind for kind in kinds if kind is not KINDS[str] or PATH not in kinds]
+    *first, last = dict.fromkeys(kind.words for kind in kinds if not (is_optional and kind is NONE and len(kinds) > 1))
+    words = f"{', '.join(first)} or {last}" if first else last
+    items, values = (next(filter(None, (getattr(kind, name) for kind in kinds)), None) for name in ("items", "values"))
+    at_once = frozenset({NoneType} if is_optional else ()).union(*(kind.at_once for kind in kinds))
+    others = [kind for kind in kinds if kind is not NONE]
+    fits = others[0].fits if len(others) == 1 else lambda value: any(kind.takes(value) for kind in others)
+    return Kind(words, fits, at_once, items, values)
+
+
+def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
+    """The kinds of a function's parameters by name, in their order; a default of None is always taken."""
+    known, found = sys.modules[call.__module__].__dict__, {}
+    for name, one in inspect.signature(call).parameters.items():
+        declared = Any if one.annotation is one.empty or one.kind in VARIADIC else one.annotation
+        parts = read_words(declared, known) if isinstance(declared, str) else split_union(declared)
+        found[name] = join_kinds(parts, is_optional=one.default is None)
+    return found
+
+
+def read_words(declared: str, known: dict[str, Any]) -> list[Any]:
+    """The parts of a union in quotes, of which those that are not imported there stay names."""
+    parts: list[Any] = declared.split(" | ")
+    for place, part in enumerate(parts):
+        try:
+            parts[place] = eval(part, known)
+        except NameError:
+            parts[place] = part.rpartition(".")[2]
+    return parts
+
+
+def split_union(declared: Any) -> list[Any]:
+    """The parts of a union, or the one type that there is."""
+    return list(get_args(declared)) if get_origin(declared) in (Union, UnionType) else [declared]
+
+
+def check_arguments(call: Call, of: str = "") -> Call:
+    """The same function, which raises SceneError for an argument that is not of the type it is declared with; ``of``
+    stands before its name in that sentence.
+
+    >>> @check_arguments
+    ... def double(x: float) -> float:
+    ...     return 2.0 * x
+    >>> double(2.0)
+    4.0
+    >>> double(x="2")
+    Traceback (most recent call last):
+    vrte.SceneError: x must be a number, not '2'
+    """
+    kinds: dict[str, Kind] = {}  # found at the first call: most are never made
+    in_order: list[tuple[str, Kind]] = []
+
+    @functools.wraps(call)
+    def checked(*given: Any, **named: Any) -> Any:
+        if not in_order:
+            kinds.update(list_kinds(call))
+            in_order.extend((name, kinds[name]) for name in call.__code__.co_varnames[: call.__code__.co_argcount])
+        for (name, kind), value in zip(in_order, given, strict=False):
+            if type(value) not in kind.at_once and not kind.takes(value):
+                raise describe_refusal(of, name, kind, value)
+        for name, value in named.items():
+            if type(value) not in (kind := kinds.get(name, ANYTHING)).at_once and not kind.takes(value):
+                raise describe_refusal(of, name, kind, value)
+        return call(*given, **named)
+
+    return checked  # type: ignore[return-value]
+
+
+def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
+    """What is wrong with an argument, or with the first item in it that is, in a sentence."""
+    where, alone = name, ""
+    if kind.items is not None and isinstance(value, list | tuple):
+        parts = [(f"item {place} of {name}", kind.items, item) for place, item in enumerate(value, 1)]
+    elif kind.values is not None and isinstance(value, Mapping):
+        parts = [(f"{name}: {key}", kind.values, item) for key, item in value.items() if isinstance(key, str)]
+    else:
+        parts = []
+        if kind.items is not None and kind.items.takes(value):
+            alone = f"; one alone is [{show_value(value)}]"
+    where, kind, value = next((part for part in parts if not part[1].takes(part[2])), (name, kind, value))
+    words = kind.words.replace("a number", "a real number") if isinstance(value, complex) else kind.words
+    return SceneError(f"{of}{where} must be {words}, not {show_given(name, value)}{alone}", name)
+
+
+def show_given(name: str, value: Any) -> str:
+    """What was given in place of an argument, and what makes the right thing of it, where that is known.
+
+    >>> show_given("base", 0.3)
+    '0.3; a base of that albedo is vrte.Lambertian(0.3)'
+    """
+    shown = show_value(value) if type(value) in SHOWN else f"an object of type {type(value).__name__}"
+    if isinstance(value, type | FunctionType):
+        shown = f"{value.__name__} itself, which has to be called: {value.__name__}(...)"
+    return shown + HINTS.get((name, type(value).__name__), "").format(shown)
+
+
+def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[str] = ()) -> None:
+    """Checks the arguments of the functions, of the classes with their methods, and of the modules that a module has
+    by these names; ``inner``: methods that are called from within alone."""
+    for name in names:
+        given = getattr(module, name)
+        if isinstance(given, ModuleType):
+            open_front_door(given, [key for key, one in vars(given).items() if is_own(one, given.__name__)])
+        elif isinstance(given, type):
+            for one in given.__mro__:
+                if one.__module__.startswith(PACKAGE):
+                    check_methods(one, {*inner})
+        elif inspect.signature(given).parameters:
+            checked = check_arguments(given)
+            setattr(module, name, checked)
+            setattr(sys.modules[given.__module__], given.__name__, checked)  # where pickles look for it
+
+
+def is_own(one: Any, module: str) -> bool:
+    """Whether something is a public function of a module, made there."""
+    return isinstance(one, FunctionType) and one.__module__ == module and not one.__name__.startswith("_")
+
+
+def check_methods(one: type, inner: set[str]) -> None:
+    """Checks the arguments with which a class is made, and those of its public methods."""
+    for name, method in list(vars(one).items()):
+        call = method.__func__ if isinstance(method, classmethod | staticmethod) else method
+        if not isinstance(call, FunctionType) or hasattr(call, "__wrapped__") or name in inner:
+            continue
+        if not name.startswith("_") or name in ("__init__", "__call__", "__getitem__"):
+            checked = check_arguments(call, f"{one.__name__}: " if name == "__init__" else "")
+            setattr(one, name, checked if call is method else type(method)(checked))
