@@ -1,11 +1,15 @@
-"""What facets do with the energy of light: shares reflected and let through once, and what they lose given back.
+"""What facets do with the energy of light: shares reflected and let through once, and what they hide given back.
 
-A facet sends some light at its neighbours, from which it leaves after more bounces; single ones count it as lost,
-l(mu) = 1 - R - T, of I and Q. Given back it is even but for what makes it reciprocal, f = c l(mu_o) l(mu_i)^T on either
-side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the side it came from, t/L' on the other,
-so that R + T = 1 for every mu_i. t and t' are as large as exchange between both sides, t n^2 L = t' n'^2 L', and the
-shares let through of light from everywhere allow. Where light that gets in stays there, l is that of facets which
-reflect everything, and each further bounce takes its mean share.
+Facets see of light along mu what Smith's factor G(mu) leaves, and send all of that on, R + T = 1, into directions that
+other facets hide by G(mu_o). Light let through that meets another facet is let through there as well, the straighter
+the closer both indices are: it goes on where it was going, and f_t has the lesser of G(mu_i) and G(mu_o) in place of
+their product. That is reciprocal, makes nothing, and all of the light goes on as the indices become one.
+
+What is lost then, l(mu) = 1 - R - T of I and Q, leaves after more bounces. Given back it is even but for what makes it
+reciprocal, f = c l(mu_o) l(mu_i)^T on either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the
+side it came from, t/L' on the other, so that R + T = 1 for every mu_i. t and t' are as large as exchange between both
+sides, t n^2 L = t' n'^2 L', and the shares let through of light from everywhere allow. Where light that gets in stays
+there, l is that of facets which reflect everything, and each further bounce takes its mean share.
 
 Source: Kulla and Conty, Revisiting physically based shading at Imageworks (2017), for one side.
 """
@@ -74,11 +78,12 @@ def integrate_shares(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
 def find_lost(surface: RoughSurface, mu: Array) -> Array:
     """1 - R - T of single bounces along mu (...), of I and of what Q adds, (..., 2), of facets that reflect everything
     where light that gets in stays."""
-    once = replace(surface, conserving=False)
     cosines, place = np.unique(mu, return_inverse=True)
-    lit = replace(once, index=EVERYTHING * surface.index_from) if surface.closed else once
+    lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
     reflected, through = share_once(lit, cosines)
-    found: Array = (np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
+    lost = np.array([1.0, 0.0]) - reflected - through
+    lost[:, 0] = np.maximum(lost[:, 0], 0.0)  # which integrals may miss, where next to nothing is lost
+    found: Array = lost[place].reshape(*np.shape(mu), 2)
     return found
 
 

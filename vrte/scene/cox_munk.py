@@ -25,7 +25,7 @@ def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
     index : float, complex or (n, k), optional
         Refractive index of water, n + ik.
     shadowing : bool, optional
-        Whether waves hide each other; without, they reflect too much near the horizon.
+        Whether waves hide each other; without, as published, they make light near the horizon.
 
     Returns
     -------
@@ -51,4 +51,4 @@ def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
     if wind > MEASURED:
         words = f"base: slopes of the sea were measured up to a wind of {MEASURED:g} m/s, and are extrapolated to"
         warnings.warn(FittedRangeWarning(f"{words} {wind:g} m/s"), stacklevel=2)
-    return Facets(index, math.sqrt(CALM + BY_WIND * wind), shadowing=shadowing)
+    return Facets(index, math.sqrt(CALM + BY_WIND * wind), shadowing=shadowing, conserving=False)
