@@ -20,7 +20,10 @@ SEEN: dict[str, Any] = {"mu_i": [0.5, 0.9], "mu_o": [0.2, 0.6, 0.95], "phi": [0.
         ((1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
         ((1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
         ((1.5, 0.1, "gauss"), "base: distribution must be 'beckmann' or 'ggx'"),
-        ((1.5, 0.1, "beckmann", False, True), "base: conserving gives back what facets hide from each other, and without"),
+        (
+            (1.5, 0.1, "beckmann", False, True),
+            "base: conserving gives back what facets hide from each other, and without",
+        ),
         ((0.0, 0.1), "base: index must be n or n"),
         (((1.5, -1.0), 0.1), "base: index must be n or n"),
     ],

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import settle_array
+from vrte.basics.arrays import Array, settle_array
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
+from vrte.calls.energy import add_notes, list_notes
 from vrte.discrete_ordinates.execution.together import Together, solve_alike
 from vrte.discrete_ordinates.planning.alike import (
     Alike,
@@ -126,7 +127,7 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(
-            partial(tell_diagnostics, requests[places[k]], list_numbers(alike, found, k), told),
+            partial(tell_diagnostics, requests[places[k]], reflectance[k], list_numbers(alike, found, k), told),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
             mu_i=alike.request.mu0,
@@ -150,10 +151,13 @@ def list_numbers(alike: Alike, found: Together, place: int) -> dict[str, Any]:
     }
 
 
-def tell_diagnostics(request: Request, numbers: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
+def tell_diagnostics(
+    request: Request, reflectance: Array, numbers: dict[str, Any], told: dict[str, Any]
+) -> dict[str, Any]:
     """How one of them was found; its own plan is made for that."""
+    notes = list_notes(request, 1.0 - reflectance[None, :, None])
     return {
-        **plan_request(request, Run(1)).diagnostics(),
+        **add_notes(plan_request(request, Run(1)).diagnostics(), notes),
         "threads": 1,
         "openmp": True,
         **numbers,

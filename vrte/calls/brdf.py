@@ -9,6 +9,7 @@ from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible, start_run
 from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
 from vrte.calls.differences import differentiate_beams
+from vrte.calls.energy import note_energy
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -133,7 +134,7 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,
-        diagnostics=solution.diagnostics | {"illuminate": request.illuminate, "index_outside": outside},
+        diagnostics=note_energy(request, solution) | {"illuminate": request.illuminate, "index_outside": outside},
         specular=freeze_copy(specular) if specular.any() else None,
         surface=None if surface is None else freeze_copy(surface),
         specular_transmission=freeze_copy(through) if through.any() else None,

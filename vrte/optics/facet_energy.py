@@ -6,10 +6,10 @@ the closer both indices are: it goes on where it was going, and f_t has the less
 their product. That is reciprocal, makes nothing, and all of the light goes on as the indices become one.
 
 What is lost then, l(mu) = 1 - R - T of I and Q, leaves after more bounces. Given back it is even but for what makes it
-reciprocal, f = c l(mu_o) l(mu_i)^T on either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the
-side it came from, t/L' on the other, so that R + T = 1 for every mu_i. t and t' are as large as exchange between both
-sides, t n^2 L = t' n'^2 L', and the shares let through of light from everywhere allow. Where light that gets in stays
-there, l is that of facets which reflect everything, and each further bounce takes its mean share.
+reciprocal, f = c l(mu_o) l(mu_i)^T on either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on
+the side it came from, t/L' on the other, so that R + T = 1 for every mu_i. t and t' are as large as exchange between
+both sides, t n^2 L = t' n'^2 L', and the shares let through of light from everywhere allow. Where light that gets in
+stays there, l is that of facets which reflect everything, and each further bounce takes its mean share.
 
 Source: Kulla and Conty, Revisiting physically based shading at Imageworks (2017), for one side.
 """

@@ -74,8 +74,8 @@ def gather_orders(
     points, reach = choose_points(accuracy)
     mu_node, weight = nodes.carried(surface.index_from)
     if transmitted:  # beside the normal cosines would not resolve the lobe
-        sine = UPRIGHT / math.sqrt(surface.roughness * abs(surface.ratio.real - 1.0))
-        mu_out = np.minimum(mu_out, math.sqrt(1.0 - sine * sine))
+        upright = UPRIGHT / math.sqrt(surface.roughness * abs(surface.ratio.real - 1.0))
+        mu_out = np.minimum(mu_out, math.sqrt(1.0 - upright * upright))
     found = np.zeros((n_order, mu_node.size, mu_out.size, 4, 4))
     met = find_pieces(surface, transmitted, mu_out)
     for place, panel, x_node in list_panels(nodes, surface.index_from):
