@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import settle_array
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
-from vrte.calls.energy import add_notes, list_notes
+from vrte.calls.energy import ROUNDING
 from vrte.discrete_ordinates.execution.together import Together, solve_alike
 from vrte.discrete_ordinates.planning.alike import (
     Alike,
@@ -109,8 +109,12 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     for name, clock in run.stages.items():
         whole.book(name, clock["wall_seconds"], clock["thread_seconds"])
     wall = time.perf_counter() - begin
-    right = np.flatnonzero(fits & found.right).tolist()
-    for k in np.flatnonzero(alike.cut & fits & found.right).tolist():
+    reflectance = settle_array(found.flux / alike.request.mu0)
+    whole = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
+    lost = np.where(whole[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
+    solved = fits & found.right & (lost <= max(alike.request.accuracy, ROUNDING))  # others by themselves, which say why
+    right = np.flatnonzero(solved).tolist()
+    for k in np.flatnonzero(alike.cut & solved).tolist():
         cut = {"terms_cut": True, "nodes": alike.nodes.size}
         warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], cut)
     told = {
@@ -123,11 +127,10 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     }
     thickness = np.array([scene.thickness for scene in scenes])
     through = settle_array(np.exp(-thickness[:, None] / alike.request.mu0))
-    reflectance = settle_array(found.flux / alike.request.mu0)
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(
-            partial(tell_diagnostics, requests[places[k]], reflectance[k], list_numbers(alike, found, k), told),
+            partial(tell_diagnostics, requests[places[k]], list_numbers(alike, found, k), told),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
             mu_i=alike.request.mu0,
@@ -151,13 +154,10 @@ def list_numbers(alike: Alike, found: Together, place: int) -> dict[str, Any]:
     }
 
 
-def tell_diagnostics(
-    request: Request, reflectance: Array, numbers: dict[str, Any], told: dict[str, Any]
-) -> dict[str, Any]:
+def tell_diagnostics(request: Request, numbers: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
     """How one of them was found; its own plan is made for that."""
-    notes = list_notes(request, 1.0 - reflectance[None, :, None])
     return {
-        **add_notes(plan_request(request, Run(1)).diagnostics(), notes),
+        **plan_request(request, Run(1)).diagnostics(),
         "threads": 1,
         "openmp": True,
         **numbers,

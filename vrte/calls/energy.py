@@ -20,18 +20,15 @@ from vrte.scene.base_checks import CHECKED_COSINES
 from vrte.scene.beams import find_cosines, find_direct_light, locate_depths
 from vrte.scene.scene import Scene
 
+ENERGY = "energy: "  # begins every note
 ROUNDING = 1e-12  # of the light that falls in: what sums of fluxes leave
 MUCH = 2.0  # times the light that falls on them: facets that send on more are warned of
 
 
 def note_energy(request: Request, solution: Solution) -> dict[str, Any]:
     """The diagnostics of a solution, with a note, and no promise, where its light does not balance."""
-    return add_notes(solution.diagnostics, list_notes(request, find_net_fluxes(request, solution)))
-
-
-def add_notes(diagnostics: dict[str, Any], notes: list[str]) -> dict[str, Any]:
-    """Diagnostics with notes more; what has any is not promised."""
-    return diagnostics | {"promised": False, "notes": [*diagnostics.get("notes", ()), *notes]} if notes else diagnostics
+    told, notes = solution.diagnostics, list_notes(request, find_net_fluxes(request, solution))
+    return told | {"promised": False, "notes": [*told.get("notes", ()), *notes]} if notes else told
 
 
 def find_net_fluxes(request: Request, solution: Solution) -> Array:
@@ -51,13 +48,13 @@ def find_net_fluxes(request: Request, solution: Solution) -> Array:
 
 
 def list_notes(request: Request, net: Array) -> list[str]:
-    """What does not balance, beyond the accuracy; ``net`` as of `find_net_fluxes`, of the first depths at least."""
+    """What does not balance, beyond the accuracy; ``net`` as of `find_net_fluxes`."""
     scene, allowed = request.scene, max(request.accuracy, ROUNDING)
     notes = list(list_facets_that_make_light(scene, request.mu0, allowed))
     if not np.isfinite(net).all():
         return notes
     places, losing = locate_levels(request)
-    order = np.argsort(places[: len(net)])
+    order = np.argsort(places)
     edges = [*places[order].tolist(), float(len(losing))]
     absorbed = -np.diff(net[order], axis=0, append=0.0)
     made = np.sqrt((absorbed[..., 1:] ** 2).sum(axis=-1)) - absorbed[..., 0]  # of the polarization that gains most
@@ -68,7 +65,7 @@ def list_notes(request: Request, net: Array) -> list[str]:
         lost = kept[link] and absorbed[link, beam, 0] > allowed
         words = f"is {'lost where nothing absorbs' if lost else 'made'}: {find_cause(request, allowed)}"
         share = f"{made[link, beam]:.2g} of the light that falls in along mu = {request.mu0[beam]:g}"
-        notes.append(f"energy: {share} {words}")
+        notes.append(f"{ENERGY}{share} {words}")
     return notes
 
 
@@ -105,7 +102,7 @@ def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Ite
         worst = int(sent.argmax())
         if sent[worst] <= 1.0 + allowed:
             continue
-        words = f"facets of {name} make light without shadowing: along mu = {mu0[lit][worst]:g} they send on"
+        words = f"{ENERGY}facets of {name} make light without shadowing: along mu = {mu0[lit][worst]:g} they send on"
         note = f"{words} {sent[worst]:.6g} of what falls on them"
         if sent[worst] > MUCH:
             warnings.warn(f"{note}; give shadowing = True", AccuracyWarning, stacklevel=6)
