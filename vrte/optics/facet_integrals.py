@@ -136,6 +136,8 @@ def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Arra
     met = np.where(possible & (np.abs(incoming) < 0.5 * np.pi), np.abs(np.sin(incoming)), -1.0)
     if transmitted:  # upright facets, at every azimuth
         met = np.append(met, np.sqrt(np.maximum(1.0 - (ratio * mu_out[:, None]) ** 2, 0.0)), axis=1)
+    if surface.shadows(transmitted) == 2:  # directions of one cosine, hidden alike
+        met = np.append(met, np.sqrt(1.0 - mu_out[:, None] ** 2), axis=1)
     return surface.index_from * met
 
 
