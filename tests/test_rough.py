@@ -183,6 +183,14 @@ def test_narrow_lobes_are_seen_whole_from_straight_above(index: float, roughness
     np.testing.assert_allclose(np.sum(surface.share([1.0, 1.0 - 1e-12, 0.999999]), axis=0), 1.0, rtol=0.0, atol=1e-4)
 
 
+@pytest.mark.parametrize("index", [1.5, 1.0 / 1.5])
+def test_what_is_lost_along_many_directions_comes_from_a_table(index: float) -> None:
+    surface = vrte.Interface(1.0, index, 0.3, "ggx").facets
+    mu = np.linspace(0.003, 1.0, 600)
+    few = np.concatenate([surface.reflect(part, 0.6, 20.0) for part in np.split(mu, 2)])
+    np.testing.assert_allclose(surface.reflect(mu, 0.6, 20.0), few, rtol=0.0, atol=1e-6)
+
+
 def test_white_stays_white_under_facets_that_conserve() -> None:
     """Rayleigh's light inside is polarized, and loses another share of itself than unpolarized light."""
     base, layer = vrte.Lambertian(1.0), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)

@@ -27,6 +27,9 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 
 NODES, FINE = 40, 1e-9
+TABLE = (
+    512  # cosines, even in their root, between which splines are right to 1e-6 (below mu = 0.005, n - 1 = 1e-5: 4e-3)
+)
 _SHARED = Remembered()  # the same facets lie on a panel at every thickness, over every base
 EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever the angle
 
@@ -79,12 +82,21 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
     """1 - R - T of single bounces along mu (...), of I and of what Q adds, (..., 2), of facets that reflect everything
     where light that gets in stays."""
     cosines, place = np.unique(mu, return_inverse=True)
+    if cosines.size > TABLE:
+        from scipy.interpolate import CubicSpline
+
+        root = np.arange(1, TABLE + 1) / TABLE
+        spline = CubicSpline(root, find_lost(surface, root**2))
+        return keep_positive(spline(np.sqrt(cosines)))[place].reshape(*np.shape(mu), 2)
     lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
     reflected, through = share_once(lit, cosines)
-    lost = np.array([1.0, 0.0]) - reflected - through
-    lost[:, 0] = np.maximum(lost[:, 0], 0.0)  # which integrals may miss, where next to nothing is lost
-    found: Array = lost[place].reshape(*np.shape(mu), 2)
-    return found
+    return keep_positive(np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
+
+
+def keep_positive(lost: Array) -> Array:
+    """What is lost (n, 2), of I 0 at least: integrals may miss that where it is next to nothing."""
+    lost[:, 0] = np.maximum(lost[:, 0], 0.0)
+    return lost
 
 
 @lru_cache(maxsize=64)
