@@ -274,7 +274,8 @@ def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty(name: s
         if isinstance(key, Choice) and not key.needed and not key.empty:
             assert defaults[word] == next(iter(key.names))
         if isinstance(key, Flag) and not key.needed and key.start is None:
-            assert defaults[word] is False
+            usual = defaults[word] if defaults[word] is not None else getattr(vrte.Facets(1.5, 0.1), word)
+            assert key.usual({}) is usual
 
 
 @pytest.mark.parametrize("packing", PACKINGS)

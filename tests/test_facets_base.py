@@ -20,7 +20,10 @@ SEEN: dict[str, Any] = {"mu_i": [0.5, 0.9], "mu_o": [0.2, 0.6, 0.95], "phi": [0.
         ((1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
         ((1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
         ((1.5, 0.1, "gauss"), "Facets: distribution must be 'beckmann' or 'ggx'"),
-        ((1.5, 0.1, "beckmann", False, True), "base: conserving gives back what is lost, and facets without shadows"),
+        (
+            (1.5, 0.1, "beckmann", False, True),
+            "base: conserving gives back what facets hide from each other, and without",
+        ),
         ((0.0, 0.1), "base: index must be n or n"),
         (((1.5, -1.0), 0.1), "base: index must be n or n"),
     ],
@@ -30,7 +33,7 @@ def test_what_no_surface_has_is_refused(arguments: tuple[Any, ...], words: str) 
         vrte.Facets(*arguments)
 
 
-@pytest.mark.parametrize("base", [vrte.Facets(1.34, 0.197), vrte.Facets((0.2, 3.0), 0.5, "ggx", shadowing=True)])
+@pytest.mark.parametrize("base", [vrte.Facets(1.34, 0.197, shadowing=False), vrte.Facets((0.2, 3.0), 0.5, "ggx")])
 def test_a_function_with_the_same_facets_gives_the_same_light(base: vrte.Facets) -> None:
     """Azimuths by an adaptive rule for any function there, nodes as sampling points: wide lobes are no harder."""
     scenes = [vrte.Scene([AIR], base), vrte.Scene([AIR], vrte.MuellerBase(base.reflect))]
@@ -82,7 +85,7 @@ def test_what_bounces_between_facets_is_given_back() -> None:
     once, all_ = (vrte.Facets((0.2, 3.0), 0.5, "ggx", True, conserving) for conserving in (False, True))
     assert (once.reflectance(mu) < all_.reflectance(mu)).all()
     assert (all_.reflectance(mu) < 0.95).all()  # 0.92 after one bounce at most
-    perfect = vrte.Facets((0.001, 1000.0), 0.5, "ggx", shadowing=True, conserving=True)
+    perfect = vrte.Facets((0.001, 1000.0), 0.5, "ggx")
     np.testing.assert_allclose(perfect.reflectance(mu), 1.0, atol=1e-6)
     there, back = (all_.reflect(np.array(a), np.array(b), np.array(40.0))[0, 0] for a, b in ((0.2, 0.7), (0.7, 0.2)))
     assert there == pytest.approx(back, rel=1e-12)

@@ -147,7 +147,7 @@ PUBLISHED = {
     "Hapke": (SCALAR["hapke, 1981"], [1.8610989e-1, 1.9240737e-1, 2.0588793e-1]),
     "Rahman": (vrte.RPV(0.1, 0.5, -0.5), [2.2996659e-1, 2.9928158e-1, 4.9078988e-1]),
     "Cox-Munk": (
-        vrte.Facets(1.341, math.sqrt(0.003 + 0.00512 * 15.0), shadowing=True),
+        vrte.Facets(1.341, math.sqrt(0.003 + 0.00512 * 15.0), conserving=False),
         [4.9703953e-2, 2.9087331e-2, 1.3190549e-2],
     ),
 }
@@ -290,7 +290,7 @@ def test_what_no_surface_has_is_refused(make: Callable[[], Any], words: str) -> 
 
 
 def test_a_sea_is_facets_by_the_wind() -> None:
-    assert vrte.cox_munk(7.0) == vrte.Facets(1.34, math.sqrt(0.003 + 0.00512 * 7.0))
+    assert vrte.cox_munk(7.0) == vrte.Facets(1.34, math.sqrt(0.003 + 0.00512 * 7.0), shadowing=False)
     with pytest.warns(vrte.FittedRangeWarning, match="measured up to a wind of 14 m/s, and are extrapolated to 20 m/s"):
         vrte.cox_munk(20.0)
 

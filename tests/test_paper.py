@@ -44,9 +44,9 @@ CLAIMS = [  # what the paper says, and where which words say it
     ("phase functions that make modes swing must be refused", "algorithms", "modes refuse it"),
     ("timed on processors only", "opencl", "No GPU was at hand"),
     (
-        "with the lost energy given back on request",
+        "with the lost energy given back",
         "rough",
-        "`conserving=True` (with shadowing) gives back what is lost",
+        "and what they hide is given back: such a surface neither loses nor makes light",
     ),
     ("one of three models of crowding", "crowding", "coherent-potential"),
 ]

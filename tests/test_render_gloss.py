@@ -166,7 +166,7 @@ def test_facets_spread_the_suns_glint_and_keep_its_light() -> None:
 def test_a_bare_rough_base_is_seen_facet_by_facet(tmp_path: Path) -> None:
     """A table of 32 angles cannot hold its highlight: 20 % off by splines."""
     path = tmp_path / "metal.toml"
-    facets = 'kind = "facets"\nindex = [0.2, 3.4]\nroughness = 0.1\nshadowing = true\n'
+    facets = 'kind = "facets"\nindex = [0.2, 3.4]\nroughness = 0.1\nconserving = false\n'
     path.write_text(f'[[layer]]\nphase = "isotropic"\nalbedo = 0.0\nthickness = 0.0\n\n[base]\n{facets}')
     (material,), _ = read([path])
     found, error = find_fine_table(material, [COARSE])

@@ -16,7 +16,7 @@ from vrte.optics.facets import reflect_facets, transmit_facets
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 NONE = np.zeros(0)
-SEA = vrte.Interface(1.0, 1.34, np.sqrt(0.003 + 0.00512 * 7.0))  # wind of 7 m/s
+SEA = vrte.Interface(1.0, 1.34, np.sqrt(0.003 + 0.00512 * 7.0), shadowing=False)  # as published; wind of 7 m/s
 # Chowdhary et al., JQSRT 242, 106717 (2020), system AOS-II, sun at 30 degrees: scattering, absorption per metre of
 # 100 m of water; then phi, zenith angle, I, Q, U of pi L/(mu0 F0) just above the sea, phi and U in our signs
 PUBLISHED = {
@@ -111,7 +111,7 @@ def test_the_limit_is_the_smooth_interface(indices: tuple[float, float]) -> None
 @pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
 def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) -> None:
     """A beam's power into nodes is that of all its facets, by another quadrature."""
-    surface = vrte.Interface(1.0, 1.5, 0.3, distribution, shadowing=True)
+    surface = vrte.Interface(1.0, 1.5, 0.3, distribution, conserving=False)
     nodes, beam = make_refracted_nodes([1.0, 1.5], 24), np.array([0.6])
     found = expand_interface(surface, nodes, (beam, NONE), (beam, NONE), 3, 1e-8)
     (mu, weights), (mu_below, weights_below) = nodes.carried(1.0), nodes.carried(1.5)
@@ -138,8 +138,8 @@ def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) ->
 
 @pytest.mark.parametrize(("index", "roughness", "distribution"), [(1.5, 0.3, "beckmann"), (1.1, 1.0, "ggx")])
 def test_single_bounces_lose_energy_that_can_be_given_back(index: float, roughness: float, distribution: Any) -> None:
-    once = vrte.Interface(1.0, index, roughness, distribution, shadowing=True)
-    kept = vrte.Interface(1.0, index, roughness, distribution, shadowing=True, conserving=True)
+    once = vrte.Interface(1.0, index, roughness, distribution, conserving=False)
+    kept = vrte.Interface(1.0, index, roughness, distribution)
     mu = np.array([0.02, 0.1, 0.5, 1.0])
     for surface in (once, once.turned):
         total = np.sum(surface.share(mu), axis=0)
@@ -157,11 +157,45 @@ def test_single_bounces_lose_energy_that_can_be_given_back(index: float, roughne
         assert total + found.transmitted[side][0, -1, :, 0, 0] @ powers[1 - side] == pytest.approx(1.0, abs=5e-5)
 
 
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+@pytest.mark.parametrize("roughness", [0.05, 0.2, 1.5])
+def test_the_limit_of_equal_indices_is_no_surface(roughness: float, distribution: Any) -> None:
+    """n - 1 = 1e-5, light scattered below: 1e-3, or what Snell's law makes of it (3.4e-3 at mu = 0.05 in and out)."""
+    layer, mu = vrte.Layer(vrte.rayleigh(), 0.9, 0.3), [0.05, 0.1, 0.3, 1.0]
+
+    def scatter(*surface: vrte.Interface) -> Array:
+        f = vrte.brdf(vrte.Scene([*surface, layer]), mu, mu, [0.0, 60.0, 180.0], nodes=24)
+        mirrored = 0.0 if f.surface is None else f.surface
+        return (f.mueller - mirrored)[..., 0, 0]
+
+    rough = vrte.Interface(1.0, 1.00001, roughness, distribution)
+    plain = scatter()
+    bent = np.abs(scatter(vrte.Interface(1.0, 1.00001)) / plain - 1.0)
+    assert (np.abs(scatter(rough) / plain - 1.0) <= np.maximum(1e-3, 1.05 * bent)).all()
+    for surface in (rough, rough.turned):
+        np.testing.assert_allclose(np.sum(surface.share([0.01, *mu]), axis=0), 1.0, rtol=0.0, atol=1e-5)
+        assert surface.share(mu)[1].min() > 0.998
+
+
+@pytest.mark.parametrize(("index", "roughness"), [(1.000001, 0.01), (1.00001, 0.05), (1.001, 0.2)])
+def test_narrow_lobes_are_seen_whole_from_straight_above(index: float, roughness: float) -> None:
+    surface = vrte.Interface(1.0, index, roughness, conserving=False)
+    np.testing.assert_allclose(np.sum(surface.share([1.0, 1.0 - 1e-12, 0.999999]), axis=0), 1.0, rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("index", [1.5, 1.0 / 1.5])
+def test_what_is_lost_along_many_directions_comes_from_a_table(index: float) -> None:
+    surface = vrte.Interface(1.0, index, 0.3, "ggx").facets
+    mu = np.linspace(0.003, 1.0, 600)
+    few = np.concatenate([surface.reflect(part, 0.6, 20.0) for part in np.split(mu, 2)])
+    np.testing.assert_allclose(surface.reflect(mu, 0.6, 20.0), few, rtol=0.0, atol=1e-6)
+
+
 def test_white_stays_white_under_facets_that_conserve() -> None:
     """Rayleigh's light inside is polarized, and loses another share of itself than unpolarized light."""
     base, layer = vrte.Lambertian(1.0), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
     for conserving, allowed in ((True, 2e-5), (False, 0.4)):
-        surface = vrte.Interface(1.0, 1.5, 0.5, shadowing=True, conserving=conserving)
+        surface = vrte.Interface(1.0, 1.5, 0.5, conserving=conserving)
         f = vrte.brdf(vrte.Scene([surface, layer], base), mu_i=[0.2, 1.0], mu_o=0.5, phi=0.0, nodes=24)
         np.testing.assert_allclose(f.reflectance, 1.0, atol=allowed)
     assert f.reflectance.max() < 0.8

@@ -78,4 +78,4 @@ def test_facets_that_create_light_without_end_are_told() -> None:
 
     with pytest.warns(vrte.AccuracyWarning, match="give the interface shadowing"):
         assert solve(False).reflectance[0] < 0.0
-    assert 0.0 < solve(True).reflectance[0] < 1.0
+    assert solve(True).reflectance[0] == pytest.approx(1.0, abs=2e-3)  # 16 nodes under index 4

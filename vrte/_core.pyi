@@ -45,7 +45,7 @@ def facet_orders(
     index: complex,
     roughness: float,
     is_ggx: bool,
-    shadowing: bool,
+    shadowing: int,
     transmitted: bool,
     mu_i: Array,
     mu_o: Array,

@@ -11,6 +11,7 @@ from vrte.basics.arrays import settle_array
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.fields import change_fields
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
+from vrte.calls.energy import ROUNDING
 from vrte.discrete_ordinates.execution.together import Together, solve_alike
 from vrte.discrete_ordinates.planning.alike import (
     Alike,
@@ -108,8 +109,12 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     for name, clock in run.stages.items():
         whole.book(name, clock["wall_seconds"], clock["thread_seconds"])
     wall = time.perf_counter() - begin
-    right = np.flatnonzero(fits & found.right).tolist()
-    for k in np.flatnonzero(alike.cut & fits & found.right).tolist():
+    reflectance = settle_array(found.flux / alike.request.mu0)
+    whole = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
+    lost = np.where(whole[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
+    solved = fits & found.right & (lost <= max(alike.request.accuracy, ROUNDING))  # others by themselves, which say why
+    right = np.flatnonzero(solved).tolist()
+    for k in np.flatnonzero(alike.cut & solved).tolist():
         cut = {"terms_cut": True, "nodes": alike.nodes.size}
         warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], cut)
     told = {
@@ -122,7 +127,6 @@ def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[in
     }
     thickness = np.array([scene.thickness for scene in scenes])
     through = settle_array(np.exp(-thickness[:, None] / alike.request.mu0))
-    reflectance = settle_array(found.flux / alike.request.mu0)
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(

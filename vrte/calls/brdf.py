@@ -15,6 +15,7 @@ from vrte.calls.derivatives import (
     solve_with_derivatives,
 )
 from vrte.calls.differences import differentiate_beams
+from vrte.calls.energy import note_energy
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -140,7 +141,7 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,
-        diagnostics=solution.diagnostics | {"illuminate": request.illuminate, "index_outside": outside},
+        diagnostics=note_energy(request, solution) | {"illuminate": request.illuminate, "index_outside": outside},
         specular=freeze_copy(specular) if specular.any() else None,
         surface=None if surface is None else freeze_copy(surface),
         specular_transmission=freeze_copy(through) if through.any() else None,

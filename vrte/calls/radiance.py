@@ -15,6 +15,7 @@ from vrte.calls.derivatives import (
     solve_with_derivatives,
 )
 from vrte.calls.differences import differentiate_beams
+from vrte.calls.energy import note_energy
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
@@ -151,7 +152,7 @@ def make_field(
         phi=request.phi,
         mu0=float(request.mu0[0]) if alone else request.mu0,
         incident_stokes=incident,
-        diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
+        diagnostics=note_energy(request, solution) | {"illuminate": request.illuminate},
         direct_up=freeze_copy(beams[1][beam]) if request.scene.keeps_beams else None,
         index=None if index is None else freeze_copy(index),
         jacobian={name: found[0][beam][..., shown, :, :] for name, found in changes.items()},

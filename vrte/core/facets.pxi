@@ -9,8 +9,9 @@ cdef struct Facets:
     # index: behind over before; steep: alpha squared; reach: beyond these slopes over alpha there are none
     cplx index
     double steep, reach
-    bint is_ggx, shadowing, transmitted
-    int n_point, n_order
+    # shadowing: 0 none, 1 Smith's factors of both directions, 2 the lesser of them
+    bint is_ggx, transmitted
+    int shadowing, n_point, n_order
     given mu_i, mu_o, points, weights
     doubles out
 
@@ -28,7 +29,7 @@ cdef struct Pair:
     double mu_i, mu_o, sine_i, sine_o, across, vertical, apart, between, common
 
 
-def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, bint shadowing, bint transmitted,
+def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, int shadowing, bint transmitted,
                  const double[::1] mu_i, const double[::1] mu_o, const double[::1] points, const double[::1] weights,
                  double reach, double[:, :, ::1] out):
     """R^m of pairs of directions mu_i, mu_o (pair,): out (pair, order, 16), row by row, cos in the blocks (I,Q)-(I,Q)
@@ -40,7 +41,7 @@ def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, b
     if out.size == 0:
         return
     cdef Facets task = Facets(
-        make(index.real, index.imag), roughness * roughness, reach, is_ggx, shadowing, transmitted,
+        make(index.real, index.imag), roughness * roughness, reach, is_ggx, transmitted, shadowing,
         <int>points.shape[0], <int>out.shape[1], &mu_i[0], &mu_o[0], &points[0], &weights[0], &out[0, 0, 0])
     run_items(crew, facet_pair, &task, n_pair, AZIMUTHS * 20 + task.n_order * (2 * AZIMUTHS + 16), 0, NULL)
 
@@ -66,7 +67,7 @@ cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
     cdef Pair p
     cdef double n = f.index.real, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
     cdef double edge = 0.0, before = 0.0
-    cdef double lobe, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
+    cdef double lobe, seen, lit, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
     cdef int piece, m, k
     cdef doubles out = f.out + <size_t>item * f.n_order * 16
     cdef doubles low
@@ -86,7 +87,8 @@ cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
     p.between = (mu_o - mu_i) * (mu_o + mu_i) / sum_of_sines if sum_of_sines > 0.0 else 0.0
     p.common = 1.0 / (PI * f.steep * mu_i * mu_o)
     if f.shadowing:
-        p.common *= shade(f, mu_i, p.sine_i) * shade(f, mu_o, p.sine_o)
+        lit, seen = shade(f, mu_i, p.sine_i), shade(f, mu_o, p.sine_o)
+        p.common *= lit * seen if f.shadowing == 1 else min(lit, seen)
     last = PI
     if f.transmitted:
         p.across, p.vertical = p.sine_i - n * p.sine_o, mu_i - n * mu_o

@@ -26,8 +26,10 @@ H_WORDS = {"2002": "Hapke 2002, within 1 %", "1981": "Hapke 1981, within 4 %"}
 FACETS: dict[str, Key] = {  # how rough a surface is, of a base or an interface
     "roughness": Number("roughness", ROUGHNESS, hint="slopes' rms times √2, 0.01 to 1.5", allowed=ROUGHNESS_ALLOWED),
     "distribution": Choice("slopes of facets", names=SLOPES, needed=False),
-    "shadowing": Flag("facets hide each other (Smith)", needed=False),
-    "conserving": Flag("light lost between facets is given back", needed=False),
+    "shadowing": Flag("facets hide each other (Smith)", needed=False, usual=lambda table: True),
+    "conserving": Flag(
+        "light lost between facets is given back", needed=False, usual=lambda table: table.get("shadowing", True)
+    ),
 }
 AVERAGED = "average_mirrored"
 SUBSTANCE = Index("substance", [1.5, 0.0], hint=SUBSTANCE_HINT)
@@ -77,7 +79,7 @@ BASES: dict[str, BaseRow] = {
         {
             "wind": Number("wind", 7.0, hint="m/s, 0 to 40; measured up to 14"),
             "index": Index("water", [1.34, 0.0], hint=SUBSTANCE_HINT, empty="1.34", needed=False),
-            "shadowing": FACETS["shadowing"],
+            "shadowing": Flag("waves hide each other (Smith)", needed=False),
         },
     ),
     "rpv": BaseRow(

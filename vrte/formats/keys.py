@@ -73,7 +73,9 @@ class Whole(Key):
 
 @dataclass(frozen=True)
 class Flag(Key):
-    """True or false."""
+    """True or false; ``usual``: what it is where a table leaves it out."""
+
+    usual: Callable[[Mapping[str, Any]], bool] = field(default=lambda table: False, kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> bool:
         return table.flag(name)

@@ -26,14 +26,13 @@ from vrte.formats.materials import WORDS, expand_materials, list_materials, read
 from vrte.formats.particle_sources import COATED, SPHERES
 from vrte.formats.sizes import SIZE_KEYS
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import LARGEST_FILE, Table, is_number, parse_toml, show_place, suggest_nearest
+from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_place, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS
 
 FOLDER = Path(__file__).parents[1] / "paints"
 KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
 SMOOTH, BARE = "smooth", "none"
-CONSERVING = {"shadowing": True, "conserving": True}  # of facets, which otherwise lose a third of a white paint's light
 SURFACE = f'"{SMOOTH}", "{BARE}" or a table with {", ".join(INTERFACE)}'
 REPLACED = ("particles", "layer", "base", "host_index")  # by what a paint is expanded to
 # keys of a pigment's grains of which one is enough: whichever is given stands in place of the pigment's own
@@ -202,13 +201,10 @@ def _make_grains(paint: Table, name: str, own: dict[str, Any] | None) -> dict[st
 
 
 def _read_surface(paint: Table) -> dict[str, Any] | None:
-    """How rough the paint's surface is: {} where it is smooth, None where there is none. Facets hide each other, and
-    what they lose is given back, unless shadowing or conserving says otherwise."""
+    """How rough the paint's surface is: {} where it is smooth, None where there is none."""
     given = paint.content.get("surface", SMOOTH)
     if isinstance(given, dict):
-        table = paint.table("surface", tuple(INTERFACE)).content
-        is_rough = is_number(table.get("roughness")) and table["roughness"] > 0.0
-        return CONSERVING | table if is_rough and table.get("shadowing", True) is True else table
+        return paint.table("surface", tuple(INTERFACE)).content
     if given not in (SMOOTH, BARE):
         raise paint.wrong("surface", f"must be {SURFACE}")
     return {} if given == SMOOTH else None

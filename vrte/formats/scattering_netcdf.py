@@ -6,14 +6,13 @@ in it leads to another file is refused.
 
 import json
 import os
-import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.errors import SceneError, UnitsWarning, import_extra
+from vrte.basics.errors import SceneError, UnitsWarning, import_extra, warn_user
 from vrte.formats.contents import explain_error
 from vrte.formats.hdf5_file import check_size, check_storage, find_stored_name, has_array, open_dataset, read_arrays
 from vrte.formats.netcdf import NETCDF, SIGNATURE, Stored, read_foreign
@@ -66,7 +65,7 @@ class WavelengthTable(NamedTuple):
     def choose_convention(self, asked: str | None) -> str:
         """The convention that is asked for, else the file's, with a UnitsWarning where that is in doubt."""
         if asked is None and self.doubt:
-            warnings.warn(UnitsWarning(self.doubt), stacklevel=4)
+            warn_user(self.doubt, UnitsWarning)
         return self.convention if asked is None else asked
 
 

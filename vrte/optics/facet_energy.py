@@ -1,11 +1,15 @@
-"""What facets do with the energy of light: shares reflected and let through once, and what they lose given back.
+"""What facets do with the energy of light: shares reflected and let through once, and what they hide given back.
 
-A facet sends some light at its neighbours, from which it leaves after more bounces; single ones count it as lost,
-l(mu) = 1 - R - T, of I and Q. Given back it is even but for what makes it reciprocal, f = c l(mu_o) l(mu_i)^T on either
-side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the side it came from, t/L' on the other,
-so that R + T = 1 for every mu_i. t and t' are as large as exchange between both sides, t n^2 L = t' n'^2 L', and the
-shares let through of light from everywhere allow. Where light that gets in stays there, l is that of facets which
-reflect everything, and each further bounce takes its mean share.
+Facets see of light along mu what Smith's factor G(mu) leaves, and send all of that on, R + T = 1, into directions that
+other facets hide by G(mu_o). Light let through that meets another facet is let through there as well, the straighter
+the closer both indices are: it goes on where it was going, and f_t has the lesser of G(mu_i) and G(mu_o) in place of
+their product. That is reciprocal, makes nothing, and all of the light goes on as the indices become one.
+
+What is lost then, l(mu) = 1 - R - T of I and Q, leaves after more bounces. Given back it is even but for what makes it
+reciprocal, f = c l(mu_o) l(mu_i)^T on either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on
+the side it came from, t/L' on the other, so that R + T = 1 for every mu_i. t and t' are as large as exchange between
+both sides, t n^2 L = t' n'^2 L', and the shares let through of light from everywhere allow. Where light that gets in
+stays there, l is that of facets which reflect everything, and each further bounce takes its mean share.
 
 Source: Kulla and Conty, Revisiting physically based shading at Imageworks (2017), for one side.
 """
@@ -23,6 +27,9 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 
 NODES, FINE = 40, 1e-9
+TABLE = (
+    512  # cosines, even in their root, between which splines are right to 1e-6 (below mu = 0.005, n - 1 = 1e-5: 4e-3)
+)
 _SHARED = Remembered()  # the same facets lie on a panel at every thickness, over every base
 EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever the angle
 
@@ -74,12 +81,22 @@ def integrate_shares(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
 def find_lost(surface: RoughSurface, mu: Array) -> Array:
     """1 - R - T of single bounces along mu (...), of I and of what Q adds, (..., 2), of facets that reflect everything
     where light that gets in stays."""
-    once = replace(surface, conserving=False)
     cosines, place = np.unique(mu, return_inverse=True)
-    lit = replace(once, index=EVERYTHING * surface.index_from) if surface.closed else once
+    if cosines.size > TABLE:
+        from scipy.interpolate import CubicSpline
+
+        root = np.arange(1, TABLE + 1) / TABLE
+        spline = CubicSpline(root, find_lost(surface, root**2))
+        return keep_positive(spline(np.sqrt(cosines)))[place].reshape(*np.shape(mu), 2)
+    lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
     reflected, through = share_once(lit, cosines)
-    found: Array = (np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
-    return found
+    return keep_positive(np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
+
+
+def keep_positive(lost: Array) -> Array:
+    """What is lost (n, 2), of I 0 at least: integrals may miss that where it is next to nothing."""
+    lost[:, 0] = np.maximum(lost[:, 0], 0.0)
+    return lost
 
 
 @lru_cache(maxsize=64)

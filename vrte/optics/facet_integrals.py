@@ -19,9 +19,10 @@ from vrte.optics.facets import RoughSurface
 NODES_AT_ONCE = 4  # between them, at most, one piece of the integral
 DOUBLES_AT_ONCE = 1 << 21  # of orders, before they are summed
 SLOPES = {  # over alpha, where pieces of the integral meet
-    "beckmann": np.array([1.0, 2.25, 3.75, 6.0]),
-    "ggx": 2.0 ** np.arange(0.0, 12.0),
+    "beckmann": np.array([0.5, 1.0, 2.25, 3.75, 6.0]),
+    "ggx": 2.0 ** np.arange(-1.0, 12.0),
 }
+UPRIGHT = 1e-8  # sine at which a cosine has lost all of its digits
 CLOSE = np.array([-0.1, -0.01, -1e-3, 0.0, 1e-3, 0.01, 0.1])  # [rad] to critical angles, where pieces meet
 
 
@@ -42,7 +43,7 @@ def integrate_azimuths(
         index=complex(surface.ratio),
         roughness=surface.roughness,
         is_ggx=surface.distribution == "ggx",
-        shadowing=surface.shadowing,
+        shadowing=surface.shadows(transmitted),
         transmitted=transmitted,
         mu_i=np.ascontiguousarray(mu_i),
         mu_o=np.ascontiguousarray(mu_o),
@@ -72,6 +73,9 @@ def gather_orders(
     """R^m from the nodes of the medium that light comes from into any directions, (order, node, out, 4, 4)."""
     points, reach = choose_points(accuracy)
     mu_node, weight = nodes.carried(surface.index_from)
+    if transmitted:  # beside the normal cosines would not resolve the lobe
+        upright = UPRIGHT / math.sqrt(surface.roughness * abs(surface.ratio.real - 1.0))
+        mu_out = np.minimum(mu_out, math.sqrt(1.0 - upright * upright))
     found = np.zeros((n_order, mu_node.size, mu_out.size, 4, 4))
     met = find_pieces(surface, transmitted, mu_out)
     for place, panel, x_node in list_panels(nodes, surface.index_from):
@@ -131,6 +135,8 @@ def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Arra
     met = np.where(possible & (np.abs(incoming) < 0.5 * np.pi), np.abs(np.sin(incoming)), -1.0)
     if transmitted:  # upright facets, at every azimuth
         met = np.append(met, np.sqrt(np.maximum(1.0 - (ratio * mu_out[:, None]) ** 2, 0.0)), axis=1)
+    if surface.shadows(transmitted) == 2:  # directions of one cosine, hidden alike
+        met = np.append(met, np.sqrt(1.0 - mu_out[:, None] ** 2), axis=1)
     return surface.index_from * met
 
 

@@ -8,7 +8,8 @@ through, c its cosines with light on both sides and p the density of its slopes:
     f_r = p/(4 mu_n^4 mu_i mu_o) M(r_p, r_s),    f_t = n^2 c_i c_o p/(mu_n^4 mu_i mu_o (c_i - n c_o)^2) T M(t_p, t_s)
 
 Source: Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet models for refraction (2007), whose
-shadowing is Smith's of either direction by itself.
+shadowing is the product of Smith's factors of both directions; the lesser of them: Ashikhmin, Premoze and Shirley, A
+microfacet-based BRDF generator (2000).
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +24,8 @@ from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 @dataclass(frozen=True)
 class RoughSurface:
     """Facets as light from one medium meets them; index: of what lies behind, complex where no light gets out again;
-    conserving: what single bounces lose is given back (vrte/optics/facet_energy.py); ``closed``: light that gets in
-    stays there."""
+    conserving: what single bounces lose is given back (vrte/optics/facet_energy.py), and facets that light let through
+    meets next let it go on; ``closed``: light that gets in stays there."""
 
     index_from: float
     index: complex
@@ -49,15 +50,19 @@ class RoughSurface:
         """Whether facets do, beyond their critical angle."""
         return complex(self.index).imag == 0.0 and self.ratio.real < 1.0
 
+    def shadows(self, transmitted: bool) -> int:
+        """Which shadowing: 0 none, 1 Smith's factors of both directions, 2 the lesser of them."""
+        return 2 if self.conserving and transmitted else int(self.shadowing)
+
     def reflect(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_r [1/sr], (..., 4, 4)."""
-        f = reflect_facets(self.ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        f = reflect_facets(self.ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadows(False))
         return self.restore_lost(f, mu_i, mu_o, False)
 
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_t [1/sr], (..., 4, 4)."""
         ratio = self.ratio.real
-        f = transmit_facets(ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        f = transmit_facets(ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadows(True))
         return self.restore_lost(f, mu_i, mu_o, True)
 
     def restore_lost(self, f: Array, mu_i: Any, mu_o: Any, transmitted: bool) -> Array:
@@ -76,7 +81,7 @@ def reflect_facets(
     mu_o: Any,
     phi_deg: Any,
     distribution: str = "beckmann",
-    shadowing: bool = False,
+    shadowing: int = 0,
 ) -> Array:
     """Mueller matrices f_r [1/sr] of reflection, radiance out over irradiance in, (..., 4, 4).
 
@@ -98,7 +103,7 @@ def transmit_facets(
     mu_o: Any,
     phi_deg: Any,
     distribution: str = "beckmann",
-    shadowing: bool = False,
+    shadowing: int = 0,
 ) -> Array:
     """Mueller matrices f_t [1/sr] of what gets through, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
     the cosine behind, ``index`` real and not 1.
@@ -167,11 +172,12 @@ class Way:
         vertical = self.mu_i + index * self.mu_o if self.upward else self.mu_i - index * self.mu_o
         return across, vertical**2
 
-    def shade(self, roughness: float, distribution: str, shadowing: bool) -> Any:
-        """Smith's factors of both directions."""
+    def shade(self, roughness: float, distribution: str, shadowing: int) -> Any:
+        """Smith's factors of both directions, or the lesser of them, as `RoughSurface.shadows` says."""
         if not shadowing:
             return 1.0
-        return shade_facets(roughness, distribution, self.mu_i) * shade_facets(roughness, distribution, self.mu_o)
+        both = [shade_facets(roughness, distribution, mu) for mu in (self.mu_i, self.mu_o)]
+        return both[0] * both[1] if shadowing == 1 else np.minimum(*both)
 
     def turn(self, mueller: Array) -> Array:
         """From frames of the plane of incidence to meridian planes.

@@ -25,7 +25,7 @@ def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.3
     index : float, complex or (n, k), optional
         Refractive index of water, n + ik.
     shadowing : bool, optional
-        Whether waves hide each other; without, they reflect too much near the horizon.
+        Whether waves hide each other; without, as published, they make light near the horizon.
 
     Returns
     -------
@@ -51,4 +51,4 @@ def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.3
     if wind > MEASURED:
         words = f"base: slopes of the sea were measured up to a wind of {MEASURED:g} m/s, and are extrapolated to"
         warn_user(f"{words} {wind:g} m/s", FittedRangeWarning)
-    return Facets(index, math.sqrt(CALM + BY_WIND * wind), shadowing=shadowing)
+    return Facets(index, math.sqrt(CALM + BY_WIND * wind), shadowing=shadowing, conserving=False)

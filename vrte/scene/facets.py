@@ -31,10 +31,11 @@ class Facets(Boundary):
     distribution : {"beckmann", "ggx"}, optional
         Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
     shadowing : bool, optional
-        Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
+        Whether facets hide each other (Smith's factors), as they do by default; without, they make light near the
+        horizon, as those of published seas do.
     conserving : bool, optional
-        Whether what bounces between facets is given back; facets that reflect everything then lose nothing. With
-        shadowing alone.
+        Whether what bounces between facets is given back, by default where they hide each other, and only there;
+        facets that reflect everything then lose nothing.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class Facets(Boundary):
     --------
     >>> import numpy as np
     >>> import vrte
-    >>> sea = vrte.Facets(1.34, roughness=0.2)
+    >>> sea = vrte.Facets(1.34, roughness=0.2, shadowing=False)
     >>> sea.reflect(np.array(0.5), np.array(0.5), np.array(0.0))[0, 0].round(4).item()
     0.4855
     """
@@ -57,8 +58,8 @@ class Facets(Boundary):
     index: Annotated[complex, complex | Sequence[float]]
     roughness: float
     distribution: Distribution = "beckmann"
-    shadowing: bool = False
-    conserving: bool = False
+    shadowing: bool | None = None
+    conserving: bool | None = None
 
     orders_reflected = math.inf
     mixes_stokes = True
@@ -80,7 +81,7 @@ class Facets(Boundary):
     @property
     def facets(self) -> RoughSurface:  # type: ignore[override]
         """What light meets: the slopes of facets between the medium and the base."""
-        how = self.roughness, self.distribution, self.shadowing, self.conserving
+        how = self.roughness, self.distribution, bool(self.shadowing), bool(self.conserving)
         return RoughSurface(self.medium, self.index, *how, closed=True)
 
     def reflectance(self, mu_i: Any) -> Array:
@@ -99,7 +100,7 @@ class Facets(Boundary):
         Examples
         --------
         >>> import vrte
-        >>> vrte.Facets((0.2, 3.0), 0.5, shadowing=True).reflectance([0.3, 1.0]).round(3).tolist()
+        >>> vrte.Facets((0.2, 3.0), 0.5, conserving=False).reflectance([0.3, 1.0]).round(3).tolist()
         [0.821, 0.87]
         """
         return share_energy(self.facets, check_cosines("mu_i", mu_i))[0]

@@ -32,10 +32,11 @@ class Interface:
     distribution : {"beckmann", "ggx"}, optional
         Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
     shadowing : bool, optional
-        Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
+        Whether facets hide each other (Smith's factors), as they do by default; without, they make light near the
+        horizon, as those of published seas do.
     conserving : bool, optional
-        Whether what bounces between facets is given back, so that all light that comes is reflected or let through.
-        With shadowing alone.
+        Whether what facets hide from each other is given back, so that all light that comes is reflected or let
+        through: by default where they hide each other, and only there.
 
     Raises
     ------
@@ -57,8 +58,8 @@ class Interface:
     index_below: float
     roughness: float = 0.0
     distribution: Distribution = "beckmann"
-    shadowing: bool = False
-    conserving: bool = False
+    shadowing: bool | None = None
+    conserving: bool | None = None
 
     def __post_init__(self) -> None:
         for name in ("index_above", "index_below"):
@@ -75,7 +76,7 @@ class Interface:
     @property
     def facets(self) -> RoughSurface:
         """What light from above meets, where it is rough."""
-        how = self.roughness, self.distribution, self.shadowing, self.conserving
+        how = self.roughness, self.distribution, bool(self.shadowing), bool(self.conserving)
         return RoughSurface(self.index_above, self.index_below, *how)
 
     def share(self, mu: Any) -> tuple[Array, Array]:
@@ -91,12 +92,12 @@ class Interface:
         reflected : ndarray (n,)
             The share that is reflected.
         through : ndarray (n,)
-            The share that is let through; what both lack of 1 is lost with bounces between facets.
+            The share that is let through; what both lack of 1 is hidden by other facets.
 
         Examples
         --------
         >>> import vrte
-        >>> reflected, through = vrte.Interface(1.0, 1.5, 0.5, shadowing=True).share([0.3, 1.0])
+        >>> reflected, through = vrte.Interface(1.0, 1.5, 0.5, conserving=False).share([0.3, 1.0])
         >>> (reflected + through).round(3).tolist()
         [0.954, 0.997]
         """
@@ -145,9 +146,8 @@ class Interface:
         >>> vrte.Interface(1.0, 1.5, roughness=0.1).in_words
         'interface, index 1 above and 1.5 below, roughness 0.1 (beckmann)'
         """
-        shadows = ", shadowing" if self.shadowing else ""
-        shadows += ", conserving" if self.conserving else ""
-        rough = "" if self.is_smooth else f", roughness {self.roughness:g} ({self.distribution}{shadows})"
+        energy = "" if self.conserving else ", not conserving" if self.shadowing else ", without shadowing"
+        rough = "" if self.is_smooth else f", roughness {self.roughness:g} ({self.distribution}{energy})"
         return f"interface, index {self.index_above:g} above and {self.index_below:g} below{rough}"
 
 
@@ -158,12 +158,15 @@ def check_facets(what: str, given: object) -> None:
     if 0.0 < alpha < LEAST_ROUGHNESS:
         raise SceneError.of(f"{what}: roughness", f"must be {ROUGHNESS_ALLOWED}, not {alpha:g}")
     object.__setattr__(given, "roughness", alpha)
+    usual = alpha > 0.0
+    for name in ("shadowing", "conserving"):  # the latter by default as the former
+        flag = vars(given)[name]
+        usual = usual if flag is None else flag
+        object.__setattr__(given, name, usual)
     if alpha == 0.0:
-        for name, usual in (("distribution", "beckmann"), ("shadowing", False), ("conserving", False)):
-            if vars(given)[name] != usual:
+        for name, plain in (("distribution", "beckmann"), ("shadowing", False), ("conserving", False)):
+            if vars(given)[name] != plain:
                 raise SceneError.of(f"{what}: {name}", "is for facets: give a roughness above 0 as well")
     if vars(given)["conserving"] and not vars(given)["shadowing"]:
-        words = (
-            "gives back what is lost, and facets without shadows get more than there is: give shadowing=True as well"
-        )
+        words = "gives back what facets hide from each other, and without shadowing they hide nothing: leave it out"
         raise SceneError.of(f"{what}: conserving", words)

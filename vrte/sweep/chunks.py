@@ -14,10 +14,19 @@ import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
+from vrte.basics.errors import (
+    AccuracyWarning,
+    DeviceError,
+    LongSolveWarning,
+    MissingExtraError,
+    SceneError,
+    SweepError,
+    warn_user,
+)
 from vrte.basics.running import Run, run_interruptible
 from vrte.calls.alike import make_alike_request, solve_batches, sort_into_batches
 from vrte.calls.brdfs import solve_together
+from vrte.calls.energy import ENERGY
 from vrte.calls.side_by_side import Share, share_cores
 from vrte.formats.scene_file import make_scene_file
 from vrte.methods import make_run, solve_request
@@ -166,7 +175,7 @@ def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
                 return request.read()
         run = make_run(replace(request, threads=threads()))
         run.stop = stop
-        return make_result(request, *solve_request(request, run))
+        return warn_of_energy(make_result(request, *solve_request(request, run)))
 
     def solve(questions: Sequence[Question]) -> list[Outcome]:
         found = solve_alike_questions(questions, stop)
@@ -205,8 +214,9 @@ def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
 
     def all_at_once() -> list[Outcome]:
         if requests[0].kind != "brdf":
-            return [make_result(requests[0], *run_interruptible(run, lambda: solve_request(requests[0], run)))]
-        return list(run_interruptible(run, lambda: solve_together(requests, run, None)))
+            found = make_result(requests[0], *run_interruptible(run, lambda: solve_request(requests[0], run)))
+            return [warn_of_energy(found)]
+        return [warn_of_energy(one) for one in run_interruptible(run, lambda: solve_together(requests, run, None))]
 
     found = try_call(all_at_once)
     if not isinstance(found, Exception):
@@ -214,6 +224,14 @@ def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
     return (
         [found] if len(requests) == 1 else [outcome for request in requests for outcome in solve_on_device([request])]
     )
+
+
+def warn_of_energy(found: Brdf | Field) -> Brdf | Field:
+    """The result, with a warning where its light does not balance: tables hold no notes."""
+    for note in found.diagnostics.get("notes", ()):
+        if note.startswith(ENERGY):
+            warn_user(note, AccuracyWarning)
+    return found
 
 
 _lock = threading.Lock()

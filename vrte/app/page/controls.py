@@ -150,7 +150,9 @@ class Controls:
             found.props.update({"hint": names.get(now, "")} if long else {})
             self.enter(place, found)
         elif isinstance(key, Flag):
-            self.switch(about.label, value is True, lambda ticked: put(find_flag(key, ticked)))
+            usual = key.usual(form.get_value(content, place[:-1]))
+            now = usual if value is None else value is True
+            self.switch(about.label, now, lambda ticked: put(find_flag(key, ticked, usual)))
             self.complaint(*place)
         else:
             self.field(*place)
@@ -283,12 +285,12 @@ class Complaint:
         self.label.set_visibility(bool(message))
 
 
-def find_flag(key: Key, ticked: bool) -> bool | None:
-    """What a box puts in: nothing where it is as it is without.
+def find_flag(key: Key, ticked: bool, usual: bool) -> bool | None:
+    """What a box puts in: nothing where it is as ``usual``, without.
 
-    >>> find_flag(Flag("shadows", needed=False), False)
+    >>> find_flag(Flag("shadows", needed=False), False, False)
     """
-    return ticked if ticked or key.needed or key.start is not None else None
+    return ticked if ticked != usual or key.needed or key.start is not None else None
 
 
 def make_row(wrap: str = "no-wrap") -> Any:

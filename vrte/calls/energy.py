@@ -1,0 +1,123 @@
+"""The balance of light: what goes out, and what is absorbed, against what falls in.
+
+The net flux, down less up, beams included, is known at every depth of a request, and is 0 below all that absorbs
+nothing: where it grows on its way down light is made, and where it falls between two depths light is absorbed.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyWarning, warn_user
+from vrte.optics.facet_energy import share_energy
+from vrte.request.how import EXACT
+from vrte.request.request import Request, find_under
+from vrte.results.solution import NO_LIGHT, Solution
+from vrte.scene.base_checks import CHECKED_COSINES
+from vrte.scene.beams import find_cosines, find_direct_light, locate_depths
+from vrte.scene.scene import Scene
+
+ENERGY = "energy: "  # begins every note
+ROUNDING = 1e-12  # of the light that falls in: what sums of fluxes leave
+MUCH = 2.0  # times the light that falls on them: facets that send on more are warned of
+
+
+def note_energy(request: Request, solution: Solution) -> dict[str, Any]:
+    """The diagnostics of a solution, with a note, and no promise, where its light does not balance."""
+    told, notes = solution.diagnostics, list_notes(request, find_net_fluxes(request, solution))
+    return told | {"promised": False, "notes": [*told.get("notes", ()), *notes]} if notes else told
+
+
+def find_net_fluxes(request: Request, solution: Solution) -> Array:
+    """Flux down less flux up, beams included, over that of the light that falls in, (n_tau, n_in, n_col): of a BRDF for
+    each incident Stokes parameter, of a field for all of its light."""
+    scene, mu0, tau = request.scene, request.mu0, request.tau
+    net, columns = solution.flux_down - solution.flux_up, request.columns
+    if request.kind != "brdf":
+        net, columns = net.sum(axis=-1, keepdims=True), columns.sum(axis=0, keepdims=True)
+    if scene.keeps_beams:
+        beams = find_direct_light(scene, mu0, locate_depths(scene, tau, find_under(request)))[..., 0, :] @ columns.T
+        beam = beams[:, :, 1] - beams[:, :, 0]
+    else:
+        beam = np.exp(-tau[:, None] / mu0)[..., None] * columns[:, 0]
+    found: Array = (net / mu0[:, None] + beam) / max(float(columns[0, 0]), NO_LIGHT)
+    return found
+
+
+def list_notes(request: Request, net: Array) -> list[str]:
+    """What does not balance, beyond the accuracy; ``net`` as of `find_net_fluxes`."""
+    scene, allowed = request.scene, max(request.accuracy, ROUNDING)
+    notes = list(list_facets_that_make_light(scene, request.mu0, allowed))
+    if not np.isfinite(net).all():
+        return notes
+    places, losing = locate_levels(request)
+    order = np.argsort(places)
+    edges = [*places[order].tolist(), float(len(losing))]
+    absorbed = -np.diff(net[order], axis=0, append=0.0)
+    made = np.sqrt((absorbed[..., 1:] ** 2).sum(axis=-1)) - absorbed[..., 0]  # of the polarization that gains most
+    kept = [not any(losing[int(edges[k]) : int(np.ceil(edges[k + 1]))]) for k in range(len(order))]
+    made[kept] = np.abs(absorbed[kept]).max(axis=-1)
+    if made.max() > allowed:
+        link, beam = np.unravel_index(np.argmax(made), made.shape)
+        lost = kept[link] and absorbed[link, beam, 0] > allowed
+        words = f"is {'lost where nothing absorbs' if lost else 'made'}: {find_cause(request, allowed)}"
+        share = f"{made[link, beam]:.2g} of the light that falls in along mu = {request.mu0[beam]:g}"
+        notes.append(f"{ENERGY}{share} {words}")
+    return notes
+
+
+def locate_levels(request: Request) -> tuple[Array, list[bool]]:
+    """Where the depths of a request lie in the list of all that light meets (interface, layer, interface, ..., and what
+    bounds it below), (n_tau,), and which of these may lose or make light."""
+    scene = request.scene
+    losing = [False] * (2 * len(scene.layers) + 2)
+    for k, layer in enumerate(scene.layers):
+        losing[2 * k + 1] = layer.albedo < 1.0 and layer.thickness > 0.0
+    for k, interface in enumerate(scene.interfaces):
+        losing[2 * k] = interface is not None and not interface.is_smooth and not interface.conserving
+    losing[-1] = scene.base_is_reached and scene.below.even_albedo < 1.0
+    depths = locate_depths(scene, request.tau, find_under(request))
+    inside = depths.joint < 0
+    return np.where(inside, 2.0 * depths.layer + 1.0 + depths.share, 2.0 * depths.joint + depths.under), losing
+
+
+def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Iterator[str]:
+    """Facets that, without shadowing, send on more than falls on them along beams; a warning where it is much more."""
+    surfaces = [
+        (f"interface {number}", k, interface.facets)
+        for number, (k, interface) in enumerate(((k, one) for k, one in enumerate(scene.interfaces) if one), 1)
+        if not interface.is_smooth
+    ]
+    if scene.below.facets is not None:
+        surfaces.append(("the base", -1, scene.below.facets))
+    for name, place, facets in surfaces:
+        cosines = find_cosines(scene.media, scene.index_above, mu0)[place]
+        lit = cosines > 0.0
+        if facets.shadowing or not lit.any():
+            continue
+        sent = np.sum(share_energy(facets, cosines[lit]), axis=0)
+        worst = int(sent.argmax())
+        if sent[worst] <= 1.0 + allowed:
+            continue
+        words = f"{ENERGY}facets of {name} make light without shadowing: along mu = {mu0[lit][worst]:g} they send on"
+        note = f"{words} {sent[worst]:.6g} of what falls on them"
+        if sent[worst] > MUCH:
+            warn_user(f"{note}; give shadowing = True", AccuracyWarning)
+        yield note
+
+
+def find_cause(request: Request, allowed: float) -> str:
+    """Who makes or loses light that should balance."""
+    scene, base = request.scene, request.scene.below
+    rough = [one.facets for one in scene.interfaces if one and not one.is_smooth]
+    if any(not facets.shadowing for facets in (*rough, base.facets) if facets is not None):
+        return "facets without shadowing make light"
+    reflectance = getattr(base, "reflectance", None)
+    most = reflectance(CHECKED_COSINES).max() if reflectance else 0.0
+    if most > 1.0 + allowed:
+        return f"the base gives back up to {most:.6g} of what it gets"
+    if request.method != EXACT:
+        return f"method {request.method!r} does not conserve it"
+    return "the nodes are too few to conserve it"
