@@ -165,7 +165,7 @@ def test_a_process_that_dies_of_a_file_is_a_sentence(shelf: Shelf, monkeypatch: 
     bench = Bench(copy.deepcopy(FOG), shelf)
     monkeypatch.setattr("vrte.app.solving.job.START", "import os; os._exit(3)")
     found = looked(bench)
-    assert found == {("layer", 0, "phase"): "the process that solves has ended with code 3"}
+    assert found == {("layer", 0, "phase"): "the process of this task has ended with code 3"}
 
 
 def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:

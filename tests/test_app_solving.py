@@ -2,9 +2,11 @@
 
 import copy
 import os
+import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,13 +17,14 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.files import adopt_content
+from vrte.app.form.files import adopt_content, write_link
 from vrte.app.server.serve import leave_bench
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import MOST_TABS, Benches
-from vrte.app.solving.job import Job
-from vrte.app.solving.messages import Outcome, Read, Solve
+from vrte.app.solving.job import Job, explain_end
+from vrte.app.solving.messages import Adopt, Adopted, Outcome, Read, Solve
 from vrte.app.solving.worker import make_outcome
+from vrte.formats.scene_writer import write_toml
 
 SMALL: form.Content = {
     "wavelength_um": [0.5, 0.6],
@@ -106,6 +109,36 @@ def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None
     job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc", ENOUGH)))
     assert job.outcome is None
     assert job.message.startswith("the file is not a NetCDF file")
+
+
+@pytest.mark.parametrize("given", [write_toml(SMALL).encode(), write_link(SMALL)])
+def test_a_strangers_scene_is_read_in_a_process_of_its_own(given: bytes | str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vrte.app.form.files.parse_toml", lambda text: pytest.fail("the server has parsed it"))
+    job = ended(Job(Adopt(given, Path(), frozenset())))
+    assert isinstance(job.outcome, Adopted), job.message
+    assert job.outcome.content == adopt_content(SMALL)
+    job = ended(Job(Adopt(given[:50], Path(), frozenset())))
+    assert job.outcome is None
+    assert ("not valid TOML" if isinstance(given, bytes) else "the link is cut short") in job.message
+
+
+def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None:
+    """Whatever it is that does so: the process has a limit of time."""
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}\n"
+        "from vrte.app.solving import worker\n"
+        "def parse(data):\n"
+        "    while True: pass\n"
+        "worker.parse_content, worker.LONGEST_READING = parse, 0.5\n"
+        "worker.main()"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        pickle.dump(Adopt(b"", Path(), frozenset()), process.stdin)
+        process.stdin.flush()
+        assert process.wait(60) == -signal.SIGXCPU
+    with tempfile.TemporaryFile() as said:
+        assert explain_end(-signal.SIGXCPU, said) == "the process of this task has taken too long, and was ended"
 
 
 def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Path) -> None:

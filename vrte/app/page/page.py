@@ -22,13 +22,14 @@ from vrte.app.solving import downloads
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.measuring import is_measurement
-from vrte.app.solving.messages import Fitted, Outcome, Read, Tensor, Written
+from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
+LOOK_EVERY = 0.05  # seconds between two looks whether a scene has been read
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
@@ -193,7 +194,7 @@ class Page:
             self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
-    def take(self, outcome: Outcome | Written | Said | Fitted | None) -> None:
+    def take(self, outcome: Outcome | Written | Said | Fitted | Adopted | None) -> None:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
@@ -201,7 +202,7 @@ class Page:
             self.bench.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = files.adopt_content(outcome.content)
+                self.bench.content = copy.deepcopy(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
@@ -223,8 +224,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                about = self.bench.shelf.folder, self.bench.shelf.names, True
-                self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
+                await self.adopt(data)
             elif is_measurement(data, suffix, wanted=self.bench.view["tab"] == "measurement"):
                 self.results.tabs.set_value("measurement")
                 self.results.measurement.take(name, data)
@@ -234,6 +234,16 @@ class Page:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
         except SceneError as error:
             self.complain(str(error))
+
+    async def adopt(self, given: bytes | str) -> None:
+        """A stranger's scene into the form, read by a process of its own. Raises SceneError."""
+        job = self.bench.adopt(given)
+        while not job.ended:
+            await asyncio.sleep(LOOK_EVERY)
+        if isinstance(job.outcome, Adopted):
+            self.fill(job.outcome.content, job.outcome.told)
+        elif job is self.bench.adopts:  # no newer one came
+            raise SceneError(job.message)
 
     def complain(self, text: str) -> None:
         """Where it is seen."""
@@ -304,7 +314,7 @@ class Page:
             return
         self.bench.view["link"] = text
         try:
-            self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.read_link(text))))
+            await self.adopt(text)
         except SceneError as error:
             self.complain(f"the scene in this address: {error}")
 

@@ -24,10 +24,12 @@ from vrte.app.form.content import (
     name_layers,
     select_wavelength,
 )
-from vrte.app.form.files import adopt_content
+from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
 from vrte.app.form.parts import Said, select_part
 from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import (
+    Adopt,
+    Adopted,
     Answer,
     Fit,
     Inside,
@@ -44,7 +46,7 @@ from vrte.app.solving.messages import (
 from vrte.app.solving.reflectance import collect_reflectances, replace_base
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
-from vrte.basics.limits import limit_memory
+from vrte.basics.limits import limit_memory, limit_time
 from vrte.calls.brdf import brdf
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
@@ -66,6 +68,7 @@ from vrte.scene.scene import Scene
 
 Tell = Callable[[Progress], None]
 MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
+LONGEST_READING = 10.0  # seconds of work that a scene of a stranger may take
 
 
 def main() -> None:
@@ -74,6 +77,8 @@ def main() -> None:
     task: Task = pickle.load(sys.stdin.buffer)
     threading.Thread(target=end_with_input, daemon=True).start()
     limit_memory(task.memory_bytes)
+    if isinstance(task, Adopt):
+        limit_time(LONGEST_READING)
     lock = threading.Lock()
 
     def tell(message: Progress | Answer) -> None:
@@ -106,6 +111,9 @@ def answer(task: Task, tell: Tell) -> Answer:
             warnings.simplefilter("always", UserWarning)
             if isinstance(task, Tensor):
                 return write_tensor(task, tell)
+            if isinstance(task, Adopt):
+                given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
+                return Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))
             if isinstance(task, Look):
                 return add_warnings(look_at_part(task), caught)
             if isinstance(task, Fit):
