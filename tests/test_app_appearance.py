@@ -18,7 +18,7 @@ import vrte
 from tests.test_app_solving import is_there, until
 from vrte.app import figures
 from vrte.app.form.content import START, get_value, put
-from vrte.app.form.sliders import STEPS, explain_missing, list_sliders, read_number
+from vrte.app.form.sliders import STEPS, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.server.serve import leave_bench
 from vrte.app.solving import live as module
@@ -28,6 +28,7 @@ from vrte.app.solving.live import Live
 from vrte.app.solving.live_worker import Inbox
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.panel import make_panel
+from vrte.formats.toml_table import read_share
 
 pytestmark = pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
 DUST: dict[str, Any] = {
@@ -279,7 +280,7 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> 
     assert any(one.place[-1] == "thickness_um" for one in sliders)
     assert any(one.place[0] == "particles" for one in sliders)
     for slider in sliders:
-        value = read_number(get_value(content, slider.place))
+        value = read_share(get_value(content, slider.place))
         assert value is not None
         assert slider.reaches(value)
         assert 0 <= slider.find_step(value) <= STEPS

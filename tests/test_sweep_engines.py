@@ -135,6 +135,12 @@ def listening() -> set[Any]:
     return {each.laddr for process in processes for each in process.net_connections() if each.status == "LISTEN"}
 
 
+def ask_plainly(place: Any) -> None:
+    with closing(http.client.HTTPConnection(*place, timeout=2)) as plain:
+        plain.request("GET", "/info/main/workers.html")
+        plain.getresponse()
+
+
 def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
     from distributed import Client, Security
 
@@ -150,7 +156,5 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
                 Client(strange, timeout=1.0, security=security)
         for place in sockets:  # and nothing but TLS is spoken
             with pytest.raises((OSError, http.client.HTTPException)):
-                with closing(http.client.HTTPConnection(*place, timeout=2)) as plain:
-                    plain.request("GET", "/info/main/workers.html")
-                    plain.getresponse()
+                ask_plainly(place)
         assert client.submit(abs, -8).result() == 8

@@ -125,6 +125,17 @@ def _quote_briefly(text: str) -> str:
     return "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in start)
 
 
+def read_share(value: Any) -> float | None:
+    """A number, also one in per cent, or None.
+
+    >>> read_share("5 %"), read_share("gold")
+    (0.05, None)
+    """
+    if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
+        return float(found[1]) / 100.0
+    return float(value) if is_number(value) else None
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """The ``content`` of one table; ``place`` is the way to it (() for the file), ``allowed`` its keys.
@@ -196,9 +207,8 @@ class Table:
     def share(self, key: str, allowed: str) -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
         value = self.content.get(key)
-        if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
-            return float(found[1]) / 100.0
-        return self.number(key, allowed)
+        found = read_share(value) if isinstance(value, str) else None
+        return self.number(key, allowed) if found is None else found
 
     def whole(self, key: str, low: int, high: int) -> int:
         """The whole number at ``key``, within [low, high]."""

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from vrte.app import figures
 from vrte.app.form.content import get_value
-from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders, read_number
+from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.page.pieces import add_table_row, select
 from vrte.app.solving.appearance import (
@@ -24,6 +24,7 @@ from vrte.app.solving.appearance import (
 )
 from vrte.app.solving.bench import Bench
 from vrte.basics.errors import Place
+from vrte.formats.toml_table import read_share
 
 WHITES = 0.4, 1.0  # albedos of the white card
 THROTTLE = 0.1  # seconds between two positions of a slider
@@ -95,7 +96,7 @@ class AppearancePanel:
         """One a number of the form; anew where there are others, or a number has left its slider's range."""
         content = self.bench.content
         wanted = {slider.place: slider for slider in list_sliders(content)}
-        values = {place: read_number(get_value(content, place)) or 0.0 for place in wanted}
+        values = {place: read_share(get_value(content, place)) or 0.0 for place in wanted}
         now = {place: slider for place, (slider, _, _) in self.sliders.items()}
         same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
         if self.white is None or not same or not all(now[place].reaches(value) for place, value in values.items()):

@@ -52,11 +52,11 @@ from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
-from vrte.formats.layers import FILLINGS
+from vrte.formats.layers import describe_filling
 from vrte.formats.particle_sources import make_particles
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import parse_toml, show_key
+from vrte.formats.toml_table import parse_toml
 from vrte.optics.angle_tables import describe_expansion
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -249,19 +249,6 @@ def describe_inside(content: Content, scene: Scene) -> Inside:
         else:
             matrices.append(layer.phase_matrix)
     return Inside(tuple(names), tuple(matrices))
-
-
-def describe_filling(layer: Content) -> str:
-    """What a layer holds.
-
-    >>> say = describe_filling
-    >>> say({"particles": {"gold": 1, "rutile": 2}}), say({"phase": {"henyey_greenstein": 0.9}})
-    ('gold + rutile', 'henyey_greenstein 0.9')
-    """
-    held: Any = next((layer[key] for key in FILLINGS if key in layer), "clear")
-    if "phase" not in layer:
-        return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
-    return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
 
 
 def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
