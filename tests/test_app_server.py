@@ -92,6 +92,7 @@ def test_who_has_not_the_address_gets_nothing(page: Viewer) -> None:
     """Any other account of the machine reaches the port."""
     for target in ("/", "/favicon.ico", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "/x"):
         assert page.ask(target, cookie=None)[0] == 403
+    assert b"put everything from # on behind it" in page.ask("/", cookie=None)[2]  # whoever was sent a link
     assert page.socket_to(cookie=None, Origin=f"http://{page.host}") == 403
     assert page.ask("/_nicegui/client/0/upload/1", cookie=None, method="POST", body=b"x")[0] == 403
     for token in ("", "x", page.token[:-1], page.token + "x", page.token.swapcase(), "%00", "\u00e9".encode().hex()):

@@ -15,7 +15,7 @@ STEPS = 200  # of a slider, by equal factors from end to end
 MOST_SLIDERS = 12  # that the page shows
 LENGTHS_UM, FRACTIONS = (1.0, 300.0), (0.001, 0.6)
 SIZES = 4.0  # so many times smaller or larger than the size that the form has
-CHOOSE = "choose a paint here, or a material in the Gallery"
+CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 
 @dataclass(frozen=True)

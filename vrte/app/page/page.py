@@ -14,8 +14,10 @@ from vrte.app.form import files
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import write_field_text
 from vrte.app.form.parts import Said
+from vrte.app.form.words import translate_message
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
+from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
@@ -62,7 +64,7 @@ class Page:
                     "keydown.enter", self.solve, js_handler="event => vrte.entered(event, () => emit())", args=[]
                 )
                 self._solve_bar()
-            with ui.column().classes("vrte-right no-wrap gap-0").props('role=main aria-label="result"'):
+            with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
                 self.results = ResultPanel(bench, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
@@ -100,7 +102,7 @@ class Page:
             self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
             with self._header_button("Theme", "contrast", "light or dark"), make_menu():
                 for theme, text in THEMES.items():
-                    ui.menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
+                    add_menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
 
     def _header_button(self, text: str, symbol: str, tip: str) -> Any:
@@ -119,9 +121,13 @@ class Page:
             ("field inside, CSV", lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".csv")),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
+            (
+                "colours, gloss and hiding of Appearance, CSV",
+                lambda: self.hand_out(downloads.make_colours_download, bench.live, bench.content),
+            ),
             ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content, bench.shelf)),
         ):
-            ui.menu_item(text, act)
+            add_menu_item(text, act)
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
@@ -160,7 +166,8 @@ class Page:
         self.waits.set_visibility(wrong is not None)
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
-        self.results.mark_stale()
+        if self.results.mark_stale() and not self.bench.busy:
+            self.said.set_text("")  # it was of another scene
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
@@ -186,7 +193,7 @@ class Page:
             self.failure.set_visibility(False)
         elif job is not None and not busy and job is not self.bench.taken:
             self.bench.taken = job
-            self.failure.set_text(job.message)
+            self.failure.set_text(translate_message(job.message, self.bench.content))
             self.said.set_text("")
             self.take(job.outcome)
             job.outcome = None  # the bench has it, or the browser
@@ -208,7 +215,8 @@ class Page:
                 self.results.tabs.set_value("inside")
             self.results.refresh()
             if outcome.brdfs:
-                self.said.set_text(f"Solved: {self.results.share_in_words(outcome)}.")
+                done = "Opened" if outcome.opened else "Solved"
+                self.said.set_text(f"{done}: {self.results.share_in_words(outcome)}.")
             if outcome.content == START:
                 Page.start_outcome = outcome
             else:
@@ -304,7 +312,8 @@ class Page:
         copied = "It is copied." if event.args is True else "Copy it from there."
         names = ", ".join(dict.fromkeys(find_named_tables(self.bench.content).values()))
         without = f" It cannot carry {names}: whoever opens it puts that in." if names else ""
-        text = f"The address of this page carries the scene now. {copied}{without}"
+        others = "Others put what stands from # on behind the address that their own `vrte view` has printed."
+        text = f"The address of this page carries the scene now. {copied} {others}{without}"
         ui.notify(text, type="info", multi_line=True, close_button=True)
 
     async def take_link(self, event: Any) -> None:
@@ -333,13 +342,9 @@ class Page:
         try:
             for message in bench.find_problems().values():
                 raise SceneError(message)
-            downloads.check_tensor(bench.content)
+            wavelengths = downloads.choose_tensor_wavelengths(bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
-        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share()))
-
-
-def make_menu() -> Any:
-    """A menu that closes when something is chosen."""
-    return ui.menu().props("auto-close")
+        self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
+        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share(), wavelengths))

@@ -27,7 +27,11 @@ HEADERS = [
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
-STRANGER = "This viewer answers to the address alone that `vrte view` has printed where it was started. Open that one."
+STRANGER = (
+    "This viewer answers to the address alone that `vrte view` has printed where it was started: open that one. If "
+    "somebody sent you this address and it goes on with #scene=, start `vrte view` on your own machine, open the "
+    "address that it prints, and put everything from # on behind it."
+)
 ELSEWHERE = "This viewer answers to its own page alone, not to another site or program."
 TOO_LARGE = f"Too large: at most {LARGEST_UPLOAD / 1e6:g} MB are taken."
 TOO_SLOW = "What the request announced has not come."

@@ -9,6 +9,7 @@ from typing import Any
 from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said, list_parts, name_part
+from vrte.app.form.words import translate_message
 from vrte.app.solving.job import Job, find_memory_share
 from vrte.app.solving.live import COMPARER, Live
 from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task, keep_step
@@ -111,7 +112,7 @@ class Bench:
         if unknown is not None and self.looks is None:
             task = Look(copy.deepcopy(self.content), self.shelf.folder, find_memory_share(), unknown)
             self.looks, self.looked = Job(task), (name_part(self.content, unknown), unknown)
-        return found
+        return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
         """Whether there is something new to say of a part."""

@@ -25,8 +25,11 @@ class Solve:
     memory_bytes: float
 
 
+@dataclass(frozen=True)
 class Tensor(Solve):
-    """The same for the directions of Mitsuba's tensor file."""
+    """The same for the directions of Mitsuba's tensor file, and the wavelengths [um] that it gets."""
+
+    wavelengths_um: tuple[float, ...]
 
 
 @dataclass(frozen=True)

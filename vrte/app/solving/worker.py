@@ -68,6 +68,7 @@ from vrte.scene.scene import Scene
 
 Tell = Callable[[Progress], None]
 MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
+LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
 LONGEST_READING = 10.0  # seconds of work that a scene of a stranger may take
 
 
@@ -138,16 +139,20 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     content = task.content
     wavelengths, text = list_page_wavelengths(content), write_toml(content)
     with_field = "field" in content
-    count = len(wavelengths) * (3 if with_field else 2)
-    steps = iter(range(count))
+    stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
+    count = len(wavelengths) * len(stages)
 
     def begin(stage: str, which: int) -> Callable[[int, int], None]:
-        """Progress within one step of one wavelength."""
-        step, where = next(steps), f" at {wavelengths[which]:g} um" if len(wavelengths) > 1 else ""
+        """Progress within one stage of one wavelength: what remains after its last Fourier order takes time, too."""
+        step = which * len(stages) + stages.index(stage)
+        where = f" at {wavelengths[which]:g} µm" if len(wavelengths) > 1 else ""
         tell(Progress(step / count, f"{stage}{where}"))
-        return lambda done, total: tell(
-            Progress((step + done / max(total, 1)) / count, f"{stage}{where}: {done} of {total}")
-        )
+
+        def progress(done: int, total: int) -> None:
+            words = f"Fourier orders, {done} of {total}" if done < total else "adding up"
+            tell(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
+
+        return progress
 
     brdfs: list[Brdf] = []
     fields: list[Field] = []
@@ -164,10 +169,11 @@ def solve(task: Solve, tell: Tell) -> Outcome:
         keywords = choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
-            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF, Fourier orders", which)))
+            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
         elsewhere, names = replace_base(file.scene)
         if elsewhere is not None:  # its reflectance is wanted alone
-            others.append(brdf(elsewhere, **{**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}))
+            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
+            others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
         if with_field:
             again = iter(known)  # the same particles are asked for in the same order
             file = make_scene_file(
@@ -308,7 +314,7 @@ def write_tensor(task: Tensor, tell: Tell) -> Written:
     stage = "BRDF at the directions of the tensor"
     found = spectrum(
         task.content,
-        list_page_wavelengths(task.content),
+        task.wavelengths_um,
         lambda done, total: tell(Progress(0.9 * done / max(total, 1), stage)),
         task.folder,
         **directions(),
