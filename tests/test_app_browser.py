@@ -711,6 +711,7 @@ TRAPS = r"""() => {
             paper = over(parse(style.backgroundColor), paper);
             opacity *= Number(style.opacity);
         }
+        if (one.closest('.q-notification') && opacity < 1) continue;  // it comes or goes
         const ink = parse(getComputedStyle(one).color);
         const drawn = over([...ink.slice(0, 3), (ink[3] ?? 1) * opacity], paper);
         const [dark, bright] = [light(drawn), light(paper)].sort((a, b) => a - b);

@@ -48,7 +48,7 @@ class Page:
         """``tidy`` is called after a new result: old ones of others may have to go."""
         self.bench, self.tidy = bench, tidy
         ui.add_css(STYLE)
-        ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
+        ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e", info="#1f4e79")
         self.dark = ui.dark_mode(bool(bench.view.get("dark")))
         ui.on("vrte-theme", self.set_theme)
         ui.on("vrte-link", self.take_link)
