@@ -1,6 +1,8 @@
 """The viewer's Appearance tab: the warm process that answers its sliders, and the sliders themselves."""
 
 import copy
+import csv
+import io
 import math
 import os
 import signal
@@ -18,16 +20,20 @@ import vrte
 from tests.test_app_solving import is_there, until
 from vrte.app import figures
 from vrte.app.form.content import START, get_value, put
-from vrte.app.form.sliders import STEPS, explain_missing, list_sliders, read_number
+from vrte.app.form.sliders import STEPS, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.server.serve import leave_bench
 from vrte.app.solving import live as module
 from vrte.app.solving.appearance import Appeared, Question, Refused, Reply, Studio, Viewing
 from vrte.app.solving.bench import Benches
+from vrte.app.solving.downloads import make_colours_download
 from vrte.app.solving.live import Live
 from vrte.app.solving.live_worker import Inbox
 from vrte.appearance.colours import find_colour, find_difference
+from vrte.appearance.gloss import find_glosses
+from vrte.appearance.hiding import find_hiding
 from vrte.appearance.panel import make_panel
+from vrte.formats.toml_table import read_share
 
 pytestmark = pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
 DUST: dict[str, Any] = {
@@ -105,17 +111,81 @@ def test_a_coarse_answer_comes_first_where_particles_are_new() -> None:
     studio = Studio()
     studio.pace = 1.0  # seconds a wavelength: as on a slow machine
     studio.answer(Question(1, DUST, Path()), told.append, lambda: False)
-    coarse, final = told
-    assert isinstance(coarse, Appeared)
-    assert isinstance(final, Appeared)
-    assert (coarse.coarse, final.coarse) == (True, False)
+    coarse, colours, final = (one for one in told if isinstance(one, Appeared))
+    assert len(told) == 3
+    assert [(one.coarse, one.follows) for one in (coarse, colours, final)] == [
+        (True, True),
+        (False, True),
+        (False, False),
+    ]
+    assert (colours.shares, colours.black, colours.readings) == (final.shares, final.black, ())
     assert find_difference_of(coarse, final) < 1.0
     assert not np.array_equal(coarse.shares.over_black, final.shares.over_black)
     told.clear()
     studio.pace = 0.0
     studio.answer(Question(2, thicken(1.1), Path()), told.append, lambda: False)
-    assert [one.number for one in told if isinstance(one, Appeared) and not one.coarse] == [2]
+    assert [one.number for one in told if isinstance(one, Appeared) and not one.follows] == [2]
     assert len(studio.kinds) == 16  # at so many wavelengths, once
+
+
+def test_gloss_and_hiding_follow_the_colours_and_are_the_librarys() -> None:
+    told: list[Reply] = []
+    studio = Studio()
+    studio.answer(Question(1, DUST, Path(), Viewing(white=0.9)), told.append, lambda: False)
+    final = told[-1]
+    assert isinstance(final, Appeared)
+    assert final.why_none == ()
+    found = {(one.quantity, one.geometry): one.value for one in final.readings}
+    panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, accuracy=1e-4)
+    for angle, gloss in find_glosses(panel).items():
+        assert found["gloss", f"{angle:g}:{angle:g}"] == pytest.approx(gloss, rel=3e-3)
+    hiding = find_hiding(panel, white=0.9)
+    assert found["hiding thickness", "45:0"] == pytest.approx(hiding.hiding_length_um, rel=5e-3)
+    assert found["spreading rate", "45:0"] == pytest.approx(hiding.spreading_rate, rel=5e-3)
+    begun = len(told)
+    studio.answer(Question(2, DUST, Path(), Viewing(white=0.9)), told.append, lambda: False)
+    (again,) = told[begun:]  # all is remembered
+    assert isinstance(again, Appeared)
+    assert again.readings == final.readings
+
+
+def test_what_cannot_be_read_off_says_why() -> None:
+    told: list[Reply] = []
+    bare = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
+    Studio().answer(Question(1, bare, Path()), told.append, lambda: False)
+    final = told[-1]
+    assert isinstance(final, Appeared)
+    assert final.readings == ()
+    assert [text.partition(":")[0] for text in final.why_none] == ["no gloss", "no hiding thickness"]
+    assert "needs a surface" in final.why_none[0]
+
+
+def test_a_newer_question_ends_the_readings() -> None:
+    told: list[Reply] = []
+    studio = Studio()
+    studio.answer(Question(1, DUST, Path()), told.append, lambda: len(told) > 0)
+    assert [isinstance(one, Appeared) and one.follows for one in told] == [True]
+
+
+def test_colours_are_downloaded_once_they_are_of_the_forms_scene(shared: Live) -> None:
+    shared.ask(DUST, Path(), Viewing())
+    found = appeared(shared)
+    assert shared.answered is shared.asked
+    name, data = make_colours_download(shared, DUST)
+    assert name == "colours.csv"
+    rows = list(csv.DictReader(io.StringIO(data.decode())))
+    values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
+    assert values["L over white", ""] == found.white.numbers["L"]
+    assert values["contrast ratio", ""] == found.contrast
+    assert (
+        values["reflectance factor over black", repr(float(found.shares.wavelength_um[3]))]
+        == found.shares.over_black[3]
+    )
+    assert sum(row["quantity"] == "gloss" for row in rows) == 3
+    with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
+        make_colours_download(shared, thicken(2.0))
+    with pytest.raises(vrte.SceneError, match="there are no colours"):
+        make_colours_download(Live(), DUST)
 
 
 def find_difference_of(one: Appeared, other: Appeared) -> float:
@@ -279,7 +349,7 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> 
     assert any(one.place[-1] == "thickness_um" for one in sliders)
     assert any(one.place[0] == "particles" for one in sliders)
     for slider in sliders:
-        value = read_number(get_value(content, slider.place))
+        value = read_share(get_value(content, slider.place))
         assert value is not None
         assert slider.reaches(value)
         assert 0 <= slider.find_step(value) <= STEPS
@@ -300,4 +370,4 @@ def test_spectra_are_drawn_with_those_before(shared: Live) -> None:
     names = [trace.name for trace in figure.data]
     assert names == ["over black", "over white", "over black, before", "over white, before"]
     np.testing.assert_allclose(figure.data[0].y, found.shares.over_black, rtol=1e-6)
-    np.testing.assert_allclose(figure.data[0].x, 1e3 * found.shares.wavelength_um, rtol=1e-6)
+    np.testing.assert_allclose(figure.data[0].x, found.shares.wavelength_um, rtol=1e-6)

@@ -131,7 +131,7 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_told(shelf: Shelf) ->
     )
     assert "reads no files" in bench.find_problems()["layer", 1, "phase"]
     bench.content["layer"][1]["phase"] = shelf.add("fog.csv", COEFFICIENTS, CSV, 1000)
-    assert bench.find_problems() == {("layer", 1, "phase"): f"layer[2].phase: {WAITS}"}
+    assert bench.find_problems() == {("layer", 1, "phase"): f"layer 2: table of coefficients: {WAITS}"}
     assert looked(bench) == {}
     (said,) = bench.said.values()
     assert said.words == read_coefficients(shelf.folder / "fog.csv").in_words
@@ -139,7 +139,7 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_told(shelf: Shelf) ->
     bench.content["layer"][1]["phase"] = shelf.add("fog.csv", wrong, CSV, 1000)
     found = looked(bench)
     assert list(found) == [("layer", 1, "phase")]
-    assert found["layer", 1, "phase"].startswith('layer[2].phase = "fog-2.csv": ')
+    assert found["layer", 1, "phase"].startswith('layer 2: table of coefficients = "fog-2.csv": ')
     bench.content["layer"][1]["tolerance"] = 1.0
     assert looked(bench) != found  # looked at again: it has a say
 
@@ -165,7 +165,7 @@ def test_a_process_that_dies_of_a_file_is_a_sentence(shelf: Shelf, monkeypatch: 
     bench = Bench(copy.deepcopy(FOG), shelf)
     monkeypatch.setattr("vrte.app.solving.job.START", "import os; os._exit(3)")
     found = looked(bench)
-    assert found == {("layer", 0, "phase"): "the process that solves has ended with code 3"}
+    assert found == {("layer", 0, "phase"): "the process of this task has ended with code 3"}
 
 
 def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
@@ -215,7 +215,9 @@ def test_files_go_with_their_tab() -> None:
 def test_a_file_to_be_chosen_is_asked_for_at_its_field() -> None:
     content: Content = {**START, "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 1.0}]}
     layers.set_medium(content, 0, "coefficients")
-    assert Bench(content).find_problems() == {("layer", 0, "phase"): "layer[1].phase needs a file (.csv)"}
+    assert Bench(content).find_problems() == {
+        ("layer", 0, "phase"): "layer 1: table of coefficients needs a file (.csv)"
+    }
 
 
 @pytest.mark.slow

@@ -92,6 +92,7 @@ def test_who_has_not_the_address_gets_nothing(page: Viewer) -> None:
     """Any other account of the machine reaches the port."""
     for target in ("/", "/favicon.ico", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "/x"):
         assert page.ask(target, cookie=None)[0] == 403
+    assert b"put everything from # on behind it" in page.ask("/", cookie=None)[2]  # whoever was sent a link
     assert page.socket_to(cookie=None, Origin=f"http://{page.host}") == 403
     assert page.ask("/_nicegui/client/0/upload/1", cookie=None, method="POST", body=b"x")[0] == 403
     for token in ("", "x", page.token[:-1], page.token + "x", page.token.swapcase(), "%00", "\u00e9".encode().hex()):
@@ -108,6 +109,11 @@ def test_names_of_others_that_lead_here_are_refused(page: Viewer) -> None:
     """A page of another site whose name is made to point to this machine (DNS rebinding)."""
     for host in ("elsewhere.example", f"elsewhere.example:{page.port}", "127.0.0.1", "127.0.0.1:1", "", "[", "0:x"):
         assert page.ask("/", Host=host)[0] == 400
+    own = f"127.0.0.1:{page.port}"
+    for host in (f"evil@{own}", f"evil:x@{own}", f"{own}/x", f"{own}?x", f"{own}#x", f"{own},x", f"[{own}", "\xb2"):
+        assert page.ask("/", Host=host)[0] == 400, host
+    assert page.ask("/", Host=f"LocalHost:{page.port}")[0] == 200
+    assert page.ask("/", Host=f"[::1]:{page.port}")[0] == 200
     assert page.ask("/", Host=f"192.0.2.1:{page.port}")[0] == 400  # this one is bound to the loopback
     twice = f"GET / HTTP/1.1\r\nHost: {page.host}\r\nHost: elsewhere.example\r\nCookie: {page.cookie}\r\n\r\n"
     assert page.raw(twice.encode()).startswith(b"HTTP/1.1 400")

@@ -2,9 +2,11 @@
 
 import copy
 import os
+import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,13 +17,14 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.files import adopt_content
+from vrte.app.form.files import adopt_content, write_link
 from vrte.app.server.serve import leave_bench
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import MOST_TABS, Benches
-from vrte.app.solving.job import Job
-from vrte.app.solving.messages import Outcome, Read, Solve
-from vrte.app.solving.worker import make_outcome
+from vrte.app.solving.job import Job, explain_end
+from vrte.app.solving.messages import Adopt, Adopted, Outcome, Progress, Read, Solve
+from vrte.app.solving.worker import make_outcome, solve
+from vrte.formats.scene_writer import write_toml
 
 SMALL: form.Content = {
     "wavelength_um": [0.5, 0.6],
@@ -108,6 +111,36 @@ def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None
     assert job.message.startswith("the file is not a NetCDF file")
 
 
+@pytest.mark.parametrize("given", [write_toml(SMALL).encode(), write_link(SMALL)])
+def test_a_strangers_scene_is_read_in_a_process_of_its_own(given: bytes | str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vrte.app.form.files.parse_toml", lambda text: pytest.fail("the server has parsed it"))
+    job = ended(Job(Adopt(given, Path(), frozenset())))
+    assert isinstance(job.outcome, Adopted), job.message
+    assert job.outcome.content == adopt_content(SMALL)
+    job = ended(Job(Adopt(given[:50], Path(), frozenset())))
+    assert job.outcome is None
+    assert ("not valid TOML" if isinstance(given, bytes) else "the link is cut short") in job.message
+
+
+def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None:
+    """Whatever it is that does so: the process has a limit of time."""
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}\n"
+        "from vrte.app.solving import worker\n"
+        "def parse(data):\n"
+        "    while True: pass\n"
+        "worker.parse_content, worker.LONGEST_READING = parse, 0.5\n"
+        "worker.main()"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        pickle.dump(Adopt(b"", Path(), frozenset()), process.stdin)
+        process.stdin.flush()
+        assert process.wait(60) == -signal.SIGXCPU
+    with tempfile.TemporaryFile() as said:
+        assert explain_end(-signal.SIGXCPU, said) == "the process of this task has taken too long, and was ended"
+
+
 def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Path) -> None:
     """Whose BRDF would be the bytes of somebody's letters, to be downloaded as CSV."""
     h5py = pytest.importorskip("h5py")
@@ -130,9 +163,40 @@ def test_there_is_nothing_to_download_before_a_solve() -> None:
     ):
         with pytest.raises(vrte.SceneError, match="there is no"):
             make()
-    with pytest.raises(vrte.SceneError, match="exactly 5 wavelengths, not 2"):
-        downloads.check_tensor(SMALL)
-    downloads.check_tensor({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65]})
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        (0.64, downloads.TENSOR_UM),
+        (None, downloads.TENSOR_UM),
+        ([0.4, 0.5, 0.6, 0.8], (0.4, 0.5, 0.6, 0.7, 0.8)),
+        ([0.41, 0.5, 0.55, 0.6, 0.65], (0.41, 0.5, 0.55, 0.6, 0.65)),
+        ({"start": 0.43, "stop": 0.7, "count": 7}, (0.43, 0.498, 0.565, 0.632, 0.7)),
+    ],
+)
+def test_a_tensor_is_solved_at_five_wavelengths(given: Any, taken: tuple[float, ...]) -> None:
+    assert downloads.choose_tensor_wavelengths({"wavelength_um": given}) == pytest.approx(taken, abs=1e-12)
+
+
+def test_wavelengths_that_a_tensor_cannot_have_are_refused() -> None:
+    with pytest.raises(vrte.SceneError, match="wavelength_um: Mitsuba's measured_polarized takes wavelengths of whole"):
+        downloads.choose_tensor_wavelengths({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65005]})
+
+
+def test_the_bar_is_not_full_while_something_is_solved() -> None:
+    """Also over the other base, whose reflectance stands beside the scene's."""
+    told: list[Progress] = []
+    scene = SMALL | {"wavelength_um": 0.5}
+    solve(Solve(scene, Path(), ENOUGH), told.append)
+    stages = list(dict.fromkeys(one.stage.partition(":")[0] for one in told))
+    assert stages == ["particles", "BRDF", "BRDF over another base", "field inside"]
+    shares = [one.share for one in told]
+    assert shares == sorted(shares)
+    assert max(shares) < 0.99
+    ends = [one.share for one in told if one.stage.endswith("adding up")]
+    assert ends == pytest.approx([(place + 0.9) / 4.0 for place in (1, 2, 3)], abs=1e-12)
+    assert "BRDF: Fourier orders, 1 of 7" in [one.stage for one in told]
 
 
 def test_a_cancelled_solve_ends_at_once() -> None:

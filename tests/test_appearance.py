@@ -17,6 +17,7 @@ from vrte.appearance.geometries import (
     solve_geometry,
 )
 from vrte.appearance.panel import make_panel
+from vrte.appearance.quantities import Conditions
 
 VISIBLE = np.linspace(0.4, 0.7, 9)
 NOTHING = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
@@ -61,9 +62,42 @@ def test_standards_of_several_angles() -> None:
 
 
 @pytest.mark.parametrize(
+    ("names", "cie"),
+    [
+        ("d/8 d:8 d/8° D/8 d/8SCI SCI sci SPIN di/8 d/8(SCI)", "di:8"),
+        ("d/8SCE SCE spex de/8 d/8,SCE", "de:8"),
+        ("8/d 8:d 8°/d 8/dSCI 8/di", "8:di"),
+        ("8/dSCE 8:d,SCE 8/de", "8:de"),
+        ("d/0SCE", "de:0"),
+        ("45/0 45°/0° 45a:0 45x:0 45c:0 45°x:0° 45a/0", "45:0"),
+        ("0/45 0:45a 0:45x 0°:45°c", "0:45"),
+        ("45/as15 45:as15", "45:as15"),
+    ],
+)
+def test_geometries_have_the_names_of_laboratories(names: str, cie: str) -> None:
+    for name in names.split():
+        assert read_geometry(name) == read_geometry(cie), name
+    assert read_geometry(" d/8 (SCI) ").name == "di:8"
+
+
+@pytest.mark.parametrize(("name", "cie"), [("d/8 SCI", "8:di"), ("45x:0", "45:0")])
+def test_a_laboratorys_name_is_taken_wherever_a_geometry_is_named(name: str, cie: str) -> None:
+    grey = {"layer": [CLOUDY], "base": over(0.4), "nodes": 4}
+    look = vrte.appearance(grey, VISIBLE, geometries=[name])
+    assert look.reflectance(name) is look.reflectance(cie)
+    assert look.colour(name).L == look.colour(cie).L
+    one, other = (vrte.Measurement("reflectance", 0.5, geometry=given).predict(grey) for given in (name, cie))
+    assert one == other
+    assert Conditions(geometry=name).told == Conditions(geometry=cie).told.replace(cie, read_geometry(name).name)
+
+
+@pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("45/0", "must be a geometry such as '45:0'"),
+        ("45/5a", "must be a geometry such as '45:0'.*'d/8', '8/d', 'SCI', 'SCE', '45/0', '45a:0', '45x:0'"),
+        ("d/0", "must be a geometry"),  # with a gloss trap or without: who means it says SCI or SCE
+        ("d", "must be a geometry"),
+        ("", "must be a geometry"),
         (45, "must be a geometry such as '45:0'"),
         ("8:8", "looks along the mirrored beam.*ask for gloss"),
         ("45:as0", "looks along the mirrored beam"),

@@ -311,7 +311,7 @@ ANSWERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: vrte.spheres(1.5, radius_um=0.1, wavelength_um="0.5"), "wavelength_um"),
     (lambda: vrte.henyey_greenstein(1 - 1e-9, 50), "at most"),
     (lambda: cli_scene('"a\\nb" = 1'), "a\\nb"),
-    (lambda: cli_scene("a" + ".a" * 5000 + " = 1"), "30 parts"),
+    (lambda: cli_scene("a" + ".a" * 5000 + " = 1"), "30 keys"),
     (lambda: cli_scene("nodes = " + "9" * 5000), "4000 digits"),
     # what the machine found: it hung, overflowed, raised what the object raised, and gave two lines
     (lambda: vrte.spheres(1e308, radius_um=1.0, wavelength_um=0.5), "n and k must be at most 10000"),

@@ -39,10 +39,10 @@ def field() -> vrte.Field:
 
 
 def test_what_is_mirrored_is_told_in_words(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
-    assert describe_mirrored_beam(shiny, 2) == "4 % mirrored"
-    assert describe_mirrored_beam(shiny, 1) == "7.4 % mirrored, polarized to 100 %"  # ((n^2 - 1)/(n^2 + 1))^2/2
+    assert describe_mirrored_beam(shiny, 2) == "mirrored: 0.04"
+    assert describe_mirrored_beam(shiny, 1) == "mirrored: 0.074, degree of polarization 1"  # ((n^2 - 1)/(n^2 + 1))^2/2
     in_the_plane = describe_mirrored_beam(shiny, 1, (1.0, 1.0, 0.0, 0.0))
-    assert float(in_the_plane.split(" %")[0]) < 1e-12  # nothing of it, at Brewster's angle
+    assert float(in_the_plane.split(": ")[1]) < 1e-14  # nothing of it, at Brewster's angle
     assert describe_mirrored_beam(plain, 1) == ""
     assert name_brdf(plain) == "Subsurface BRDF"
     assert name_brdf(replace(plain, surface=plain.mueller)) == "BRDF, rough surface included"
@@ -64,7 +64,7 @@ def test_the_arrow_goes_out_where_a_mirror_sends_it(plain: vrte.Brdf, shiny: vrt
                 reach * (mu * cosine24 - side * across * sine24 * cosine72),
             )
             np.testing.assert_allclose(tail, expected, atol=1e-12)
-        assert any("% mirrored" in text.get_text() for text in axes.texts)
+        assert any("mirrored: " in text.get_text() for text in axes.texts)
     for axes, mu in zip(cuts, shiny.mu_i, strict=True):
         (line,) = [line for line in axes.lines if line.get_color() == MIRRORED]
         np.testing.assert_allclose(line.get_xdata(), np.arccos(mu))
@@ -77,14 +77,14 @@ def test_the_viewer_has_the_arrow_too(plain: vrte.Brdf, shiny: vrte.Brdf) -> Non
     sine = np.sqrt(1.0 - BREWSTER**2)
     np.testing.assert_allclose([falls.u[0], falls.v[0], falls.w[0]], [sine, 0.0, -BREWSTER], atol=1e-12)
     np.testing.assert_allclose([goes.u[0], goes.v[0], goes.w[0]], [sine, 0.0, BREWSTER], atol=1e-12)
-    assert "7.4 % mirrored, polarized to 100 %" in figure.layout.title.text
-    assert "7.4 % mirrored" in goes.hovertemplate
+    assert "mirrored: 0.074, degree of polarization 1" in figure.layout.title.text
+    assert "mirrored: 0.074" in goes.hovertemplate
     across = figures.lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
-    assert "14.8 % mirrored" in across
+    assert "mirrored: 0.148" in across
     assert len([trace for trace in figures.lobe(plain, 1).data if trace.type == "cone"]) == 1
     (beam,) = [trace for trace in figures.cuts(shiny, 0).data if "mirrored" in trace.name]
     np.testing.assert_allclose(beam.theta, np.degrees(np.arccos(0.3)), rtol=1e-6)
-    assert beam.name == "20.8 % mirrored, polarized to 66.6 %, not in the curves"
+    assert beam.name == "mirrored: 0.208, degree of polarization 0.666, not in the curves"
 
 
 def test_depths_name_their_medium(field: vrte.Field) -> None:

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -290,6 +291,30 @@ def test_captions_can_be_read_where_a_sheet_is_shown_800_pixels_wide() -> None:
 def test_captions_say_what_a_layer_is_made_of(name: str, words: str) -> None:
     (material,), _ = read([Path(vrte.__file__).parent / "app" / "gallery" / f"{name}.toml"])
     assert describe_layers(material.content).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("layer", "words"),
+    [
+        (
+            {"phase": {"henyey_greenstein": 0.5}, "albedo": 1.0, "thickness": 2.0},
+            "henyey_greenstein 0.5; optical thickness 2",
+        ),
+        ({"host_index": 1.5, "thickness_um": 10.0}, "clear; 10 µm thick"),
+        ({"particles": "dust", "volume_fraction": "5 %", "thickness_um": 60}, "dust, diameter 0.2 µm; 60 µm thick"),
+        (
+            {"volume_fractions": {"dust": "5 %", "soot": 1e-3}, "thickness_um": float("inf")},
+            "5 % dust diameter 0.2 µm + 0.1 % carbon 0.05 µm by volume; infinitely thick",
+        ),
+    ],
+)
+def test_captions_leave_no_layer_without_words(layer: dict[str, Any], words: str) -> None:
+    lognormal = {"lognormal": {"median_um": 0.05, "sigma": 1.5}}
+    kinds = {"dust": {"index": 1.5, "diameter_um": 0.2}, "soot": {"index": "carbon", "size": lognormal}}
+    surface = {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.15}}
+    content = {"particles": kinds, "layer": [surface, layer], "base": {"kind": "lambertian", "albedo": 0.8}}
+    base = "" if "infinitely" in words else "; on albedo 0.8"
+    assert describe_layers(content) == f"surface of roughness 0.15; {words}{base}"
 
 
 def test_a_pixels_samples_take_all_of_the_suns_disc() -> None:

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import vrte
 from vrte.basics.errors import Place
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_scene
-from vrte.formats.toml_table import show_place
+from vrte.formats.toml_table import DEEPEST, parse_toml, show_place
 from vrte.optics.phase_matrix import count_henyey_greenstein_terms
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
@@ -375,7 +376,7 @@ def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(read: Reader
         # no TOML at all
         ("= 12", "== 12", "not valid TOML: "),
         ("nodes = 12", "nodes = 12\nnodes = 13", "not valid TOML: "),
-        ("nodes = 12", f"nodes = {5000 * '['}", "nested too deeply"),
+        ("nodes = 12", f"nodes = {5000 * '['}", "leads through more than 30 keys, tables or lists"),
     ],
 )
 def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) -> None:
@@ -455,3 +456,49 @@ def test_every_source_of_particles_fills_a_layer(name: str) -> None:
         make_scene_file({**rest, "particles": {"one": {**kind, "colour": 1}}})
     with pytest.raises(vrte.SceneError, match=r"particles\.one\.source = \"dust\": must be 'spheres'"):
         make_scene_file({**rest, "particles": {"one": {**kind, "source": "dust"}}})
+
+
+DEEP = {
+    "quoted keys": '" "' + '." "' * 16_000 + "=1",
+    "bare keys": "a" + " . a" * 16_000 + "=1",
+    "a header": "[" + "a." * 16_000 + "a]",
+    "lists": "a = " + "[" * 16_000,
+    "tables of long keys": "a = " + "{b.b.b.b.b.b.b.b.b.b = " * 200 + "1" + "}" * 200,
+    "behind a text with quotes at its ends": 'a = [{b = """""x"""""}, {c' + ".c" * 16_000 + " = 1}]",
+    "behind the same of single quotes": "a = [{b = '''x'''''}, {c" + ".c" * 16_000 + " = 1}]",
+    "behind an escaped quote": r'a = [{b = "\"#"}, {c' + ".c" * 16_000 + " = 1}]",
+    "in a list of lines": "a = [\n" + "[\n" * 16_000,
+}
+
+
+@pytest.mark.parametrize("way", DEEP)
+def test_what_leads_too_deep_is_refused_before_it_is_parsed(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parser would take a GB and 13 s for the first, and its result would be too deep for whoever copies it."""
+    monkeypatch.setattr(tomllib, "loads", lambda text: pytest.fail("it was parsed"))
+    with pytest.raises(vrte.SceneError, match=r"line \d+ leads through more than 30 keys, tables or lists"):
+        parse_toml(DEEP[way])
+
+
+def test_what_only_looks_deep_is_read() -> None:
+    dots, brackets = "." * 100, "[{" * 100
+    text = f"""# {brackets}
+    a = "{dots}\\"{brackets}"
+    b = '{dots}{brackets}'
+    c = '''{dots}
+    '{brackets}''''
+    d = [{"1.5, " * 1000}]
+    [e.{".".join("k" * (DEEPEST - 2))}]
+    {".".join("k" * DEEPEST)} = 1
+    """
+    found = parse_toml(text)
+    assert (found["a"], found["b"]) == (f'{dots}"{brackets}', f"{dots}{brackets}")
+    assert found["c"].endswith(f"{brackets}'")
+    assert len(found["d"]) == 1000
+
+
+@pytest.mark.parametrize("quote", ['"', "'", '\\"', '"""\\"', "'''"])
+def test_texts_that_nothing_closes_take_no_longer_than_they_are_long(quote: str) -> None:
+    begun = time.process_time()
+    with pytest.raises(vrte.SceneError, match="not valid TOML"):
+        parse_toml(f"a = {quote * (200_000 // len(quote) | 1)}")
+    assert time.process_time() - begun < 2.0  # a pass from every quote to the end would take minutes

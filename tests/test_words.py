@@ -14,7 +14,17 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # what a user calls bears the field's name for what it returns
 NAMED_AFTER_RESULTS = {*vrte.__all__, *dir(vrte.quantities), *dir(vrte.over_hemisphere), *dir(figures)}
 # and so do those that the documents name, entry points, and a stage that has the core's own name
-KNOWN_BY_NAME = {"main", "to_xarray", "azimuthal_sum", "held_out", "propagator", "devices", "session", "directions"}
+KNOWN_BY_NAME = {
+    "main",
+    "to_xarray",
+    "azimuthal_sum",
+    "held_out",
+    "dask_setup",
+    "propagator",
+    "devices",
+    "session",
+    "directions",
+}
 VERBS = set(
     """
     add adopt advise answer arrange assemble assign average balance begin bind bound build calibrate carry catch

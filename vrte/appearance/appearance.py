@@ -427,7 +427,8 @@ def appearance(
     geometries : sequence of str, optional
         By CIE's names, light first: "8:di" (sphere, mirrored beam included), "8:de" (excluded), "di:di", "45:0",
         "0:45", "45:as15" (15 degrees off the mirrored beam, towards the light), "30:di" or "60:-20" (any angles; below
-        0: on the side of the light). By default the standard ones, of a spectrum those that it has directions for.
+        0: on the side of the light); or as laboratories write them: "d/8", "8/d", "SCI", "SCE", "45/0". By
+        default the standard ones, of a spectrum those that it has directions for.
     illuminant : str, optional
         "D65", "A", "FL11" or another of CIE's, for colours.
     observer : {10, 2}, optional

@@ -31,10 +31,15 @@ METAL_FLAKE = "45:as15", "45:as45", "45:as110"  # the three that ASTM E2194 asks
 STANDARD_GEOMETRIES = "8:di", "8:de", "di:di", "45:0", "0:45", *MULTI_ANGLE
 ALLOWED = (
     "a geometry such as '45:0', '8:di' (diffuse, surface's mirror image included), '8:de' (excluded), 'di:8', 'di:di', "
-    "or '45:as15' (15 degrees off the mirrored beam, towards the light)"
+    "'45:as15' (15 degrees off the mirrored beam, towards the light), or as laboratories write it: 'd/8', '8/d', "
+    "'SCI', 'SCE', '45/0', '45a:0', '45x:0'"
 )
 NUMBER = r"\d+(?:\.\d+)?"
 DIRECTION = re.compile(rf"({NUMBER}):(as)?(-?{NUMBER})")
+# a sphere, d, whose specular component is included, if nothing else is said of light or eye at 8 degrees, or excluded
+SPHERE = re.compile(rf"(?=.)(?:d:({NUMBER})|({NUMBER}):d)?(sci|spin|sce|spex)?")
+# light or eye all around (a), at several azimuths (c), at one (x): along the normal all read the same
+AROUND = re.compile(rf"({NUMBER})[acx]:0|0:({NUMBER})[acx]")
 HEMISPHERE = re.compile(rf"({NUMBER}):(di|de)|(di|de):({NUMBER})|(di):(di)")
 
 
@@ -111,12 +116,12 @@ def find_cosine(degrees: float) -> float:
 def read_geometry(name: Any) -> Geometry:
     """A geometry by its name. Raises SceneError for another.
 
-    >>> read_geometry("45:as15").angle_o, read_geometry("8:de").excluded, read_geometry("di:8").definition
-    (30.0, True, 'hemispherical reflectance of light at 8 degrees, the mirrored beam included')
+    >>> read_geometry("45:as15").angle_o, read_geometry("SCE").name, read_geometry("d/8").definition
+    (30.0, 'de:8', 'hemispherical reflectance of light at 8 degrees, the mirrored beam included')
     """
     if isinstance(name, Geometry):
         return name
-    text = name.replace("°", "").replace(" ", "") if isinstance(name, str) else ""
+    text = translate_name(name) if isinstance(name, str) else ""
     if found := HEMISPHERE.fullmatch(text):
         if found[5]:
             return Geometry("di:di", None, None)
@@ -132,6 +137,22 @@ def read_geometry(name: Any) -> Geometry:
             )
         return Geometry(text, check_angle(name, angle_i), check_angle(name, angle_o))
     raise SceneError.of("geometry", f"must be {ALLOWED}, not {show_value(name)}")
+
+
+def translate_name(name: str) -> str:
+    """CIE's name of a geometry that a laboratory may write otherwise; any other text without blanks, in small letters.
+
+    >>> [translate_name(name) for name in ("d/8°", "8/d (SCE)", "SCI", "45/0", "0:45a", "45:as15")]
+    ['di:8', '8:de', 'di:8', '45:0', '0:45', '45:as15']
+    """
+    text = re.sub(r"[°\s(),]", "", name).lower().replace("/", ":")
+    if found := AROUND.fullmatch(text):
+        return f"{found[1]}:0" if found[1] else f"0:{found[2]}"
+    found = SPHERE.fullmatch(text)
+    if not found or not (found[3] or float(found[1] or found[2]) == 8.0):
+        return text
+    way = "de" if found[3] in ("sce", "spex") else "di"
+    return f"{found[2]}:{way}" if found[2] else f"{way}:{found[1] or 8}"
 
 
 def check_angle(name: Any, angle: float) -> float:

@@ -47,8 +47,9 @@ class Conditions:
     @property
     def told(self) -> str:
         """All of the conditions in one line, for tables."""
+        geometry = read_geometry(self.geometry).name
         return (
-            f"geometry {self.geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
+            f"geometry {geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
             f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"
         )
 

@@ -49,7 +49,7 @@ class Measurement:
     wavelength_um : float or array_like (n,), optional
         Wavelengths in vacuum [um]; the scene's own where left out.
     geometry : str or sequence of str, optional
-        An instrument's geometry, "8:di", of reflectances and colours.
+        An instrument's geometry, "8:di" or "d/8 SCI", of reflectances and colours.
     illuminant : str or sequence of str, optional
         The light of colours; "D65" where left out.
     observer : int or sequence of int, optional

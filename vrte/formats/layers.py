@@ -26,6 +26,19 @@ SHARE = "a number fraction >= 0"
 PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
 
 
+def describe_filling(layer: Mapping[str, Any]) -> str:
+    """What a layer of a scene file holds.
+
+    >>> say = describe_filling
+    >>> say({"particles": {"gold": 1, "rutile": 2}}), say({"phase": {"henyey_greenstein": 0.9}})
+    ('gold + rutile', 'henyey_greenstein 0.9')
+    """
+    held: Any = next((layer[key] for key in FILLINGS if key in layer), "clear")
+    if "phase" not in layer:
+        return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
+    return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
+
+
 class Kinds:
     """The particles of a file by name: all are checked at once, each is computed when a layer first asks for it."""
 

@@ -18,8 +18,13 @@ from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import Place, SceneError
 
 LARGEST_FILE = 10_000_000  # bytes
-# a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
-LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
+DEEPEST = 30  # keys, tables and lists inside each other, in a header and again below it: a scene has 8
+# texts and comments, whole, to their end where nothing closes them; and what makes a place deeper or less deep
+STEPS = re.compile(
+    r'"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5})?|' + r"'''(?:[^']|'(?!''))*+(?:'{3,5})?|"
+    r'"(?:[^"\\\n]|\\.)*+"?|' + r"'[^'\n]*+'?|#[^\n]*|[\[\]{}.,\n]",
+    re.DOTALL,
+)
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
@@ -29,17 +34,36 @@ NUMBERS = "a number, a list of numbers or { start, stop, count }"
 
 def parse_toml(text: str) -> dict[str, Any]:
     """TOML, parsed; what would keep the parser busy for minutes is refused first. Raises SceneError."""
-    long_key = LONG_KEY.search(text)
-    if long_key:
-        raise SceneError(f"not a scene: a key of more than 30 parts, {show_toml(long_key[0])}")
+    check_depth(text)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"not valid TOML: {put_in_one_line(str(error), 200)}") from error
     except ValueError as error:
         raise SceneError("not valid TOML: a whole number of more than 4000 digits") from error
-    except RecursionError as error:
-        raise SceneError("not a scene: tables or lists nested too deeply") from error
+
+
+def check_depth(text: str) -> None:
+    """Raises SceneError where a text of TOML leads deeper than DEEPEST, in one pass, before it is parsed: a key takes
+    the parser time and memory that grow with the square of its parts, and nested tables take its stack.
+
+    >>> check_depth("[a.b]\\nc = [[1.5, 2.5], [3.5, 4.5]]")
+    """
+    around, depth = [0], 0  # how deep the tables and lists around are, and the place itself
+    for found in STEPS.finditer(text):
+        sign = found[0]
+        if sign in "[{.":
+            depth += 1
+            if depth > DEEPEST:
+                line = text.count("\n", 0, found.start()) + 1
+                raise SceneError(f"not a scene: line {line} leads through more than {DEEPEST} keys, tables or lists")
+            if sign != ".":
+                around.append(depth)
+        elif sign in "]}" and len(around) > 1:
+            around.pop()
+            depth = around[-1]
+        elif sign in ",\n":
+            depth = around[-1]
 
 
 def suggest_nearest(word: str, choices: Iterable[str]) -> str:
@@ -99,6 +123,17 @@ def _quote_briefly(text: str) -> str:
     """A string between quotes, line breaks and control characters escaped."""
     start = json.dumps(text[: SHOWN + 1], ensure_ascii=False)
     return "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in start)
+
+
+def read_share(value: Any) -> float | None:
+    """A number, also one in per cent, or None.
+
+    >>> read_share("5 %"), read_share("gold")
+    (0.05, None)
+    """
+    if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
+        return float(found[1]) / 100.0
+    return float(value) if is_number(value) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +207,8 @@ class Table:
     def share(self, key: str, allowed: str) -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
         value = self.content.get(key)
-        if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
-            return float(found[1]) / 100.0
-        return self.number(key, allowed)
+        found = read_share(value) if isinstance(value, str) else None
+        return self.number(key, allowed) if found is None else found
 
     def whole(self, key: str, low: int, high: int) -> int:
         """The whole number at ``key``, within [low, high]."""

@@ -89,9 +89,9 @@ def describe_mirrored_beam(brdf: Brdf, place: int, stokes: Any = UNPOLARIZED) ->
     if brdf.specular is None:
         return ""
     beam = brdf.specular[place] @ np.asarray(stokes, float)
-    words = f"{100.0 * beam[0] / stokes[0]:.3g} % mirrored"
+    words = f"mirrored: {beam[0] / stokes[0]:.3g}"
     degree = float(np.nan_to_num(find_degree_of_polarization(beam)))
-    return words + (f", polarized to {100.0 * degree:.3g} %" if degree >= 5e-4 else "")
+    return words + (f", degree of polarization {degree:.3g}" if degree >= 5e-4 else "")
 
 
 def name_brdf(brdf: Brdf) -> str:

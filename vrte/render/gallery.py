@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vrte.formats.layers import describe_filling
+from vrte.formats.toml_table import read_share
 from vrte.pictures.figures import limit_ticks, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.picture import Sheet, measure_degrees, put_over_grey, round_up, say_light
@@ -80,19 +82,13 @@ def describe_layers(content: Mapping[str, Any]) -> str:
             roughness = interface.get("roughness")
             words.append("smooth surface" if roughness is None else f"surface of roughness {roughness:g}")
             continue
-        thickness = layer.get("thickness")
-        deep = thickness == float("inf")
-        how = (
-            "infinitely thick"
-            if deep
-            else f"optical thickness {thickness:g}"
-            if isinstance(thickness, int | float)
-            else ""
-        )
-        words.append("; ".join(part for part in (_describe_particles(layer, content), how) if part))
+        deep = float("inf") in (layer.get("thickness"), layer.get("thickness_um"))
+        thick = "infinitely thick" if deep else f"{layer.get('thickness_um', 0.0):g} µm thick"
+        words.append(_describe_particles(layer, content) or describe_filling(layer))
+        words.append(thick if deep or "thickness" not in layer else f"optical thickness {layer['thickness']:g}")
     host = content.get("host_index")
-    if isinstance(host, int | float) and host != 1.0:
-        words.append(f"in index {host:g}")
+    if host is not None and host != 1.0:
+        words.append(f"in index {host:g}" if isinstance(host, int | float) else f"in {host}")
     base = content.get("base", {})
     if not deep and isinstance(base, Mapping):
         albedo = base.get("albedo")
@@ -102,21 +98,22 @@ def describe_layers(content: Mapping[str, Any]) -> str:
 
 
 def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) -> str:
-    """Substances and sizes of a layer's particles, with their shares where there are more."""
-    given = layer.get("particles")
-    shares = given if isinstance(given, Mapping) else {given: 1.0}
+    """Substances and sizes of a layer's particles, with their shares where there are more; "" where they are named
+    alone, or there are none."""
+    given = layer.get("volume_fractions", layer.get("particles", {}))
+    shares = {given: 1.0} if isinstance(given, str) else given
+    several = len(shares) > 1
     found = []
     for name, share in shares.items():
         source = content.get("particles", {}).get(name)
         if not isinstance(source, Mapping):
-            return str(layer.get("phase", "")) if isinstance(layer.get("phase"), str) else ""
-        size = source.get("size")
-        lognormal = size.get("lognormal") if isinstance(size, Mapping) else None
-        words = str(source.get("index")) if isinstance(source.get("index"), str) else str(name)
-        if len(shares) > 1 and isinstance(share, int | float):
-            words = f"{100.0 * share:.0f} % {words}"
-        radius = source.get("radius_um", lognormal.get("median_um") if isinstance(lognormal, Mapping) else None)
-        if isinstance(radius, int | float):
-            words += f", radius {radius:g} µm" if len(shares) == 1 else f" {radius:g} µm"
-        found.append(words)
-    return " + ".join(found)
+            return ""
+        words = source["index"] if isinstance(source.get("index"), str) else str(name)
+        sizes = dict(source) | dict(next(iter(source.get("size", {"": {}}).values())))
+        key = next((key for key in sizes if key.endswith("_um") and isinstance(sizes[key], int | float)), None)
+        if key is not None:
+            kind = "diameter " if "diameter" in key else "" if several else "radius "
+            words += f"{' ' if several else ', '}{kind}{sizes[key]:g} µm"
+        number = read_share(share) if several or "volume_fractions" in layer else None
+        found.append(words if number is None else f"{100.0 * number:.3g} % {words}")
+    return " + ".join(found) + (" by volume" if found and "volume_fractions" in layer else "")

@@ -66,19 +66,19 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
 
 
 def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int) -> "Figure":
-    """Share that comes back of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle
-    of incidence. Raises MissingExtraError without Plotly."""
+    """Reflectance of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle of
+    incidence. Raises MissingExtraError without Plotly."""
     angle = np.degrees(np.arccos(found.mu_i))
     spectral = len(wavelength_um) > 1
-    x = 1e3 * np.array(wavelength_um) if spectral else angle
-    order, unit = np.argsort(x), "nm" if spectral else "°"
+    x = np.array(wavelength_um) if spectral else angle
+    order, unit = np.argsort(x), " µm" if spectral else "°"
     traces = [
         make_curve(
             x[order],
             (shares[:, place] if spectral else shares[0])[order],
             name,
             colour,
-            f"{name}<br>%{{x:.4g}} {unit}: %{{y:.2%}}",
+            f"{name}<br>%{{x:.4g}}{unit}: %{{y:.4f}}",
             mode="lines+markers",
             marker={"size": 6},
             dash=dash,
@@ -87,10 +87,10 @@ def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int)
     ]
     return make_plotly_figure(
         traces,
-        "Share of the light that comes back",
+        "Reflectance",
         f"{f'light from {angle[place]:.0f}° off the normal; ' if spectral else ''}unpolarized, all directions of exit",
-        xaxis=make_axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
-        yaxis=make_axis("reflectance", rangemode="tozero", tickformat=".0%"),
+        xaxis=make_axis("wavelength in vacuum [µm]" if spectral else "angle of incidence [°]"),
+        yaxis=make_axis("reflectance", rangemode="tozero"),
         showlegend=True,
     )
 
@@ -100,11 +100,11 @@ def spectra(found: Shares, before: Shares | None, geometry: str) -> "Figure":
     MissingExtraError without Plotly."""
     traces = [
         make_curve(
-            1e3 * shares.wavelength_um,
+            shares.wavelength_um,
             curve,
             name if now else f"{name}, before",
             colour,
-            f"{name}<br>%{{x:.4g}} nm: %{{y:.2%}}",
+            f"{name}<br>%{{x:.4g}} µm: %{{y:.4f}}",
             dash=dash if now else "dot",
             opacity=1.0 if now else 0.6,
         )
@@ -118,7 +118,7 @@ def spectra(found: Shares, before: Shares | None, geometry: str) -> "Figure":
         traces,
         f"Reflectance factor, {geometry}",
         "1 is the perfect white diffuser",
-        xaxis=make_axis("wavelength in vacuum [nm]"),
-        yaxis=make_axis("reflectance factor", rangemode="tozero", tickformat=".0%"),
+        xaxis=make_axis("wavelength in vacuum [µm]"),
+        yaxis=make_axis("reflectance factor", rangemode="tozero"),
         showlegend=True,
     )

@@ -49,7 +49,7 @@ def measurement(
             x, y = smooth.get(place, (one.x, predicted[one.rows]))
             traces.append(make_curve(x, y, one.name, colour, "vrte: %{y:.4g} at %{x:.4g}", showlegend=False))
             traces.append(make_residuals(measured, one, predicted, colour))
-    words, _, unit, _ = COORDINATES[axis]
+    words, _, unit = COORDINATES[axis]
     some = "" if len(taken) == len(curves) else f"; {len(taken)} of {len(curves)} curves"
     folded = SIDES if axis == "theta_o_deg" and any((curves[place].x < 0.0).any() for place in taken) else ""
     lines = "" if predicted is None else f"; lines: vrte, {source}"

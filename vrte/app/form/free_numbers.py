@@ -8,10 +8,9 @@ from typing import Any
 
 from vrte.app.form.content import Content, get_value, name_layers, put
 from vrte.app.form.fields import find_field, find_key
-from vrte.app.form.sliders import read_number
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
-from vrte.formats.toml_table import is_number
+from vrte.formats.toml_table import is_number, read_share
 
 PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
 LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
@@ -65,7 +64,7 @@ def list_numbers(content: Content, value: Any, place: Place) -> Iterator[tuple[P
             if pair or isinstance(below, dict):
                 yield from list_numbers(content, below, (*place, which))
         return
-    found = read_number(value)
+    found = read_share(value)
     field = place[:-1] if is_pair_member(place) else place
     fits = str(place[-1]) not in LEFT_OUT and not isinstance(find_key(field, content), Whole)
     if found is not None and math.isfinite(found) and fits and find_field(field, content).label:
@@ -162,7 +161,7 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     """The content with these numbers, each to some digits. Raises SceneError where it has no such number any more."""
     found = copy.deepcopy(content)
     for place, value in values.items():
-        if read_number(get_value(found, place)) is None:
+        if read_share(get_value(found, place)) is None:
             raise SceneError(f"the form has no number {join_place(place)} any more: it has changed since the fit")
         put(found, place, float(f"{value:.{DIGITS}g}"))
     return found

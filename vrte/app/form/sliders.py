@@ -3,20 +3,19 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from vrte.app.form.content import Content, get_value, is_interface, name_layers
 from vrte.app.form.fields import find_field
 from vrte.app.form.kinds import get_size_mode, list_size_places
 from vrte.app.form.layers import HELD, get_medium, is_geometric
 from vrte.basics.errors import Place
-from vrte.formats.toml_table import PER_CENT, is_number
+from vrte.formats.toml_table import read_share
 
 STEPS = 200  # of a slider, by equal factors from end to end
 MOST_SLIDERS = 12  # that the page shows
 LENGTHS_UM, FRACTIONS = (1.0, 300.0), (0.001, 0.6)
 SIZES = 4.0  # so many times smaller or larger than the size that the form has
-CHOOSE = "choose a paint here, or a material in the Gallery"
+CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def list_sliders(content: Content) -> list[Slider]:
     """
     found = []
     for place, low, high in list_places(content):
-        value = read_number(get_value(content, place))
+        value = read_share(get_value(content, place))
         if value is not None and 0.0 < value < math.inf:
             low, high = min(low or value / SIZES, value), max(high or value * SIZES, value)
             found.append(Slider(place, name_slider(content, place), low, high))
@@ -98,17 +97,6 @@ def name_slider(content: Content, place: Place) -> str:
         return f"{place[1]}: {label}"
     several = sum(1 for _ in list_filled(content)) > 1
     return f"{name_layers(content['layer'])[int(place[1])]}: {label}" if several else label
-
-
-def read_number(value: Any) -> float | None:
-    """A number, also one in per cent, or None.
-
-    >>> read_number("5 %"), read_number("gold")
-    (0.05, None)
-    """
-    if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
-        return float(found[1]) / 100.0
-    return float(value) if is_number(value) else None
 
 
 def explain_missing(content: Content) -> str:

@@ -9,21 +9,25 @@ from nicegui import ui
 
 from vrte.app import figures
 from vrte.app.form.content import get_value
-from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders, read_number
+from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders
+from vrte.app.form.words import translate_message
 from vrte.app.page.gallery import list_paint_starts
-from vrte.app.page.pieces import add_table_row, select
+from vrte.app.page.pieces import add_menu_item, add_table_row, make_menu, select
 from vrte.app.solving.appearance import (
     ACCURACY,
     COARSE,
     GEOMETRIES,
     ILLUMINANTS,
     OBSERVERS,
+    TARGET,
     Appeared,
+    Question,
     Shade,
     Viewing,
 )
 from vrte.app.solving.bench import Bench
 from vrte.basics.errors import Place
+from vrte.formats.toml_table import read_share
 
 WHITES = 0.4, 1.0  # albedos of the white card
 THROTTLE = 0.1  # seconds between two positions of a slider
@@ -53,13 +57,18 @@ class AppearancePanel:
         self.missing = ""
         self.shown: Any = None
         self.moved: Place | None = None
-        with ui.row().classes("w-full gap-2 pt-3 items-start"):
-            self.paint = select([*list_paint_starts()], None, "begin with a paint", self.begin_with, 230)
+        with ui.row().classes("w-full gap-2 pt-3 items-center vrte-looks"):
+            begin = ui.button("Begin with a paint", icon="format_paint", color=None).props("no-caps outline dense")
+            with begin.classes("px-2 vrte-begin"), make_menu():
+                for title in list_paint_starts():
+                    add_menu_item(title, partial(self.begin_with, title))
             for key, names, width in (
-                ("illuminant", ILLUMINANTS, 190), ("observer", OBSERVERS, 140), ("geometry", GEOMETRIES, 235),
+                ("illuminant", ILLUMINANTS, 175), ("observer", OBSERVERS, 130), ("geometry", GEOMETRIES, 255),
             ):  # fmt: skip
                 select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
         self.message = ui.label().classes("vrte-warning w-full mt-2").props("role=status")
+        with ui.row().classes("w-full gap-x-4 gap-y-1 items-center pt-2 relative vrte-now") as self.colours:
+            self._lay_out_colours()
         self.bars = ui.element("div").classes("vrte-bars")
         with ui.row().classes("w-full items-center gap-2 no-wrap vrte-status") as self.progress:
             self.spinner = ui.spinner(size="16px")
@@ -67,22 +76,14 @@ class AppearancePanel:
             self.stop = ui.button("Stop", icon="stop", on_click=self.end)
             self.stop.props("flat dense no-caps size=sm color=negative")
         self.told = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
-        with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
+        with ui.column().classes("w-full gap-2 no-wrap pb-4 vrte-below") as self.answer:
             self._lay_out(plot)
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
 
     # layout
 
     def _lay_out(self, plot: Callable[[], Any]) -> None:
-        """Swatches, numbers and the figure, empty."""
-        with ui.row().classes("w-full gap-4 items-center"):
-            with ui.element("div").classes("vrte-drawdown"):
-                self.swatches = [make_swatch() for _ in SIDES]
-            with ui.column().classes("gap-1"):
-                self.contrast = ui.label().classes("vrte-heading")
-                self.apart, self.changed = ui.label().classes("vrte-note"), ui.label().classes("vrte-note")
-                keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
-                keep.props("flat dense no-caps size=sm color=primary")
+        """What stands below the sliders: notes, the figure and the table of numbers, empty."""
         self.gaps, self.notes = ui.label().classes("vrte-note"), ui.label().classes("vrte-warning w-full")
         with ui.element("div").classes("vrte-look"):
             with ui.column().classes("gap-0 no-wrap vrte-spectra"):
@@ -91,11 +92,22 @@ class AppearancePanel:
                 add_table_row("th", ["", *SIDES])
                 self.cells = {name: add_table_row("td", [label, "", ""])[1:] for name, label in NAMES.items()}
 
+    def _lay_out_colours(self) -> None:
+        """Swatches, and beside them contrast, differences, gloss and hiding, empty."""
+        with ui.element("div").classes("vrte-drawdown"):
+            self.swatches = [make_swatch() for _ in SIDES]
+            self.old = ui.label("for the previous setting").classes("vrte-warning vrte-mark").props("role=status")
+        with ui.column().classes("gap-0"):
+            self.contrast = ui.label().classes("vrte-heading")
+            self.apart, self.changed, self.gloss, self.hiding = (ui.label().classes("vrte-note") for _ in range(4))
+            keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
+            keep.props("flat dense no-caps size=sm color=primary")
+
     def _draw_sliders(self) -> None:
         """One a number of the form; anew where there are others, or a number has left its slider's range."""
         content = self.bench.content
         wanted = {slider.place: slider for slider in list_sliders(content)}
-        values = {place: read_number(get_value(content, place)) or 0.0 for place in wanted}
+        values = {place: read_share(get_value(content, place)) or 0.0 for place in wanted}
         now = {place: slider for place, (slider, _, _) in self.sliders.items()}
         same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
         if self.white is None or not same or not all(now[place].reaches(value) for place, value in values.items()):
@@ -116,12 +128,10 @@ class AppearancePanel:
 
     # what somebody does
 
-    def begin_with(self, title: str | None) -> None:
+    def begin_with(self, title: str) -> None:
         """A paint: the form gets it."""
-        if title:
-            self.paint.set_value(None)
-            self.view.pop("before", None)
-            self.fill(*list_paint_starts()[title]())
+        self.view.pop("before", None)
+        self.fill(*list_paint_starts()[title]())
 
     def look(self, key: str, value: Any) -> None:
         """In another light, by another observer, in another geometry, over another card."""
@@ -174,22 +184,34 @@ class AppearancePanel:
             self._show()
         for element in (self.spinner, self.stop):
             element.set_visibility(live.waits)
+        self._mark_old()
         if not live.waits:
             self.timer.deactivate()
+
+    def _mark_old(self) -> None:
+        """Greys what was worked out for another scene than the form's, or another way of looking at it."""
+        live = self.bench.live
+        asked = live.answered if isinstance(live.answered, Question) else None
+        old = asked is None or (asked.content, asked.viewing) != (self.bench.content, self.view["viewing"])
+        self.old.set_visibility(old)
+        for part in (self.colours, self.answer):
+            part.classes("vrte-old") if old else part.classes(remove="vrte-old")
+        if old:
+            stopped = "stopped: a slider or a change of the form begins again"
+            self.status.set_text("being worked out" if live.waits else stopped)
 
     def _show(self) -> None:
         """The last answer, or why there is none."""
         answer = self.shown = self.bench.live.answer
         refused = "" if answer is None or isinstance(answer, Appeared) else answer.message
-        text = self.missing or refused
+        text = self.missing or translate_message(refused, self.bench.content)
         self.message.set_text(text)
         self.message.set_visibility(bool(text))
         self.progress.set_visibility(not self.missing)
-        self.answer.set_visibility(isinstance(answer, Appeared) and not text)
+        for part in (self.colours, self.answer):
+            part.set_visibility(isinstance(answer, Appeared) and not text)
         if isinstance(answer, Appeared) and not text:
             self._write(answer)
-        elif answer is None:
-            self.status.set_text("a process for this tab is starting")
 
     def _write(self, answer: Appeared) -> None:
         """Colours, numbers and spectra of an answer."""
@@ -202,12 +224,14 @@ class AppearancePanel:
             words.set_text(f"{side} {shade.hex}")
             below.set_visibility(then is not None)
             colour_swatch(below, then or shade)
-        self.contrast.set_text(f"contrast ratio {100.0 * answer.contrast:.2f} %")
+        self.contrast.set_text(f"contrast ratio {answer.contrast:.4f}")
         self.apart.set_text(f"ΔE2000 between black and white: {answer.apart:.2f}")
         changed = answer.changed and "; ".join(
             f"{side} {value:.2f}" for side, value in zip(SIDES, answer.changed, strict=True)
         )
         self.changed.set_text(f"ΔE2000 from before: {changed}" if changed else "")
+        self.gloss.set_text(write_gloss(answer))
+        self.hiding.set_text(write_hiding(answer))
         for name, labels in self.cells.items():
             for label, shade in zip(labels, shades, strict=True):
                 label.set_text(f"{shade.numbers[name]:.2f}")
@@ -219,16 +243,34 @@ class AppearancePanel:
         self.gaps.set_text("; ".join(gaps))
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
-        self.notes.set_text("; ".join([*notes, *answer.notes]))
-        self.notes.set_visibility(bool(self.notes.text))
+        said = "; ".join([*notes, *answer.why_none, *answer.notes])
+        self.notes.set_text(translate_message(said, self.bench.content))
+        self.notes.set_visibility(bool(said))
         at = answer.shares.wavelength_um
-        span = f"{1e3 * at[0]:.4g} to {1e3 * at[-1]:.4g} nm, accuracy {ACCURACY:g}; {answer.seconds:.2f} s"
+        words = f"coarse: {COARSE}" if answer.coarse else f"{at.size}"
+        more = "" if answer.coarse or not answer.follows else "; gloss and hiding thickness are being worked out"
         self.status.set_text(
-            f"coarse: {COARSE} wavelengths, {span}" if answer.coarse else f"{at.size} wavelengths, {span}"
+            f"{words} wavelengths, {at[0]:.4g} to {at[-1]:.4g} µm, accuracy {ACCURACY:g}; {answer.seconds:.2f} s{more}"
         )
-        if not answer.coarse:
-            self.told.set_text(f"{self.contrast.text}; {self.apart.text}")
+        if not answer.follows:
+            self.told.set_text("; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding)))))
         self.draw_figure(figures.spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
+
+
+def write_gloss(answer: Appeared) -> str:
+    """Gloss at its three angles; "" while it is not known, or where there is none."""
+    found = [one for one in answer.readings if one.quantity == "gloss"]
+    angles = "/".join(one.geometry.partition(":")[0] + "°" for one in found)
+    return f"gloss {angles}: {' / '.join(f'{one.value:.1f}' for one in found)} GU" if found else ""
+
+
+def write_hiding(answer: Appeared) -> str:
+    """The thickness that hides, and how far a litre of it goes; "" while it is not known, or where there is none."""
+    found = {one.quantity: one.value for one in answer.readings}
+    if "hiding thickness" not in found:
+        return ""
+    length, rate = found["hiding thickness"], found["spreading rate"]
+    return f"hiding thickness {length:.3g} µm (contrast ratio {TARGET:g}), {rate:.3g} m²/l"
 
 
 def make_swatch() -> tuple[Any, Any, Any]:

@@ -10,6 +10,7 @@ from nicegui import ui
 from vrte.app.form import content as form
 from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, parse_field_text, write_field_text
 from vrte.app.form.parts import name_part
+from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.shelf import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
@@ -185,10 +186,10 @@ class Controls:
             chosen()
 
         index.on("change", chosen)
-        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), ui.menu().props("auto-close"):
-            self.ask_for_file(ui.menu_item(f"a table of n, k ({TABLE}) ..."), place, (TABLE,), LARGEST_LIST)
+        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), make_menu():
+            self.ask_for_file(add_menu_item(f"a table of n, k ({TABLE}) ..."), place, (TABLE,), LARGEST_LIST)
             for material in MATERIALS:
-                ui.menu_item(material, partial(choose, material))
+                add_menu_item(material, partial(choose, material))
 
     def file(self, *place: str | int, key: FilePath) -> None:
         """A file that somebody chooses, and what was read from it."""

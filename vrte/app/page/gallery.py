@@ -29,7 +29,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
         dialog.close()
         fill(*fill_with_material(material))
 
-    with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
+    with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
         make_heading("Scenes to begin with")
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(FOLDER.glob("*.toml")):

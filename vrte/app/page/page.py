@@ -14,21 +14,24 @@ from vrte.app.form import files
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import write_field_text
 from vrte.app.form.parts import Said
+from vrte.app.form.words import translate_message
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
+from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.measuring import is_measurement
-from vrte.app.solving.messages import Fitted, Outcome, Read, Tensor, Written
+from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
+LOOK_EVERY = 0.05  # seconds between two looks whether a scene has been read
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
@@ -45,7 +48,7 @@ class Page:
         """``tidy`` is called after a new result: old ones of others may have to go."""
         self.bench, self.tidy = bench, tidy
         ui.add_css(STYLE)
-        ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
+        ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e", info="#1f4e79")
         self.dark = ui.dark_mode(bool(bench.view.get("dark")))
         ui.on("vrte-theme", self.set_theme)
         ui.on("vrte-link", self.take_link)
@@ -61,7 +64,7 @@ class Page:
                     "keydown.enter", self.solve, js_handler="event => vrte.entered(event, () => emit())", args=[]
                 )
                 self._solve_bar()
-            with ui.column().classes("vrte-right no-wrap gap-0").props('role=main aria-label="result"'):
+            with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
                 self.results = ResultPanel(bench, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
@@ -99,7 +102,7 @@ class Page:
             self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
             with self._header_button("Theme", "contrast", "light or dark"), make_menu():
                 for theme, text in THEMES.items():
-                    ui.menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
+                    add_menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
 
     def _header_button(self, text: str, symbol: str, tip: str) -> Any:
@@ -118,9 +121,13 @@ class Page:
             ("field inside, CSV", lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".csv")),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
+            (
+                "colours, gloss and hiding of Appearance, CSV",
+                lambda: self.hand_out(downloads.make_colours_download, bench.live, bench.content),
+            ),
             ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content, bench.shelf)),
         ):
-            ui.menu_item(text, act)
+            add_menu_item(text, act)
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
@@ -159,7 +166,8 @@ class Page:
         self.waits.set_visibility(wrong is not None)
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
-        self.results.mark_stale()
+        if self.results.mark_stale() and not self.bench.busy:
+            self.said.set_text("")  # it was of another scene
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
@@ -185,7 +193,7 @@ class Page:
             self.failure.set_visibility(False)
         elif job is not None and not busy and job is not self.bench.taken:
             self.bench.taken = job
-            self.failure.set_text(job.message)
+            self.failure.set_text(translate_message(job.message, self.bench.content))
             self.said.set_text("")
             self.take(job.outcome)
             job.outcome = None  # the bench has it, or the browser
@@ -193,7 +201,7 @@ class Page:
             self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
-    def take(self, outcome: Outcome | Written | Said | Fitted | None) -> None:
+    def take(self, outcome: Outcome | Written | Said | Fitted | Adopted | None) -> None:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
@@ -201,13 +209,14 @@ class Page:
             self.bench.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = files.adopt_content(outcome.content)
+                self.bench.content = copy.deepcopy(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
             self.results.refresh()
             if outcome.brdfs:
-                self.said.set_text(f"Solved: {self.results.share_in_words(outcome)}.")
+                done = "Opened" if outcome.opened else "Solved"
+                self.said.set_text(f"{done}: {self.results.share_in_words(outcome)}.")
             if outcome.content == START:
                 Page.start_outcome = outcome
             else:
@@ -223,8 +232,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                about = self.bench.shelf.folder, self.bench.shelf.names, True
-                self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
+                await self.adopt(data)
             elif is_measurement(data, suffix, wanted=self.bench.view["tab"] == "measurement"):
                 self.results.tabs.set_value("measurement")
                 self.results.measurement.take(name, data)
@@ -234,6 +242,16 @@ class Page:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
         except SceneError as error:
             self.complain(str(error))
+
+    async def adopt(self, given: bytes | str) -> None:
+        """A stranger's scene into the form, read by a process of its own. Raises SceneError."""
+        job = self.bench.adopt(given)
+        while not job.ended:
+            await asyncio.sleep(LOOK_EVERY)
+        if isinstance(job.outcome, Adopted):
+            self.fill(job.outcome.content, job.outcome.told)
+        elif job is self.bench.adopts:  # no newer one came
+            raise SceneError(job.message)
 
     def complain(self, text: str) -> None:
         """Where it is seen."""
@@ -294,7 +312,8 @@ class Page:
         copied = "It is copied." if event.args is True else "Copy it from there."
         names = ", ".join(dict.fromkeys(find_named_tables(self.bench.content).values()))
         without = f" It cannot carry {names}: whoever opens it puts that in." if names else ""
-        text = f"The address of this page carries the scene now. {copied}{without}"
+        others = "Others put what stands from # on behind the address that their own `vrte view` has printed."
+        text = f"The address of this page carries the scene now. {copied} {others}{without}"
         ui.notify(text, type="info", multi_line=True, close_button=True)
 
     async def take_link(self, event: Any) -> None:
@@ -304,7 +323,7 @@ class Page:
             return
         self.bench.view["link"] = text
         try:
-            self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.read_link(text))))
+            await self.adopt(text)
         except SceneError as error:
             self.complain(f"the scene in this address: {error}")
 
@@ -323,13 +342,9 @@ class Page:
         try:
             for message in bench.find_problems().values():
                 raise SceneError(message)
-            downloads.check_tensor(bench.content)
+            wavelengths = downloads.choose_tensor_wavelengths(bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
-        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share()))
-
-
-def make_menu() -> Any:
-    """A menu that closes when something is chosen."""
-    return ui.menu().props("auto-close")
+        self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
+        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share(), wavelengths))

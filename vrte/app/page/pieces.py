@@ -11,11 +11,11 @@ def add_heading(text: str) -> None:
 
 
 def add_table_row(tag: str, cells: list[str]) -> list[Any]:
-    """A row of labels."""
+    """A row of labels; an empty cell heads nothing."""
     labels = []
     with ui.element("tr"):
         for text in cells:
-            with ui.element(tag):
+            with ui.element(tag if text else "td"):
                 labels.append(ui.label(text))
     return labels
 
@@ -28,6 +28,16 @@ def add_bullets(title: str, lines: tuple[str, ...]) -> None:
             for line in lines:
                 with ui.element("li"):
                     ui.label(line)
+
+
+def make_menu() -> Any:
+    """A menu that closes when something is chosen."""
+    return ui.menu().props("auto-close")
+
+
+def add_menu_item(text: str, act: Callable[[], Any] | None = None) -> Any:
+    """Something to choose in a menu."""
+    return ui.menu_item(text, act).props("role=menuitem")
 
 
 def select(options: Any, value: Any, label: str, act: Callable[[Any], None], width: int = 260) -> Any:

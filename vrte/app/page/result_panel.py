@@ -11,11 +11,12 @@ from nicegui import ui
 from vrte.app import figures
 from vrte.app.figures.style import convert_to_dark
 from vrte.app.form.fields import parse_field_text
+from vrte.app.form.words import translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
 from vrte.app.solving.bench import Bench
-from vrte.app.solving.messages import Outcome
+from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.errors import Place, SceneError
 from vrte.pictures.lobes import describe_mirrored_beam
@@ -78,8 +79,10 @@ LEGEND = {  # beside the figure it takes room that a phone has not
 LIVE = ("appearance", "measurement")  # tabs of the form's scene, whether it is solved or not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
+SOLVING = "The scene of the form is being solved: what is shown here is the scene before."
+OF_FILE = "What is shown here is of a file that does not hold its scene: the form has another."
 SYMBOLS = {"<sub>i</sub>": "ᵢ", "<sub>o</sub>": "ₒ", "<sub>0</sub>": "₀", "<br>": "\n"}
-UNDER_THE_SKY = "As seen from this angle under an evenly white sky of sunlight, white where all of it comes back."
+UNDER_THE_SKY = "As seen from this angle under an evenly white sky of sunlight, white where the reflectance is 1."
 NO_FIELD = 'No radiance field here: turn on "Inside the layers" in the form and solve.'
 NO_BRDF = "No BRDF here: the file that was opened holds a radiance field; see Inside."
 NO_MATRICES = "A result file holds no phase matrices: solve its scene to see them."
@@ -100,7 +103,7 @@ class ResultPanel:
         self.captions: dict[str, tuple[Any, Any]] = {}  # of each figure: its title, and the line below it
         ui.label("Result").classes("vrte-hidden").props("role=heading aria-level=2")
         self._tabs()
-        with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto"):
+        with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto").props("tabindex=0"):
             self.stale = ui.label(CHANGED).classes("vrte-warning w-full mt-2").props("role=status")
             self.notes = ui.label().classes("vrte-warning w-full mt-2")
             self._controls()
@@ -194,7 +197,7 @@ class ResultPanel:
         """An empty figure below its title: there it can be as long as it likes."""
         title = ui.label().classes("vrte-caption").props("role=heading aria-level=3")
         self.captions[name] = title, ui.label().classes("vrte-under")
-        self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=img")
+        self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=figure")
         return self.plots[name]
 
     def _quantity(self, key: str, label: str, names: tuple[str, ...]) -> None:
@@ -279,7 +282,8 @@ class ResultPanel:
         tab = self.view["tab"]
         live = tab in LIVE
         self.mark_stale()
-        self.notes.set_text("; ".join(outcome.notes) if outcome and not live else "")
+        said = "; ".join(outcome.notes) if outcome and not live else ""
+        self.notes.set_text(translate_message(said, self.bench.content))
         self.notes.set_visibility(bool(self.notes.text))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         self.incidence.set_visibility(with_angle)
@@ -292,10 +296,7 @@ class ResultPanel:
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
             self.incidence_text.set_text(f"{where}; {self.share_in_words(outcome)}")
         if outcome and outcome.wavelength_um:
-            self.wavelength_text.set_text(f"wavelength {self._nanometres(outcome, self.view['wavelength'])}")
-
-    def _nanometres(self, outcome: Outcome, which: int) -> str:
-        return f"{1000.0 * outcome.wavelength_um[which]:.5g} nm" if outcome.wavelength_um else "–"
+            self.wavelength_text.set_text(f"wavelength {write_wavelength(outcome, self.view['wavelength'])}")
 
     def _show(self, tab: str, outcome: Outcome) -> None:
         """The figure of a tab. Raises SceneError where the outcome has none."""
@@ -344,18 +345,20 @@ class ResultPanel:
         self.plots[name].update_figure({**dark, "config": config})
 
     def share_in_words(self, outcome: Outcome) -> str:
-        """How much of the light comes back, and how much of it as a beam."""
+        """The reflectance, and how much is mirrored as a beam."""
         brdf, place = outcome.brdfs[self.view["wavelength"]], self.view["place"]
-        back = f"{100.0 * float(brdf.reflectance[place]):.3g} % comes back"
+        back = f"reflectance {float(brdf.reflectance[place]):.3g}"
         mirrored = describe_mirrored_beam(brdf, place).partition(",")[0]
-        return f"{back} diffuse, {mirrored}" if mirrored else back
+        return f"diffuse {back}, {mirrored}" if mirrored else back
 
-    def mark_stale(self) -> None:
-        """Whether the figure shows another scene than the form."""
+    def mark_stale(self) -> bool:
+        """Says where the figure shows another scene than the form; whether it does."""
         outcome = self.bench.outcome
-        solved = outcome.content if outcome else None
-        changed = solved is not None and not self.bench.busy and solved != self.bench.content
+        changed = outcome is not None and outcome.content != self.bench.content
+        solving = self.bench.busy and type(self.bench.job and self.bench.job.task) is Solve
+        self.stale.set_text(SOLVING if solving else CHANGED if outcome and outcome.content else OF_FILE)
         self.stale.set_visibility(changed and self.view["tab"] not in LIVE)
+        return changed
 
     def follow_form(self) -> None:
         """After a change of the form."""
@@ -384,8 +387,8 @@ class ResultPanel:
             with ui.element("table").classes("vrte-table"):
                 add_table_row("th", ["wavelength", *found.curves])
                 for which in range(outcome.count):
-                    shares = [f"{100.0 * value:.4g} %" for value in numbers[which, place]]
-                    add_table_row("td", [self._nanometres(outcome, which), *shares])
+                    shares = [f"{value:.4f}" for value in numbers[which, place]]
+                    add_table_row("td", [write_wavelength(outcome, which), *shares])
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
@@ -401,6 +404,11 @@ class ResultPanel:
                 ui.label(outcome.plan.text).classes("vrte-text")
             add_heading("How it was made")
             ui.label(write_diagnostics(result.diagnostics)).classes("vrte-text")
+
+
+def write_wavelength(outcome: Outcome, which: int) -> str:
+    """One of an outcome's wavelengths, with its unit."""
+    return f"{outcome.wavelength_um[which]:.5g} µm" if outcome.wavelength_um else "–"
 
 
 def write_diagnostics(diagnostics: dict[str, Any]) -> str:

@@ -6,13 +6,14 @@ import re
 import secrets
 import socket
 from typing import Any
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from urllib.parse import parse_qsl, urlencode
 
 LARGEST_UPLOAD = 300_000_000  # bytes of a file
 TOKEN = "token"  # its name in the address
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 AROUND_A_FILE = 100_000  # bytes of an upload that are not the file's
 LARGEST_MESSAGE = 2_000_000  # bytes of anything else
+HOST = re.compile(r"([a-z0-9_.-]+|\[[0-9a-f:.]+\])(?::([0-9]{1,5}))?")  # a name or a number, and a port: nothing else
 UPLOAD = re.compile(r"/_nicegui/client/[0-9a-f-]{1,64}/upload/[0-9]{1,12}")
 PATIENCE = 30.0  # seconds without a byte of what a request has announced
 HEADERS = [
@@ -26,7 +27,11 @@ HEADERS = [
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
-STRANGER = "This viewer answers to the address alone that `vrte view` has printed where it was started. Open that one."
+STRANGER = (
+    "This viewer answers to the address alone that `vrte view` has printed where it was started: open that one. If "
+    "somebody sent you this address and it goes on with #scene=, start `vrte view` on your own machine, open the "
+    "address that it prints, and put everything from # on behind it."
+)
 ELSEWHERE = "This viewer answers to its own page alone, not to another site or program."
 TOO_LARGE = f"Too large: at most {LARGEST_UPLOAD / 1e6:g} MB are taken."
 TOO_SLOW = "What the request announced has not come."
@@ -95,12 +100,11 @@ class Guard:
                 raise RefusedError(403, ELSEWHERE)
 
     def _is_own(self, host: str) -> bool:
-        try:
-            found = urlsplit(f"//{host}")
-            name, port = found.hostname or "", found.port or 80
-        except ValueError:
+        found = HOST.fullmatch(host.lower())
+        if found is None or int(found[2] or 80) != self.port:
             return False
-        return port == self.port and (name in self._names or (self._open and is_number(name)))
+        name = found[1].strip("[]")
+        return name in self._names or (self._open and is_number(name))
 
     def _welcome(self, scope: Any) -> bool:
         """Whether a request brings the token."""

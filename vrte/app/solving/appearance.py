@@ -1,22 +1,27 @@
-"""What a paint looks like over black and over white, worked out again and again as somebody moves its sliders."""
+"""What a paint looks like over black and over white, worked out again and again as somebody moves its sliders; and once
+they rest, its gloss and how thick it has to be to hide what is below."""
 
 import pickle
+import re
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vrte.app.solving.questions import NewerError, Refused, explain_failure
+from vrte.appearance.appearance import Reading
 from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.drawdown import find_hiding_film, prepare_drawdown
 from vrte.appearance.geometries import find_reflectance, read_geometry
+from vrte.appearance.gloss import find_glosses
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
 from vrte.basics.arrays import Array
-from vrte.basics.errors import LongSolveWarning
+from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
 from vrte.formats.particle_sources import make_particles
 from vrte.optics.particles import Particles
@@ -25,12 +30,13 @@ from vrte.scene.boundary import Lambertian
 ACCURACY = 1e-3  # of a reflectance: 0.1 % of the white, below what is seen
 COARSE = 6  # wavelengths of the first answer
 PATIENCE = 0.3  # seconds: where all wavelengths take longer, a coarse answer comes first
+TARGET = 0.98  # contrast ratio that counts as hidden
 MOST_KINDS, MOST_SPECTRA, MOST_NOTES = 1000, 8, 30  # particles at one wavelength, and so on, that are remembered
 LEFT_OUT = ("accuracy", "base", "brdf", "field", "method", "nodes", "render", "settings", "wavelength_um")
-GEOMETRIES = {"45:0": "45:0, without gloss", "8:di": "8:di, with what is mirrored"}
+GEOMETRIES = {"45:0": "45/0, without gloss", "8:di": "d/8 SCI, with what is mirrored"}
 ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
 MU_I = [read_geometry(name).directions[0][0] for name in GEOMETRIES]  # one more direction costs next to nothing
-OBSERVERS = {10: "10 degrees", 2: "2 degrees"}
+OBSERVERS = {10: "10°", 2: "2°"}
 
 
 @dataclass(frozen=True)
@@ -77,16 +83,27 @@ class Shade:
     def of(cls, colour: Colour) -> "Shade":
         """What the page shows of a colour."""
         numbers = {name: float(getattr(colour, name)) for name in ("X", "Y", "Z", "L", "a", "b", "C", "h")}
-        return cls(colour.hex, colour.gamut_gap, numbers, colour.extrapolation)
+        return cls(colour.hex, colour.gamut_gap, numbers, convert_per_cent(colour.extrapolation))
+
+
+def convert_per_cent(text: str) -> str:
+    """Words with fractions in place of per cents.
+
+    >>> convert_per_cent("X 4 %, Z 15 % below 0.43 µm")
+    'X 0.04, Z 0.15 below 0.43 µm'
+    """
+    return re.sub(r"(\d+) %", lambda found: f"{int(found[1]) / 100:g}", text)
 
 
 @dataclass(frozen=True)
 class Appeared:
     """The answer: colours over black and over white, and their ``contrast``, Y over black / Y over white; ``apart``,
-    CIEDE2000 between the two, and ``changed``, those from the colours before; ``coarse``: a better one follows."""
+    CIEDE2000 between the two, and ``changed``, those from the colours before; ``readings``, of gloss and hiding, and
+    ``why_none`` of those that there are not. ``coarse``: of few wavelengths; ``follows``: a better answer does."""
 
     number: int
     coarse: bool
+    follows: bool
     viewing: Viewing
     shares: Shares
     black: Shade
@@ -97,6 +114,8 @@ class Appeared:
     changed: tuple[float, float] | None = None
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
+    readings: tuple[Reading, ...] = ()
+    why_none: tuple[str, ...] = ()
 
 
 Reply = Appeared | Refused
@@ -111,6 +130,7 @@ class Studio:
         self.kinds: dict[bytes, Particles] = {}
         self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
         self.found: dict[bytes, dict[str, Shares]] = {}  # by geometry
+        self.read: dict[bytes, tuple[tuple[Reading, ...], tuple[str, ...]]] = {}  # gloss and hiding, and why not
         self.nodes: dict[str, Any] = {}
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
@@ -135,12 +155,14 @@ class Studio:
             if is_old():
                 raise NewerError
 
-        def report(found: dict[str, Shares], coarse: bool) -> None:
+        def report(found: dict[str, Shares], coarse: bool = False, **more: Any) -> None:
             notes = self._collect_notes(content, caught)
             shown = found[question.viewing.geometry]
-            tell(describe(question, shown, coarse, time.perf_counter() - begin, notes))
+            told = describe(question, shown, coarse, time.perf_counter() - begin, notes)
+            tell(replace(told, **more))
 
         both = self.found.pop(key, None)
+        is_new = both is None
         if both is None:
             at = np.asarray(choose_wavelengths(content, question.folder))
             some = at[np.linspace(0, at.size - 1, COARSE).round().astype(int)]
@@ -150,7 +172,7 @@ class Studio:
                 few = self._solve(
                     panel, question.viewing.white, self.nodes or panel.put_over(None).choose_quadrature(MU_I)
                 )
-                report({name: spread_over(one, at) for name, one in few.items()}, coarse=True)
+                report({name: spread_over(one, at) for name, one in few.items()}, coarse=True, follows=True)
             panel = self._make(content, question.folder, at, check)
             begun = time.perf_counter()
             self.nodes = panel.put_over(None).choose_quadrature(MU_I)
@@ -159,7 +181,15 @@ class Studio:
         self.found[key] = both
         forget_oldest(self.found, MOST_SPECTRA)
         forget_oldest(self.kinds, MOST_KINDS)
-        report(both, coarse=False)
+        seen = pickle.dumps((content, question.folder, question.viewing))
+        if seen not in self.read:
+            report(both, follows=True)
+            panel = self._make(content, question.folder, both["45:0"].wavelength_um, check)
+            nodes = self.nodes if is_new else panel.put_over(None).choose_nodes(MU_I)
+            self.read[seen] = read_off(make_panel(panel, nodes=nodes), question.viewing, check)
+            forget_oldest(self.read, MOST_SPECTRA)
+        readings, why_none = self.read[seen]
+        report(both, readings=readings, why_none=why_none)
 
     def _make(self, content: dict[str, Any], folder: Path, at: Array, progress: Progress | None = None) -> Panel:
         """The scene at wavelengths (n,), of particles that are known as far as they are."""
@@ -193,6 +223,65 @@ class Studio:
         return tuple(dict.fromkeys((*said, *self.warned[key])))[:MOST_NOTES]
 
 
+def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
+    """Gloss over black, the thickness that hides the cards, and how far a litre of it goes; and why not."""
+    found: list[Reading] = []
+    why_none: list[str] = []
+    bare = panel.put_over(None)
+
+    def read_gloss() -> None:
+        for angle, value in find_glosses(bare, progress=progress).items():
+            words = "specular gloss, 100 of polished black glass of index 1.567"
+            found.append(Reading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", words, "ISO 2813; ASTM D523"))
+
+    def read_hiding() -> None:
+        length = panel.length_um
+        if length is None or not np.isfinite(length):
+            raise SceneError("the film has no thickness to begin with")
+        how = viewing.geometry, viewing.illuminant, viewing.observer
+        drawdown = prepare_drawdown(panel, 0.0, viewing.white, *how, progress)
+        limit = float(drawdown.weights @ drawdown.read(np.inf, 0.0))
+        times, reason = find_hiding_film(drawdown, TARGET, limit)
+        if not times:
+            raise SceneError(reason)
+        words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
+        for name, value, unit in (
+            ("hiding thickness", times * length, "um"),
+            ("spreading rate", 1e3 / (times * length), "m2/l"),
+        ):
+            found.append(Reading(name, viewing.geometry, None, value, unit, words, "ISO 6504-3; ASTM D2805"))
+
+    for name, read in (("gloss", read_gloss), ("hiding thickness", read_hiding)):
+        try:
+            read()
+        except SceneError as error:
+            why_none.append(f"no {name}: {error}")
+    return tuple(found), tuple(why_none)
+
+
+def list_readings(answer: Appeared) -> Iterator[Reading]:
+    """All numbers of an answer, one a row."""
+    viewing, shares = answer.viewing, answer.shares
+    light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
+    cards = f"over a card of albedo 0 and one of {viewing.white:g}"
+    for side, values, shade in (
+        ("black", shares.over_black, answer.black),
+        ("white", shares.over_white, answer.white),
+    ):
+        over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
+        for wavelength, value in zip(shares.wavelength_um.tolist(), values.tolist(), strict=True):
+            yield Reading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
+        for name, value in shade.numbers.items():
+            unit, standard = "degree" if name == "h" else "1", "ISO/CIE 11664-3" if name in "XYZ" else "ISO/CIE 11664-4"
+            yield Reading(f"{name} over {side}", seen, None, value, unit, light, standard)
+    words = f"Y over black over Y over white, {cards}"
+    yield Reading("contrast ratio", seen, None, answer.contrast, "1", f"{words}; {light}", "ISO 6504-3; ASTM D2805")
+    yield Reading(
+        "colour difference between both", seen, None, answer.apart, "1", f"CIEDE2000; {light}", "ISO/CIE 11664-6"
+    )
+    yield from answer.readings
+
+
 def describe(question: Question, shares: Shares, coarse: bool, seconds: float, notes: tuple[str, ...]) -> Appeared:
     """The colours of spectra, and what they differ by."""
     viewing = question.viewing
@@ -205,7 +294,8 @@ def describe(question: Question, shares: Shares, coarse: bool, seconds: float, n
     contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
     apart = find_difference(black, white)
     shades = Shade.of(black), Shade.of(white)
-    return Appeared(question.number, coarse, viewing, shares, *shades, contrast, apart, before, changed, seconds, notes)
+    found = Appeared(question.number, coarse, False, viewing, shares, *shades, contrast, apart, before, changed)
+    return replace(found, seconds=seconds, notes=notes)
 
 
 def find_colours(shares: Shares, viewing: Viewing) -> tuple[Colour, Colour]:

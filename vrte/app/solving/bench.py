@@ -9,9 +9,10 @@ from typing import Any
 from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said, list_parts, name_part
+from vrte.app.form.words import translate_message
 from vrte.app.solving.job import Job, find_memory_share
 from vrte.app.solving.live import COMPARER, Live
-from vrte.app.solving.messages import Fit, Fitted, Look, Outcome, Solve, Task, keep_step
+from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task, keep_step
 from vrte.app.solving.shelf import Shelf
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
@@ -26,8 +27,9 @@ class Bench:
     """A tab's: the form's ``content``, which may name the tables of its ``shelf``, the ``job`` that runs, the last
     ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, the first
     field that is ``wrong``: its message, and its place; and what has been ``said`` of parts that are made from files,
-    of which ``looked`` is the one that a job ``looks`` at; ``live`` answers what it looks like, ``beside`` what it
-    shows beside a measurement, to which a job ``fits`` it; ``fitted`` is what that found."""
+    of which ``looked`` is the one that a job ``looks`` at; ``adopts`` reads a stranger's scene; ``live`` answers what
+    it looks like, ``beside`` what it shows beside a measurement, to which a job ``fits`` it; ``fitted`` is what that
+    found."""
 
     content: Content
     shelf: Shelf = field(default_factory=Shelf)
@@ -39,6 +41,7 @@ class Bench:
     taken: Job | None = None
     said: dict[str, Said] = field(default_factory=dict)
     looks: Job | None = None
+    adopts: Job | None = None
     live: Live = field(default_factory=Live)
     beside: Live = field(default_factory=lambda: Live(COMPARER))
     fits: Job | None = None
@@ -58,6 +61,13 @@ class Bench:
         """A task in place of the one that runs."""
         self.cancel()
         self.job = Job(task)
+
+    def adopt(self, given: bytes | str) -> Job:
+        """Starts to read a scene from a file's bytes or a link's text, in place of the one that is being read."""
+        if self.adopts is not None:
+            self.adopts.cancel()
+        self.adopts = Job(Adopt(given, self.shelf.folder, self.shelf.names))
+        return self.adopts
 
     def cancel(self) -> None:
         if self.job is not None:
@@ -87,6 +97,8 @@ class Bench:
     def rest(self) -> None:
         """Ends what nobody waits for."""
         self.cancel()
+        if self.adopts is not None:
+            self.adopts.cancel()
         if self.fits is not None:
             self.fits.cancel()
         self.live.close()
@@ -100,7 +112,7 @@ class Bench:
         if unknown is not None and self.looks is None:
             task = Look(copy.deepcopy(self.content), self.shelf.folder, find_memory_share(), unknown)
             self.looks, self.looked = Job(task), (name_part(self.content, unknown), unknown)
-        return found
+        return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
         """Whether there is something new to say of a part."""

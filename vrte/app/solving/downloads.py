@@ -5,7 +5,9 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths
 from vrte.app.form.files import write_content
@@ -15,6 +17,11 @@ from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
 from vrte.formats.named import find_named_tables
+
+if TYPE_CHECKING:
+    from vrte.app.solving.live import Live
+
+TENSOR_UM = 0.45, 0.5, 0.55, 0.6, 0.65
 
 
 def collect_bytes(name: str, write: Callable[[Path], Any]) -> bytes:
@@ -66,9 +73,31 @@ def list_beside(content: Content) -> list[str]:
     return [name for name in named if ".." not in Path(name).parts and not Path(name).is_absolute()]
 
 
-def check_tensor(content: Content) -> None:
-    """Raises SceneError unless Mitsuba's tensor can be made of a scene."""
+def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
+    """The five wavelengths [um] of Mitsuba's tensor: the form's where these are five, else five from its first to its
+    last, or those of the visible where it has one. Raises SceneError where they are none.
+
+    >>> choose_tensor_wavelengths({"wavelength_um": [0.4, 0.5, 0.6, 0.8]})
+    (0.4, 0.5, 0.6, 0.7, 0.8)
+    """
+    given = list_page_wavelengths(content)
+    if len(given) < 2:
+        return TENSOR_UM
+    found = given if len(given) == len(TENSOR_UM) else np.linspace(given[0], given[-1], 5).round(3).tolist()
     try:
-        check_wavelengths(list_page_wavelengths(content))
+        check_wavelengths(found)
     except SceneError as error:
-        raise SceneError(f"wavelength_um: {error}; for visible light take 0.45, 0.5, 0.55, 0.6, 0.65") from error
+        raise SceneError(f"wavelength_um: {error}") from error
+    return tuple(found)
+
+
+def make_colours_download(live: "Live", content: Content) -> tuple[str, bytes]:
+    """Name and bytes of what the tab Appearance shows of the form's scene. Raises SceneError where it shows nothing, or
+    not yet all."""
+    from vrte.app.solving.appearance import Appeared, list_readings
+    from vrte.appearance.paint_page import write_table
+
+    answer, asked = live.answer, live.answered
+    if not isinstance(answer, Appeared) or answer.follows or asked is None or asked.content != content:
+        raise SceneError("there are no colours of this scene yet: open the tab Appearance, and wait for its answer")
+    return "colours.csv", write_table(list_readings(answer)).encode()

@@ -9,13 +9,13 @@ from contextlib import suppress
 from typing import IO
 
 from vrte.app.form.parts import Said
-from vrte.app.solving.messages import Fitted, Look, Outcome, Progress, Step, Task, Written
+from vrte.app.solving.messages import Adopt, Adopted, Fitted, Look, Outcome, Progress, Step, Task, Written
 from vrte.basics.memory import find_available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.{module} import main; main()"
 AT_ONCE = 2  # solves; others wait
 PLACES = threading.BoundedSemaphore(AT_ONCE)
-DESKS = threading.BoundedSemaphore(AT_ONCE)  # of those who only look at a file
+DESKS = threading.BoundedSemaphore(AT_ONCE)  # of those who only look at a file, or read a scene
 LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
 PATIENCE = 5.0  # seconds that a process gets to end
 
@@ -36,7 +36,7 @@ class Job:
         self.task = task
         self.share, self.stage = 0.0, "waiting for other solves to end"
         self.step: Step | None = None
-        self.outcome: Outcome | Written | Said | Fitted | None = None
+        self.outcome: Outcome | Written | Said | Fitted | Adopted | None = None
         self.message, self.ended = "", False
         self._cancelled, self._sent = threading.Event(), threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -62,7 +62,7 @@ class Job:
 
     def _run(self, task: Task) -> None:
         try:
-            places = DESKS if isinstance(task, Look) else PLACES
+            places = DESKS if isinstance(task, (Look, Adopt)) else PLACES
             while not places.acquire(timeout=0.1):
                 if self._cancelled.is_set():
                     return
@@ -132,5 +132,6 @@ def explain_end(code: int, said: IO[bytes]) -> str:
     """Why a process went without an answer."""
     said.seek(0)
     lines = [line.strip() for line in said.read().decode(errors="replace").split("\n") if line.strip()]
-    why = "ended by the system, which it does when memory is short" if code == -9 else f"ended with code {code}"
-    return f"the process that solves has {why}{f': {lines[-1][:300]}' if lines else ''}"
+    whys = {-9: "been ended by the system, which it does when memory is short", -24: "taken too long, and was ended"}
+    why = whys.get(code, f"ended with code {code}")
+    return f"the process of this task has {why}{f': {lines[-1][:300]}' if lines else ''}"

@@ -28,7 +28,7 @@ Reply = Appeared | Compared | Refused
 
 def is_last(reply: Reply) -> bool:
     """Whether no other reply to the same question follows."""
-    return isinstance(reply, Refused) or not reply.coarse
+    return isinstance(reply, Refused) or not reply.follows
 
 
 class Warm:
@@ -112,7 +112,7 @@ class Warm:
 
 class Live:
     """The questions of one tab to a ``worker``. ``answer`` is the last that came, to the question of its ``number``;
-    ``asked`` is the last question."""
+    ``asked`` is the last question, ``answered`` the one that the answer is to, None where it is not the last."""
 
     _in_use: list["Live"] = []  # noqa: RUF012 - of the whole server: those with a process, the last asked last
     _lock = threading.Lock()
@@ -121,6 +121,7 @@ class Live:
         self.worker = worker
         self.answer: Reply | None = None
         self.asked: Asked | None = None
+        self.answered: Asked | None = None
         self._warm: Warm | None = None
         self._count = 0
 
@@ -177,4 +178,5 @@ class Live:
 
     def _hear(self, warm: Warm, reply: Reply) -> None:
         if warm is self._warm:
-            self.answer = reply
+            asked = self.asked
+            self.answer, self.answered = reply, asked if asked and asked.number == reply.number else None

@@ -10,11 +10,11 @@ from vrte.basics.arrays import Array
 from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import LOOK, QUANTITIES
 
-COORDINATES = {  # in words, as a sign, the unit that is shown, and what makes it of the column
-    "theta_o_deg": ("angle of exit", "θₒ", "°", 1.0),
-    "wavelength_um": ("wavelength in vacuum", "λ", "nm", 1e3),
-    "phi_deg": ("azimuth φ", "φ", "°", 1.0),
-    "theta_i_deg": ("angle of incidence", "θᵢ", "°", 1.0),
+COORDINATES = {  # in words, as a sign, and the unit
+    "theta_o_deg": ("angle of exit", "θₒ", "°"),
+    "wavelength_um": ("wavelength in vacuum", "λ", "µm"),
+    "phi_deg": ("azimuth φ", "φ", "°"),
+    "theta_i_deg": ("angle of incidence", "θᵢ", "°"),
 }
 LABELS = "geometry", "illuminant"  # columns of words that part curves, too
 NUMBERS, COLOURS = "single numbers", "colour coordinates"  # what is shown as bars
@@ -27,7 +27,7 @@ MOST_FINE = 1500  # directions that are worth a finer curve
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Numbers that go together: their ``name``, rows of the measurement, and ``x`` in the unit that is shown."""
+    """Numbers that go together: their ``name``, rows of the measurement, and their ``x``."""
 
     name: str
     x: Array
@@ -96,7 +96,7 @@ def split_curves(measured: Measurement, quantity: str) -> tuple[str, list[Curve]
     columns: dict[str, Any] = {name: getattr(measured, name)[rows] for name in (*COORDINATES, *LABELS)}
     if axis == "theta_o_deg":
         columns |= fold_planes(columns[axis], columns["phi_deg"])
-    x = columns.pop(axis) * COORDINATES[axis][3]
+    x = columns.pop(axis)
     words = {name: [write_coordinate(name, one) for one in column] for name, column in columns.items()}
     told = [name for name, column in words.items() if len(set(column)) > 1]
     names = np.array([", ".join(filter(None, parts)) for parts in zip(*words.values(), strict=True)])
@@ -113,12 +113,12 @@ def write_coordinate(name: str, value: Any) -> str:
     """Where something was seen, in words; "" where nothing is said.
 
     >>> write_coordinate("theta_i_deg", 30.0), write_coordinate("wavelength_um", 0.55)
-    ('θᵢ = 30°', 'λ = 550 nm')
+    ('θᵢ = 30°', 'λ = 0.55 µm')
     """
     if name in LABELS:
         return str(value)
-    _, sign, unit, times = COORDINATES[name]
-    return "" if np.isnan(value) else f"{sign} = {value * times:.5g}{'' if unit == '°' else ' '}{unit}"
+    _, sign, unit = COORDINATES[name]
+    return "" if np.isnan(value) else f"{sign} = {value:.5g}{'' if unit == '°' else ' '}{unit}"
 
 
 def refine_curves(measured: Measurement) -> Measurement | None:
@@ -154,17 +154,17 @@ def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
     """Rows of a table: quantity, number of points, angles, wavelengths, and whether their errors are known."""
     for quantity in measured.names:
         rows = find_rows(measured, quantity)
-        ranges = [write_range(getattr(measured, name)[rows], *COORDINATES[name][2:]) for name in TOLD]
+        ranges = [write_range(getattr(measured, name)[rows], COORDINATES[name][2]) for name in TOLD]
         yield quantity, str(rows.size), *ranges, "yes" if measured.has_sigma else "no"
 
 
-def write_range(column: Array, unit: str, times: float) -> str:
+def write_range(column: Array, unit: str) -> str:
     """From where to where a column goes, and how many values it has.
 
-    >>> write_range(np.array([0.4, 0.5, 0.5]), "nm", 1e3), write_range(np.array([np.nan]), "°", 1.0)
-    ('400 to 500 nm (2)', '–')
+    >>> write_range(np.array([0.4, 0.5, 0.5]), "µm"), write_range(np.array([np.nan]), "°")
+    ('0.4 to 0.5 µm (2)', '–')
     """
-    values = np.unique(column[np.isfinite(column)].round(DIGITS)) * times
+    values = np.unique(column[np.isfinite(column)].round(DIGITS))
     space = "" if unit == "°" else " "
     if values.size == 0:
         return "–"

@@ -39,11 +39,11 @@ class Comparison:
 @dataclass(frozen=True, eq=False)
 class Compared:
     """The answer: what was measured, what the scene shows there, ``predicted`` (n,), and at more places, ``fine``; or
-    ``message``, why it does not. Without a scene these are empty; ``coarse``: more follows."""
+    ``message``, why it does not. Without a scene these are empty; ``follows``: another answer does."""
 
     number: int
     measured: Measurement
-    coarse: bool = False
+    follows: bool = False
     predicted: Array | None = None
     fine: tuple[Measurement, Array] | None = None
     message: str = ""
@@ -64,7 +64,7 @@ class Comparer:
         def read() -> None:
             if self.read is None or self.read[0] != question.data:
                 self.read = question.data, read_bytes(question.data, question.suffix)
-                tell(Compared(number, self.read[1], coarse=True))
+                tell(Compared(number, self.read[1], follows=True))
 
         if message := explain_failure(read, question.folder):
             tell(Refused(number, message))

@@ -25,8 +25,11 @@ class Solve:
     memory_bytes: float
 
 
+@dataclass(frozen=True)
 class Tensor(Solve):
-    """The same for the directions of Mitsuba's tensor file."""
+    """The same for the directions of Mitsuba's tensor file, and the wavelengths [um] that it gets."""
+
+    wavelengths_um: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,25 @@ class Read:
     data: bytes
     suffix: str
     memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Adopt:
+    """A scene to be taken into the form: the bytes of its file, or the text of a link, which are a stranger's; and the
+    ``names`` of the tables in ``folder`` that it may name."""
+
+    given: bytes | str
+    folder: Path
+    names: frozenset[str]
+    memory_bytes: float = 5e8
+
+
+@dataclass(frozen=True)
+class Adopted:
+    """The ``content`` that the form gets, and a sentence for each part that was filled in."""
+
+    content: dict[str, Any]
+    told: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -148,8 +170,8 @@ class Outcome:
         return self.brdfs[0] if self.brdfs else None
 
 
-Task = Solve | Read
-Answer = Outcome | Written | Said | Fitted | str  # in one sentence, why there is none
+Task = Solve | Read | Adopt
+Answer = Outcome | Written | Said | Fitted | Adopted | str  # in one sentence, why there is none
 
 
 def keep_step(task: Fit, step: Step, why: str) -> Fitted:

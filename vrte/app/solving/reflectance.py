@@ -1,4 +1,4 @@
-"""How much of the light comes back, over two bases, and the colour that this makes: of a paint, its hiding power."""
+"""Reflectance over two bases, and the colour that this makes: of a paint, its hiding power."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -24,10 +24,12 @@ from vrte.app.form.content import (
     name_layers,
     select_wavelength,
 )
-from vrte.app.form.files import adopt_content
+from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
 from vrte.app.form.parts import Said, select_part
 from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import (
+    Adopt,
+    Adopted,
     Answer,
     Fit,
     Inside,
@@ -44,17 +46,17 @@ from vrte.app.solving.messages import (
 from vrte.app.solving.reflectance import collect_reflectances, replace_base
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
-from vrte.basics.limits import limit_memory
+from vrte.basics.limits import limit_memory, limit_time
 from vrte.calls.brdf import brdf
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
-from vrte.formats.layers import FILLINGS
+from vrte.formats.layers import describe_filling
 from vrte.formats.particle_sources import make_particles
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import parse_toml, show_key
+from vrte.formats.toml_table import parse_toml
 from vrte.optics.angle_tables import describe_expansion
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -66,6 +68,8 @@ from vrte.scene.scene import Scene
 
 Tell = Callable[[Progress], None]
 MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
+LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
+LONGEST_READING = 10.0  # seconds of work that a scene of a stranger may take
 
 
 def main() -> None:
@@ -74,6 +78,8 @@ def main() -> None:
     task: Task = pickle.load(sys.stdin.buffer)
     threading.Thread(target=end_with_input, daemon=True).start()
     limit_memory(task.memory_bytes)
+    if isinstance(task, Adopt):
+        limit_time(LONGEST_READING)
     lock = threading.Lock()
 
     def tell(message: Progress | Answer) -> None:
@@ -106,6 +112,9 @@ def answer(task: Task, tell: Tell) -> Answer:
             warnings.simplefilter("always", UserWarning)
             if isinstance(task, Tensor):
                 return write_tensor(task, tell)
+            if isinstance(task, Adopt):
+                given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
+                return Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))
             if isinstance(task, Look):
                 return add_warnings(look_at_part(task), caught)
             if isinstance(task, Fit):
@@ -130,16 +139,20 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     content = task.content
     wavelengths, text = list_page_wavelengths(content), write_toml(content)
     with_field = "field" in content
-    count = len(wavelengths) * (3 if with_field else 2)
-    steps = iter(range(count))
+    stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
+    count = len(wavelengths) * len(stages)
 
     def begin(stage: str, which: int) -> Callable[[int, int], None]:
-        """Progress within one step of one wavelength."""
-        step, where = next(steps), f" at {wavelengths[which]:g} um" if len(wavelengths) > 1 else ""
+        """Progress within one stage of one wavelength: what remains after its last Fourier order takes time, too."""
+        step = which * len(stages) + stages.index(stage)
+        where = f" at {wavelengths[which]:g} µm" if len(wavelengths) > 1 else ""
         tell(Progress(step / count, f"{stage}{where}"))
-        return lambda done, total: tell(
-            Progress((step + done / max(total, 1)) / count, f"{stage}{where}: {done} of {total}")
-        )
+
+        def progress(done: int, total: int) -> None:
+            words = f"Fourier orders, {done} of {total}" if done < total else "adding up"
+            tell(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
+
+        return progress
 
     brdfs: list[Brdf] = []
     fields: list[Field] = []
@@ -156,10 +169,11 @@ def solve(task: Solve, tell: Tell) -> Outcome:
         keywords = choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
-            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF, Fourier orders", which)))
+            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
         elsewhere, names = replace_base(file.scene)
         if elsewhere is not None:  # its reflectance is wanted alone
-            others.append(brdf(elsewhere, **{**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}))
+            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
+            others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
         if with_field:
             again = iter(known)  # the same particles are asked for in the same order
             file = make_scene_file(
@@ -243,19 +257,6 @@ def describe_inside(content: Content, scene: Scene) -> Inside:
     return Inside(tuple(names), tuple(matrices))
 
 
-def describe_filling(layer: Content) -> str:
-    """What a layer holds.
-
-    >>> say = describe_filling
-    >>> say({"particles": {"gold": 1, "rutile": 2}}), say({"phase": {"henyey_greenstein": 0.9}})
-    ('gold + rutile', 'henyey_greenstein 0.9')
-    """
-    held: Any = next((layer[key] for key in FILLINGS if key in layer), "clear")
-    if "phase" not in layer:
-        return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
-    return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
-
-
 def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
     """The plan of the BRDF; only discrete ordinates have one."""
     if keywords.get("method", EXACT) not in (EXACT, AUTO):
@@ -313,7 +314,7 @@ def write_tensor(task: Tensor, tell: Tell) -> Written:
     stage = "BRDF at the directions of the tensor"
     found = spectrum(
         task.content,
-        list_page_wavelengths(task.content),
+        task.wavelengths_um,
         lambda done, total: tell(Progress(0.9 * done / max(total, 1), stage)),
         task.folder,
         **directions(),

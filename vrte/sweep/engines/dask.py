@@ -22,11 +22,19 @@ OURS = {  # how a cluster of our own is to behave
     # nothing is told over HTTP, which knows no certificates
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
+    "distributed.scheduler.preload": [__name__],  # see `dask_setup`
+    "distributed.worker.preload": [__name__],
     "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
     # a worker killed twice in so much time would otherwise not be started again
     "distributed.deploy.lost-worker-timeout": "365 days",
     "distributed.comm.timeouts.connect": PATIENCE,
 }
+
+
+def dask_setup(server: Any) -> None:
+    """What Dask calls in its scheduler and its workers once they listen: closes their ports for HTTP, which no setting
+    leaves out, and which know no certificates."""
+    server.http_server.stop()
 
 
 def perform_there(folder: str, stamp: str, task: Task) -> int:
