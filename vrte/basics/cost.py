@@ -63,7 +63,7 @@ WORTH_THREADS_BOUNDS = 1e6  # spherical functions
 WORTH_THREADS_STAGES = 1e5  # products of matrices, in multiplications, of all stages
 WORTH_A_JOB = 1e6  # products of matrices, in multiplications: orders that a thread takes at a time
 WORTH_THREADS_SUMS = 1e5  # bytes of a result
-BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
+BRIEF = 3e8  # operations of a request: some milliseconds on one thread, which others would not shorten
 
 # of derivatives, in times of the solve
 ALGEBRA, A_DERIVATIVE = 6.0, 2.0  # by the algebra of slabs: for all together, and for each

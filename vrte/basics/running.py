@@ -17,6 +17,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_whole
+from vrte.basics.control_groups import find_group_cores
 from vrte.basics.fields import change_fields
 
 Progress = Callable[[int, int], None]
@@ -100,16 +101,15 @@ class Timed:
 
 
 def count_usable_cpus() -> int:
-    """The CPUs this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """The CPUs this process may use: those it is tied to, or fewer where a control group has a quota of their time."""
+    tied = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return math.ceil(min(tied, find_group_cores()))
 
 
 def start_run(threads: int | None, operations: float = math.inf) -> Run:
     """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
     count = count_usable_cpus() if threads is None else check_whole("threads", threads, 1, 4096)
-    brief = operations < (cost.BRIEF if count > 1 else cost.BRIEF_ALONE)
+    brief = operations < cost.BRIEF
     return Run(1 if brief else count, brief=brief)
 
 
