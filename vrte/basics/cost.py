@@ -47,7 +47,9 @@ PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by i
 PRODUCTS_A_JOINT = 8.0  # where two slabs meet
 STEPS_ENDLESS = 8  # doublings of a layer without end
 A_SPREADING = 500.0  # operations of a degree and direction, of light of small angles
-A_TERM = 12.0  # operations of six series in closed form
+A_TERM = 45.0  # operations of six series in closed form
+RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and with sights
+LOBES = 6e6  # operations of a direction and order of a rough interface
 
 # time over that of a layer's modes, as measured (docs/explanation/accuracy.md)
 JOINT = 0.2  # of a joint

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 from vrte.basics import cost
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.operations import count_operations_of_block, count_operations_of_sums
 from vrte.request.backends import Backend
 from vrte.request.how import EXACT
@@ -61,8 +60,7 @@ def predict_total_seconds(plan: "Plan") -> float:
 
 def predict_plan_seconds(plan: "Plan") -> float:
     """Of a plan's blocks and sums on one thread."""
-    azimuths = fold_azimuths(plan.request.phi, plan.problem.leave_out.azimuths)
-    sums = count_operations_of_sums(plan.problem, plan.blocks, plan.wanted, azimuths)
+    sums = count_operations_of_sums(plan)
     solved = sum(
         count_operations_of_block(each, plan.needs.strength[each.orders], plan.accuracy) for each in plan.blocks
     )

@@ -100,15 +100,11 @@ def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     if is_another_method(plan):
         asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
         return asked | {"method": plan.request.method, "method_rule": plan.request.method_rule}
-    request, problem, azimuths = (
-        plan.request,
-        plan.problem,
-        fold_azimuths(plan.request.phi, plan.problem.leave_out.azimuths),
-    )
+    request, problem = plan.request, plan.problem
     blocks = [list_block_facts(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
-    doubles = count_doubles_needed(problem, plan.blocks, result, azimuths, plan.threads)
-    sums = count_operations_of_sums(problem, plan.blocks, plan.wanted, azimuths)
+    doubles = count_doubles_needed(problem, plan.blocks, result, plan.azimuths, plan.threads)
+    sums = count_operations_of_sums(plan)
     operations = sums + sum(block["operations"] for block in blocks)
     found = {
         "kind": request.kind,
