@@ -67,9 +67,11 @@ WORTH_A_JOB = 1e6  # products of matrices, in multiplications: orders that a thr
 WORTH_THREADS_SUMS = 1e5  # bytes of a result
 BRIEF = 3e8  # operations of a request: some milliseconds on one thread, which others would not shorten
 
-# of derivatives, in times of the solve
-ALGEBRA, A_DERIVATIVE = 6.0, 2.0  # by the algebra of slabs: for all together, and for each
-DIFFERENCES = 7.0  # by differences, for each: four or five solves that leave nothing out, and their plans
+# of derivatives
+ALGEBRA, ALGEBRA_SIZE = 1.2e7, 80.0  # one derivative of an order and layer; over the cube of nodes and directions
+ONCE = 2.0  # times light scattered once: a derivative of it
+GRADIENT, GRADIENT_ONCE = 4.0, 20.0  # with everything at once: times one derivative, and times light scattered once
+DIFFERENCES = 7.0  # times the solve, for each: four or five solves that leave nothing out, and their plans
 
 # operations of other methods, measured as seconds times their rate
 SLAB_STEPS_ENDLESS = 25  # doublings of a slab without end

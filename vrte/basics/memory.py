@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from vrte.basics.control_groups import find_group_bytes
+from vrte.basics.errors import SceneError
 
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
@@ -21,6 +22,18 @@ def count_orders_at_once(per_order: float, threads: int) -> int:
 def find_available_bytes() -> float:
     """What this process may still take: of the machine's free memory, of its control groups', and of its own limit."""
     return max(0.0, min(find_machine_bytes(), find_address_bytes(), find_group_bytes()))
+
+
+def check_bytes(needed: float, what: str, change: str) -> None:
+    """Raises SceneError where so many bytes, which ``what`` need, are not to be had."""
+    if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
+        return
+    available = find_available_bytes()
+    if needed > LARGEST_SHARE * available:
+        raise SceneError(
+            f"{what} need about {write_gigabytes(needed)} of memory and {write_gigabytes(available)} are available: "
+            f"{change}"
+        )
 
 
 def write_gigabytes(size: float) -> str:

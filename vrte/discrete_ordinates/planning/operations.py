@@ -73,14 +73,42 @@ def count_operations_of_doubling(problem: Problem) -> float:
     return product * (doubled + cost.PRODUCTS_A_JOINT * (pile.slabs.size - 1))
 
 
+def count_operations_of_plan(plan: "Plan") -> float:
+    """Of all blocks of a plan, or of those of its parts, and of what adds them up."""
+    if plan.parts:
+        return sum(count_operations_of_plan(part) for part in plan.parts)
+    strengths = [plan.needs.strength[block.orders] for block in plan.blocks]
+    blocks = zip(plan.blocks, strengths, strict=True)
+    return count_operations_of_sums(plan) + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
+
+
 def count_operations_of_sums(plan: "Plan") -> float:
-    """Of the sum over orders, and of single scattering in closed form, with all terms of the phase matrices."""
+    """Of the sum over orders, and of single scattering."""
     problem, parts = plan.problem, plan.wanted.parts
     rows = sum(float(levels.size) * directions.size for levels, directions in parts) * problem.mu0.size
     entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in plan.blocks)
-    pairs = float(problem.mu0.size) * max((directions.size for _, directions in parts), default=0)
-    terms = count_terms_scattered(problem, plan.request.scene)
-    return plan.azimuths.distinct.size * (2.0 * rows * entries + cost.A_TERM * pairs * terms)
+    return 2.0 * plan.azimuths.distinct.size * rows * entries + count_operations_of_single_scattering(plan)
+
+
+def count_operations_of_single_scattering(plan: "Plan") -> float:
+    """In closed form, with all terms of the phase matrices."""
+    problem = plan.problem
+    pairs = float(problem.mu0.size) * max((directions.size for _, directions in plan.wanted.parts), default=0)
+    return plan.azimuths.distinct.size * cost.A_TERM * pairs * count_terms_scattered(problem, plan.request.scene)
+
+
+def count_operations_of_derivatives(plan: "Plan", of_orders: float, once: float) -> float:
+    """Of derivatives by the algebra of slabs: so many times those of one with all orders, and times light that is
+    scattered once."""
+    total = 0.0
+    for part in plan.parts or (plan,):
+        for block in part.blocks:
+            problem = block.problem
+            size = problem.size + len(problem.stokes) * max(problem.mu0.size, problem.mu_out.size)
+            each = cost.ALGEBRA + cost.ALGEBRA_SIZE * float(size) ** 3
+            total += of_orders * each * block.orders.size * problem.albedo.size
+        total += once * count_operations_of_single_scattering(part)
+    return total
 
 
 def count_terms_scattered(problem: Problem, scene: Scene) -> float:
