@@ -23,6 +23,7 @@ from vrte.basics.fields import change_fields
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
+_left: list[threading.Event] = []  # set once what was interrupted is over
 
 
 class Crew(NamedTuple):
@@ -141,13 +142,20 @@ def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
     except BaseException:
         run.stop[0] = 1
         if not wait_for(done, PATIENCE):
-            # one large eigenproblem cannot be stopped: whoever asked goes on, only the end of the process waits for it
+            # one large eigenproblem cannot be stopped, nor a driver's compiler: whoever asked goes on, only the end of
+            # the process waits for it
+            _left.append(done)
             atexit.register(wait_for, done, 3600.0)
         raise
     if "error" in box:
         raise box["error"]
     result: Result = box["result"]
     return result
+
+
+def is_left_working() -> bool:
+    """Whether something is still at work that was interrupted and does not stop by itself."""
+    return any(not done.is_set() for done in _left)
 
 
 def run_jobs(
