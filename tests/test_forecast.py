@@ -3,6 +3,7 @@
 import math
 import re
 import time
+import tracemalloc
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ from vrte.calls import forecast
 from vrte.calls.forecast import predict_seconds as predict_call
 from vrte.calls.plan import make_request
 from vrte.cli import main
+from vrte.discrete_ordinates.planning import memory
 from vrte.methods import find_method, predict_seconds
 from vrte.request.how import METHODS
 from vrte.request.request import Request
@@ -102,6 +104,19 @@ def test_what_orders_are_the_least_of_is_predicted(scene: vrte.Scene, nodes: int
     begin = time.process_time()
     vrte.brdf(*asked[1:], nodes=nodes, threads=1)
     assert 0.1 < (time.process_time() - begin) / predicted < 10.0
+
+
+def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All orders of what facets send on are there at once: three times what all else takes."""
+    told: list[float] = []
+    count = memory.count_doubles_needed
+    monkeypatch.setattr(memory, "count_doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
+    mu = np.linspace(0.05, 1.0, 20)
+    tracemalloc.start()
+    vrte.brdf(ROUGH, mu, mu, nodes=24, threads=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 * peak < told[0] < 3.0 * peak
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

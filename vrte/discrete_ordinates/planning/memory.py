@@ -7,6 +7,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_route
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
+from vrte.optics.facet_integrals import DOUBLES_AT_ONCE
 
 
 def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
@@ -41,4 +42,8 @@ def count_doubles_of_block(block: Block, threads: int) -> float:
     base = 0.0
     if block.base.is_uneven:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+    rough = 0 if problem.media is None else sum(not each.is_smooth for each in problem.media.scene.interfaces if each)
+    if rough:  # of all orders, four ways, in the frame of facets and in the solver's; integrals on their way
+        pairs = float(problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+        base += rough * 1.5 * 64.0 * n_order * pairs + 2.0 * DOUBLES_AT_ONCE
     return min(n_order, count_orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
