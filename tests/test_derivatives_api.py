@@ -9,7 +9,8 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.stencils import sample_around
-from vrte.calls.differences import differentiate_by_differences
+from vrte.calls.differences import differentiate_once
+from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import make_run, solve_request
 from vrte.request.request import make_brdf_request, make_radiance_request
 from vrte.scene.vary import move_scene, vary_scene
@@ -139,7 +140,7 @@ def test_solutions_are_of_the_shapes_of_the_value():
     request = make_brdf_request(HAZE, MU_I, MU_O, nodes=4)
     run = make_run(request)
     _, value = solve_request(request, run)
-    (found,) = differentiate_by_differences(request, [vary_scene(HAZE, ALBEDO)], run)
+    found = differentiate_once(plan_request(request, run), vary_scene(HAZE, ALBEDO), run)
     assert [part.shape for part in found.parts] == [part.shape for part in value.parts]
     assert found.flux_up.shape == value.flux_up.shape
     assert move_scene(HAZE, vary_scene(HAZE, BASE), 0.1).base.even_albedo == pytest.approx(0.4)
@@ -154,7 +155,9 @@ def test_differences_agree_with_the_algebra(scene):
     found = vrte.radiance(*asked, nodes=4, accuracy=1e-13, derivatives=names)
     request = make_radiance_request(*asked, nodes=4, accuracy=1e-13)
     variations = [vary_scene(scene, name) for name in names[:2]]
-    for name, other in zip(names, differentiate_by_differences(request, variations, make_run(request)), strict=False):
+    run = make_run(request)
+    others = [differentiate_once(plan_request(request, run), one, run) for one in variations]
+    for name, other in zip(names, others, strict=False):
         assert found.diagnostics["derivatives"][name] == "algebra"
         expected, exact = other.parts[0][:, 0, ..., 0], found.jacobian[name]
         np.testing.assert_allclose(exact, expected, atol=1e-9 * np.abs(expected).max())

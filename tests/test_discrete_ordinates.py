@@ -609,7 +609,7 @@ def test_faint_light_keeps_its_digits(albedo: float, thickness: float, algorithm
 
 
 @BOTH
-@pytest.mark.parametrize("request_of", [{"nodes": 40}, {"nodes": 8, "phi": np.arange(20000.0)}, {"nodes": 100}])
+@pytest.mark.parametrize("request_of", [{"nodes": 40}, {"nodes": 8, "phi": np.arange(300_000.0)}, {"nodes": 100}])
 def test_memory_is_estimated_before_it_is_taken(
     request_of: dict[str, Any], algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 import math
 import re
 import time
+import tracemalloc
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +15,10 @@ import vrte
 from vrte.basics import cost
 from vrte.basics.running import start_run
 from vrte.calls import forecast
+from vrte.calls.forecast import predict_seconds as predict_call
 from vrte.calls.plan import make_request
 from vrte.cli import main
+from vrte.discrete_ordinates.planning import memory
 from vrte.methods import find_method, predict_seconds
 from vrte.request.how import METHODS
 from vrte.request.request import Request
@@ -47,6 +50,73 @@ def test_what_takes_too_long_is_refused_at_once(method: str) -> None:
 def test_accuracy_that_takes_all_nodes_is_refused_at_once() -> None:
     with pytest.raises(vrte.SceneError, match="this will take about"):
         vrte.radiance(THICK, 0.5, mu=[0.001, -0.001], tau=[0.0, 50.0, 100.0], accuracy=1e-15, time_limit_s=0.5)
+
+
+PEAKED = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.999), 0.9, 2.0)], vrte.Lambertian(0.3))
+MANY = np.random.default_rng(0).uniform(0.1, 1.0, (2, 20_000))
+OTHERS: dict[str, Callable[[], object]] = {
+    "linearize": lambda: vrte.linearize(THICK, 0.5, 0.5, nodes=1024, time_limit_s=5.0),
+    "plan": lambda: vrte.plan("brdf", PEAKED, 0.5, 0.5, nodes=4096, time_limit_s=5.0),
+    "solve_base": lambda: vrte.solve_base(PEAKED, accuracy=1e-3, nodes=8, time_limit_s=1.0),
+    "views": lambda: vrte.views(PEAKED, *MANY, nodes=8, time_limit_s=1.0),
+    "closed form": lambda: vrte.brdf(PEAKED, MANY[0, :99], MANY[1, :99], np.arange(180.0), nodes=8, time_limit_s=9.0),
+    "rough": lambda: vrte.brdf(
+        vrte.Scene([vrte.Interface(1, 1.33, 0.2), *THICK.layers]), 0.5, 0.5, nodes=256, time_limit_s=9.0
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_every_call_has_the_limit(kind: str) -> None:
+    begin = time.perf_counter()
+    with pytest.raises(vrte.SceneError, match=r"this will take about .* time_limit_s above its \d s"):
+        OTHERS[kind]()
+    assert time.perf_counter() - begin < 5.0
+
+
+def test_derivatives_have_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = vrte.linearize(vrte.Scene([vrte.Layer(POLARIZING, 0.9, 1.0)]), 0.5, 0.5, nodes=8, time_limit_s=5.0)
+    monkeypatch.setitem(cost.RATE, "discrete-ordinates", 1e6)
+    with pytest.raises(vrte.SceneError, match="for 1 derivative beside the light"):
+        found.jvp("layer[1].albedo")
+    with pytest.raises(vrte.SceneError, match="for the derivatives with everything"):
+        found.vjp(np.ones((1, 1, 1, 4, 4)))
+    monkeypatch.undo()
+    monkeypatch.setattr("vrte.basics.memory.find_available_bytes", lambda: 1e6)
+    monkeypatch.setattr("vrte.basics.memory.ALWAYS_THERE", 0.0)
+    monkeypatch.setattr("vrte.calls.derivatives.count_bytes_of_derivatives", lambda plan: 1e7)
+    with pytest.raises(vrte.SceneError, match=r"derivatives need about .* of memory and .* are available"):
+        found.jvp("layer[1].albedo")
+
+
+ROUGH = vrte.Scene([vrte.Interface(1, 1.33, 0.2), vrte.Layer(POLARIZING, 0.9, 2.0)], vrte.Lambertian(0.3))
+
+
+@pytest.mark.parametrize(
+    ("scene", "nodes", "azimuths"), [(PEAKED, 8, 60), (ROUGH, 16, 19)], ids=["closed form", "rough"]
+)
+def test_what_orders_are_the_least_of_is_predicted(scene: vrte.Scene, nodes: int, azimuths: int) -> None:
+    """Light scattered once, 1e-4 of what it took as predicted once, and what is between interfaces, a fiftieth."""
+    mu = np.linspace(0.1, 1.0, 12)
+    asked = "brdf", scene, mu, mu, np.linspace(0.0, 180.0, azimuths)
+    request = make_request(*asked, nodes=nodes, threads=1)
+    predicted, _ = predict_call(request)
+    begin = time.process_time()
+    vrte.brdf(*asked[1:], nodes=nodes, threads=1)
+    assert 0.1 < (time.process_time() - begin) / predicted < 10.0
+
+
+def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All orders of what facets send on are there at once: three times what all else takes."""
+    told: list[float] = []
+    count = memory.count_doubles_needed
+    monkeypatch.setattr(memory, "count_doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
+    mu = np.linspace(0.05, 1.0, 20)
+    tracemalloc.start()
+    vrte.brdf(ROUGH, mu, mu, nodes=24, threads=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 * peak < told[0] < 3.0 * peak
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,6 +98,23 @@ def test_stopped_while_a_module_loads(module: str, number: signal.Signals, start
     assert {path.name for path in tmp_path.iterdir()} <= {"s.toml", "slow", "t.zarr.partial"}
 
 
+@pytest.mark.parametrize("number", WORDS)
+def test_stopped_while_a_driver_hears_nothing(number: signal.Signals, start: Any, tmp_path: Path) -> None:
+    """A compiler of kernels is at work for minutes; here a lock that is never had."""
+    deaf = tmp_path / "deaf"
+    deaf.mkdir()
+    lock = (
+        "import ctypes\nlock = ctypes.create_string_buffer(64)\n" + 2 * "ctypes.CDLL(None).pthread_mutex_lock(lock)\n"
+    )
+    (deaf / "pyopencl.py").write_text(f"open({str(deaf / 'loading')!r}, 'w').close()\n{lock}")
+    process = start("devices", first=deaf)
+    wait_until((deaf / "loading").exists)
+    process.send_signal(number)
+    begin = time.monotonic()
+    check_said(process, number)
+    assert time.monotonic() - begin < 10.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", WORDS)
 @pytest.mark.parametrize("engine", ["threads", "dask"])

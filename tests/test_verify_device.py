@@ -62,6 +62,7 @@ def test_what_there_is_no_time_for(one_form: None) -> None:
     assert not found.checks
     assert len(found.left_out) == 16
     assert "left out for want of time: products and inverses" in describe_verified(found)
+    assert "is not verified: there was no time for any check" in complain_about(found)
 
 
 def test_no_such_device() -> None:

@@ -6,8 +6,11 @@ from vrte.basics import starting  # noqa: F401  # first of all: Ctrl-C while the
 import sys as _sys
 from importlib import metadata as _metadata
 
+from vrte.basics.waiting import wait_passively
+
 try:
-    import vrte._core  # noqa: F401
+    with wait_passively():
+        import vrte._core  # noqa: F401
 except ModuleNotFoundError as error:
     if error.name != "vrte._core":
         raise

@@ -17,7 +17,8 @@ from typing import Any, TextIO
 
 from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
-from vrte.basics.starting import WORDS, end
+from vrte.basics.running import is_left_working
+from vrte.basics.starting import IS_COMMAND, WORDS, end
 from vrte.calls.versions import describe_versions
 from vrte.commands.pages import find_page
 from vrte.commands.parser import make_parser
@@ -47,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 options.run(options)
                 sys.stdout.flush()
         except BaseException as error:
+            if came and IS_COMMAND and is_left_working():
+                end(came[0])
             return _complain(WORDS[came[0]], 128 + came[0]) if came else _answer(error)
     return 0
 

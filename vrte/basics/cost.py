@@ -46,7 +46,9 @@ PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by i
 PRODUCTS_A_JOINT = 8.0  # where two slabs meet
 STEPS_ENDLESS = 8  # doublings of a layer without end
 A_SPREADING = 500.0  # operations of a degree and direction, of light of small angles
-A_TERM = 12.0  # operations of six series in closed form
+A_TERM = 45.0  # operations of six series in closed form
+RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and with sights
+LOBES = 6e6  # operations of a direction and order of a rough interface
 
 # time over that of a layer's modes, as measured (docs/explanation/accuracy.md)
 JOINT = 0.2  # of a joint
@@ -60,11 +62,13 @@ WORTH_THREADS_BOUNDS = 1e6  # spherical functions
 WORTH_THREADS_STAGES = 1e5  # products of matrices, in multiplications, of all stages
 WORTH_A_JOB = 1e6  # products of matrices, in multiplications: orders that a thread takes at a time
 WORTH_THREADS_SUMS = 1e5  # bytes of a result
-BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
+BRIEF = 3e8  # operations of a request: some milliseconds on one thread, which others would not shorten
 
-# of derivatives, in times of the solve
-ALGEBRA, A_DERIVATIVE = 6.0, 2.0  # by the algebra of slabs: for all together, and for each
-DIFFERENCES = 7.0  # by differences, for each: four or five solves that leave nothing out, and their plans
+# of derivatives
+ALGEBRA, ALGEBRA_SIZE = 1.2e7, 80.0  # one derivative of an order and layer; over the cube of nodes and directions
+ONCE = 2.0  # times light scattered once: a derivative of it
+GRADIENT, GRADIENT_ONCE = 4.0, 20.0  # with everything at once: times one derivative, and times light scattered once
+DIFFERENCES = 7.0  # times the solve, for each: four or five solves that leave nothing out, and their plans
 
 # operations of other methods, measured as seconds times their rate
 SLAB_STEPS_ENDLESS = 25  # doublings of a slab without end

@@ -3,16 +3,15 @@
 import os
 from pathlib import Path
 
+from vrte.basics.control_groups import find_group_bytes
+from vrte.basics.errors import SceneError
+
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
 PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
 TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
 ALWAYS_THERE = 32e6  # less than what the interpreter has taken already
 LARGEST_SHARE = 0.9  # of what is available
-FILES = (  # what a control group may use, and what it uses: version 2, version 1
-    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
-)
 
 
 def count_orders_at_once(per_order: float, threads: int) -> int:
@@ -21,14 +20,20 @@ def count_orders_at_once(per_order: float, threads: int) -> int:
 
 
 def find_available_bytes() -> float:
-    """What this process may still take: of the machine's free memory, of its control group's, and of its own limit."""
-    free = [find_machine_bytes(), find_address_bytes()]
-    for limit, used in FILES:
-        try:
-            free.append(float(Path(limit).read_text()) - float(Path(used).read_text()))
-        except (OSError, ValueError):  # no such file, or "max"
-            continue
-    return max(0.0, min(free))
+    """What this process may still take: of the machine's free memory, of its control groups', and of its own limit."""
+    return max(0.0, min(find_machine_bytes(), find_address_bytes(), find_group_bytes()))
+
+
+def check_bytes(needed: float, what: str, change: str) -> None:
+    """Raises SceneError where so many bytes, which ``what`` need, are not to be had."""
+    if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
+        return
+    available = find_available_bytes()
+    if needed > LARGEST_SHARE * available:
+        raise SceneError(
+            f"{what} need about {write_gigabytes(needed)} of memory and {write_gigabytes(available)} are available: "
+            f"{change}"
+        )
 
 
 def write_gigabytes(size: float) -> str:

@@ -17,11 +17,13 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_whole
+from vrte.basics.control_groups import find_group_cores
 from vrte.basics.fields import change_fields
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
+_left: list[threading.Event] = []  # set once what was interrupted is over
 
 
 class Crew(NamedTuple):
@@ -100,16 +102,15 @@ class Timed:
 
 
 def count_usable_cpus() -> int:
-    """The CPUs this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """The CPUs this process may use: those it is tied to, or fewer where a control group has a quota of their time."""
+    tied = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return math.ceil(min(tied, find_group_cores()))
 
 
 def start_run(threads: int | None, operations: float = math.inf) -> Run:
     """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
     count = count_usable_cpus() if threads is None else check_whole("threads", threads, 1, 4096)
-    brief = operations < (cost.BRIEF if count > 1 else cost.BRIEF_ALONE)
+    brief = operations < cost.BRIEF
     return Run(1 if brief else count, brief=brief)
 
 
@@ -141,13 +142,20 @@ def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
     except BaseException:
         run.stop[0] = 1
         if not wait_for(done, PATIENCE):
-            # one large eigenproblem cannot be stopped: whoever asked goes on, only the end of the process waits for it
+            # one large eigenproblem cannot be stopped, nor a driver's compiler: whoever asked goes on, only the end of
+            # the process waits for it
+            _left.append(done)
             atexit.register(wait_for, done, 3600.0)
         raise
     if "error" in box:
         raise box["error"]
     result: Result = box["result"]
     return result
+
+
+def is_left_working() -> bool:
+    """Whether something is still at work that was interrupted and does not stop by itself."""
+    return any(not done.is_set() for done in _left)
 
 
 def run_jobs(

@@ -31,7 +31,8 @@ def end(number: int, frame: Any = None) -> None:
     os._exit(128 + number)
 
 
-if is_command():
+IS_COMMAND = is_command()  # `python -m vrte.cli` shows it in sys.argv until its module has loaded
+if IS_COMMAND:
     for signal_number in WORDS:
         if signal.getsignal(signal_number) is not signal.SIG_IGN:  # as a shell starts what runs in the background
             signal.signal(signal_number, end)

@@ -46,8 +46,7 @@ def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress
     batches = sort_into_batches(requests)
     if not batches:
         return {}
-    run = make_run(requests[0])
-    run = Run(requests[0].threads or run.threads, kernels=run.kernels) if run.brief else run
+    run = make_run(requests[0], sum(len(places) for _, places in batches))
     run.told = told
     return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
 

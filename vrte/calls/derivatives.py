@@ -9,11 +9,13 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import check_list
 from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.memory import check_bytes
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.calls.differences import differentiate_once
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
-from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
+from vrte.discrete_ordinates.planning.operations import count_operations_of_derivatives, count_operations_of_plan
 from vrte.discrete_ordinates.planning.plan import Differentiated, Plan, plan_request
+from vrte.discrete_ordinates.planning.plan_table import count_bytes_of_derivatives
 from vrte.methods import solve_request
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -99,7 +101,8 @@ def solve_with_derivatives(
         progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
 
     orders = count_orders_found(solution.diagnostics)
-    found = differentiate(settle_nodes(request, solution), variations, run, told if progress else None, orders)
+    plan = plan_request(settle_nodes(request, solution), run)
+    found = differentiate(plan, variations, run, told if progress else None, orders)
     how = {"derivatives": {one.name: one.how for one in found}}
     return directions, replace(solution, diagnostics=solution.diagnostics | how), found
 
@@ -121,21 +124,23 @@ def settle_nodes(request: Request, solution: Solution) -> Request:
 
 
 def differentiate(
-    request: Request,
+    plan: Plan,
     variations: Sequence[Variation],
     run: Run,
     progress: Progress | None = None,
     orders: int | None = None,
 ) -> list[Derivative]:
-    """The derivatives of a request's solution, by the algebra of slabs where it tells them, else by differences;
+    """The derivatives of a plan's solution, by the algebra of slabs where it tells them, else by differences;
     ``orders``: how many the solution took."""
-    plan = plan_request(request, run)
     ways = plan_derivatives(plan, variations)
     exact = [one for one, way in zip(variations, ways, strict=True) if way.how == ALGEBRA]
     others = [one for one, way in zip(variations, ways, strict=True) if way.how != ALGEBRA]
-    seconds = predict_total_seconds(plan) * sum(way.solves for way in ways) / run.threads
-    why = f" for {len(ways)} derivative{'s'[: len(ways) > 1]} beside the light"
-    cost.foretell(seconds, request.time_limit_s, why, "fewer nodes or derivatives take less", run.told)
+    words = f"{len(ways)} derivative{'s'[: len(ways) > 1]}"
+    operations = count_operations_of_plan(plan) * sum(way.solves for way in ways)
+    foretell_derivatives(plan, operations, f"for {words} beside the light", run)
+    check_bytes(
+        count_bytes_of_derivatives(replace(plan, derivatives=ways)), "derivatives", "ask for fewer nodes, mu or phi"
+    )
     together = share_progress(progress, 0, 1 + len(others))
     how = {one: way.how for one, way in zip(variations, ways, strict=True)}
     found: dict[Variation, Solution] = {}
@@ -149,10 +154,18 @@ def differentiate(
     return [Derivative(one, found[one], how[one]) for one in variations]
 
 
+def foretell_derivatives(plan: Plan, operations: float, what: str, run: Run) -> None:
+    """What takes so many operations beside the light of a plan. Raises SceneError beyond the limit of its request."""
+    seconds = operations / (cost.RATE[EXACT] * run.threads)
+    cost.foretell(seconds, plan.request.time_limit_s, f" {what}", "fewer nodes or derivatives take less", run.told)
+
+
 def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Differentiated, ...]:
     """How each is found of what is planned, and in how many times the operations of the light."""
+    if not variations:
+        return ()
     gaps = [find_gap(plan, one) for one in variations]
-    algebra = cost.A_DERIVATIVE + cost.ALGEBRA / max(1, gaps.count(None))
+    algebra = count_operations_of_derivatives(plan, 1.0, cost.ONCE) / max(1.0, count_operations_of_plan(plan))
     return tuple(
         Differentiated(one.name, *((ALGEBRA, algebra) if gap is None else (f"{BY_SOLVES} ({gap})", cost.DIFFERENCES)))
         for one, gap in zip(variations, gaps, strict=True)

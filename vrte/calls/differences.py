@@ -1,6 +1,6 @@
 """Derivatives of solves by differences of solves, all on the nodes and with the truncation of the one in the middle."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
-from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.request import Request
 from vrte.results.solution import Solution
@@ -23,25 +23,13 @@ MOST_NEGATIVE = 0.1  # of the mean of F11, that a step may take off phase matric
 DIFFUSES = 0.8  # over the square of a thickness: absorption that it notices, pi^2/12
 
 
-def differentiate_by_differences(
-    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
-) -> list[Solution]:
-    """The derivative of a request's solution with each variation, as a solution: by five points, four solves or five.
+def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None = None) -> Solution:
+    """The derivative of a plan's solution with one variation, as a solution: by five points, four solves or five.
 
-    Each solve has the nodes and the truncation of the request's own plan, and leaves nothing out that is not lost in
-    rounding. Depths at the faces of layers stay there, others where they are below the top of all. Raises SceneError
-    where there is no derivative: a bound on either side of the number.
+    Each solve has the nodes and the truncation of the plan, and leaves nothing out that is not lost in rounding. Depths
+    at the faces of layers stay there, others where they are below the top of all. Raises SceneError where there is no
+    derivative: a bound on either side of the number.
     """
-    plan = plan_request(request, run)
-    solutions = []
-    for place, variation in enumerate(variations):
-        part = share_progress(progress, place, len(variations))
-        solutions.append(differentiate_once(plan, variation, run, part))
-    return solutions
-
-
-def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None) -> Solution:
-    """The derivative with one variation."""
     request = plan.request
     scenes = sample_scenes(request, variation)
     plans = [plan_alike(plan, scene, run) for _, scene in scenes]

@@ -10,6 +10,7 @@ from vrte.basics import cost
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.forecast import predict_planning_seconds, predict_total_seconds
+from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.request.backends import Backend
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -60,8 +61,6 @@ def foretell_all(
 
 def predict_seconds(request: Request) -> tuple[float, float]:
     """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
-    from vrte.discrete_ordinates.planning.plan import plan_request
-
     if request.backend is Backend.OPENCL:
         return 0.0, 0.0
     run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them

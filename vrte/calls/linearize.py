@@ -6,21 +6,28 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, check_numbers
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, run_interruptible
 from vrte.calls.brdf import make_brdf
-from vrte.calls.derivatives import check_differentiable, count_orders_found, read_derivatives
-from vrte.calls.differences import differentiate_by_differences
+from vrte.calls.derivatives import (
+    check_differentiable,
+    count_orders_found,
+    differentiate,
+    foretell_derivatives,
+    read_derivatives,
+)
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient, pull_back
-from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap, find_spread
-from vrte.discrete_ordinates.planning.plan import Plan, plan_request
+from vrte.discrete_ordinates.derivatives.differentiate import find_spread
+from vrte.discrete_ordinates.planning.forecast import plan_within_limit
+from vrte.discrete_ordinates.planning.operations import count_operations_of_derivatives
+from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.how import describe_options
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
-from vrte.results.solution import Solution
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
@@ -80,15 +87,10 @@ class Linearized:
         >>> round(float(found[0, 0, 0, 0, 0] * np.pi), 12)
         1.0
         """
-        variations, plan = read_derivatives(self.request.scene, [variation]), self.plan
-        run = make_run(self.request)
-
-        def solve() -> list[Solution]:
-            if find_gap(plan, variations[0]) is None:
-                return differentiate_plan(plan, variations, run, orders=count_orders_found(self.brdf.diagnostics))
-            return differentiate_by_differences(self.request, variations, run)
-
-        values: Array = run_interruptible(run, solve)[0].parts[0][0]
+        variations = read_derivatives(self.request.scene, [variation])
+        run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
+        (found,) = run_interruptible(run, lambda: differentiate(self.plan, variations, run, orders=orders))
+        values: Array = found.solution.parts[0][0]
         return values
 
     def vjp(self, cotangent: Any) -> Gradient:
@@ -130,10 +132,10 @@ class Linearized:
             raise SceneError.of("cotangent", f"must have the shape {self.brdf.mueller.shape}, not {weights.shape}")
         if not np.isfinite(weights).all():
             raise SceneError.of("cotangent", "must be finite")
-        run = make_run(self.request)
-        return run_interruptible(
-            run, lambda: pull_back(self.plan, weights, run, count_orders_found(self.brdf.diagnostics))
-        )
+        run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
+        operations = count_operations_of_derivatives(self.plan, cost.GRADIENT, cost.GRADIENT_ONCE)
+        foretell_derivatives(self.plan, operations, "for the derivatives with everything", run)
+        return run_interruptible(run, lambda: pull_back(self.plan, weights, run, orders))
 
 
 @describe_options
@@ -200,7 +202,7 @@ def linearize(
     run = make_run(request)
 
     def solve() -> tuple[Plan, Brdf]:
-        plan = plan_request(request, run)
+        plan = plan_within_limit(request, run)
         if find_spread(plan):
             raise SceneError.of("truncation", "must not be 'small-angle' for derivatives: 'delta-m' or 'none' do")
         (solution,) = solve_plans([plan], run, progress)

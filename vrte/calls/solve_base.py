@@ -1,14 +1,18 @@
 """vrte.solve_base: a stack solved as the base of others, at as many directions as its accuracy takes."""
 
+import time
 import warnings
 from typing import Any
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number, settle_array
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
-from vrte.calls.brdf import brdf
+from vrte.calls.brdf import brdf, solve_brdf
+from vrte.calls.forecast import predict_seconds
+from vrte.calls.plan import make_request
 from vrte.request.how import EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.result import find_finest_nodes
@@ -43,7 +47,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     Raises
     ------
     SceneError
-        As `vrte.brdf` does.
+        As `vrte.brdf` does; ``time_limit_s`` is for all that it takes.
 
     Warns
     -----
@@ -61,6 +65,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     wanted = check_number("accuracy", accuracy, FINEST, 0.1, f"between {FINEST:g} and 0.1")
     for name in {"mu_i", "mu_o", "phi", "transmission", "illuminate", "derivatives"} & asked.keys():
         raise SceneError.of(name, "is not asked for here: a base has directions of its own, and is lit from the top")
+    begin = time.perf_counter()
     checked = np.random.default_rng(0).uniform(CHECKED_FROM, 1.0, CHECKED)
     first = brdf(scene, checked, checked, **asked)
     if asked.get("method", EXACT) == EXACT:
@@ -70,7 +75,12 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     while more:
         mu = np.concatenate([make_cosines(COSINES[place]), checked])
         phi = np.concatenate([np.linspace(0.0, 180.0, azimuths), CHECKED_AZIMUTHS])
-        base, off, off_azimuths = split_checked(brdf(scene, mu, mu, phi, **asked), COSINES[place], azimuths)
+        request = make_request("brdf", scene, mu, mu, phi, **asked)
+        seconds = time.perf_counter() - begin + sum(predict_seconds(request))
+        why = f" for a base of {COSINES[place]} cosines and {azimuths} azimuths"
+        cost.foretell(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
+        found = solve_brdf(request, asked.get("progress"), told=True)
+        base, off, off_azimuths = split_checked(found, COSINES[place], azimuths)
         if max(off, off_azimuths) <= wanted:
             return base
         finer = min(place + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)

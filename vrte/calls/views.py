@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
+from vrte.calls.forecast import foretell_all
+from vrte.calls.plan import make_request
 from vrte.calls.radiance import radiance
+from vrte.request.request import Request
 from vrte.results.views import Views
 from vrte.scene.scene import Scene
 
@@ -52,7 +55,7 @@ def views(
     Raises
     ------
     SceneError
-        For bad input, and what else `vrte.radiance` raises.
+        For bad input, and what else `vrte.radiance` raises; ``time_limit_s`` is for all geometries together.
 
     Examples
     --------
@@ -75,7 +78,14 @@ def views(
     seen = np.empty((beams.size, 4))
     solves: list[dict[str, Any]] = []
     incident, index = np.zeros(4), None
-    for rows in group_geometries(beams, sights, azimuths):
+    groups = list(split_geometries(np.lexsort((azimuths, sights, beams)), (beams, sights, azimuths)))
+
+    def asked_at(place: int) -> tuple[Request, float]:
+        of_beam, of_sight, of_azimuth = (np.unique(each[groups[place]]) for each in (beams, sights, azimuths))
+        return make_request("radiance", scene, of_beam, stokes, of_sight, of_azimuth, depth, **how), 0.0
+
+    foretell_all(len(groups), asked_at, f"{len(groups)} groups of geometries")
+    for rows in groups:
         axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
         (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
         found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
@@ -85,16 +95,13 @@ def views(
     return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves}, index)
 
 
-def group_geometries(*geometries: Array) -> Iterator[NDArray[np.intp]]:
-    """Rows whose distinct values span no too large a grid, alike ones next to each other."""
-    order = np.lexsort(geometries[::-1])
-    first = 0
-    while first < order.size:
-        last = order.size
-        while last - first > 1 and measure_grid(order[first:last], geometries) > LARGEST_GRID:
-            last = first + (last - first + 1) // 2
-        yield order[first:last]
-        first = last
+def split_geometries(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> Iterator[NDArray[np.intp]]:
+    """Rows, alike ones next to each other, halved until the distinct values of each part span no too large a grid."""
+    if rows.size > 1 and measure_grid(rows, geometries) > LARGEST_GRID:
+        for half in np.array_split(rows, 2):
+            yield from split_geometries(half, geometries)
+    elif rows.size:
+        yield rows
 
 
 def measure_grid(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:

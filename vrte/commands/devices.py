@@ -40,6 +40,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    from vrte.basics.running import Run, run_interruptible
+
+    run_interruptible(Run(1), lambda: show_devices(options))  # drivers compile for minutes, and hear no signal
+
+
+def show_devices(options: argparse.Namespace) -> None:
+    """The list, and what else is asked for."""
     from vrte.basics.running import count_usable_cpus
     from vrte.cl import device
     from vrte.studies import devices

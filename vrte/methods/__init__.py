@@ -43,8 +43,8 @@ def choose_method(request: Request) -> Request:
     return request
 
 
-def make_run(request: Request) -> Run:
-    """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
+def make_run(request: Request, count: int = 1) -> Run:
+    """The run of so many requests like this one: its threads, one of a sequential backend, and its engine's stages."""
     backend, threads = request.backend, request.threads
     if backend.kernels == "sequential":
         if threads not in (None, 1):
@@ -52,7 +52,7 @@ def make_run(request: Request) -> Run:
                 f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'", "backend"
             )
         threads = 1
-    run = start_run(threads, estimate_operations(request))
+    run = start_run(threads, count * estimate_operations(request))
     run.kernels = choose_engine(backend).stages
     return run
 

@@ -13,8 +13,8 @@ from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
 from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES, estimate_nodes
-from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
-from vrte.discrete_ordinates.planning.plan import Plan, plan_request
+from vrte.discrete_ordinates.planning.forecast import plan_within_limit
+from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.task import Task
 from vrte.request.backends import Backend
@@ -31,9 +31,7 @@ def solve_by_discrete_ordinates(task: Task) -> Answer:
     request, run = task.request, task.run
     if request.verify and request.backend is Backend.OPENCL:
         return verify_solution(task)
-    foretell_planning(request, run)
-    plan = plan_request(request, run)
-    foretell_plan(plan, run)
+    plan = plan_within_limit(request, run)
     (solution,) = solve_plans([plan], run, task.progress)
     return plan.mu, solution
 

@@ -13,6 +13,7 @@ microfacet-based BRDF generator (2000).
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -180,7 +181,18 @@ class Way:
         return both[0] * both[1] if shadowing == 1 else np.minimum(*both)
 
     def turn(self, mueller: Array) -> Array:
-        """From frames of the plane of incidence to meridian planes.
+        """From frames of the plane of incidence to meridian planes."""
+        found: Array = self.rotations[1].swapaxes(-1, -2) @ mueller @ self.rotations[0]
+        return found
+
+    def turn_back(self, mueller: Array) -> Array:
+        """From meridian planes to frames of the plane of incidence: also the transpose of `turn`."""
+        found: Array = self.rotations[1] @ mueller @ self.rotations[0].swapaxes(-1, -2)
+        return found
+
+    @cached_property
+    def rotations(self) -> tuple[Array, Array]:
+        """From the meridian planes of incoming and of outgoing light to the plane of incidence, (..., 4, 4) each.
 
         s is along k_i x k_o; a, b are its shares along l and r of either direction, times the sine between both. Sums
         of equal signs, so that small ones keep their digits: sin(theta_i - theta_o) = (mu_o^2 - mu_i^2)/sin(theta_i +
@@ -201,7 +213,7 @@ class Way:
         a_i, b_i = np.where(parallel, 0.0, a_i), np.where(parallel, 1.0, b_i)
         a_o = np.where(parallel, -up * self.mu_o * full, a_o)
         b_o = np.where(parallel, 1.0 - 2.0 * self.sin_half**2, b_o)
-        return make_rotation(a_o, b_o).swapaxes(-1, -2) @ mueller @ make_rotation(a_i, b_i)
+        return make_rotation(a_i, b_i), make_rotation(a_o, b_o)
 
 
 def make_rotation(a: Array, b: Array) -> Array:

@@ -423,6 +423,9 @@ def describe_verified(found: Verified) -> str:
 
 def complain_about(found: Verified) -> str:
     """One sentence where something is not as it should be, otherwise empty."""
+    if not found.checks:
+        words = "compiling its kernels took all of it, and a second time they are kept; or the machine is busy"
+        return f"{found.device.name} is not verified: there was no time for any check ({words})"
     if not found.failures:
         return ""
     first = found.failures[0]

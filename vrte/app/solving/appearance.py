@@ -185,8 +185,8 @@ class Studio:
         if seen not in self.read:
             report(both, follows=True)
             panel = self._make(content, question.folder, both["45:0"].wavelength_um, check)
-            nodes = self.nodes if is_new else panel.put_over(None).choose_nodes(MU_I)
-            self.read[seen] = read_off(make_panel(panel, nodes=nodes), question.viewing, check)
+            nodes = self.nodes if is_new else panel.put_over(None).choose_quadrature(MU_I)
+            self.read[seen] = read_off(make_panel(panel, **nodes), question.viewing, check)
             forget_oldest(self.read, MOST_SPECTRA)
         readings, why_none = self.read[seen]
         report(both, readings=readings, why_none=why_none)

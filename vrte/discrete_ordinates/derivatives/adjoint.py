@@ -12,6 +12,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
+from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.differentiate import (
@@ -28,12 +29,14 @@ from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.optics.facets import Way
 from vrte.optics.truncation import expand_peak
 from vrte.results.solution import Solution
 from vrte.scene.boundary import BLACK
@@ -226,12 +229,8 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
                 for place, order in enumerate(some.tolist()):
                     weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
                     pull_order(route, eyes, place, order, lit, weights, multiple)
-        whole = replace(problem, stokes=ALL)
-        route = Differentiating(whole, BLACK, 1, plan.accuracy, [], carried)
-        columns = tuple(range(problem.columns.shape[0]))
-        for order in range(max(table.shape[0] for table in single)):
-            weights = weigh_kernels(target, order, ALL, columns, cotangent)
-            pull_once(route, order, weights, single)
+        weights = cotangent[..., plan.wanted.place] * plan.wanted.scale[:, None, None, None, None]
+        pull_once(Passage(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
     return multiple, single
 
 
@@ -449,26 +448,45 @@ def pull_phase(
     return found
 
 
-def pull_once(route: Differentiating, order: int, weights: Array, single: list[Array]) -> None:
-    """Adds what an order has of the derivatives with the coefficients where light is scattered once, over the gain."""
-    _, sent = weigh_sent(route, weights)
-    r = route.problem.n_rhs
-    for k, layer in enumerate(route.cut.layer.tolist()):
-        rows, medium = single[layer].shape[0], 1 + layer
-        if order >= rows:
-            continue
-        index, into, out = route.media.scene.media[medium], route.into[medium], route.sights.cosines[medium]
+def pull_once(passage: Passage, phi: Array, weights: Array, single: list[Array]) -> None:
+    """Adds the derivatives with each layer's coefficients, over its gain, of light that is scattered once: all orders
+    in closed form. `make_scatterer` read backwards; weights (n_in, n_out, n_phi, 4, n_col)."""
+    cut, sights, place = passage.cut, passage.sights, passage.sights.place[0]
+    escapes = passage.escapes[0] * (passage.problem.flip * sights.index[0] ** 2)[..., None, None]
+    for k, layer in enumerate(cut.layer.tolist()):
+        medium = 1 + layer
+        into, out = passage.into[medium], sights.cosines[medium]
         mu_in, mu_out = np.where(into > 0.0, into, 1.0), np.where(out > 0.0, out, 1.0)
-        open_ = (out > 0.0)[:, None] & (into > 0.0)
-        paths = 0.5 * integrate_slab_paths(float(route.cut.thickness[k]), mu_in, mu_out) * open_ / index**2
-        found = []
-        for way in range(2):
-            total = np.zeros((4 * out.size, 4 * into.size))
-            for side, power in ((0, route.falling[k]), (1, route.mirrored[k])):
-                end = way if side == 0 else 1 - way
-                flux = np.where(into[:, None, None] > 0.0, power / mu_in[:, None, None], 0.0)
-                total += spread_beams(sent[2 * k + end].reshape(-1, r), flux)
-            shaped = total.reshape(out.size, 4, into.size, 4) * paths[way][:, None, :, None]
-            found.append(shaped.reshape(total.shape))
-        plain = np.tile([1.0, 0.0], (rows, 1))
-        single[layer] += pull_phase(order, rows, mu_out, mu_in, found[0], found[1], ALL, plain)
+        paths = integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out) * ((out > 0.0)[:, None] & (into > 0.0))
+        paths /= 4.0 * np.pi * passage.media.scene.media[medium] ** 2 * mu_in
+        for side, end in np.ndindex(2, 2):
+            way, power = int(end != side), (passage.falling, passage.mirrored)[side][k]
+            sent = escapes[:, :, 2 * k + end] if way else escapes[:, :, 2 * k + end] * FLIP
+            for i in np.flatnonzero(power.any(axis=(1, 2)) & sent.any()).tolist():
+                lit = paths[way][place, i][:, None, None, None]
+                seen = lit * (sent.swapaxes(1, 2)[:, None] @ (weights[i] @ power[i].T))  # (n_out, n_phi, 4, 4)
+                signed = (-mu_out if way else mu_out)[place]
+                single[layer] += pull_matrix(float(mu_in[i]), signed, phi, seen, single[layer].shape[0])
+
+
+def pull_matrix(mu0: float, mu: Array, phi: Array, weights: Array, terms: int) -> Array:
+    """Derivatives with coefficients (terms, 6) from those with the phase matrix for light going down ``mu0`` and then
+    along signed cosines mu (n_mu,), at azimuths phi (n_phi,) [degrees]: weights (n_mu, n_phi, 4, 4)."""
+    across = np.sqrt((1.0 - mu0) * (1.0 + mu0) * (1.0 - mu) * (1.0 + mu))[:, None] * np.cos(np.radians(phi))
+    cosine = np.clip(across - mu0 * mu[:, None], -1.0, 1.0).ravel()
+    up, down = (Way(mu0, np.abs(mu)[:, None], phi, upward).turn_back(weights) for upward in (True, False))
+    w = np.where((mu > 0.0)[:, None, None, None], up, down).reshape(-1, 4, 4)
+    found = np.zeros((terms, 6))
+    step = max(1, int(PIECE_BYTES / (6 * BYTES * terms)))
+    for first in range(0, cosine.size, step):
+        some = slice(first, first + step)
+        f, x = w[some].transpose(1, 2, 0), cosine[some]
+        p, _, _ = np.moveaxis(_core.generalized_spherical_functions(0, terms, x), 2, 0)
+        q, r, t = np.moveaxis(_core.generalized_spherical_functions(2, terms, x), 2, 0)
+        found[:, 0] += p @ f[0, 0]
+        found[:, 1] += r @ f[1, 1] + t @ f[2, 2]
+        found[:, 2] += t @ f[1, 1] + r @ f[2, 2]
+        found[:, 3] += p @ f[3, 3]
+        found[:, 4] -= q @ (f[0, 1] + f[1, 0])
+        found[:, 5] -= q @ (f[2, 3] - f[3, 2])
+    return found

@@ -59,9 +59,6 @@ def choose_algorithms(
         )
     if algorithm not in BY_RULE:
         return [(every, Choice(algorithm, "asked for"))]
-    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
-        reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
-        return [(every, Choice("doubling", reason))]
     if problem.grading > 1 and STEEP_LOSS / float(problem.nodes[0]) ** 2 > SHARE_OF_STEEP * accuracy:
         reason = "auto: modes lose digits along the lowest nodes"
         return [(every, Choice("doubling", reason))]
@@ -113,7 +110,11 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
 
 
 def choose_modes_or_doubling(problem: Problem) -> Choice:
-    """Which of the two is predicted to be faster."""
+    """Which of the two is right, and predicted to be faster."""
+    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
+        return Choice(
+            "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
+        )
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
     ratio = predict_doubling_time(problem) / problem.albedo.size

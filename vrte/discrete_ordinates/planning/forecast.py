@@ -1,17 +1,20 @@
 """How long a plan, and carrying it out, will take."""
 
-from typing import TYPE_CHECKING
-
 from vrte.basics import cost
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
-from vrte.discrete_ordinates.planning.operations import count_operations_of_block, count_operations_of_sums
+from vrte.discrete_ordinates.planning.operations import count_operations_of_plan
+from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.request.backends import Backend
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 
-if TYPE_CHECKING:
-    from vrte.discrete_ordinates.planning.plan import Plan
+
+def plan_within_limit(request: Request, run: Run) -> Plan:
+    """The plan of a request, after it was told what the plan and the solve take. Raises SceneError beyond the limit."""
+    foretell_planning(request, run)
+    plan = plan_request(request, run)
+    foretell_plan(plan, run)
+    return plan
 
 
 def foretell_planning(request: Request, run: Run) -> None:
@@ -34,7 +37,7 @@ def count_planned_orders(request: Request) -> int:
     return longest if request.nodes is None else min(2 * request.nodes, longest)
 
 
-def foretell_plan(plan: "Plan", run: Run) -> None:
+def foretell_plan(plan: Plan, run: Run) -> None:
     """Before a plan is carried out; a device's speed is not known."""
     request = plan.request
     if request.backend is Backend.OPENCL or (run.brief and request.time_limit_s >= cost.LONG):
@@ -52,18 +55,6 @@ def foretell_plan(plan: "Plan", run: Run) -> None:
     cost.foretell(predict_total_seconds(plan) / run.threads, request.time_limit_s, why, change, run.told)
 
 
-def predict_total_seconds(plan: "Plan") -> float:
+def predict_total_seconds(plan: Plan) -> float:
     """Of all parts of a plan on one thread, with what verifies them."""
-    return sum(predict_plan_seconds(part) for part in plan.parts or (plan,)) * (
-        cost.VERIFYING if plan.request.verify else 1.0
-    )
-
-
-def predict_plan_seconds(plan: "Plan") -> float:
-    """Of a plan's blocks and sums on one thread."""
-    azimuths = fold_azimuths(plan.request.phi, plan.problem.leave_out.azimuths)
-    sums = count_operations_of_sums(plan.problem, plan.blocks, plan.wanted, azimuths)
-    solved = sum(
-        count_operations_of_block(each, plan.needs.strength[each.orders], plan.accuracy) for each in plan.blocks
-    )
-    return (sums + solved) / cost.RATE[EXACT]
+    return count_operations_of_plan(plan) / cost.RATE[EXACT] * (cost.VERIFYING if plan.request.verify else 1.0)

@@ -2,34 +2,18 @@
 
 from collections.abc import Sequence
 
-from vrte.basics.errors import SceneError
-from vrte.basics.memory import (
-    ALWAYS_THERE,
-    BYTES,
-    LARGEST_SHARE,
-    PIECE_BYTES,
-    TILE_DOUBLES,
-    count_orders_at_once,
-    find_available_bytes,
-    write_gigabytes,
-)
+from vrte.basics.memory import BYTES, PIECE_BYTES, TILE_DOUBLES, check_bytes, count_orders_at_once
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_route
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
+from vrte.optics.facet_integrals import DOUBLES_AT_ONCE
 
 
 def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
     """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
     needed = BYTES * count_doubles_needed(problem, blocks, result, azimuths, threads)
-    if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
-        return
-    available = find_available_bytes()
-    if needed > LARGEST_SHARE * available:
-        raise SceneError(
-            f"nodes, layers and directions together need about {write_gigabytes(needed)} of memory and "
-            f"{write_gigabytes(available)} are available: ask for fewer nodes, depths, mu or phi"
-        )
+    check_bytes(needed, "nodes, layers and directions together", "ask for fewer nodes, depths, mu or phi")
 
 
 def count_doubles_needed(
@@ -58,4 +42,8 @@ def count_doubles_of_block(block: Block, threads: int) -> float:
     base = 0.0
     if block.base.is_uneven:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+    rough = 0 if problem.media is None else sum(not each.is_smooth for each in problem.media.scene.interfaces if each)
+    if rough:  # of all orders, four ways, in the frame of facets and in the solver's; integrals on their way
+        pairs = float(problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+        base += rough * 1.5 * 64.0 * n_order * pairs + 2.0 * DOUBLES_AT_ONCE
     return min(n_order, count_orders_at_once(per_order, threads)) * per_order + threads * per_thread + base

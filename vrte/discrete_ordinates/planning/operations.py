@@ -1,12 +1,14 @@
 """How many floating-point operations a plan takes, roughly: products and factorisations counted, lower orders not."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
-from vrte.discrete_ordinates.planning.azimuths import Azimuths
+from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_fractions,
@@ -14,7 +16,10 @@ from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_modes,
     count_operations_of_scatterings,
 )
-from vrte.request.wanted import Wanted
+from vrte.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from vrte.discrete_ordinates.planning.plan import Plan
 
 
 def count_operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
@@ -31,7 +36,19 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
         if block.choice.name == "doubling"
         else count_operations_of_layers(problem)
     )
-    return each * block.orders.size
+    return each * block.orders.size + count_operations_of_interfaces(block)
+
+
+def count_operations_of_interfaces(block: Block) -> float:
+    """Of all orders of a block, of what is between interfaces: responses of slabs, and integrals over the lobes of
+    facets; nothing where one smooth surface is a boundary condition."""
+    problem, media = block.problem, block.problem.media
+    if media is None or is_under_one_surface(media):
+        return 0.0
+    n, stokes, into, out = float(problem.size), len(problem.stokes), problem.mu0.size, problem.mu_out.size
+    responses = cost.RESPONSE * problem.albedo.size * n * (n + stokes * into) * (n + stokes * out)
+    rough = sum(each is not None and not each.is_smooth for each in media.scene.interfaces)
+    return block.orders.size * (responses + cost.LOBES * rough * (problem.nodes.size + into + out))
 
 
 def count_operations_of_layers(problem: Problem) -> float:
@@ -56,9 +73,48 @@ def count_operations_of_doubling(problem: Problem) -> float:
     return product * (doubled + cost.PRODUCTS_A_JOINT * (pile.slabs.size - 1))
 
 
-def count_operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Wanted, azimuths: Azimuths) -> float:
-    """Of the sum over orders, and of single scattering in closed form."""
-    rows = sum(float(levels.size) * directions.size for levels, directions in wanted.parts) * problem.mu0.size
-    entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in blocks)
-    pairs = float(problem.mu0.size) * max((directions.size for _, directions in wanted.parts), default=0)
-    return azimuths.distinct.size * (2.0 * rows * entries + cost.A_TERM * pairs * float(problem.terms.sum()))
+def count_operations_of_plan(plan: "Plan") -> float:
+    """Of all blocks of a plan, or of those of its parts, and of what adds them up."""
+    if plan.parts:
+        return sum(count_operations_of_plan(part) for part in plan.parts)
+    strengths = [plan.needs.strength[block.orders] for block in plan.blocks]
+    blocks = zip(plan.blocks, strengths, strict=True)
+    return count_operations_of_sums(plan) + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
+
+
+def count_operations_of_sums(plan: "Plan") -> float:
+    """Of the sum over orders, and of single scattering."""
+    problem, parts = plan.problem, plan.wanted.parts
+    rows = sum(float(levels.size) * directions.size for levels, directions in parts) * problem.mu0.size
+    entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in plan.blocks)
+    return 2.0 * plan.azimuths.distinct.size * rows * entries + count_operations_of_single_scattering(plan)
+
+
+def count_operations_of_single_scattering(plan: "Plan") -> float:
+    """In closed form, with all terms of the phase matrices."""
+    problem = plan.problem
+    pairs = float(problem.mu0.size) * max((directions.size for _, directions in plan.wanted.parts), default=0)
+    return plan.azimuths.distinct.size * cost.A_TERM * pairs * count_terms_scattered(problem, plan.request.scene)
+
+
+def count_operations_of_derivatives(plan: "Plan", of_orders: float, once: float) -> float:
+    """Of derivatives by the algebra of slabs: so many times those of one with all orders, and times light that is
+    scattered once."""
+    total = 0.0
+    for part in plan.parts or (plan,):
+        for block in part.blocks:
+            problem = block.problem
+            size = problem.size + len(problem.stokes) * max(problem.mu0.size, problem.mu_out.size)
+            each = cost.ALGEBRA + cost.ALGEBRA_SIZE * float(size) ** 3
+            total += of_orders * each * block.orders.size * problem.albedo.size
+        total += once * count_operations_of_single_scattering(part)
+    return total
+
+
+def count_terms_scattered(problem: Problem, scene: Scene) -> float:
+    """Terms of all phase matrices that scatter once: where light is refracted, beams go both ways, and each is seen on
+    both sides of a layer."""
+    there = [layer.phase_matrix for layer, gain in zip(scene.layers, problem.gain, strict=True) if gain > 0.0]
+    if problem.media is not None:
+        return 4.0 * sum(each.terms for each in there)
+    return float(sum(each.terms for each in {id(each): each for each in there}.values()))

@@ -3,7 +3,7 @@
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,11 @@ from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
 from vrte.discrete_ordinates.planning.memory import count_doubles_needed, count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.needs import explain_stokes_sets
-from vrte.discrete_ordinates.planning.operations import count_operations_of_block, count_operations_of_sums
+from vrte.discrete_ordinates.planning.operations import (
+    count_operations_of_block,
+    count_operations_of_plan,
+    count_operations_of_sums,
+)
 from vrte.request.how import EXACT
 from vrte.scene.scene import Scene
 
@@ -72,23 +76,25 @@ def write_derivatives(plan: "Plan") -> list[str]:
 
 
 def list_derivative_facts(plan: "Plan", operations: float | None = None) -> dict[str, Any]:
-    """The same as numbers and strings: each keeps a result, and by the algebra the light of all its orders;
-    ``operations`` of the plan, where they are known."""
+    """The same as numbers and strings; ``operations`` of the plan, where they are known."""
     if not plan.derivatives:
         return {}
-    parts = plan.parts or (plan,)
     if operations is None:
-        operations = sum(list_plan_facts(replace(part, derivatives=()))["operations"] for part in parts)
-    result = plan.wanted.doubles(plan.request.phi.size)
-    kernels = sum(count_doubles_of_kernels(block) for part in parts for block in part.blocks)
+        operations = count_operations_of_plan(plan)
     solves = sum(one.solves for one in plan.derivatives)
-    kept = sum(result + (0.0 if one.how.startswith("differences") else kernels) for one in plan.derivatives)
     return {
         "derivatives": {one.name: one.how for one in plan.derivatives},
         "solves_of_derivatives": solves,
         "operations_of_derivatives": solves * operations,
-        "memory_bytes_of_derivatives": BYTES * kept,
+        "memory_bytes_of_derivatives": count_bytes_of_derivatives(plan),
     }
+
+
+def count_bytes_of_derivatives(plan: "Plan") -> float:
+    """Of what derivatives keep: a result each, and by the algebra the light of all its orders."""
+    result = plan.wanted.doubles(plan.request.phi.size)
+    kernels = sum(count_doubles_of_kernels(block) for part in plan.parts or (plan,) for block in part.blocks)
+    return BYTES * sum(result + (0.0 if one.how.startswith("differences") else kernels) for one in plan.derivatives)
 
 
 def list_plan_facts(plan: "Plan") -> dict[str, Any]:
@@ -100,15 +106,11 @@ def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     if is_another_method(plan):
         asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
         return asked | {"method": plan.request.method, "method_rule": plan.request.method_rule}
-    request, problem, azimuths = (
-        plan.request,
-        plan.problem,
-        fold_azimuths(plan.request.phi, plan.problem.leave_out.azimuths),
-    )
+    request, problem = plan.request, plan.problem
     blocks = [list_block_facts(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
-    doubles = count_doubles_needed(problem, plan.blocks, result, azimuths, plan.threads)
-    sums = count_operations_of_sums(problem, plan.blocks, plan.wanted, azimuths)
+    doubles = count_doubles_needed(problem, plan.blocks, result, plan.azimuths, plan.threads)
+    sums = count_operations_of_sums(plan)
     operations = sums + sum(block["operations"] for block in blocks)
     found = {
         "kind": request.kind,

@@ -16,7 +16,7 @@ from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.fields import change_fields
-from vrte.basics.memory import PIECE_BYTES
+from vrte.basics.memory import ALWAYS_THERE, BYTES, PIECE_BYTES
 from vrte.basics.running import Run, run_jobs
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import (
@@ -62,11 +62,10 @@ class Processor:
         """Raises SceneError where a plan needs more memory than there is."""
         for plan in plans:
             request, problem = plan.request, plan.problem
-            spreads = plan.spreads.any()
-            if not run.brief or spreads:
-                result = plan.wanted.doubles(request.phi.size) + (
-                    count_scratch_doubles(request.scene) if spreads else 0.0
-                )
+            result = plan.wanted.doubles(request.phi.size)
+            if plan.spreads.any():
+                result += count_scratch_doubles(request.scene)
+            if not run.brief or BYTES * result > ALWAYS_THERE:
                 check_memory(problem, plan.blocks, result, plan.azimuths, run.threads)
 
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
