@@ -134,6 +134,8 @@ def check_output(path: Path, *suffixes: str) -> None:
         raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
     if path.is_dir() and not (path / METADATA).is_file():
         raise SceneError(f"the output {path} cannot be written: it is a folder")
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise SceneError(f"the output {path} cannot be written: it is a pipe or a device")
     if not os.access(path.parent, os.W_OK):
         raise SceneError(f"the output {path} cannot be written: no permission to write in {path.parent}")
 
