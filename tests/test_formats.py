@@ -330,6 +330,20 @@ def test_loading_something_else_says_so(tmp_path: Path) -> None:
         load(tmp_path / "other.nc")
 
 
+@pytest.mark.parametrize("name", ["result.nc", "result.zarr"])
+def test_an_extra_that_does_not_load_is_not_said_to_be_missing(
+    name: str, brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load_library(module: str) -> None:
+        raise ImportError(f"/lib/{module}.so: failed to map segment from shared object")
+
+    monkeypatch.setattr("vrte.basics.errors.import_module", load_library)
+    words = r"the extra 'files', which is installed and cannot be loaded: /lib/.*\(there is too little memory"
+    with pytest.raises(MissingExtraError, match=words) as caught:
+        brdf.save(tmp_path / name)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
 @pytest.mark.parametrize("module", ["xarray", "h5netcdf"])
 def test_a_missing_extra_is_one_sentence(
     module: str, brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
