@@ -294,7 +294,7 @@ def test_material_over_a_range(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert run(*asked, "-o", table, "--plot", picture) == 0
     told = capsys.readouterr().out
     sealed, names, *rows = (line.split(",") for line in table.read_text().splitlines())
-        assert sealed[0].startswith("# vrte sha256 ")
+    assert sealed[0].startswith("# vrte sha256 ")
     assert names[:5] == ["wavelength_um", "n", "k", "albedo", "asymmetry"]
     assert [float(row[0]) for row in rows] == [0.5, 0.6, 0.7]
     spheres = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.6, host_index=1.5)
