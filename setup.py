@@ -24,14 +24,14 @@ class BuildCore(build_ext):
     """build_ext that asks the compiler for OpenMP before it compiles."""
 
     def find_openmp(self) -> tuple[list[str], list[str]]:
-        """Flags with which a probe is built, or none (and a message)."""
+        """Flags with which a probe is built as the core will be, with CFLAGS and LDFLAGS, or none (and a message)."""
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder, "probe.c")
             source.write_text(OPENMP_PROBE)
             for compiling, linking in OPENMP_WAYS.get(sys.platform, [(["-fopenmp"], ["-fopenmp"])]):
                 try:
                     objects = self.compiler.compile([str(source)], output_dir=folder, extra_postargs=compiling)
-                    self.compiler.link_executable(objects, "probe", output_dir=folder, extra_postargs=linking)
+                    self.compiler.link_shared_object(objects, str(Path(folder, "probe")), extra_postargs=linking)
                 except (CompileError, LinkError):
                     continue
                 return compiling, linking

@@ -185,7 +185,7 @@ def test_a_radiance_field_is_no_base(tmp_path: Path) -> None:
     with pytest.raises(vrte.SceneError, match=r"field\.nc holds a radiance field, and a base is a BRDF"):
         vrte.read_base(tmp_path / "field.nc")
     os.mkfifo(tmp_path / "pipe.bsdf")
-    with pytest.raises(vrte.SceneError, match=r"pipe\.bsdf is no file"):
+    with pytest.raises(vrte.SceneError, match=r"pipe\.bsdf: it is no file"):
         vrte.read_base(tmp_path / "pipe.bsdf")
 
 

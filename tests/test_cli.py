@@ -1,5 +1,6 @@
 """The command line: files, messages and exit codes, as a shell sees them."""
 
+import io
 import os
 import pty
 import re
@@ -292,7 +293,8 @@ def test_material_over_a_range(tmp_path: Path, capsys: pytest.CaptureFixture[str
     asked = ["material", "gold", "--range-um", "0.5:0.7:3", "--radius-um", "0.1", "--host-index", "1.5"]
     assert run(*asked, "-o", table, "--plot", picture) == 0
     told = capsys.readouterr().out
-    names, *rows = (line.split(",") for line in table.read_text().splitlines())
+    sealed, names, *rows = (line.split(",") for line in table.read_text().splitlines())
+    assert sealed[0].startswith("# vrte sha256 ")
     assert names[:5] == ["wavelength_um", "n", "k", "albedo", "asymmetry"]
     assert [float(row[0]) for row in rows] == [0.5, 0.6, 0.7]
     spheres = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.6, host_index=1.5)
@@ -302,6 +304,13 @@ def test_material_over_a_range(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert picture.read_bytes().startswith(b"<?xml")
     assert run("material", "gold", "--wavelengths-um", "0.5,0.6") == 0
     assert "albedo" not in capsys.readouterr().out
+
+
+def test_a_terminal_that_lacks_signs_gets_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, "ascii"))
+    assert run("init", "paint", "-o", tmp_path / "2µm²_60°_ü_Δ.toml") == 0
+    assert b"2um2_60 deg_u_?.toml" in written.getvalue()
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """Fits: numbers come back from what they made, with honest errors, and what the data cannot tell is said."""
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -313,7 +314,7 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
         ('measurement = "rows.csv"\nfree = ["base.albedo"]\nstart = 3', "unknown key; did you mean 'starts'"),
         ('measurement = "rows.csv"\nfree = ["base.albedo"]\nstarts = 0', "fit.starts must be"),
         ('measurement = "rows.csv"\nfree = ["base.albedo"]\nprofiles = ["a"]', "must be a list of names that are free"),
-        ('measurement = "no.csv"\nfree = ["base.albedo"]', "No such file"),
+        ('measurement = "no.csv"\nfree = ["base.albedo"]', "no.csv: No such file"),
     ],
 )
 def test_a_file_that_is_no_fit_is_refused(
@@ -323,6 +324,26 @@ def test_a_file_that_is_no_fit_is_refused(
     told = capsys.readouterr().err
     assert words in told
     assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ("absent/film.state", "film.state lies in a folder that does not exist"),
+        (".", "cannot be written: it is a folder"),
+        ("pipe", "pipe cannot be written: it is a pipe or a device"),
+    ],
+)
+def test_a_state_that_cannot_be_kept_is_named_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, state: str, words: str
+) -> None:
+    monkeypatch.setattr("vrte.commands.fit.fit", None)
+    os.mkfifo(tmp_path / "pipe")
+    path = write_example(tmp_path, 'measurement = "rows.csv"\nfree = ["base.albedo"]\n')
+    assert main(["fit", str(path), "--resume", str(tmp_path / state)]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert "film.toml" not in told
 
 
 CONTENT = {

@@ -15,7 +15,10 @@ import pytest
 import vrte
 from tests.helpers import printed_by
 from vrte.basics.errors import SceneError
+from vrte.cli import main
 from vrte.formats import csv_table, netcdf
+from vrte.formats.coefficient_table import read_coefficients, write_coefficients
+from vrte.formats.index_table import read_index
 from vrte.formats.seal import LENGTH
 from vrte.sweep.table import open_table
 
@@ -172,6 +175,79 @@ def test_every_flipped_bit_is_told(good: Path) -> None:
         good.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << dice.randrange(8)]) + whole[place + 1 :])
         with pytest.raises(SceneError, match=r"good\.nc is (damaged: its bytes are not those that|not a NetCDF file)"):
             vrte.load(good)
+
+
+@pytest.mark.parametrize(("name", "times"), [("flipped.zarr", 300), ("flipped.csv", 150)])
+def test_a_flipped_bit_is_told_or_changes_no_number(name: str, times: int, tmp_path: Path) -> None:
+    whole = vrte.brdf(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), 0.5, [0.4, 1.0], [0, 90], nodes=4)
+    whole.save(tmp_path / name)
+    files = [file for file in sorted((tmp_path / name).rglob("*")) if file.is_file()] or [tmp_path / name]
+    dice, told = random.Random(5), []
+    for _ in range(times):
+        (file,) = dice.choices(files, [file.stat().st_size for file in files])
+        content = file.read_bytes()
+        place = dice.randrange(len(content))
+        file.write_bytes(content[:place] + bytes([content[place] ^ 1 << dice.randrange(8)]) + content[place + 1 :])
+        try:
+            found = vrte.load(tmp_path / name)
+        except SceneError as error:
+            told.append(str(error))
+        else:
+            for array in ("mu_i", "mu_o", "phi", "mueller", "reflectance", "direct_transmittance"):
+                assert getattr(found, array).tobytes() == getattr(whole, array).tobytes(), (file, place)
+            assert found.diagnostics == whole.diagnostics
+        file.write_bytes(content)
+    assert len(told) > 0.4 * times
+    assert all(words.startswith(str(tmp_path / name)) and words.isprintable() for words in told)
+
+
+def save_coefficients(path: Path) -> Any:
+    write_coefficients(vrte.henyey_greenstein(0.7), path)
+    return lambda: read_coefficients(path).coefficients.tolist()
+
+
+def save_measurement(path: Path) -> Any:
+    vrte.Measurement("total_reflectance", [0.52, 0.48], sigma=0.01, theta_i_deg=[8.0, 45.0]).save(path)
+    return lambda: [getattr(vrte.read_measurement(path), name).tolist() for name in ("value", "sigma", "theta_i_deg")]
+
+
+def save_index(path: Path) -> Any:
+    assert main(["material", "rutile", "--range-um", "0.45:0.7:6", "-o", str(path)]) == 0
+    return lambda: (tuple(read_index(path).n), tuple(read_index(path).k))
+
+
+@pytest.mark.parametrize("save", [save_coefficients, save_measurement, save_index])
+def test_damage_to_a_table_is_told(save: Callable[[Path], Any], tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    read = save(path)
+    whole, content, dice = read(), path.read_bytes(), random.Random(6)
+    told = []
+    for _ in range(60):
+        place = dice.randrange(len(content))
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1 << dice.randrange(8)]) + content[place + 1 :])
+        try:
+            assert read() == whole
+        except SceneError as error:
+            told.append(str(error))
+    assert len(told) >= 20
+    assert all(words.isprintable() for words in told)
+    path.write_bytes(content[: content.rindex(b"\n", 0, -1) + 1])  # a row less
+    with pytest.raises(SceneError, match=r"is damaged: its bytes .*; if they were changed on purpose, take its first"):
+        read()
+    path.write_bytes(content.replace(b"\n", b"\r\n"))  # as some editors save it
+    assert read() == whole
+
+
+@pytest.mark.usefixtures("not_for_ever")
+@pytest.mark.parametrize("name", ["pipe.csv", "pipe.nc", "pipe.zarr"])
+def test_a_pipe_is_no_file(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)  # whoever opens it waits for ever
+    words = r"pipe\.\w+:? (it is no file|is no file|is no folder), but a"
+    with pytest.raises(SceneError, match=words):
+        vrte.load(tmp_path / name)
+    if not name.endswith(".zarr"):
+        with pytest.raises(SceneError, match=words):
+            vrte.read_measurement(tmp_path / name)
 
 
 def test_a_file_that_hdf5_does_not_get_through_is_given_up(

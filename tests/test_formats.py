@@ -1,9 +1,14 @@
 """Results as files: every digit comes back, and a file is either complete or not there."""
 
 import csv
+import errno
 import json
+import os
 import pickle
+import re
+import stat
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -91,6 +96,25 @@ class TestZarr:
         with xarray.open_zarr(folder, consolidated=False) as found:
             np.testing.assert_array_equal(found.mueller.values, brdf.mueller)
             assert found.mueller.units == "sr-1"
+
+    def test_a_copy_by_another_program_is_no_damage(self, folder: Path, brdf: Brdf) -> None:
+        import xarray
+        import zarr
+
+        with xarray.open_zarr(folder, consolidated=False) as found, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # zarr has no words in its specification yet
+            found.to_zarr(folder.with_name("copy.zarr"))
+        assert_same(brdf, load(folder.with_name("copy.zarr")))
+        values = zarr.open_group(folder)["reflectance"]
+        values[...] = 0.5 * values[...]
+        with pytest.raises(SceneError, match=r"result\.zarr: is damaged: .*take its attribute sha256 away"):
+            load(folder)
+
+    def test_a_pipe_in_it_is_not_read(self, folder: Path) -> None:
+        (folder / "mueller" / "zarr.json").unlink()
+        os.mkfifo(folder / "mueller" / "zarr.json")  # whoever opens it waits for ever
+        with pytest.raises(SceneError, match="something in it is a link, a pipe or a device"):
+            load(folder)
 
     def test_it_takes_the_place_of_another_and_of_nothing_else(self, folder: Path, brdf: Brdf) -> None:
         brdf.save(folder)
@@ -256,7 +280,41 @@ def test_writing_through_a_link_keeps_the_link(field: Field, tmp_path: Path) -> 
     link.symlink_to(target)
     write_csv(field, link)
     assert link.is_symlink()
-    assert target.read_text().startswith("# vrte result")
+    assert target.read_text().splitlines()[1].startswith("# vrte result")
+
+
+@pytest.mark.parametrize("name", ["result.csv", "result.nc", "result.zarr"])
+def test_only_files_are_replaced(name: str, brdf: Brdf, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / name).symlink_to("/dev/null")
+    for target in (tmp_path / name, tmp_path / "link" / name):
+        with pytest.raises(OSError, match=re.escape(str(target))) as caught:
+            brdf.save(target)
+        assert caught.value.filename == str(target)
+    assert stat.S_ISFIFO(os.stat(tmp_path / name).st_mode)
+    assert stat.S_ISCHR(os.stat(tmp_path / "link" / name).st_mode)
+    assert len(list(tmp_path.rglob("*"))) == 3
+
+
+@pytest.mark.parametrize("name", ["result.csv", "result.nc", "result.zarr"])
+@pytest.mark.parametrize("fails", ["replace", "write"])
+def test_every_error_of_the_disk_names_the_file(
+    name: str, fails: str, brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*given: Any, **_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", *given[:1] if fails == "replace" else ())
+
+    if fails == "replace":
+        monkeypatch.setattr(os, "replace", fail)
+    else:
+        monkeypatch.setattr("vrte.formats.csv_table._format_lines", fail)
+        monkeypatch.setattr("vrte.formats.netcdf.make_seal", fail)
+        monkeypatch.setattr("xarray.Dataset.to_zarr", fail)
+    with pytest.raises(OSError, match="No space left") as caught:
+        brdf.save(tmp_path / name)
+    assert caught.value.filename == str(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_loading_something_else_says_so(tmp_path: Path) -> None:
@@ -270,6 +328,20 @@ def test_loading_something_else_says_so(tmp_path: Path) -> None:
     xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(SceneError, match=r"other\.nc holds no BRDF, field or spectrum"):
         load(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize("name", ["result.nc", "result.zarr"])
+def test_an_extra_that_does_not_load_is_not_said_to_be_missing(
+    name: str, brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load_library(module: str) -> None:
+        raise ImportError(f"/lib/{module}.so: failed to map segment from shared object")
+
+    monkeypatch.setattr("vrte.basics.errors.import_module", load_library)
+    words = r"the extra 'files', which is installed and cannot be loaded: /lib/.*\(there is too little memory"
+    with pytest.raises(MissingExtraError, match=words) as caught:
+        brdf.save(tmp_path / name)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
 @pytest.mark.parametrize("module", ["xarray", "h5netcdf"])

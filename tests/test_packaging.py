@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -256,3 +258,20 @@ class TestWheel:
         gold = ["vrte", "brdf", ROOT / "examples" / "gold_powder.toml", "--nodes", "8", "-o", "gold.csv"]
         run(*gold, folder=elsewhere, environment=no_compiler)
         assert (elsewhere / "gold.csv").stat().st_size > 100_000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="flags of gcc and clang")
+def test_a_build_with_flags_of_a_sanitizer_keeps_openmp(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from setuptools._distutils.ccompiler import new_compiler
+    from setuptools._distutils.sysconfig import customize_compiler
+
+    monkeypatch.setattr("setuptools.setup", lambda **_: None)
+    monkeypatch.setattr("Cython.Build.cythonize", lambda *_, **__: [])
+    monkeypatch.setenv("CFLAGS", "-fsanitize=address")
+    compiler = new_compiler()
+    customize_compiler(compiler)
+    build = runpy.run_path(str(ROOT / "setup.py"))["BuildCore"]
+    assert build.find_openmp(SimpleNamespace(compiler=compiler)) == (["-fopenmp"], ["-fopenmp"])
+    assert "no OpenMP" not in capfd.readouterr().err

@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import sys
 import warnings
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -153,9 +154,24 @@ def test_what_is_warned_of_stands_on_the_page() -> None:
     assert sum("a volume_fraction of 0.35 is above 0.3" in note for note in found.notes) == 1
 
 
-def test_wavelengths_that_make_no_colour_are_refused_before_the_work() -> None:
-    with pytest.raises(SceneError, match="wavelengths_um"):
-        vrte.paint(GREY, [0.5, 0.55])
+@pytest.mark.parametrize(
+    ("wavelengths_um", "words"),
+    [
+        ([0.5, 0.55, 0.6], "wavelengths_um must cover the visible"),
+        ([0.4, 0.5, 0.6, 0.7], "must be at most .* apart"),
+        (np.linspace(0.43, 0.79, 10), "a wavelength of 0.79 um is outside"),
+    ],
+)
+def test_bad_wavelengths_are_refused_before_particles_are_made(
+    wavelengths_um: Any, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(*_: Any) -> None:
+        raise AssertionError("particles were made")
+
+    monkeypatch.setattr(sys.modules[make_panel.__module__], "run_side_by_side", work)
+    paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 40.0}
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.paint({"paint": paint}, wavelengths_um)
 
 
 def test_how_thick_a_film_hides_is_told_also_where_none_does_or_no_length_is_known(grey: vrte.Paint) -> None:

@@ -1,5 +1,6 @@
 """Objects on the ground: the renderer of spheres, shadows and skylight in closed form, the sun's image, files."""
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -243,6 +244,80 @@ def test_what_is_no_mesh_is_told(tmp_path: Path) -> None:
         (tmp_path / name).write_text("no mesh\n")
         with pytest.raises(SceneError, match="mesh"):
             find_shape(str(tmp_path / name))
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {}\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
+PLY = """ply
+format ascii 1.0
+comment TextureFile skin.png
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 0 3 {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.obj", TETRAHEDRON.format("nan"), r"corner 4 is at \[0\.0, 0\.0, nan\]: all must be at finite places"),
+        ("a.obj", TETRAHEDRON.format("-inf"), r"corner 4 is at \[0\.0, 0\.0, -inf\]"),
+        ("a.obj", TETRAHEDRON.format("1e308"), "none of its 4 triangles has an area"),
+        (
+            "a.obj",
+            TETRAHEDRON.format(1) + "f 1/1 0/1 2/1\n",
+            "line 9: a face has the corner 0; corners are counted from 1",
+        ),
+        ("a.obj", TETRAHEDRON.format(1) + "f 1 2 9\n", "not a mesh that can be read"),
+        ("a.ply", PLY.format(9), "a triangle has a corner that is none of its 4"),
+        ("a.ply", PLY.format(-1), "a triangle has a corner that is none of its 4"),
+    ],
+)
+def test_nothing_of_a_damaged_mesh_is_drawn(name: str, text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(SceneError, match=rf"{name}: {words}"):
+        find_shape(str(tmp_path / name))
+
+
+def test_a_pipe_is_no_mesh(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.obj")  # whoever opens it waits for ever
+    with pytest.raises(SceneError, match=r"pipe\.obj: it is no file, but a folder, a pipe or a device"):
+        find_shape(str(tmp_path / "pipe.obj"))
+
+
+def test_triangles_that_are_left_out_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(TETRAHEDRON.format(1) + "f 1 1 2\nf 3 4 3\n")
+    with pytest.warns(UserWarning, match=r"a\.obj: 2 of its 6 triangles have no area and are left out"):
+        found = find_shape(str(tmp_path / "a.obj"))
+    (tmp_path / "a.obj").write_text(TETRAHEDRON.format(1))
+    np.testing.assert_array_equal(found.corners, find_shape(str(tmp_path / "a.obj")).corners)
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e150, 1e307])
+def test_a_mesh_is_the_same_in_any_unit(size: float, tmp_path: Path) -> None:
+    (tmp_path / "one.obj").write_text(BOX)
+    lines = (line.split() for line in BOX.splitlines())
+    scaled = [[one[0], *(repr(size * float(x)) for x in one[1:])] if one[0] == "v" else one for one in lines]
+    (tmp_path / "other.obj").write_text("\n".join(map(" ".join, scaled)))
+    expected, found = (find_shape(str(tmp_path / name)) for name in ("one.obj", "other.obj"))
+    np.testing.assert_allclose(found.corners, expected.corners, rtol=0.0, atol=1e-12)
+
+
+def test_a_texture_that_a_mesh_names_is_not_looked_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.ply").write_text(PLY.format(2))
+    assert np.ptp(find_shape(str(tmp_path / "a.ply")).corners, axis=0).max() == pytest.approx(1.0)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_without_the_ray_tracer_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

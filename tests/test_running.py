@@ -1,5 +1,8 @@
 """Jobs that threads of a run share: every one done once, in order told, errors and stops passed on."""
 
+import multiprocessing
+import subprocess
+import sys
 import threading
 import time
 
@@ -104,3 +107,44 @@ def test_threads_that_were_sent_home_are_gone() -> None:
     run.send_home()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("vrte-job")]
     run.send_home()
+
+
+FORKED = """
+import multiprocessing, os, threading, warnings
+import vrte
+
+scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+warnings.simplefilter("ignore")  # newer Pythons warn of fork with threads: the point here
+
+def solve(progress=None):
+    return vrte.brdf(scene, 0.5, 0.5, nodes=12, threads=2, progress=progress).mueller[0, 0, 0, 0, 0]
+
+def ask(_):
+    try:
+        return solve()
+    except RuntimeError as error:
+        return str(error)
+
+def fork():
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        return {*pool.map(ask, range(2))}
+
+inside, over = threading.Event(), threading.Event()
+other = threading.Thread(target=solve, args=[lambda *_: (inside.set(), over.wait())])
+expected = solve()
+assert fork() == {expected}
+other.start()
+inside.wait()
+print(*fork(), flush=True)
+over.set()
+other.join()
+assert fork() == {expected}
+"""
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="there is no fork here")
+def test_a_pool_forked_while_another_thread_solves_says_so() -> None:
+    done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=60)
+    assert done.stderr == ""
+    assert done.stdout.startswith("this process was forked while another thread of its parent was solving")
+    assert "spawn" in done.stdout

@@ -174,6 +174,11 @@ ALBEDO = "layer[1].albedo"
         ({"layer[1].albedo": [0.5, 1.5]}, "axes.layer[1].albedo, value 2: layer[1].albedo must be between 0 and 1"),
         ({"brdf.mu_i": [0.5]}, "is the same for all scenes of a table"),
         ({"mu_o": {"key": "layer[1].albedo", "values": [0.5]}}, "this name is taken by the table itself"),
+        ({"a/b": {"key": "layer[1].albedo", "values": [0.5]}}, "cannot be the name of a coordinate"),
+        (
+            {"a\\b": {"key": "layer[1].albedo", "values": [0.5]}},
+            "cannot be the name of a coordinate: no /, no \\ and no",
+        ),
         ({"a": {"key": "layer[1].albedo", "values": []}}, "must be a list of numbers"),
         ({"a": {"key": "layer[1].albedo", "values": [True]}}, "must be a list of numbers"),
         ({"a": {"key": "layer[1].albedo"}}, "needs either values or start, stop and count"),

@@ -4,12 +4,14 @@ Exit code 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C and 143 for SIGTER
 error.
 """
 
+import codecs
 import logging
 import os
 import signal
 import sys
 import threading
 import time
+import unicodedata
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -24,6 +26,22 @@ from vrte.commands.pages import find_page
 from vrte.commands.parser import make_parser
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
+SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs
+
+
+def spell(error: UnicodeError) -> tuple[str, int]:
+    """What is printed where an encoding lacks a sign, and where to go on.
+
+    >>> "2 µm²".encode("ascii", "vrte")
+    b'2 um2'
+    """
+    assert isinstance(error, UnicodeEncodeError)
+    signs = unicodedata.normalize("NFKD", error.object[error.start : error.end])
+    plain = (sign if sign.isascii() else SPELLED.get(sign, "?") for sign in signs if not unicodedata.combining(sign))
+    return "".join(plain), error.end
+
+
+codecs.register_error("vrte", spell)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,6 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             if sys.stdout is None:
                 return _complain("standard output is closed, and nobody would see what was found", 1)
+            for stream in (sys.stdout, sys.stderr):
+                if hasattr(stream, "reconfigure"):
+                    stream.reconfigure(errors="vrte")
             parser = make_parser()
             options = parser.parse_args(arguments)
             if options.version:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, check_vector, check_whole, settle_array, show_value
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.toml_table import suggest_nearest
 
 OBSERVERS = {2: "CIE 1931 2 Degree Standard Observer", 10: "CIE 1964 10 Degree Standard Observer"}
@@ -23,12 +23,8 @@ WIDEST_STEP_UM, STEPS_FROM_UM, STEPS_TO_UM = 0.04, 0.40, 0.70
 
 def import_colour_science(purpose: str = "a colour", extra: str = "appearance") -> Any:
     """The package colour-science. Raises MissingExtraError, which names the purpose and the extra."""
-    try:
-        with np.printoptions():  # its import changes how all arrays are printed
-            import colour
-    except ImportError as error:
-        raise MissingExtraError(purpose, extra) from error
-    return colour
+    with np.printoptions():  # its import changes how all arrays are printed
+        return import_extra("colour", purpose, extra)
 
 
 def list_illuminants() -> list[str]:

@@ -17,7 +17,7 @@ from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import WHITE, Hiding, find_hiding
 from vrte.appearance.lights import weigh_wavelengths
 from vrte.appearance.paint_words import describe_content, list_approximations, list_hiding_readings
-from vrte.appearance.panel import Panel, make_panel, read_source
+from vrte.appearance.panel import Panel, find_wavelengths, make_panel, read_source
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import LongSolveWarning, SceneError
@@ -280,8 +280,9 @@ def paint(
     notes: list[str] = []
     with note_warnings(notes):
         told = share_parts(progress)
+        # what is refused is refused before the work
+        weigh_wavelengths(find_wavelengths(source, wavelengths_um, folder), illuminant, observer)
         panel = make_panel(source, wavelengths_um, folder, told[0], layer, **asked)
-        weigh_wavelengths(panel.wavelength_um, illuminant, observer)  # what is refused is refused before the work
         light: dict[str, Any] = {"illuminant": illuminant, "observer": observer}
         look = appearance(panel, **light, progress=told[1])
         glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, told[2]), notes) or {}

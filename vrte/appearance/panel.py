@@ -396,7 +396,7 @@ def make_panel(
     content, folder = read_source(scene, folder)
     content = {key: value for key, value in content.items() if key not in NOT_ASKED}
     asked = check_asked(asked)
-    at = check_ascending(choose_wavelengths(content, folder) if wavelengths_um is None else wavelengths_um)
+    at = find_wavelengths(content, wavelengths_um, folder)
 
     def make(wavelength: float) -> Any:
         full = {**content, "wavelength_um": wavelength, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
@@ -405,6 +405,9 @@ def make_panel(
         except SceneError as error:
             raise error.behind(f"at {wavelength:g} um") from error
 
+    low, high, _ = find_known_wavelengths(content, folder)
+    for end in at[[0, -1]][[at[0] < low, at[-1] > high]].tolist():  # what is refused is refused before the work
+        make(end)
     files = run_side_by_side([partial(make, wavelength) for wavelength in at.tolist()], progress)
     options = dict(files[0].options)
     if options.pop("illuminate", "top") != "top":
@@ -432,6 +435,15 @@ def read_source(scene: Source, folder: str | os.PathLike[str] = ".") -> tuple[di
     if isinstance(scene, Mapping):
         return dict(scene), Path(folder)
     return read_content(scene), Path(scene).parent
+
+
+def find_wavelengths(scene: Source | Panel, wavelengths_um: Any, folder: str | os.PathLike[str] = ".") -> Array:
+    """The wavelengths (n,) of a panel, or of one that `make_panel` would make. Raises SceneError, OSError."""
+    if isinstance(scene, Panel):
+        return scene.wavelength_um
+    return check_ascending(
+        choose_wavelengths(*read_source(scene, folder)) if wavelengths_um is None else wavelengths_um
+    )
 
 
 def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float] | Array:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from vrte.basics.forked import under_way
+
 _lock = threading.Lock()
 _state: dict[str, Any] = {"libraries": None, "setters": [], "before": [], "inside": 0}
 SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for end in ("64_", "_64", "")]
@@ -14,25 +16,26 @@ SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for e
 @contextmanager
 def keep_to_one_thread() -> Iterator[None]:
     """Limits every BLAS of this process to one thread; the last to leave restores what the first one found."""
-    with _lock:
-        if _state["libraries"] is None:
-            libraries = find_blas_libraries()
-            _state.update(libraries=libraries, setters=[find_setter(library) for library in libraries])
-        if _state["inside"] == 0:
-            _state["before"] = [library.get_num_threads() for library in _state["libraries"]]
-            for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
-                if threads != 1:
-                    set_threads(1)
-        _state["inside"] += 1
-    try:
-        yield
-    finally:
+    with under_way():
         with _lock:
-            _state["inside"] -= 1
+            if _state["libraries"] is None:
+                libraries = find_blas_libraries()
+                _state.update(libraries=libraries, setters=[find_setter(library) for library in libraries])
             if _state["inside"] == 0:
+                _state["before"] = [library.get_num_threads() for library in _state["libraries"]]
                 for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
-                    if threads is not None and threads != 1:
-                        set_threads(threads)
+                    if threads != 1:
+                        set_threads(1)
+            _state["inside"] += 1
+        try:
+            yield
+        finally:
+            with _lock:
+                _state["inside"] -= 1
+                if _state["inside"] == 0:
+                    for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
+                        if threads is not None and threads != 1:
+                            set_threads(threads)
 
 
 def find_setter(library: Any) -> Callable[[int], Any]:

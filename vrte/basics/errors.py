@@ -5,6 +5,7 @@ import warnings
 from importlib import import_module
 from typing import Any
 
+NO_MEMORY = "failed to map segment", "annot allocate memory"  # what loaders of libraries say
 Place = tuple[str | int, ...]  # keys of tables and places in lists, these from 0 on: ("layer", 0, "thickness")
 
 
@@ -120,7 +121,7 @@ class LongSolveWarning(UserWarning):
 
 
 class MissingExtraError(ImportError):
-    """An optional dependency is not installed; the message names the extra that brings it.
+    """An optional dependency is not installed, or cannot be loaded; the message names the extra that brings it.
 
     It is an ImportError.
 
@@ -130,23 +131,31 @@ class MissingExtraError(ImportError):
         What needs it.
     extra : str
         Name of the extra: pip install 'vrte[extra]'.
+    reason : str, optional
+        Why it cannot be loaded, where it is installed.
     """
 
-    def __init__(self, purpose: str, extra: str) -> None:
-        super().__init__(f"{purpose} needs the extra '{extra}': pip install 'vrte[{extra}]'")
-        self.purpose, self.extra = purpose, extra
+    def __init__(self, purpose: str, extra: str, reason: str = "") -> None:
+        words = f", which is installed and cannot be loaded: {reason}" if reason else f": pip install 'vrte[{extra}]'"
+        super().__init__(f"{purpose} needs the extra '{extra}'{words}")
+        self.purpose, self.extra, self.reason = purpose, extra, reason
 
-    def __reduce__(self) -> tuple[type["MissingExtraError"], tuple[str, str]]:
-        # by its two arguments: an exception is otherwise rebuilt from its message alone
-        return type(self), (self.purpose, self.extra)
+    def __reduce__(self) -> tuple[type["MissingExtraError"], tuple[str, str, str]]:
+        # by its arguments: an exception is otherwise rebuilt from its message alone
+        return type(self), (self.purpose, self.extra, self.reason)
 
 
 def import_extra(module: str, purpose: str, extra: str) -> Any:
     """A module that an extra brings. Raises MissingExtraError."""
     try:
         return import_module(module)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError(purpose, extra) from error
+    except ImportError as error:
+        reason = " ".join(str(error).split())[:200]
+        if any(words in reason for words in NO_MEMORY):
+            reason += " (there is too little memory, or a limit of it)"
+        raise MissingExtraError(purpose, extra, reason) from error
 
 
 class DeviceError(RuntimeError):

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from vrte.basics.errors import DeviceError, MissingExtraError
+from vrte.basics.errors import DeviceError, import_extra
 from vrte.cl import caches, drivers, faults, rates, trial
 from vrte.cl.session import FORKED, Session, open_session
 
@@ -81,10 +81,7 @@ def devices() -> tuple[Device, ...]:
 
 
 def _find_devices() -> tuple[Device, ...]:
-    try:
-        import pyopencl
-    except ImportError as error:
-        raise MissingExtraError("OpenCL", "opencl") from error
+    pyopencl = import_extra("pyopencl", "OpenCL", "opencl")
     _state["process"] = os.getpid()
     with caches.keep_files_private(), raise_device_errors():
         try:

@@ -127,13 +127,15 @@ def make_folder(folder: Path) -> Path:
 
 
 def check_output(path: Path, *suffixes: str) -> None:
-    """Whether a file can be written there, before the work is done. Raises SceneError."""
-    if path.suffix.lower() not in suffixes:
+    """Whether a file can be written there, of any suffix or of these, before the work is done. Raises SceneError."""
+    if suffixes and path.suffix.lower() not in suffixes:
         raise SceneError(f"the output {path} must end in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
         raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
     if path.is_dir() and not (path / METADATA).is_file():
         raise SceneError(f"the output {path} cannot be written: it is a folder")
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise SceneError(f"the output {path} cannot be written: it is a pipe or a device")
     if not os.access(path.parent, os.W_OK):
         raise SceneError(f"the output {path} cannot be written: no permission to write in {path.parent}")
 
@@ -152,12 +154,13 @@ def say_written(path: Path) -> None:
 
 @contextmanager
 def label_reading_errors(path: Path) -> Iterator[None]:
-    """Complaints about a scene file, or that it cannot be read, with its name in front."""
+    """Complaints about a scene file, or that it or a file that it names cannot be read, with its name in front."""
     with label_errors(path):
         try:
             yield
         except OSError as error:
-            raise SceneError(error.strerror or str(error)) from error
+            other = error.filename not in (None, path, str(path))
+            raise SceneError(f"{error.filename}: " * other + (error.strerror or str(error))) from error
 
 
 @contextmanager

@@ -56,6 +56,8 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    if options.resume:
+        check_output(options.resume)
     outputs = [*options.output, *([options.plot] if options.plot else [])]
     for path in outputs:
         check_output(path, *(PICTURES if path is options.plot else OUTPUTS))

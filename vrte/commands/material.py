@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError
 from vrte.commands.common import add_command, check_extra, check_output, read_wavelengths, say_written, show_progress
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import write_atomically, write_sealed_text
 from vrte.formats.index_table import read_index
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
 from vrte.formats.named import find_known_wavelengths
@@ -257,7 +257,7 @@ def print_table(columns: Columns) -> None:
 
 def write_table(columns: Columns, path: Path) -> None:
     """CSV, every digit, all of it or nothing."""
-    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+    with write_sealed_text(path) as file:
         file.write(",".join(columns) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns.values(), strict=True))
 

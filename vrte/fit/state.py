@@ -19,7 +19,7 @@ from vrte.fit.problem import Problem
 from vrte.fit.result import ARRAYS, Fit, Start
 from vrte.formats.atomic import write_atomically
 from vrte.formats.named import find_named_tables
-from vrte.formats.seal import LENGTH, is_sealed, seal_of
+from vrte.formats.seal import LENGTH, is_sealed, make_seal
 from vrte.formats.text_file import check_file_name
 from vrte.scene.scene import Scene
 
@@ -42,7 +42,7 @@ def write_sealed(path: str | os.PathLike[str], said: Any) -> None:
     """JSON in one line and its checksum, all of it or nothing. Raises OSError."""
     content = json.dumps(said).encode() + b"\n"
     with write_atomically(path) as part:
-        part.write_bytes(content + seal_of(content))
+        part.write_bytes(content + make_seal([content]))
 
 
 def read_sealed(path: str | os.PathLike[str]) -> Any:

@@ -17,7 +17,7 @@ from vrte.formats.between_directions import directions
 from vrte.formats.measured_polarized import Angles, interpolate_table, make_unit_vectors, turn_to_meridian_planes
 from vrte.formats.mitsuba_tensor import read_tensors
 from vrte.formats.result_file import load
-from vrte.formats.text_file import check_file_name
+from vrte.formats.text_file import check_file, check_file_name
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import Spectrum
 from vrte.scene.tabulated_base import TabulatedBase
@@ -69,10 +69,11 @@ def read_base(
     TabulatedBase(12 mu_i, 12 mu_o, 3 Fourier orders)
     """
     name = check_file_name(path)
-    if os.path.exists(name) and not os.path.isfile(name):
-        raise SceneError(f"{name} is no file")  # a device or a pipe may have no end
-    with open(name, "rb"):  # whether it is there
-        pass
+    try:
+        with open(check_file(name), "rb"):  # whether it is there
+            pass
+    except SceneError as error:
+        raise error.behind(name) from error
     if Path(name).suffix.lower() in TENSORS:
         try:
             return read_measured(name, wavelength_um, average_mirrored)

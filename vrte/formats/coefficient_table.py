@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import write_sealed_text
 from vrte.formats.text_file import read_rows
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 
@@ -47,7 +47,7 @@ def write_coefficients(phase_matrix: PhaseMatrix, path: str | os.PathLike[str]) 
     >>> read_coefficients("again.csv").terms
     3
     """
-    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+    with write_sealed_text(path) as file:
         file.write(",".join(COLUMNS) + "\n")
         for degree, row in enumerate(phase_matrix.coefficients.tolist()):
             file.write(",".join([str(degree), *map(repr, row)]) + "\n")

@@ -5,14 +5,13 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import write_sealed_text
 from vrte.formats.contents import (
     KINDS,
     MEANINGLESS,
@@ -29,7 +28,8 @@ from vrte.formats.contents import (
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
-from vrte.formats.text_file import check_file_name
+from vrte.formats.seal import check_text, read_blocks
+from vrte.formats.text_file import check_file, check_file_name
 from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE
 
@@ -64,7 +64,7 @@ def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
     kind, arrays = find_kind(result), collect_arrays(result)
     tables = _list_tables(kind, arrays, len(list_derivatives(result)))
     header = _format_header(kind, arrays, describe_result(result))
-    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+    with write_sealed_text(path) as file:
         file.writelines(f"{line}\n" for line in header)
         file.write(",".join(_list_columns(kind, tables)) + "\n")
         file.writelines(_format_lines(kind, arrays, tables))
@@ -133,20 +133,25 @@ def load_csv(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -
     (2, 20, 37, 4, 4)
     """
     name = check_file_name(path)
-    if not Path(name).is_file():
+    if not os.path.exists(name):
         raise FileNotFoundError(f"no such file: {name}")
     try:
-        with open(name, "rb") as file:
+        with open(check_file(name), "rb") as file:
             return _read_result(Lines(file), most_bytes)
     except SceneError as error:
         raise SceneError(f"{name}: {error}") from error
 
 
 class Lines:
-    """The lines of a file, one after another, none longer than makes sense; ``place`` is the last one's, from 1."""
+    """The lines of a file, one after another, none longer than makes sense; ``place`` is the last one's, from 1.
+
+    A first line that is a checksum is checked, and passed over. Raises SceneError."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self.place, self._file = 0, file
+        first = file.readline(LONGEST_ROW)
+        sealed = check_text(first, read_blocks(file))
+        file.seek(len(first) if sealed else 0)
+        self.place, self._file = int(sealed), file
 
     def is_whole(self) -> bool:
         """Whether the last line has an end."""
@@ -204,7 +209,7 @@ def _read_header(lines: Lines) -> tuple[dict[str, Any], list[str]]:
     except SceneError:
         first = None
     if first != FIRST:
-        raise SceneError(f"line 1: not a result that vrte can read back, it must be {FIRST!r}")
+        raise SceneError(f"line {max(lines.place, 1)}: not a result that vrte can read back, it must be {FIRST!r}")
     if not lines.is_whole():
         raise SceneError("the file is cut off: its last line has no end")
     found: dict[str, Any] = {}

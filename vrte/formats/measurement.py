@@ -13,8 +13,8 @@ import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import write_atomically
-from vrte.formats.text_file import check_file_name, read_text
+from vrte.formats.atomic import write_sealed_text
+from vrte.formats.text_file import check_file, check_file_name, read_text
 
 if TYPE_CHECKING:
     import xarray
@@ -40,7 +40,7 @@ def read_columns(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str
     if suffix not in SUFFIXES:
         raise SceneError(f"the measurement {path} must end in {' or '.join(SUFFIXES)}")
     try:
-        return read_table(path, names) if suffix == ".csv" else read_netcdf(path, names)
+        return (read_table if suffix == ".csv" else read_netcdf)(check_file(path), names)
     except SceneError as error:
         raise error.behind(path) from error
 
@@ -144,15 +144,16 @@ def list_values(values: Any, name: str) -> list[Any]:
 
 
 def write_table(columns: Mapping[str, Sequence[Any]], path: str | os.PathLike[str], comment: str = "") -> None:
-    """Writes columns as CSV, all of it or nothing; every digit of numbers, nothing for NaN. Raises OSError.
+    """Writes columns as CSV behind a checksum, all of it or nothing; every digit of numbers, nothing for NaN. Raises
+    OSError.
 
     >>> write_table({"quantity": ["f00"], "value": [0.25]}, "one.csv", "a panel")
-    >>> print(Path("one.csv").read_text(), end="")
+    >>> print(Path("one.csv").read_text().partition("\\n")[2], end="")
     # a panel
     quantity,value
     f00,0.25
     """
-    with write_atomically(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+    with write_sealed_text(path) as file:
         file.writelines(f"# {line}\n" for line in comment.splitlines())
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)

@@ -32,7 +32,7 @@ from vrte.formats.contents import (
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, open_dataset, read_arrays, read_text
-from vrte.formats.seal import is_sealed, seal_of
+from vrte.formats.seal import is_sealed, make_seal
 from vrte.formats.text_file import check_file_name
 from vrte.results.quantities import STOKES
 from vrte.results.spectrum import SCENE
@@ -114,7 +114,7 @@ def save_netcdf(result: Result, path: str | os.PathLike[str]) -> None:
         dataset.dump_to_store(H5NetCDFStore(file))
     with write_atomically(path) as part, open(part, "wb") as written, made.getbuffer() as content:
         written.write(content)
-        written.write(seal_of(content))
+        written.write(make_seal([content]))
 
 
 @contextmanager
@@ -187,7 +187,7 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
     """
     import_extra("h5netcdf", NETCDF, "files")
     name = check_file_name(path)
-    if not os.path.isfile(name):
+    if not os.path.exists(name):
         raise FileNotFoundError(f"no such file: {name}")
     try:
         check_signature(name)
@@ -202,7 +202,9 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
 
 
 def check_signature(name: str) -> None:
-    """Raises SceneError for what cannot be HDF5, whose first bytes are known."""
+    """Raises SceneError for what cannot be HDF5, whose first bytes are known, and for what may have no end."""
+    if not os.path.isfile(name):
+        raise SceneError("is no file, but a folder, a pipe or a device")
     with open(name, "rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             raise SceneError("is not a NetCDF file: it does not begin as one of NetCDF-4, which is HDF5")

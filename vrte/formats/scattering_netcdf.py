@@ -17,7 +17,7 @@ from vrte.formats.contents import explain_error
 from vrte.formats.hdf5_file import check_size, check_storage, find_stored_name, has_array, open_dataset, read_arrays
 from vrte.formats.netcdf import NETCDF, SIGNATURE, Stored, read_foreign
 from vrte.formats.scattering_table import AngleTable
-from vrte.formats.text_file import check_file_name
+from vrte.formats.text_file import check_file
 
 LARGEST_TABLE = 1e9  # bytes of values
 CLASSIC = (b"CDF\x01", b"CDF\x02")  # what a file of NetCDF before HDF5 begins with
@@ -72,9 +72,7 @@ class WavelengthTable(NamedTuple):
 def read_wavelength_table(path: str | os.PathLike[str], selection: Selection) -> WavelengthTable:
     """The tables of a NetCDF file. Raises SceneError, OSError, MissingExtraError without the extra "files"."""
     import_extra("h5py", NETCDF, "files")
-    name = check_file_name(path)
-    if os.path.exists(name) and not os.path.isfile(name):
-        raise SceneError("it is no file")  # a device or a pipe may have no end
+    name = check_file(path)
     with open(name, "rb") as file:
         begins = file.read(len(SIGNATURE))
     if begins != SIGNATURE and begins[:4] not in CLASSIC:

@@ -4,6 +4,7 @@ import os
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError
+from vrte.formats.seal import check_text
 
 
 def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
@@ -21,10 +22,23 @@ def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
     return name
 
 
+def check_file(path: str | os.PathLike[str]) -> str:
+    """The name of a file, if no folder, pipe or device is there: these may have no end. Raises SceneError.
+
+    >>> check_file("gold_powder.toml")
+    'gold_powder.toml'
+    """
+    name = check_file_name(path)
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise SceneError("it is no file, but a folder, a pipe or a device")
+    return name
+
+
 def read_text(path: str | os.PathLike[str], most: int) -> str:
     """The text of a file in UTF-8, with or without a byte-order mark, of at most ``most`` bytes.
 
-    Raises SceneError for something else, OSError where the file cannot be read.
+    Raises SceneError for something else, and for a table of vrte's that is not as it was written; OSError where the
+    file cannot be read.
 
     >>> read_text("gold_powder.toml", 1_000_000).count("[[layer]]")
     1
@@ -33,6 +47,8 @@ def read_text(path: str | os.PathLike[str], most: int) -> str:
         content = file.read(most + 1)
     if len(content) > most:
         raise SceneError(f"the file is longer than {most} bytes")
+    first, end, rest = content.partition(b"\n")
+    check_text(first + end, [rest])
     try:
         return content.decode("utf-8").removeprefix("\ufeff")
     except UnicodeDecodeError as error:
@@ -49,9 +65,7 @@ def read_rows(
     >>> read_rows("rayleigh.csv", 1_000_000, 10)[1][0]
     (2, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     """
-    if os.path.exists(check_file_name(path)) and not os.path.isfile(check_file_name(path)):
-        raise SceneError("it is no file")  # a device or a pipe may have no end
-    text = read_text(path, most_bytes)
+    text = read_text(check_file(path), most_bytes)
     lines = [
         (place, line) for place, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
     ]

@@ -1,9 +1,14 @@
-"""Results as Zarr (format 3): a folder of unpacked arrays, which other languages and object stores read, too."""
+"""Results as Zarr (format 3): a folder of unpacked arrays, which other languages and object stores read, too.
 
+An attribute has a checksum of the numbers and texts, not of files: a copy that others make, in other chunks, keeps it.
+"""
+
+import hashlib
 import json
 import math
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +16,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_folder_atomically
-from vrte.formats.contents import KINDS, MEANINGLESS, NAMES, Result, explain_error, restore_result
+from vrte.formats.contents import KINDS, MEANINGLESS, NAMES, Result, collect_arrays, explain_error, restore_result
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
 from vrte.formats.text_file import check_file_name
@@ -21,6 +26,8 @@ PURPOSE = "reading or writing Zarr"
 FORMAT = 3
 METADATA = "zarr.json"
 LARGEST_METADATA = 50_000_000  # bytes
+SEAL = "sha256"  # the attribute
+TOLD = ("kind", "diagnostics", SCENE, NAMES)  # attributes that are read
 
 
 def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
@@ -33,6 +40,7 @@ def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
     """
     import_extra("zarr", PURPOSE, "files")
     dataset = to_xarray(result)
+    dataset.attrs[SEAL] = hash_content(dataset.attrs, collect_arrays(result))
     unpacked: dict[str, dict[str, list[str]]] = {
         str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
     }
@@ -46,7 +54,8 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
     """The result that `save_zarr` wrote to ``path``, every digit as it was; ``most_bytes`` as in `vrte.load`.
 
     Only plain numbers of format 3 are read, unpacked as they are written: nothing of a foreign folder is run. Raises
-    FileNotFoundError, SceneError for a folder that holds no result of this package, MissingExtraError.
+    FileNotFoundError, SceneError for a folder that holds no result of this package, or another one than was written,
+    MissingExtraError.
 
     >>> save_zarr(brdf, "result.zarr")
     >>> load_zarr("result.zarr").mueller.shape
@@ -54,23 +63,41 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
     """
     zarr = import_extra("zarr", PURPOSE, "files")
     folder = Path(check_file_name(path))
-    if not folder.is_dir():
+    if not folder.exists():
         raise FileNotFoundError(f"no such folder: {folder}")
+    if not folder.is_dir():
+        raise SceneError(f"{folder} is no folder, but a file, a pipe or a device")
     try:
-        if any(file.is_symlink() for file in folder.rglob("*")):
-            raise SceneError("something in it is a link: only what lies in the folder itself is read")
+        for found in folder.rglob("*"):
+            if found.is_symlink() or not (found.is_file() or found.is_dir()):
+                raise SceneError("something in it is a link, a pipe or a device: only files in the folder are read")
         attributes = _read_metadata(folder).get("attributes", {})
         kind = KINDS[attributes["kind"]]
         names = [name for name in (*kind.coordinates, *kind.variables) if (folder / name).is_dir()]
         check_size(sum(_count_declared_bytes(folder, name) for name in names), most_bytes)
         group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
         arrays = {name: np.asarray(group[name][...]) for name in names}
+        if SEAL in attributes and attributes[SEAL] != hash_content(attributes, arrays):
+            raise SceneError(
+                f"is damaged: its numbers or texts are not those that were written (checksum); if they were changed on "
+                f"purpose, take its attribute {SEAL} away"
+            )
         listed = json.loads(attributes[NAMES]) if NAMES in attributes else None
         return restore_result(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE), listed)
     except SceneError as error:
         raise SceneError(f"{folder}: {error}") from error
     except (*MEANINGLESS, OSError) as error:
         raise SceneError(f"{folder} holds no result written by vrte: {explain_error(error)}") from error
+
+
+def hash_content(attributes: Mapping[str, Any], arrays: Mapping[str, Any]) -> str:
+    """SHA-256 of all that makes a result: texts, and arrays by their names, every bit."""
+    made = hashlib.sha256(json.dumps([attributes.get(name) for name in TOLD]).encode())
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name], "<f8")
+        made.update(json.dumps([name, values.shape]).encode())
+        made.update(values.data)
+    return made.hexdigest()
 
 
 def _read_metadata(folder: Path) -> Any:

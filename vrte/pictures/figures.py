@@ -5,7 +5,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_atomically
 
 if TYPE_CHECKING:
@@ -27,10 +27,7 @@ COLOURS = {
 
 def require_pictures() -> None:
     """Raises MissingExtraError without matplotlib."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("a picture", "plot") from error
+    import_extra("matplotlib.figure", "a picture", "plot")
 
 
 def make_figure(width: float, height: float) -> "Figure":

@@ -3,6 +3,9 @@
 All are closed surfaces of triangles with a normal at each corner, one unit large, standing on the ground z = 0.
 """
 
+import io
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +15,13 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError, import_extra
+from vrte.formats.text_file import check_file
 
 SUFFIXES = (".obj", ".ply", ".stl")
 CREASE = np.radians(30.0)  # between triangles: an edge that is sharper is drawn as one
 LONGEST_EDGE = 1.0 / 60.0  # of a file's mesh: the sky's light is computed at corners and interpolated between them
 MOST_TRIANGLES = 2_000_000
+INDEX_0 = re.compile(rb"^[ \t]*f[ \t][^\n]*?(?<=[ \t])[+-]?0+(?=[/\s]|\Z)", re.MULTILINE)  # in a face of an .obj
 NEEDED = "a picture of an object", "render"
 
 
@@ -185,24 +190,54 @@ SHAPES: dict[str, Callable[[], Body]] = {"ball": make_ball, "vase": make_vase, "
 
 
 def load_mesh(path: Path) -> Body:
-    """The mesh of a file, the z axis up. Edges sharper than 30 degrees stay edges, the rest is shaded smoothly.
+    """The mesh of a file, one unit large, the z axis up. Edges sharper than 30 degrees stay edges, the rest is shaded
+    smoothly. It warns of triangles without an area, which are left out.
 
     Raises SceneError, OSError, MissingExtraError without trimesh.
     """
     trimesh = import_extra("trimesh", *NEEDED)
-    with open(path, "rb") as file:
-        try:
-            loaded = trimesh.load_mesh(file, file_type=path.suffix[1:].lower(), process=True)
-        except (ValueError, KeyError, IndexError, TypeError, NotImplementedError) as error:
-            raise SceneError(
-                f"{path}: not a mesh that can be read: {str(error)[:120] or type(error).__name__}"
-            ) from error
-    triangles, corners = np.asarray(getattr(loaded, "faces", ())), np.asarray(getattr(loaded, "vertices", ()))
-    if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(corners).all() or not np.ptp(corners, axis=0).max():
-        raise SceneError(f"{path}: must be a mesh of 1 to {MOST_TRIANGLES} triangles that has a size")
-    smooth = trimesh.graph.smooth_shade(loaded, angle=CREASE, facet_minarea=None)
-    body = make_body(np.array(smooth.vertices), np.array(smooth.faces))
-    return divide_long_edges(body, LONGEST_EDGE * float(np.ptp(corners, axis=0).max()))
+    try:
+        corners, triangles = read_triangles(path, trimesh)
+    except SceneError as error:
+        raise error.behind(path) from error
+    whole = trimesh.Trimesh(corners, triangles)  # corners at one place become one
+    kept = whole.nondegenerate_faces()
+    if not kept.any():
+        raise SceneError(f"{path}: none of its {len(triangles)} triangles has an area")
+    if not kept.all():
+        lost = np.count_nonzero(~kept)
+        warnings.warn(f"{path}: {lost} of its {kept.size} triangles have no area and are left out", stacklevel=2)
+        whole.update_faces(kept)
+    smooth = trimesh.graph.smooth_shade(whole, angle=CREASE, facet_minarea=None)
+    return divide_long_edges(make_body(np.array(smooth.vertices), np.array(smooth.faces)), LONGEST_EDGE)
+
+
+def read_triangles(path: Path, trimesh: Any) -> tuple[Array, Any]:
+    """The corners (n, 3) of a file's mesh, one unit large about the origin, and which of them make up triangles (m, 3),
+    all of them. Raises SceneError, OSError."""
+    with open(check_file(path), "rb") as file:
+        content = file.read()
+    kind = path.suffix[1:].lower()
+    if kind == "obj" and (wrong := INDEX_0.search(content)):
+        line = content.count(b"\n", 0, wrong.start()) + 1
+        raise SceneError(f"line {line}: a face has the corner 0; corners are counted from 1, or from the last one, -1")
+    try:
+        loaded = trimesh.load_mesh(io.BytesIO(content), file_type=kind, process=False, skip_materials=True)
+    except (ValueError, KeyError, IndexError, TypeError, NotImplementedError) as error:
+        raise SceneError(f"not a mesh that can be read: {str(error)[:120] or type(error).__name__}") from error
+    triangles, corners = np.asarray(getattr(loaded, "faces", ())), np.asarray(getattr(loaded, "vertices", ()), float)
+    if not 0 < len(triangles) <= MOST_TRIANGLES:
+        raise SceneError(f"must be a mesh of 1 to {MOST_TRIANGLES} triangles, not of {len(triangles)}")
+    if triangles.min() < 0 or triangles.max() >= len(corners):
+        raise SceneError(f"a triangle has a corner that is none of its {len(corners)}")
+    (wild,) = np.nonzero(~np.isfinite(corners).all(axis=1))
+    if wild.size:
+        raise SceneError(f"corner {wild[0] + 1} is at {corners[wild[0]].tolist()}: all must be at finite places")
+    corners = corners / max(np.abs(corners).max(), np.finfo(float).tiny)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if not (high > low).any():
+        raise SceneError("must be a mesh that has a size")
+    return (corners - 0.5 * (low + high)) / (high - low).max(), triangles
 
 
 def divide_long_edges(body: Body, longest: float) -> Body:

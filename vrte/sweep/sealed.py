@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.formats.atomic import write_atomically
-from vrte.formats.seal import LENGTH, seal_of
+from vrte.formats.seal import LENGTH, make_seal
 
 
 class DamagedError(ValueError):
@@ -16,7 +16,7 @@ class DamagedError(ValueError):
 def write_sealed(path: Path, content: bytes, on_disk: bool = False) -> None:
     """All of it or nothing; ``on_disk``: also after a power cut."""
     with write_atomically(path) as part, open(part, "wb") as file:
-        file.write(content + seal_of(content))
+        file.write(content + make_seal([content]))
         if on_disk:
             file.flush()
             os.fsync(file.fileno())
@@ -31,7 +31,7 @@ def read_sealed(path: Path) -> bytes:
     except OSError as error:
         raise DamagedError(f"{path} cannot be read") from error
     content = found[:-LENGTH]
-    if found[-LENGTH:] != seal_of(content):
+    if found[-LENGTH:] != make_seal([content]):
         raise DamagedError(f"{path} is not as it was written")
     return content
 

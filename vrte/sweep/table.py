@@ -7,7 +7,6 @@ arrays are always those that are written here.
 import hashlib
 import json
 import math
-import mmap
 import os
 import warnings
 from collections.abc import Mapping
@@ -19,7 +18,7 @@ import numpy as np
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
 from vrte.formats.netcdf import check_netcdf, create_netcdf
-from vrte.formats.seal import is_sealed, seal_of
+from vrte.formats.seal import is_sealed, make_seal, read_blocks
 from vrte.results.quantities import STOKES
 from vrte.sweep.grid import Grid
 from vrte.sweep.results import Results
@@ -203,11 +202,8 @@ def convert_to_netcdf(table: Path, grid: Grid, path: Path) -> None:
             for where in map(grid.slices, range(grid.chunks)) if dims[: len(scenes)] == scenes else [...]:
                 values = array[where]
                 variable[where] = values.astype(object) if text else values
-    with open(path, "r+b") as whole, mmap.mmap(whole.fileno(), 0) as content:
-        with memoryview(content) as view:
-            seal = seal_of(view)
-        whole.seek(0, os.SEEK_END)
-        whole.write(seal)
+    with open(path, "r+b") as whole:
+        whole.write(make_seal(read_blocks(whole)))
 
 
 def check_codecs(path: Path) -> None:

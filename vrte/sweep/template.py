@@ -232,9 +232,9 @@ def check_dimensions(sweep: Sweep) -> None:
         for name in (axis.name, axis.dimension):
             if name in RESERVED:
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
-        if "/" in axis.name + axis.dimension or axis.name.startswith(".") or axis.dimension.startswith("."):
+        if {"/", "\\"} & {*axis.name, *axis.dimension} or axis.name.startswith(".") or axis.dimension.startswith("."):
             raise SceneError(
-                f"axes: {show_toml(axis.name)} cannot be the name of a coordinate: no / and no leading dot"
+                f"axes: {show_toml(axis.name)} cannot be the name of a coordinate: no /, no \\ and no leading dot"
             )
         length = sweep.dimensions[axis.dimension]
         if axis.values.size != length:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import MissingExtraError
+from vrte.basics.errors import import_extra
 from vrte.pictures.lobes import INCIDENT, INK
 from vrte.results.brdf import Brdf
 from vrte.results.quantities import ANGLES, SIGNED, unit_of
@@ -42,12 +42,9 @@ GRID = {"gridcolor": FAINT, "linecolor": FAINT}
 
 def import_plotly() -> Any:
     """Plotly with its colours. Raises MissingExtraError."""
-    try:
-        import plotly.colors
-        import plotly.graph_objects
-    except ImportError as error:
-        raise MissingExtraError("an interactive figure", "app") from error
-    return plotly
+    for name in ("colors", "graph_objects"):
+        import_extra(f"plotly.{name}", "an interactive figure", "app")
+    return import_extra("plotly", "an interactive figure", "app")
 
 
 def make_plotly_figure(traces: list[dict[str, Any]], title: str, under: str, **layout: Any) -> "Figure":

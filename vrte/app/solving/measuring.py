@@ -22,7 +22,7 @@ MOST_POINTS = 20_000  # rows that the page shows and fits
 SUFFIXES = (".csv", ".nc")
 MOST_NOTES = 30
 FIRST = 100_000  # bytes of a file in which its columns are named
-RESULT = "# vrte result"  # what files of results begin with
+RESULT = "# vrte result"  # what files of results begin with, behind their checksum
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,9 @@ def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
     >>> is_measurement(b"# a panel\\nquantity, value\\nf00, 0.1\\n", ".csv", wanted=False)
     True
     """
-    if suffix != ".csv" or data.startswith(RESULT.encode()):
+    lines = [line.strip() for line in data[:FIRST].split(b"\n")]
+    if suffix != ".csv" or any(line.startswith(RESULT.encode()) for line in lines[:2]):
         return wanted and suffix == ".nc"
-    lines = (line.strip() for line in data[:FIRST].split(b"\n"))
     header = next((line for line in lines if line and not line.startswith(b"#")), b"")
     return wanted or {b"quantity", b"value"} <= {name.strip() for name in header.split(b",")}
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.errors import MissingExtraError
+from vrte.basics.errors import import_extra
 from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.request.how import AUTO, METHOD_NAMES
 from vrte.studies.methods import peers
@@ -85,11 +85,7 @@ def require_page() -> None:
 
 def read_plotly_script() -> str:
     """Plotly's JavaScript. Raises MissingExtraError without Plotly."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise MissingExtraError("the page of the report", "report") from error
-    return str(get_plotlyjs())
+    return str(import_extra("plotly.offline", "the page of the report", "report").get_plotlyjs())
 
 
 def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 
 from vrte.basics.arrays import put_in_one_line
-from vrte.basics.errors import MissingExtraError, SweepError
+from vrte.basics.errors import MissingExtraError, SweepError, import_extra
 from vrte.calls.side_by_side import Share, share_cores
 from vrte.sweep.chunks import Task, make_processor_solver, make_stop_flag, open_work, perform
 from vrte.sweep.store import Work
@@ -45,10 +45,7 @@ def perform_there(folder: str, stamp: str, task: Task) -> int:
 
 def perform_tasks(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
     """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("engine 'dask'", "dask") from error
+    import_extra("distributed", "engine 'dask'", "dask")
     with start_own_cluster(work, workers) if scheduler is None else connect_client(scheduler) as client:
         threads = count_threads(client)
         for stage in stages:
