@@ -176,7 +176,7 @@ def restore_slabs(slabs: Iterable[Slab], table: Mapping[str, Array]) -> tuple[Sl
     """The slabs with the coefficients that a table of answers was made from. Computed again, they may differ in the
     last bits from one processor or BLAS to another."""
     slabs = tuple(slabs)
-    found = {slab.phase: PhaseMatrix(*table[f"phase/{slab.phase}"].T) for slab in slabs}
+    found = {name: PhaseMatrix(*table[f"phase/{name}"].T) for name in {slab.phase for slab in slabs}}
     return tuple(replace(slab, stored=found[slab.phase]) for slab in slabs)
 
 
