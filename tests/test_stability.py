@@ -256,10 +256,10 @@ def test_what_the_oracle_was_given_is_what_is_solved() -> None:
     """Coefficients and cosines of the table that are not those of the names."""
     table = oracle_table(SMALL)
     table["phase/rayleigh"] = table["phase/rayleigh"] * np.array([[1.0], [0.9], [0.9]])
-    table["small/mu"] = np.array([0.7, 0.3, -0.3])
+    table["small/mu"] = np.array([0.7, 0.35, 0.7, -0.35, -0.7])
     answer = oracle.find_oracle_answer(SMALL, table)
     assert isinstance(answer, oracle.OracleAnswer)
-    assert (answer.case.mu0, answer.case.mu.tolist()) == (0.7, [0.3, -0.3])
+    assert (answer.case.mu0, answer.case.mu.tolist()) == (0.7, [0.35, 0.7, -0.35, -0.7])
     other = oracle_table(answer.case)
     assert run.record_case(SMALL, other, solving.Options()).shortfalls == []
     assert run.record_case(SMALL, other | table, solving.Options()).shortfalls
