@@ -4,7 +4,8 @@ What the ball arithmetic (tests/ball_oracle.py) finds for a number moved up and 
 bits and more the difference has all digits of a double, and what it leaves out is 1e-40 of it.
 
 ``python -m tests.derivative_oracle [--fresh]`` works the table out that tests compare with, derivative_oracle.npz: half
-an hour on a core; what it holds already and still fits its scene is kept.
+an hour on a core; what it holds already and still fits its scene is kept. It has the phase matrices that its answers
+are made from, to the last bit, and these are what is solved.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ from flint import arb, arb_mat, ctx
 
 import vrte
 from vrte.formats.atomic import write_atomically
-from vrte.studies.cases import Slab, find_phase_matrix, make_scene
+from vrte.studies.cases import Slab, make_scene, restore_slabs, store_phase_matrices
 
 from .ball_oracle import (
     Directions,
@@ -65,19 +66,13 @@ class Case:
 
     @property
     def key(self) -> str:
-        """A digest of all numbers that determine the answers."""
-        numbers = [*MU_I, *MU_O, NODES, *self.orders, math.nan if self.base is None else self.base]
-        digest = hashlib.sha256(np.array(numbers).tobytes() + " ".join(self.names).encode())
-        for slab in self.slabs:
-            digest.update(find_phase_matrix(slab.phase).coefficients.tobytes())
-            digest.update(np.array([slab.albedo, slab.thickness]).tobytes())
-        return digest.hexdigest()[:16]
+        """A digest of the words and numbers that define the answers, phase matrices by their names."""
+        parts = self.slabs, self.base, self.names, self.orders, MU_I, MU_O, NODES
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
     def ask(self, order: int) -> Request:
         """Light back from the top and, where it gets through, on from the bottom, for beams of all four kinds."""
-        layers = tuple(
-            Layer(find_phase_matrix(slab.phase).coefficients, slab.albedo, slab.thickness) for slab in self.slabs
-        )
+        layers = tuple(Layer(slab.phase_matrix.coefficients, slab.albedo, slab.thickness) for slab in self.slabs)
         levels: tuple[tuple[int, float], ...] = ((0, 0.0),)
         if self.is_transparent:
             levels += ((len(layers) - 1, layers[-1].thickness),)
@@ -224,24 +219,33 @@ def find_answers(case: Case) -> np.ndarray:
 
 
 def read_table(path: Path = TABLE) -> dict[str, np.ndarray]:
-    """What the table holds of the cases as they are now, by their names."""
+    """The answers by the keys of their cases, and the phase matrices that they are made from."""
     if not path.is_file():
         return {}
     with np.load(path) as table:
-        return {case.name: table[case.key] for case in list_cases() if case.key in table}
+        return dict(table)
+
+
+def restore_cases(table: dict[str, np.ndarray]) -> list[Case]:
+    """The cases with the phase matrices of the table, where it has them."""
+    cases = list_cases()
+    phases = store_phase_matrices(slab for case in cases for slab in case.slabs) | table
+    return [replace(case, slabs=restore_slabs(case.slabs, phases)) for case in cases]
 
 
 def main(fresh: bool = False, path: Path = TABLE) -> None:
     """Works out what is missing."""
     known = {} if fresh else read_table(path)
-    missing = [case for case in list_cases() if case.name not in known]
-    table = {case.key: known[case.name] for case in list_cases() if case.name in known}
+    cases = restore_cases(known)
+    missing = [case for case in cases if case.key not in known]
+    table = {case.key: known[case.key] for case in cases if case.key in known}
+    table |= store_phase_matrices(slab for case in cases for slab in case.slabs)
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for case, found in zip(missing, pool.imap(find_answers, missing), strict=True):
             table[case.key] = found
             with write_atomically(path) as part, part.open("wb") as file:
                 np.savez_compressed(file, **table)
-            print(f"{len(table)} of {len(list_cases())}", flush=True)
+            print(f"{case.name}: {sum(each.key in table for each in cases)} of {len(cases)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from vrte.formats.atomic import write_atomically
 from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
 from vrte.studies.stability.cases import Case
 from vrte.studies.stability.corners import list_oracle_cases
-from vrte.studies.stability.oracle import TABLE
+from vrte.studies.stability.oracle import TABLE, restore_case, store_case
 
 from .ball_oracle import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 
@@ -39,7 +39,7 @@ def request_of(case: Case, order: int) -> Request:
 
 
 def answers(case: Case) -> Arrays:
-    """The case's arrays by key; a case without a stable answer has its hash alone."""
+    """The case's answers by key; a case without a stable answer has its hash alone."""
     found: Arrays = {f"{case.name}/hash": np.array(case.key)}
     requests = {m: request_of(case, m) for m in case.orders}
     try:
@@ -63,13 +63,13 @@ def effort(case: Case) -> float:
 
 
 def stored(path: Path, cases: Iterable[Case]) -> Arrays:
-    """What the table holds for these cases as they are now."""
+    """What the table holds for these cases as they are now, and the phase matrices of all."""
     if not path.is_file():
         return {}
     with np.load(path) as table:
         everything = dict(table)
-    kept = [case.name for case in cases if str(everything.get(f"{case.name}/hash")) == case.key]
-    return {key: values for key, values in everything.items() if any(key.startswith(f"{name}/") for name in kept)}
+    kept = ["phase", *(case.name for case in cases if str(everything.get(f"{case.name}/hash")) == case.key)]
+    return {key: values for key, values in everything.items() if key.split("/")[0] in kept}
 
 
 def save(path: Path, table: Arrays) -> None:
@@ -83,6 +83,9 @@ def main(fresh: bool = False, path: Path = TABLE) -> None:
     cases = list_oracle_cases()
     table = {} if fresh else stored(path, cases)
     missing = sorted((case for case in cases if f"{case.name}/hash" not in table), key=effort)
+    for case in missing:
+        table = store_case(case) | table
+    missing = [restore_case(case, table) for case in missing]
     print(f"{len(cases)} cases, {len(missing)} to do", flush=True)
     saved = time.monotonic()
     with multiprocessing.get_context("spawn").Pool(2) as pool:

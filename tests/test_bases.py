@@ -240,7 +240,7 @@ def test_what_does_not_settle_is_named_with_the_accuracy_there_is() -> None:
         (lambda i, o, p: np.diag([1e3, 0, 0, 0]), r"gives back 3142 of the light that comes along mu_i = "),
         (lambda i, o, p: np.diag([0.33, 0, 0, 0]), r"gives back 1\.037 of the light .* at most 1\.001 is allowed"),
         (
-            lambda i, o, p: (0.05 / (i + 0.0 * (o + p)))[..., None, None] * np.diag([1.0, 0, 0, 0]),
+            lambda i, o, p: (0.05 / np.maximum(i, 0.05 + 0.0 * (o + p)))[..., None, None] * np.diag([1.0, 0, 0, 0]),
             r"gives back 3\.142 of the light that comes along mu_i = 0\.05, and at most 1\.001",
         ),
         (lambda i, o, p: np.diag([0.1, 0.1, 0.1, -0.1]), r"is not physical: .* eigenvalue -0\.05 where f_00 is 0\.1;"),

@@ -200,14 +200,18 @@ def coherency_eigenvalues(mueller: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("thickness", [1e-10, pytest.param(1.0, marks=pytest.mark.slow), 1e4, 1e6])
 @pytest.mark.parametrize("base", [pytest.param(None, marks=pytest.mark.slow), vrte.Lambertian(1.0)])
 def test_energy_is_conserved(thickness: float, base: vrte.Lambertian | None, algorithm: str) -> None:
-    levels = [0.0, thickness / 3, thickness]
+    """One mode, or one axis of doubling, carries all flux, so that only sums are rounded: of 2 N amplitudes of I and Q,
+    each by 2^-53 of what falls in at most, whatever the thickness. Measured: 2.3e-15, with the BLAS kernels of five
+    processors."""
+    nodes, levels = 40, [0.0, thickness / 3, thickness]
+    rounding = 2 * nodes * 2.0**-53
     scene = vrte.Scene([vrte.Layer(spheroids(), 1.0, thickness)], base)
-    field = exact.radiance(scene, 0.6, tau=levels, nodes=40, algorithm=algorithm)
+    field = exact.radiance(scene, 0.6, tau=levels, nodes=nodes, algorithm=algorithm)
     net = field.flux_down + field.direct - field.flux_up
     expected = 0.6 - field.flux_up[0]
-    assert np.abs(net - expected).max() < 6e-14
+    assert np.abs(net - expected).max() < rounding
     if base is not None:
-        assert abs(expected) < 6e-14
+        assert abs(expected) < rounding
 
 
 @BOTH
@@ -218,7 +222,7 @@ def test_what_is_missing_was_absorbed(missing: float, algorithm: str) -> None:
     scene = vrte.Scene([vrte.Layer(spheroids(), albedo, 100.0)])
     field = exact.radiance(scene, 0.6, tau=[0.0, 100.0], nodes=20, algorithm=algorithm)
     absorbed = 0.6 - field.flux_up[0] - field.flux_down[1] - field.direct[1]
-    assert absorbed == pytest.approx(114.463 * (1.0 - albedo), rel=1e-3, abs=1e-13)
+    assert absorbed == pytest.approx(114.463 * (1.0 - albedo), rel=1e-3, abs=0.0)
 
 
 @BOTH

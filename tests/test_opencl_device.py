@@ -447,23 +447,36 @@ class TestSolve:
 
 
 class TestCommand:
-    def test_the_table(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.delenv(device.VARIABLE, raising=False)
+    @pytest.mark.parametrize(
+        ("broken", "asked_for", "taken"),
+        [
+            ("", "", "1, the CPU by PoCL, the faster driver"),
+            ("it fails", "", "0, the only CPU (passed over: 1)"),
+            ("it fails", "0", "0, VRTE_OPENCL_DEVICE=0"),
+        ],
+    )
+    def test_the_table(
+        self,
+        broken: str,
+        asked_for: str,
+        taken: str,
+        alone: dict[str, Any],
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        found = (PROCESSOR, BY_POCL)
+        tried = {(i, each.platform, each.name): broken * i for i, each in enumerate(found)}
+        alone.update(process=os.getpid(), devices=found, complaints=tried)
+        monkeypatch.setenv(device.VARIABLE, asked_for)
         assert cli.main(["devices"]) == 0
         text = capsys.readouterr().out
-        index, reason = choose(device.devices())
-        assert text.endswith(f"  taken: {index}, {reason}\n")
-        for found in device.devices():
-            assert f"{found.name[:43]} " in text
-            assert re.search(f"on {re.escape(found.platform)}[;\n]", text)  # of a processor's graphics more is told
-        assert text.count("*") == 1
-
-    def test_the_reason_is_the_variable(
-        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv(device.VARIABLE, "0")
-        assert cli.main(["devices"]) == 0
-        assert capsys.readouterr().out.endswith("  taken: 0, VRTE_OPENCL_DEVICE=0\n")
+        assert text.endswith(f"  taken: {taken}\n")
+        assert text.count("\n     on ") == len(found)
+        for each in found:
+            assert f" {each.name} " in text
+            assert f"\n     on {each.platform}\n" in text
+        assert re.findall(r"^ \* (\d)", text, re.MULTILINE) == [taken[0]]
+        assert text.count("never taken: it fails") == bool(broken)
 
     @pytest.mark.parametrize(
         ("found", "variable", "complaint"),

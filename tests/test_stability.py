@@ -4,6 +4,7 @@ import csv
 import math
 import pickle
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from .conftest import call, rows_of
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases
+COMPARED = {"yes": 259, "no stable answer": 2}  # of the oracle's cases; the page and the paper say how many
 
 
 def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
@@ -214,7 +216,7 @@ def test_a_scene_that_is_refused_or_warns_falls_short(monkeypatch: pytest.Monkey
 def oracle_table(case: Case) -> dict[str, np.ndarray]:
     """As the ball-arithmetic oracle stores it, from the solver itself."""
     field = solving.solve_field(case, case.scene, solving.make_azimuths(case), "modes", None)
-    table = {f"{case.name}/hash": np.array(case.key)}
+    table = {f"{case.name}/hash": np.array(case.key)} | oracle.store_case(case)
     for m, values in checks.compute_fourier_orders(case, field.stokes, case.orders).items():
         table |= {f"{case.name}/{m}/radiance": values, f"{case.name}/{m}/c": np.array(1e-15)}
     both = {"flux_up": field.flux_up, "flux_down": field.flux_down}
@@ -237,9 +239,46 @@ def test_an_oracle_is_compared_with() -> None:
 def test_an_oracle_that_does_not_fit_says_so() -> None:
     table = oracle_table(SMALL)
     assert oracle.find_oracle_answer(replace(SMALL, sun=0.7), table) == "out of date"
-    assert oracle.find_oracle_answer(replace(SMALL, name="another"), table) == "none"
+    assert oracle.find_oracle_answer(replace(SMALL, name="another"), table) == "missing"
+    assert oracle.find_oracle_answer(replace(SMALL, media=(1.0, 1.5, 1.0)), table) == "surfaces"
+    assert oracle.find_oracle_answer(SMALL, {}) == "none"
     assert oracle.find_oracle_answer(replace(SMALL, nodes=40), table) == "too many nodes"
     assert oracle.find_oracle_answer(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
+
+
+def test_what_the_oracle_leaves_out_falls_short() -> None:
+    for case, why in ((replace(SMALL, sun=0.7), "out of date"), (replace(SMALL, name="another"), "missing")):
+        record = run.record_case(case, oracle_table(SMALL), solving.Options())
+        assert record.shortfalls == [f"the oracle's answer is {why}"]
+
+
+def test_what_the_oracle_was_given_is_what_is_solved() -> None:
+    """Coefficients and cosines of the table that are not those of the names."""
+    table = oracle_table(SMALL)
+    table["phase/rayleigh"] = table["phase/rayleigh"] * np.array([[1.0], [0.9], [0.9]])
+    table["small/mu"] = np.array([0.7, 0.35, 0.7, -0.35, -0.7])
+    answer = oracle.find_oracle_answer(SMALL, table)
+    assert isinstance(answer, oracle.OracleAnswer)
+    assert (answer.case.mu0, answer.case.mu.tolist()) == (0.7, [0.35, 0.7, -0.35, -0.7])
+    other = oracle_table(answer.case)
+    assert run.record_case(SMALL, other, solving.Options()).shortfalls == []
+    assert run.record_case(SMALL, other | table, solving.Options()).shortfalls
+
+
+def test_the_table_has_all_that_the_oracle_can_answer() -> None:
+    table = oracle.read_oracle_table(None)
+    answers = [oracle.find_oracle_answer(case, table) for case in corners.list_oracle_cases()]
+    assert Counter(answer if isinstance(answer, str) else "yes" for answer in answers) == COMPARED
+
+
+def test_its_numbers_are_those_of_today() -> None:
+    """But for the rounding that differs from one processor to another; of eigenvalues in the ninth digit."""
+    table, listed = oracle.read_oracle_table(None), corners.list_oracle_cases()
+    for phase in {slab.phase for case in listed for slab in case.slabs}:
+        computed = find_phase_matrix(phase).coefficients
+        np.testing.assert_allclose(table[f"phase/{phase}"], computed, rtol=0.0, atol=1e-12)
+    for case in listed:
+        np.testing.assert_allclose(table[f"{case.name}/mu"], [case.mu0, *case.mu], rtol=0.0, atol=1e-9)
 
 
 def test_the_estimate_of_c_is_of_the_right_size() -> None:

@@ -156,7 +156,8 @@ def test_what_the_solver_raises_is_raised_here(both: dict[str, Child]) -> None:
 
 @needs_baseline
 def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "make_environment", lambda simd: dict(os.environ))
+    full = processes.make_environment("full")
+    monkeypatch.setattr(processes, "make_environment", lambda simd: full)
     with (
         pytest.raises(SceneError, match="where baseline SIMD was asked for: nothing is measured"),
         processes.start_processes(["baseline"]),

@@ -75,7 +75,7 @@ cdef struct Halved:
 # (1:40)-(1:44)
 cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Homogeneous* t = <const Homogeneous*>task
-    cdef int n = t.nodes.n, info, i, together
+    cdef int n = t.nodes.n, info, i, together, diffusion = -1
     cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
     cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
     cdef ints X_pivots = t.X_pivots + at
@@ -102,7 +102,7 @@ cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
         copy(nn, h.E, e)
         reflect_both(h.nodes, v, e, spare)
         exact_conservation(h.nodes, h.albedo, v, e, spare)
-        polish_smallest(&h, together, v, e, f, a, spare)
+        diffusion = polish_smallest(&h, together, v, e, f, a, spare)
     for i in range(n):
         largest = max(largest, fabs(h.lam_re[i]))
     for i in range(n):
@@ -112,6 +112,8 @@ cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
     if not paired:
         copy(nn, h.X, h.Y)
         solve(n, n, f, h.pivots, h.Y, n)
+        if diffusion >= 0:
+            clear_of_diffusion(&h, diffusion)
     t.residual[item] = 1.0 if growing else mode_residual(&h, a, e)
     if paired:
         X_pivots[0] = -1
@@ -265,9 +267,9 @@ cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im
     return info
 
 
-cdef void polish_smallest(const Halved* h, int together, given v, given e, given f_lu, doubles lu,
-                          doubles row) noexcept nogil:
-    """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
+cdef int polish_smallest(const Halved* h, int together, given v, given e, given f_lu, doubles lu,
+                         doubles row) noexcept nogil:
+    """Which is the diffusion mode, -1 where there is none. Its small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
     itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
     cdef int n = h.nodes.n, stokes = h.nodes.stokes, inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
@@ -278,17 +280,17 @@ cdef void polish_smallest(const Halved* h, int together, given v, given e, given
         if h.lam_im[j] == 0.0 and fabs(h.lam_re[j]) < smallest:
             best, smallest = j, fabs(h.lam_re[j])
     if best < 0:
-        return
+        return best
     x = h.X + <size_t>best * n
     if h.albedo == 1.0:
         for i in range(n):
             x[i] = 0.0 if i % stokes else sqrt(h.nodes.weights[i // stokes] * h.nodes.mu[i // stokes])
         h.lam_re[best] = 0.0
-        return
+        return best
     for j in range(inner):
         leave_out(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
     if factorise(inner, lu, inner, pivots) != 0:
-        return
+        return best
     leave_out(n, axis, e + axis * n, row)
     copy(inner, row, column)
     solve(inner, 1, lu, pivots, column, inner)
@@ -314,6 +316,26 @@ cdef void polish_smallest(const Halved* h, int together, given v, given e, given
         x[axis] = top / growth
         turn_columns(h.nodes, 1, v, x)
     h.lam_re[best] = 1.0 / growth
+    return best
+
+
+cdef void clear_of_diffusion(const Halved* h, int diffusion) noexcept nogil:
+    """Y^T X is diagonal: what the rounding of the eigenproblem left of the diffusion mode in the others goes. At
+    omega = 1 it alone carries flux, which so is conserved to the last digits."""
+    cdef int n = h.nodes.n, i, j
+    cdef given x = h.X + <size_t>diffusion * n, y = h.Y + <size_t>diffusion * n
+    cdef double size = 0.0, share
+    for i in range(n):
+        size += x[i] * y[i]
+    for j in range(n):
+        if j != diffusion:
+            share = 0.0
+            for i in range(n):
+                share += y[i] * h.X[<size_t>j * n + i]
+            share /= size
+            for i in range(n):
+                h.X[<size_t>j * n + i] -= share * x[i]
+                h.Y[<size_t>j * n + i] -= share * y[i]
 
 
 cdef inline void leave_out(int n, int axis, given x, doubles out) noexcept nogil:

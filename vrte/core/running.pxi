@@ -6,6 +6,7 @@ ctypedef double* doubles
 ctypedef const double* given
 ctypedef int* ints
 ctypedef const int* given_ints
+cdef enum: LINE = 8  # doubles of a cache line
 
 cdef extern from "core/clock.h":
     const int vrte_openmp
@@ -46,9 +47,13 @@ ctypedef int (*Stage)(const void* task, int item, Desk desk) noexcept nogil
 
 cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
     """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds
-    to the crew's. Begins no item once the crew's flag is set."""
+    to the crew's. Begins no item once the crew's flag is set. The memory of each thread begins with a cache line, since
+    BLAS on some processors adds up in another order what begins elsewhere in it."""
     cdef int item, thread, verdict, threads = crew.threads
-    cdef double[:, ::1] work = np.empty((threads, doubles))
+    cdef size_t room = (doubles + LINE - 1) // LINE * LINE
+    memory = np.empty(threads * room + LINE)
+    memory = memory[-memory.ctypes.data % (8 * LINE) // 8 :][: threads * room]
+    cdef double[:, ::1] work = memory.reshape(threads, room)
     cdef int[:, ::1] pivots = np.empty((threads, integers), np.int32)
     cdef double[::1] seconds = crew.seconds
     cdef const int[::1] stop = crew.stop

@@ -5,8 +5,8 @@ A study adds what it asks of a scene: directions, depths, nodes, options. Tests 
 
 import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -140,19 +140,44 @@ OWN = math.nan  # an albedo: that of the particles
 
 @dataclass(frozen=True)
 class Slab:
-    """A homogeneous layer by the name of what scatters, its single-scattering albedo (or OWN) and optical thickness."""
+    """A homogeneous layer by the name of what scatters, its single-scattering albedo (or OWN) and optical thickness.
+
+    ``stored``: the phase matrix of that name as a table of answers has it, to the last bit.
+    """
 
     phase: str
     albedo: float
     thickness: float
+    stored: PhaseMatrix | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def phase_matrix(self) -> PhaseMatrix:
+        """The stored one, or that of the name."""
+        return find_phase_matrix(self.phase) if self.stored is None else self.stored
 
     @property
     def layer(self) -> Layer:
         """As a `vrte.Layer`; slabs of one name share one phase matrix."""
-        found = find_matter(self.phase)
-        if math.isnan(self.albedo) and isinstance(found, Particles):
+        if math.isnan(self.albedo) and isinstance(found := find_matter(self.phase), Particles):
             return Layer.of(found, thickness=self.thickness)
-        return Layer(find_phase_matrix(self.phase), self.albedo, self.thickness)
+        return Layer(self.phase_matrix, self.albedo, self.thickness)
+
+
+def store_phase_matrices(slabs: Iterable[Slab]) -> dict[str, Array]:
+    """Expansion coefficients by the key that `restore_slabs` reads, (terms, 6) each.
+
+    >>> {key: values.shape for key, values in store_phase_matrices([Slab("rayleigh", 0.9, 1.0)]).items()}
+    {'phase/rayleigh': (3, 6)}
+    """
+    return {f"phase/{slab.phase}": slab.phase_matrix.coefficients for slab in slabs}
+
+
+def restore_slabs(slabs: Iterable[Slab], table: Mapping[str, Array]) -> tuple[Slab, ...]:
+    """The slabs with the coefficients that a table of answers was made from. Computed again, they may differ in the
+    last bits from one processor or BLAS to another."""
+    slabs = tuple(slabs)
+    found = {name: PhaseMatrix(*table[f"phase/{name}"].T) for name in {slab.phase for slab in slabs}}
+    return tuple(replace(slab, stored=found[slab.phase]) for slab in slabs)
 
 
 PERFECT = 1e-3 + 1e3j  # a mirror that keeps 4e-9 of the light

@@ -18,7 +18,7 @@ from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.scene.scene import Scene
-from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, find_phase_matrix, make_scene
+from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, make_scene
 from vrte.studies.stability.covering import Row, make_covering_array
 
 SIZES = ("1e-3", "1", "30", "200")  # size parameters of the Mie spheres
@@ -62,7 +62,8 @@ class Case:
     ``slabs``, top first; ``main``, which of them the axes describe; ``sun`` and ``view``, one of COSINES or a number;
     ``beam``, the incident Stokes vector [W m-2]; ``base_kind``, one of BASES; ``nodes`` a hemisphere; ``orders``, the
     Fourier orders looked at; ``reason``, of a corner: what makes it hard; ``extra_mu``, further signed cosines;
-    ``media``, refractive indices above, of every slab and below, and ``pile``, what that is, where light is refracted.
+    ``media``, refractive indices above, of every slab and below, and ``pile``, what that is, where light is refracted;
+    ``cosines``, mu0 and all of mu as the oracle's table has them, to the last bit.
     """
 
     name: str
@@ -79,11 +80,12 @@ class Case:
     layering: str = field(default="one", compare=False)
     media: tuple[float, ...] = ()
     pile: str = field(default="", compare=False)
+    cosines: tuple[float, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def layers(self) -> list[tuple[Array, float, float]]:
         """What an oracle needs of each layer: expansion coefficients (terms, 6), albedo, optical thickness."""
-        return [(find_phase_matrix(slab.phase).coefficients, slab.albedo, slab.thickness) for slab in self.slabs]
+        return [(slab.phase_matrix.coefficients, slab.albedo, slab.thickness) for slab in self.slabs]
 
     @property
     def base(self) -> Base:
@@ -103,11 +105,13 @@ class Case:
     @cached_property
     def mu0(self) -> float:
         """The beam's cosine."""
-        return self.cosine(self.sun)
+        return self.cosines[0] if self.cosines else self.cosine(self.sun)
 
     @cached_property
     def mu(self) -> Array:
         """Signed cosines: the view's, 0.35, 0.9, the sun's, up and then down, and the extra ones."""
+        if self.cosines:
+            return np.array(self.cosines[1:])
         sizes = dict.fromkeys([self.cosine(self.view), 0.35, 0.9, self.mu0])
         return np.array([*sizes, *(-size for size in sizes), *self.extra_mu])
 
@@ -153,7 +157,7 @@ class Case:
     @property
     def terms(self) -> int:
         """Terms of the longest phase matrix."""
-        return max(find_phase_matrix(slab.phase).terms for slab in self.slabs)
+        return max(slab.phase_matrix.terms for slab in self.slabs)
 
     @property
     def resolved(self) -> bool:
@@ -197,15 +201,15 @@ class Case:
 
     @cached_property
     def key(self) -> str:
-        """A digest of all numbers that determine the answer: what was computed for another key is out of date."""
-        digest = hashlib.sha256()
-        for coefficients, albedo, thickness in self.layers:
-            digest.update(np.ascontiguousarray(coefficients).tobytes() + np.array([albedo, thickness]).tobytes())
-        numbers = [self.mu0, *self.mu, *self.tau, *self.beam, *self.orders, self.nodes, *self.media]
-        if self.base_kind == "lobe":
-            numbers += [LOBE_WIDTH_DEG, LOBE_AMPLITUDE, *LOBE_MATRIX.ravel()]
-        digest.update(np.array(numbers, dtype=np.float64).tobytes() + self.base_kind.encode())
-        return digest.hexdigest()[:16]
+        """A digest of the words and numbers that define the case: what was computed for another key is out of date.
+
+        Phase matrices and cosines enter by name, since what is computed for a name differs in the last bits from one
+        processor to another.
+        """
+        lobe = [LOBE_WIDTH_DEG, LOBE_AMPLITUDE, *LOBE_MATRIX.ravel().tolist()] if self.base_kind == "lobe" else []
+        light = self.sun, self.view, self.extra_mu, self.beam, self.orders
+        parts = self.slabs, self.main, self.levels, self.base_kind, lobe, *light, self.nodes, self.media
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 ORDINARY = "none of these"
@@ -261,7 +265,7 @@ def find_eigen_cosine(slab: Slab, nodes: int) -> float:
     True
     """
     mu, weights = make_double_gauss(nodes)
-    coefficients = find_phase_matrix(slab.phase).coefficients[: 2 * nodes]
+    coefficients = slab.phase_matrix.coefficients[: 2 * nodes]
     ahead, back = (_core.phase_matrices(0, coefficients, mu, sign * mu) for sign in (1.0, -1.0))
     ahead, back = ahead[:, :, :2, :2], back[:, :, :2, :2] * FLIP[:2]  # order 0: (I, Q) apart from (U, V)
     size = 2 * nodes

@@ -73,8 +73,10 @@ class Examined:
 
 
 def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> Examined:
-    """Solves the case and checks the answer. ``oracle``: its answer, or a word that says why there is none."""
+    """Solves the case and checks the answer. ``oracle``: its answer, whose numbers are then solved, or a word that says
+    why there is none."""
     answer = oracle if isinstance(oracle, OracleAnswer) else None
+    case = case if answer is None else answer.case
     c = max(answer.c.values()) if answer is not None else estimate_c(case)
     limit = max(TARGET, 10.0 * c)
     if is_whole(case):

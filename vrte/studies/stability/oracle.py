@@ -1,7 +1,7 @@
 """The stored answers of the ball-arithmetic oracle (`python -m tests.oracle_table` makes them)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,19 +9,23 @@ import numpy as np
 import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
+from vrte.studies.cases import restore_slabs, store_phase_matrices
 from vrte.studies.stability.cases import ORACLE_NODES, Case
 
 TABLE = Path(vrte.__file__).parents[1] / "tests" / "stability_oracle.npz"  # in the source tree alone
 MISSING = f"no answers of ball arithmetic: they are tests/{TABLE.name} in vrte's sources, to be given by --oracle FILE"
+LEFT_OUT = ("missing", "out of date")  # of what the oracle should have answered: python -m tests.oracle_table does
 
 
 @dataclass(frozen=True, eq=False)
 class OracleAnswer:
-    """Right to the last digit: orders, m -> (2, tau, mu, 4) for incident (I, Q) and (U, V) apart [W m-2 sr-1];
-    c, m -> what they change by when a number of the scene moves by one unit in the last place; flux_up and flux_down
-    (tau,) [W m-2].
+    """Right to the last digit of ``case``, whose phase matrices and cosines are those of the table.
+
+    orders, m -> (2, tau, mu, 4) for incident (I, Q) and (U, V) apart [W m-2 sr-1]; c, m -> what they change by when a
+    number of the scene moves by one unit in the last place; flux_up and flux_down (tau,) [W m-2].
     """
 
+    case: Case
     orders: dict[int, Array]
     c: dict[int, float]
     flux_up: Array
@@ -53,17 +57,33 @@ def find_oracle_answer(case: Case, table: Table) -> OracleAnswer | str:
     'none'
     """
     name = case.name
+    if not table:
+        return "none"
+    if case.media:
+        return "surfaces"
     if case.nodes > ORACLE_NODES:
         return "too many nodes"
     if f"{name}/hash" not in table:
-        return "none"
+        return "missing"
     if str(table[f"{name}/hash"]) != case.key:
         return "out of date"
     if any(f"{name}/{m}/radiance" not in table for m in case.orders):
         return "no stable answer"
     return OracleAnswer(
+        case=restore_case(case, table),
         orders={m: table[f"{name}/{m}/radiance"] for m in case.orders},
         c={m: float(table[f"{name}/{m}/c"]) for m in case.orders},
         flux_up=table[f"{name}/flux_up"].sum(axis=0),
         flux_down=table[f"{name}/flux_down"].sum(axis=0),
     )
+
+
+def store_case(case: Case) -> dict[str, Array]:
+    """What the oracle's answer is made from and the case says in words alone, by the key that `restore_case` reads."""
+    return {f"{case.name}/mu": np.array([case.mu0, *case.mu]), **store_phase_matrices(case.slabs)}
+
+
+def restore_case(case: Case, table: Table) -> Case:
+    """The case in the numbers that the table's answer was made from."""
+    cosines = tuple(table[f"{case.name}/mu"].tolist())
+    return replace(case, slabs=restore_slabs(case.slabs, table), cosines=cosines)

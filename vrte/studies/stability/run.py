@@ -14,7 +14,7 @@ from vrte.basics.running import count_usable_cpus
 from vrte.studies.records import Records, hash_files, make_fingerprint
 from vrte.studies.stability.cases import Case
 from vrte.studies.stability.checks import Check, examine_case
-from vrte.studies.stability.oracle import Table, find_oracle_answer
+from vrte.studies.stability.oracle import LEFT_OUT, Table, find_oracle_answer
 from vrte.studies.stability.solving import Options, is_whole
 from vrte.studies.timing import Tick
 
@@ -99,7 +99,8 @@ class Record:
     def _broken(self) -> list[tuple[str, str]]:
         if self.trouble:
             return [("refused", self.trouble)]
-        return [
+        left_out = [("left out", f"the oracle's answer is {self.oracle}")] if self.oracle in LEFT_OUT else []
+        return left_out + [
             (check.name, f"{check.name} {check.value:.1e}, allowed {check.limit:.1e}")
             for check in self.checks
             if not check.holds
