@@ -10,7 +10,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
-from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request, split_by_polarization
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.request import Request
 from vrte.results.solution import Solution
@@ -108,9 +108,11 @@ def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solu
 
 def plan_alike(plan: Plan, scene: Scene, run: Run) -> Plan:
     """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
-    parts = tuple(plan_alike(part, scene, run) for part in plan.parts)
     known, request = (plan.choice, FINEST), place_request(plan.request, scene)
-    return replace(make_plan(request, run, known=known, truncation=plan.truncation), parts=parts)
+    found = make_plan(request, run, known=known, truncation=plan.truncation)
+    if not plan.parts:
+        return split_by_polarization(found, run)  # a step may polarize what a scalar scene does not
+    return replace(found, parts=tuple(plan_alike(part, scene, run) for part in plan.parts))
 
 
 def place_request(request: Request, scene: Scene) -> Request:

@@ -32,7 +32,6 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, f
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.truncation import expand_peak
 from vrte.results.solution import Solution
@@ -181,7 +180,7 @@ def follow_layer(
     f = float(problem.fraction[k])
     stretch = 1.0 - omega * f
     own, gain = omega * (1.0 - f) / stretch, omega / stretch
-    peak = expand_peak(kept, is_scalar(plan.request.scene))
+    peak = expand_peak(kept)
     cut = (given[:kept] - f * peak) / (1.0 - f) if f > 0.0 else given[:kept]
     of_own = float((multiple[:kept] * cut).sum())
     of_gain = float((single[: given.shape[0]] * given).sum())  # single is of all but the gain
