@@ -7,7 +7,7 @@ phase matrix, so that of the rest is zero. Nothing makes sure that the rest is p
 coefficients and no PhaseMatrix. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here for 4x4 matrices.
 
 Not every matrix has Q, U and V in its peak: scalar phase functions scatter none straight on. Light that comes in as Q,
-U or V meets such a layer with its terms cut and without a peak taken off (`keeps_polarization`).
+U or V meets such a layer with its terms cut and without a peak taken off (`has_polarized_peak`).
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ def find_peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
     return float(left_out[0]) / (2 * terms + 1)
 
 
-def keeps_polarization(phase_matrix: PhaseMatrix, terms: int) -> bool:
+def has_polarized_peak(phase_matrix: PhaseMatrix, terms: int) -> bool:
     """Whether Q and U are in the forward peak as I is: half of it at least, summed up over the terms left out."""
     a1, a2, a3 = phase_matrix.coefficients[terms:, :3].sum(axis=0).tolist()
     return bool(a2 + a3 >= a1)

@@ -7,7 +7,7 @@ import numpy as np
 from vrte.basics.arrays import Array, BoolArray
 from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.optics.truncation import Truncated, find_peak_fraction, keeps_polarization, truncate_layer
+from vrte.optics.truncation import Truncated, find_peak_fraction, has_polarized_peak, truncate_layer
 from vrte.scene.beams import find_direct_light
 from vrte.scene.scene import Scene
 
@@ -103,7 +103,7 @@ def truncate_layers(scene: Scene, peaks: str, nodes: int, whole: bool = False) -
     carried, scalar = count_terms_carried(scene, nodes), is_scalar(scene) and not whole
     found = []
     for layer in scene.layers:
-        off = peaks == "all" or (peaks == "polarized" and keeps_polarization(layer.phase_matrix, carried))
+        off = peaks == "all" or (peaks == "polarized" and has_polarized_peak(layer.phase_matrix, carried))
         name = "delta-m" if off else "none"
         one = truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, carried)
         found.append(replace(one, coefficients=one.coefficients * ALONE) if scalar and one.fraction > 0.0 else one)
@@ -116,7 +116,7 @@ def has_unpolarized_peak(scene: Scene, nodes: int) -> bool:
     return any(
         layer.albedo > 0.0
         and find_peak_fraction(layer.phase_matrix, carried) > 0.0
-        and not keeps_polarization(layer.phase_matrix, carried)
+        and not has_polarized_peak(layer.phase_matrix, carried)
         for layer in scene.layers
     )
 
