@@ -338,7 +338,7 @@ def pull_slab(modes: SlabModes, of_R: Blocks, of_T: Blocks) -> tuple[Blocks, Blo
     else:
         odd_sums = pull_side(modes.odd, of_R.plus(of_T, -1.0), modes.into, modes.out)
     e, p = {}, {}
-    for name, (f, g, product) in modes.tables.items():
+    for name, (f, g, product, *_) in modes.tables.items():
         even = turn_part(modes, name, getattr(even_sums, name))
         one, other = g * even, product * even
         if odd_sums is not None:
