@@ -7,8 +7,8 @@ divided differences (Daletskii and Krein's formula, docs/explanation/derivatives
     dZe = Y (g[a, b] e + a b f[a, b] p) X^-1,    dZo = X (f[a, b] e + g[a, b] p) Y^-1,
 
 which is as exact where eigenvalues coincide or are zero. R = So - Se, T = 1 - So - Se with S = Z (1 + Z)^-1, so
-dS = (1 + Z)^-1 dZ (1 + Z)^-1. Where little light gets through, T is the small rest of two sums that nearly are 1, so its
-change is found from C = 1 - Zo Ze = X c(lambda) X^-1, c = 1 - f g, to the last digits relative to T itself:
+dS = (1 + Z)^-1 dZ (1 + Z)^-1. Where little light gets through, So + Se is nearly 1, and the change of T is found from
+C = 1 - Zo Ze = X c(lambda) X^-1, c = 1 - f g, to the last digits of T itself:
 
     dT = (1 + Zo)^-1 [X c[a, b] (e + p b) X^-1 (1 + Ze)^-1 - dZo T] - T dZe (1 + Ze)^-1.
 
@@ -30,6 +30,8 @@ from vrte.discrete_ordinates.derivatives.functions import Fading
 
 APART = 7e-4  # of an eigenvalue: closer to one of a direction's it is stepped around
 STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
+FLAT = 0.02  # change of thickness times rate within a step: what is interpolated is right to 1e-11 there
+LOST = 40.0  # e^-40 of what gets through is lost in rounding
 ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
 
 
@@ -70,12 +72,16 @@ class Aside:
         return found
 
 
-def step_aside(mu: Array, lam: Array, stokes: int) -> Aside:
-    """The rates 1/mu of directions (d,), each for its Stokes parameters, or six around those near a mode's."""
+def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> Aside:
+    """The rates 1/mu of directions (d,) of a slab, each for its Stokes parameters, or six around those near a mode's:
+    the thicker, the closer, where light of that rate is not lost beside the slowest."""
     points, shares = [], []
+    slowest = float(np.sqrt(lam).real.min())
     for own, gap in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):
         if gap < APART:
-            around = [own * (1.0 + step * ASIDE) for step in STEPS]
+            seen = thickness * own if thickness * (own - slowest) < LOST else 0.0
+            short = min(1.0, FLAT / max(seen * STEPS[-1], FLAT))
+            around = [own * (1.0 + short * step * ASIDE) for step in STEPS]
             points.append(max(around, key=lambda each: float(measure_gaps(each, lam).min())))
             shares.append(SHARES)
         else:
@@ -155,7 +161,7 @@ class SlabModes:
         self.X, self.Y = X, Y
         self.pairs = pairs = Pairs(np.flatnonzero(lam.imag > 0.0).astype(np.int32))
         self.X_inverse, self.Y_inverse = np.asarray(np.linalg.inv(X), float), np.asarray(np.linalg.inv(Y), float)
-        self.into, self.out = step_aside(mu_in, lam, stokes), step_aside(mu_out, lam, stokes)
+        self.into, self.out = step_aside(mu_in, lam, stokes, thickness), step_aside(mu_out, lam, stokes, thickness)
         rate, rate_out = self.into.rate, self.out.rate[:, None]
         f, g = fading.find_f(lam), fading.find_g(lam)
         # eigenvectors that lead in (columns) and out (rows), with what F makes of them
@@ -191,8 +197,8 @@ class SlabModes:
         self.tables = self.make_tables(lam, rate**2, self.out.rate**2)
 
     def make_passing(self, fading: Fading, lam: Array) -> tuple["Side", "Side", "Side"]:
-        """What encloses changes of C, Zo and Ze, for that of T: Y^-1 T stands to the right of the second, T Y to the left
-        of the third."""
+        """What encloses changes of C, Zo and Ze, for that of T: Y^-1 T stands right of the second, T Y left of the
+        third."""
         even, odd, pairs = self.even, self.odd, self.pairs
         assert odd is not None
         rate, rate_out = self.into.rate, self.out.rate[:, None]
