@@ -45,7 +45,7 @@ def truncate_layer(name: str, phase_matrix: PhaseMatrix, albedo: float, thicknes
     >>> truncate_layer("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
     5.0
     """
-    if name == "none" or albedo == 0.0:
+    if name == "none":
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
     return remove_forward_peak(phase_matrix, albedo, thickness, terms)
 

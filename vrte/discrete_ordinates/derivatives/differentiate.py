@@ -86,6 +86,11 @@ def differentiate_plan(
         variations = [turn_over(variation) for variation in variations]
     for variation in variations:
         check_finite(plan.request.scene, variation)
+    medium = plan.request.scene.index_below
+    variations = [
+        replace(one, base=tuple((weight, base.put_in_medium(medium)) for weight, base in one.base))
+        for one in variations
+    ]
     return differentiate_parts(
         plan, lambda part: differentiate_together(shorten_plan(part, orders), variations, run, progress)
     )
@@ -101,7 +106,7 @@ def differentiate_parts(plan: Plan, differentiate: Callable[[Plan], list[Solutio
 
 def shorten_plan(plan: Plan, orders: int | None) -> Plan:
     """The plan with the first of its orders alone."""
-    there = np.unique(np.concatenate([block.orders for block in plan.blocks]))
+    there = np.unique([order for block in plan.blocks for order in block.orders.tolist()])
     if orders is None or orders >= there.size:
         return plan
     return replace(plan, orders=int(there[max(orders, 1) - 1]) + 1)

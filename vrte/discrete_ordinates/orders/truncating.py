@@ -53,11 +53,10 @@ def choose_truncation(
 
 def choose_by_rule(scene: Scene, mu0: Array, mu: Array, tau: Array, nodes: int, accuracy: float) -> Truncation:
     """That of "auto", for light that comes in unpolarized."""
-    longest = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0), default=0)
+    longest = max(layer.phase_matrix.terms for layer in scene.layers)
     carried = count_terms_carried(scene, nodes)
     if longest <= carried:
-        why = f"the nodes carry all of the {longest} terms" if longest else "nothing scatters"
-        return Truncation("none", f"auto: {why}", *NAMED["none"])
+        return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
     name, spread = "delta-m", "none"
     reasons = [f"auto: {longest} terms, the nodes carry {carried}"]
     if not scene.keeps_beams and (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
@@ -114,9 +113,7 @@ def has_unpolarized_peak(scene: Scene, nodes: int) -> bool:
     """Whether a layer has a forward peak, beyond what the nodes carry, in which Q, U and V have no part."""
     carried = count_terms_carried(scene, nodes)
     return any(
-        layer.albedo > 0.0
-        and find_peak_fraction(layer.phase_matrix, carried) > 0.0
-        and not has_polarized_peak(layer.phase_matrix, carried)
+        find_peak_fraction(layer.phase_matrix, carried) > 0.0 and not has_polarized_peak(layer.phase_matrix, carried)
         for layer in scene.layers
     )
 
