@@ -144,12 +144,13 @@ def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bo
     """Whether Stokes parameters that are solved apart would mix with the variation."""
     if not problem.leave_out.stokes or scene.below.mixes_stokes:
         return False
-    coefficients = np.abs(problem.coefficients)
-    for own, table in zip(coefficients, variation.coefficients, strict=True):
-        kept = min(len(own), len(table))
-        own[:kept] += np.abs(table[:kept])
-    moved = replace(problem, coefficients=coefficients, albedo=problem.albedo + np.abs(variation.albedo))
-    return list_stokes_sets(moved) != list_stokes_sets(problem)
+    rows = max(problem.coefficients.shape[1], *(len(table) for table in variation.coefficients))
+    here = np.pad(np.abs(problem.coefficients), ((0, 0), (0, rows - problem.coefficients.shape[1]), (0, 0)))
+    moved = here.copy()
+    for own, table in zip(moved, variation.coefficients, strict=True):
+        own[: len(table)] += np.abs(table)
+    changed = replace(problem, coefficients=moved, albedo=problem.albedo + np.abs(variation.albedo))
+    return list_stokes_sets(changed) != list_stokes_sets(replace(problem, coefficients=here))
 
 
 def is_longer(plan: Plan, variation: Variation) -> bool:
