@@ -41,6 +41,7 @@ COLUMNS = ("a1", "a2", "a3", "a4", "b1", "b2")
 STEP, BITS, MOST_BITS = -66, 384, 3072
 UNIT = tuple(map(tuple, np.eye(4).tolist()))
 NOTHING = 1e-30  # a derivative so small is none
+Cosines = tuple[float, ...]
 Operators = tuple[arb_mat, arb_mat, arb_mat, arb_mat]
 
 
@@ -70,14 +71,14 @@ class Case:
         parts = self.slabs, self.base, self.names, self.orders, MU_I, MU_O, NODES
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
-    def ask(self, order: int) -> Request:
+    def ask(self, order: int, mu_i: Cosines = MU_I, mu_o: Cosines = MU_O) -> Request:
         """Light back from the top and, where it gets through, on from the bottom, for beams of all four kinds."""
         layers = tuple(Layer(slab.phase_matrix.coefficients, slab.albedo, slab.thickness) for slab in self.slabs)
         levels: tuple[tuple[int, float], ...] = ((0, 0.0),)
         if self.is_transparent:
             levels += ((len(layers) - 1, layers[-1].thickness),)
-        mu = (*MU_O, *(-mu for mu in MU_O)) if self.is_transparent else MU_O
-        return Request(order, layers, self.base, MU_I, mu, levels, NODES, UNIT)
+        mu = (*mu_o, *(-mu for mu in mu_o)) if self.is_transparent else mu_o
+        return Request(order, layers, self.base, mu_i, mu, levels, NODES, UNIT)
 
     @property
     def is_transparent(self) -> bool:
@@ -165,12 +166,14 @@ def list_cases() -> list[Case]:
     return cases
 
 
-def differentiate_brdf(case: Case, name: str, order: int) -> list[np.ndarray]:
+def differentiate_brdf(
+    case: Case, name: str, order: int, mu_i: Cosines = MU_I, mu_o: Cosines = MU_O
+) -> list[np.ndarray]:
     """f^m and, where it is asked for, the btdf's, by one number: (in, out, 4, 4) [1/sr] per unit of it."""
-    radiance = differentiate_radiance(case.ask(order), name)
-    light = radiance.reshape(len(MU_I), 4, *radiance.shape[1:]) / np.reshape(MU_I, (-1, 1, 1, 1, 1))
+    radiance = differentiate_radiance(case.ask(order, mu_i, mu_o), name)
+    light = radiance.reshape(len(mu_i), 4, *radiance.shape[1:]) / np.reshape(mu_i, (-1, 1, 1, 1, 1))
     light = np.moveaxis(light, 1, -1)  # (in, level, direction, 4, column)
-    return [light[:, 0, : len(MU_O)], *([light[:, 1, len(MU_O) :]] if case.is_transparent else [])]
+    return [light[:, 0, : len(mu_o)], *([light[:, 1, len(mu_o) :]] if case.is_transparent else [])]
 
 
 def differentiate_operators(request: Request, name: str) -> tuple[Operators, Operators]:

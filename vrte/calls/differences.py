@@ -10,11 +10,11 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
 from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
-from vrte.discrete_ordinates.planning.plan import Plan, make_plan
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.request import Request
 from vrte.results.solution import Solution
-from vrte.scene.scene import Scene
+from vrte.scene.scene import LEAST_STEP, Scene
 from vrte.scene.variation import Variation
 from vrte.scene.vary import measure_base_rate, move_scene, turn_variation
 
@@ -45,35 +45,39 @@ def differentiate_beams(request: Request, variation: Variation, find: Callable[[
     """The derivative of light that meets no particle, which ``find`` tells of a request of another scene."""
     here = find(request)  # what does not change then cancels to the last digit
     total = np.zeros_like(here)
-    for weight, scene in sample_scenes(request, variation):
+    for weight, scene in sample_scenes(request, variation, beams=True):
         total = total + weight * (find(place_request(request, scene)) - here)
     return total
 
 
-def sample_scenes(request: Request, variation: Variation) -> list[tuple[float, Scene]]:
-    """Weights and scenes, as the request's light meets them, whose weighted light is the derivative. Raises SceneError
-    where a bound is on either side."""
+def sample_scenes(request: Request, variation: Variation, beams: bool = False) -> list[tuple[float, Scene]]:
+    """Weights and scenes, as the request's light meets them, whose weighted light, or its ``beams``, is the derivative.
+    Raises SceneError where a bound is on either side."""
     if request.illuminate == "bottom":
         variation = turn_variation(variation)
     if is_along_whole_scenes(variation):
         assert variation.scene_at is not None
-        return sample_around(variation.scene_at, variation.value, find_whole_step(request.scene, variation))
-    return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation))
+        return sample_around(variation.scene_at, variation.value, find_whole_step(request, variation))
+    return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation, beams))
 
 
-def find_whole_step(scene: Scene, variation: Variation) -> float:
-    """How far to go with the number itself: a small share of it, and of what two media that it moves differ by."""
+def find_whole_step(request: Request, variation: Variation) -> float:
+    """How far to go with the number itself: a small share of it, of what two media that it moves differ by, and of what
+    bends the flattest direction's light along a medium that it moves."""
     assert variation.scene_at is not None
     step = STEP * (abs(variation.value) or 1.0)
-    media = np.array(scene.media)
+    media = np.array(request.scene.media)
+    outside, lowest = media[0], find_lowest_cosine(request)
     for way in (step, -step):
         try:
-            moved = np.abs(np.diff(np.array(variation.scene_at(variation.value + way).media)) - np.diff(media))
+            after = np.array(variation.scene_at(variation.value + way).media)
         except SceneError:  # a bound, or too far already: steps from there on say which
             continue
-        gaps = np.abs(np.diff(media))
-        close = (moved > 0.0) & (gaps > 0.0)
-        return float(min(step, (step * STEP * gaps[close] / moved[close]).min(initial=np.inf)))
+        bent = np.abs(media**2 - outside**2 * (1.0 - lowest**2)) / (2.0 * media)
+        room = np.concatenate([np.abs(np.diff(media)), np.maximum(bent, 4.0 * LEAST_STEP / STEP)])
+        moved = np.abs(np.concatenate([np.diff(after - media), after - media - (after[0] - outside)]))
+        close = (moved > 0.0) & (room > 0.0)
+        return float(min(step, (step * STEP * room[close] / moved[close]).min(initial=np.inf)))
     return step
 
 
@@ -96,9 +100,11 @@ def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solu
 
 def plan_alike(plan: Plan, scene: Scene, run: Run) -> Plan:
     """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
-    parts = tuple(plan_alike(part, scene, run) for part in plan.parts)
     known, request = (plan.choice, FINEST), place_request(plan.request, scene)
-    return replace(make_plan(request, run, known=known, truncation=plan.truncation), parts=parts)
+    found = make_plan(request, run, known=known, truncation=plan.truncation)
+    if not plan.parts:
+        return split_by_polarization(found, run)  # a step may polarize what a scalar scene does not
+    return replace(found, parts=tuple(plan_alike(part, scene, run) for part in plan.parts))
 
 
 def place_request(request: Request, scene: Scene) -> Request:
@@ -127,21 +133,27 @@ def find_faces(request: Request) -> tuple[IntArray, BoolArray, BoolArray]:
     return at, level == 0.0, level == thickness[at]
 
 
-def find_step(request: Request, variation: Variation) -> float:
+def find_lowest_cosine(request: Request) -> float:
+    """Of the beams and of the directions asked for."""
+    seen = [request.mu0] if request.mu is None else [request.mu0, np.abs(request.mu)]
+    return float(np.concatenate(seen).min())
+
+
+def find_step(request: Request, variation: Variation, beams: bool) -> float:
     """How far to go along a variation: a small share of that in which light changes by something like itself.
 
-    Thickness: of itself, or of the flattest direction's cosine. Albedo: of what is absorbed, or would matter beside
-    diffusion through all layers. Coefficients: of 2 l + 1, the largest they can be. Bases: of all that they reflect,
-    with what is lost between them and the layers.
+    Thickness: of itself, or of the flattest direction's cosine, of this alone for beams. Albedo: of what is absorbed,
+    or would matter beside diffusion through the layers down to it. Coefficients: of 2 l + 1, the largest they can be.
+    Bases: of all that they reflect, with what is lost between them and the layers.
     """
     scene = request.scene
     thickness, albedo = (np.array([getattr(one, name) for one in scene.layers]) for name in ("thickness", "albedo"))
-    seen = [request.mu0] if request.mu is None else [request.mu0, np.abs(request.mu)]
-    lowest = float(np.concatenate(seen).min())
+    lowest = find_lowest_cosine(request)
     total = scene.thickness
-    absorbed = np.minimum(1.0, 1.0 - albedo + DIFFUSES / np.maximum(total, 1.0) ** 2)
+    absorbed = np.minimum(1.0, 1.0 - albedo + DIFFUSES / np.maximum(np.cumsum(thickness), 1.0) ** 2)
     with np.errstate(divide="ignore"):
-        rates = np.abs(variation.thickness) / (np.minimum(thickness, 1e300) + lowest) + np.divide(
+        reach = lowest + (0.0 if beams else np.minimum(thickness, 1e300))
+        rates = np.abs(variation.thickness) / reach + np.divide(
             np.abs(variation.albedo), absorbed, out=np.zeros(albedo.size), where=variation.albedo != 0.0
         )
     degrees = [np.abs(table) / (2.0 * np.arange(len(table))[:, None] + 1.0) for table in variation.coefficients]

@@ -3,10 +3,11 @@
 With f the share of the peak, diag(1, 1, 1, 1) delta(1 - cos), which turns and polarizes nothing, the rest has the
 coefficients (a - (2l+1) f)/(1 - f), and light is scattered less: depths shrink by the factor 1 - albedo f, the albedo
 becomes albedo (1 - f)/(1 - albedo f). The peak has the first coefficient that the nodes do not carry in common with the
-phase matrix, so that of the rest is zero. Where polarization plays no part in a scene the peak is diag(1, 0, 0, 0)
-delta(1 - cos): scalar phase functions scatter no Q, U and V, not even straight on. Nothing makes sure that the rest is
-physical, so it is a table of coefficients and no PhaseMatrix. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here
-for 4x4 matrices.
+phase matrix, so that of the rest is zero. Nothing makes sure that the rest is physical, so it is a table of
+coefficients and no PhaseMatrix. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here for 4x4 matrices.
+
+Not every matrix has Q, U and V in its peak: scalar phase functions scatter none straight on. Light that comes in as Q,
+U or V meets such a layer with its terms cut and without a peak taken off (`has_polarized_peak`).
 """
 
 from dataclasses import dataclass
@@ -37,24 +38,20 @@ class Truncated:
     gain: float
 
 
-def truncate_layer(
-    name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
-) -> Truncated:
+def truncate_layer(name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
     """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle".
 
     >>> from vrte.optics.phase_matrix import henyey_greenstein
     >>> truncate_layer("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
     5.0
     """
-    if name == "none" or albedo == 0.0:
+    if name == "none":
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
-    return remove_forward_peak(phase_matrix, albedo, thickness, terms, scalar)
+    return remove_forward_peak(phase_matrix, albedo, thickness, terms)
 
 
-def remove_forward_peak(
-    phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
-) -> Truncated:
-    """The layer without its forward peak, ``terms`` >= 1 coefficients at most; ``scalar``: the peak has an a1 only.
+def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
+    """The layer without its forward peak, ``terms`` >= 1 coefficients at most.
 
     With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
 
@@ -66,7 +63,7 @@ def remove_forward_peak(
     if f == 0.0:
         return truncate_layer("none", phase_matrix, albedo, thickness, terms)
     stretch = 1.0 - albedo * f
-    rest = (phase_matrix.coefficients[:terms] - f * expand_peak(terms, scalar)) / (1.0 - f)
+    rest = (phase_matrix.coefficients[:terms] - f * expand_peak(terms)) / (1.0 - f)
     return Truncated(rest, albedo * (1.0 - f) / stretch, thickness * stretch, f, stretch, albedo / stretch)
 
 
@@ -81,9 +78,15 @@ def find_peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
     return float(left_out[0]) / (2 * terms + 1)
 
 
-def expand_peak(terms: int, scalar: bool = False) -> Array:
+def has_polarized_peak(phase_matrix: PhaseMatrix, terms: int) -> bool:
+    """Whether Q and U are in the forward peak as I is: half of it at least, summed up over the terms left out."""
+    a1, a2, a3 = phase_matrix.coefficients[terms:, :3].sum(axis=0).tolist()
+    return bool(a2 + a3 >= a1)
+
+
+def expand_peak(terms: int) -> Array:
     """The coefficients of diag(1, 1, 1, 1) delta(1 - cos): 2 l + 1, and none of a2 and a3 below l = 2; (terms, 6)."""
     coefficients = np.zeros((terms, 6))
-    coefficients[:, : 1 if scalar else 4] = (2.0 * np.arange(terms) + 1.0)[:, None]
+    coefficients[:, :4] = (2.0 * np.arange(terms) + 1.0)[:, None]
     coefficients[:2, 1:3] = 0.0
     return coefficients

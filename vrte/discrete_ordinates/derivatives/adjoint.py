@@ -34,7 +34,6 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, f
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import Way
 from vrte.optics.truncation import expand_peak
@@ -184,7 +183,7 @@ def follow_layer(
     f = float(problem.fraction[k])
     stretch = 1.0 - omega * f
     own, gain = omega * (1.0 - f) / stretch, omega / stretch
-    peak = expand_peak(kept, is_scalar(plan.request.scene))
+    peak = expand_peak(kept)
     cut = (given[:kept] - f * peak) / (1.0 - f) if f > 0.0 else given[:kept]
     of_own = float((multiple[:kept] * cut).sum())
     of_gain = float((single[: given.shape[0]] * given).sum())  # single is of all but the gain
@@ -338,7 +337,7 @@ def pull_slab(modes: SlabModes, of_R: Blocks, of_T: Blocks) -> tuple[Blocks, Blo
     else:
         odd_sums = pull_side(modes.odd, of_R.plus(of_T, -1.0), modes.into, modes.out)
     e, p = {}, {}
-    for name, (f, g, product) in modes.tables.items():
+    for name, (f, g, product, *_) in modes.tables.items():
         even = turn_part(modes, name, getattr(even_sums, name))
         one, other = g * even, product * even
         if odd_sums is not None:

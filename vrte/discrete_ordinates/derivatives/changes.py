@@ -29,16 +29,9 @@ class LayerChange:
     whole: Array
 
 
-@dataclass(frozen=True)
-class Carried:
-    """How many ``terms`` of a phase matrix the nodes carry, and whether the scene scatters I alone."""
-
-    terms: int
-    is_scalar: bool
-
-
-def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, carried: Carried) -> LayerChange:
-    """Of layer k, whose peak is taken off or not: the formulas of `vrte.optics.truncation`, differentiated."""
+def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, carried: int) -> LayerChange:
+    """Of layer k, whose peak is taken off or not: the formulas of `vrte.optics.truncation`, differentiated; the nodes
+    have ``carried`` terms."""
     layer, table = scene.layers[k], variation.coefficients[k]
     tau, albedo = layer.thickness, layer.albedo
     d_tau, d_albedo = float(variation.thickness[k]), float(variation.albedo[k])
@@ -53,11 +46,11 @@ def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, c
         d_f = float(whole[kept, 0]) / (2 * kept + 1) if whole.shape[0] > kept else 0.0  # those kept are all carried
     stretch = 1.0 - albedo * f
     d_stretch = -(d_albedo * f + albedo * d_f)
-    count, d_count = min(kept, given.shape[0]), min(carried.terms, rows, whole.shape[0])
+    count, d_count = min(kept, given.shape[0]), min(carried, rows, whole.shape[0])
     cut[:count], d_cut[:d_count] = given[:count], whole[:d_count]
     if f > 0.0:
         peak = np.zeros((rows, 6))
-        peak[:kept] = expand_peak(kept, carried.is_scalar)
+        peak[:kept] = expand_peak(kept)
         cut, d_cut = (
             (cut - f * peak) / (1.0 - f),
             (d_cut - d_f * peak) / (1.0 - f) + (cut - f * peak) * (d_f / (1.0 - f) ** 2),
@@ -85,7 +78,7 @@ class Change:
         return [bool(layer.scattering.any()) for layer in self.layers]
 
 
-def find_change(passage: Passage, variation: Variation, carried: Carried) -> Change:
+def find_change(passage: Passage, variation: Variation, carried: int) -> Change:
     """What a variation changes of a pile."""
     problem, scene = passage.problem, passage.media.scene
     layers = tuple(change_layer(problem, scene, k, variation, carried) for k in range(len(scene.layers)))

@@ -1,8 +1,9 @@
 """Derivatives of what a plan asks for, one for each variation: orders, light scattered once, and fluxes."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import Carried, find_change
+from vrte.discrete_ordinates.derivatives.changes import find_change
 from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
 from vrte.discrete_ordinates.derivatives.pile import Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
@@ -21,10 +22,10 @@ from vrte.discrete_ordinates.orders.leave_out import EVERYTHING
 from vrte.discrete_ordinates.orders.media import Media, Sights
 from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.needs import list_stokes_sets
-from vrte.discrete_ordinates.planning.plan import Plan, make_plan
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.request.request import find_under
 from vrte.results.solution import Solution
 from vrte.scene.beams import locate_depths
@@ -85,18 +86,27 @@ def differentiate_plan(
         variations = [turn_over(variation) for variation in variations]
     for variation in variations:
         check_finite(plan.request.scene, variation)
-    parts = plan.parts or (plan,)
-    found: list[Solution] | None = None
-    for part in parts:
-        own = differentiate_together(shorten_plan(part, orders), variations, run, progress)
-        found = own if found is None else [add_solutions(*pair) for pair in zip(found, own, strict=True)]
-    assert found is not None
+    medium = plan.request.scene.index_below
+    variations = [
+        replace(one, base=tuple((weight, base.put_in_medium(medium)) for weight, base in one.base))
+        for one in variations
+    ]
+    return differentiate_parts(
+        plan, lambda part: differentiate_together(shorten_plan(part, orders), variations, run, progress)
+    )
+
+
+def differentiate_parts(plan: Plan, differentiate: Callable[[Plan], list[Solution]]) -> list[Solution]:
+    """What is found of a plan's parts, added up."""
+    found, *others = map(differentiate, plan.parts or (plan,))
+    for other in others:
+        found = [add_solutions(*pair) for pair in zip(found, other, strict=True)]
     return found
 
 
 def shorten_plan(plan: Plan, orders: int | None) -> Plan:
     """The plan with the first of its orders alone."""
-    there = np.unique(np.concatenate([block.orders for block in plan.blocks]))
+    there = np.unique([order for block in plan.blocks for order in block.orders.tolist()])
     if orders is None or orders >= there.size:
         return plan
     return replace(plan, orders=int(there[max(orders, 1) - 1]) + 1)
@@ -127,19 +137,20 @@ def has_more_terms(plan: Plan, variation: Variation) -> bool:
     last = max(
         (int(np.flatnonzero(table.any(axis=1))[-1]) for table in variation.coefficients if table.any()), default=0
     )
-    return min(last + 1, find_carried(plan).terms) > plan.problem.coefficients.shape[1]
+    return min(last + 1, find_carried(plan)) > plan.problem.coefficients.shape[1]
 
 
 def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
     """Whether Stokes parameters that are solved apart would mix with the variation."""
     if not problem.leave_out.stokes or scene.below.mixes_stokes:
         return False
-    coefficients = np.abs(problem.coefficients)
-    for own, table in zip(coefficients, variation.coefficients, strict=True):
-        kept = min(len(own), len(table))
-        own[:kept] += np.abs(table[:kept])
-    moved = replace(problem, coefficients=coefficients, albedo=problem.albedo + np.abs(variation.albedo))
-    return list_stokes_sets(moved) != list_stokes_sets(problem)
+    rows = max(problem.coefficients.shape[1], *(len(table) for table in variation.coefficients))
+    here = np.pad(np.abs(problem.coefficients), ((0, 0), (0, rows - problem.coefficients.shape[1]), (0, 0)))
+    moved = here.copy()
+    for own, table in zip(moved, variation.coefficients, strict=True):
+        own[: len(table)] += np.abs(table)
+    changed = replace(problem, coefficients=moved, albedo=problem.albedo + np.abs(variation.albedo))
+    return list_stokes_sets(changed) != list_stokes_sets(replace(problem, coefficients=here))
 
 
 def is_longer(plan: Plan, variation: Variation) -> bool:
@@ -170,8 +181,13 @@ def differentiate_together(
         whole = plan
         if mixing or longer:
             less = replace(EVERYTHING, stokes=not mixing, orders=not longer)
-            whole = make_plan(plan.request, run, less, (plan.choice, plan.accuracy), plan.truncation)
-        found.update(zip(members, differentiate_part(whole, members, run, progress), strict=True))
+            truncation = replace(plan.truncation, whole=mixing)
+            whole = make_plan(plan.request, run, less, (plan.choice, plan.accuracy), truncation)
+            whole = split_by_polarization(whole, run)
+        solutions = differentiate_parts(
+            whole, partial(differentiate_part, variations=members, run=run, progress=progress)
+        )
+        found.update(zip(members, solutions, strict=True))
     return [found[one] for one in variations]
 
 
@@ -226,10 +242,9 @@ def differentiate_part(
     return solutions
 
 
-def find_carried(plan: Plan) -> Carried:
-    """What the nodes of a plan carry of phase matrices."""
-    scene = plan.request.scene
-    return Carried(count_terms_carried(scene, plan.choice.nodes), is_scalar(scene))
+def find_carried(plan: Plan) -> int:
+    """How many terms of a phase matrix the nodes of a plan carry."""
+    return count_terms_carried(plan.request.scene, plan.choice.nodes)
 
 
 def put_in_media(plan: Plan) -> Problem:
@@ -271,7 +286,7 @@ def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[V
     return [part.values for part in parts]
 
 
-def change_peak_flux(passage: Passage, variation: Variation, carried: Carried) -> Array:
+def change_peak_flux(passage: Passage, variation: Variation, carried: int) -> Array:
     """Derivatives of the flux that forward peaks take along with the beam, (2, n_tau, n_in, n_col): that of the beam in
     truncated layers less that of the true one."""
     problem, media = passage.problem, passage.media

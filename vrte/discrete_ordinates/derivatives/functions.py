@@ -1,5 +1,5 @@
-"""f(lambda) = tanh(h sqrt(lambda))/sqrt(lambda) of half a slab's thickness h, g = lambda f, and their divided
-differences: what a slab's modes turn a change of its matrices into."""
+"""f(lambda) = tanh(h sqrt(lambda))/sqrt(lambda) of half a slab's thickness h, g = lambda f, c = 1 - f g, and their
+divided differences: what a slab's modes turn a change of its matrices into."""
 
 from dataclasses import dataclass
 
@@ -46,6 +46,25 @@ class Fading:
         """g at lam (n,)."""
         root = np.sqrt(lam)
         found: Array = root if self.is_endless else root * np.tanh(self.half * root)
+        return found
+
+    def find_c(self, lam: Array) -> Array:
+        """c at lam (n,), sech(h sqrt(lam))^2, to the last digits however small."""
+        fade = np.exp(-2.0 * self.half * np.sqrt(lam))
+        found: Array = 4.0 * fade / (1.0 + fade) ** 2
+        return found
+
+    def divide_c(self, points: Array) -> Array:
+        """c[a, b] of all pairs of points (n,), (n, n), each to its last digits: with x, y = sqrt(a), sqrt(b) and
+        sinc z = sinh(z)/z it is -h^2 sinc(h (x - y)) sinc(h (x + y)) sech(h x)^2 sech(h y)^2."""
+        root = self.half * np.sqrt(points)
+        x, y = np.broadcast_arrays(root[:, None], root)
+        low, gap = np.where(x.real < y.real, x, y), np.where(x.real < y.real, y - x, x - y)
+        more = 1.0 + np.exp(-2.0 * root)
+        near, far = (
+            np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (gap, x + y)
+        )
+        found: Array = -((4.0 * self.half / (more[:, None] * more)) ** 2) * near * far * np.exp(-2.0 * low)
         return found
 
     def divide(self, points: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.changes import Carried, Change, change_escapes, find_change
+from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, find_change
 from vrte.discrete_ordinates.execution.through_interfaces import (
     Vertex,
     make_base_reflector,
@@ -25,7 +25,7 @@ from vrte.scene.variation import Variation
 
 
 def list_changed_vertices(
-    problem: Problem, base: Boundary, variations: Sequence[Variation], carried: Carried, azimuths: Azimuths, run: Run
+    problem: Problem, base: Boundary, variations: Sequence[Variation], carried: int, azimuths: Azimuths, run: Run
 ) -> tuple[Sights, list[list[Vertex]]]:
     """For each variation, vertices whose light adds up to the derivative of all that is scattered once."""
     passage = Passage(replace(problem, stokes=ALL), BLACK, 1, 1.0)

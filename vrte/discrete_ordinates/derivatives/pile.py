@@ -10,7 +10,7 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.changes import Carried, Change, change_escapes, find_change
+from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, find_change
 from vrte.discrete_ordinates.derivatives.slab import Blocks, SlabModes, deepen_slab
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
@@ -44,7 +44,7 @@ class Differentiating(Refracting):
         n_order: int,
         accuracy: float,
         variations: Sequence[Variation],
-        carried: Carried,
+        carried: int,
     ) -> None:
         super().__init__(respond_by_doubling, problem, base, n_order, accuracy)
         self.changes = [find_change(self, variation, carried) for variation in variations]

@@ -7,7 +7,12 @@ divided differences (Daletskii and Krein's formula, docs/explanation/derivatives
     dZe = Y (g[a, b] e + a b f[a, b] p) X^-1,    dZo = X (f[a, b] e + g[a, b] p) Y^-1,
 
 which is as exact where eigenvalues coincide or are zero. R = So - Se, T = 1 - So - Se with S = Z (1 + Z)^-1, so
-dS = (1 + Z)^-1 dZ (1 + Z)^-1. Directions off the nodes are nodes without weight, as in core/extended.pxi: matrices of
+dS = (1 + Z)^-1 dZ (1 + Z)^-1. Where little light gets through, So + Se is nearly 1, and the change of T is found from
+C = 1 - Zo Ze = X c(lambda) X^-1, c = 1 - f g, to the last digits of T itself:
+
+    dT = (1 + Zo)^-1 [X c[a, b] (e + p b) X^-1 (1 + Ze)^-1 - dZo T] - T dZe (1 + Ze)^-1.
+
+Directions off the nodes are nodes without weight, as in core/extended.pxi: matrices of
 (incident, nodes, outgoing) are block triangular, with rates 1/mu that have eigenvalues 1/mu^2 of their own. Where one
 of these is close to a mode's, eigenvectors grow without bound and the sum of them loses digits: there the rate is moved
 to either side and what it would be in between is interpolated, as smooth a function as it is.
@@ -16,6 +21,7 @@ A thin sheet more at the bottom, b = (F - E)/2, c = (F + E)/2, tells the thickne
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +30,8 @@ from vrte.discrete_ordinates.derivatives.functions import Fading
 
 APART = 7e-4  # of an eigenvalue: closer to one of a direction's it is stepped around
 STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
+FLAT = 0.02  # change of thickness times rate within a step: what is interpolated is right to 1e-11 there
+LOST = 40.0  # e^-40 of what gets through is lost in rounding
 ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
 
 
@@ -64,12 +72,16 @@ class Aside:
         return found
 
 
-def step_aside(mu: Array, lam: Array, stokes: int) -> Aside:
-    """The rates 1/mu of directions (d,), each for its Stokes parameters, or six around those near a mode's."""
+def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> Aside:
+    """The rates 1/mu of directions (d,) of a slab, each for its Stokes parameters, or six around those near a mode's:
+    the thicker, the closer, where light of that rate is not lost beside the slowest."""
     points, shares = [], []
+    slowest = float(np.sqrt(lam).real.min())
     for own, gap in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):
         if gap < APART:
-            around = [own * (1.0 + step * ASIDE) for step in STEPS]
+            seen = thickness * own if thickness * (own - slowest) < LOST else 0.0
+            short = min(1.0, FLAT / max(seen * STEPS[-1], FLAT))
+            around = [own * (1.0 + short * step * ASIDE) for step in STEPS]
             points.append(max(around, key=lambda each: float(measure_gaps(each, lam).min())))
             shares.append(SHARES)
         else:
@@ -149,7 +161,7 @@ class SlabModes:
         self.X, self.Y = X, Y
         self.pairs = pairs = Pairs(np.flatnonzero(lam.imag > 0.0).astype(np.int32))
         self.X_inverse, self.Y_inverse = np.asarray(np.linalg.inv(X), float), np.asarray(np.linalg.inv(Y), float)
-        self.into, self.out = step_aside(mu_in, lam, stokes), step_aside(mu_out, lam, stokes)
+        self.into, self.out = step_aside(mu_in, lam, stokes, thickness), step_aside(mu_out, lam, stokes, thickness)
         rate, rate_out = self.into.rate, self.out.rate[:, None]
         f, g = fading.find_f(lam), fading.find_g(lam)
         # eigenvectors that lead in (columns) and out (rows), with what F makes of them
@@ -172,7 +184,7 @@ class SlabModes:
         impedance = (pairs.scale_columns(self.y_out, g) - t_out * self.x_out) @ self.X_inverse
         even_out = (self.y_out - impedance @ even_left) / (1.0 + t_out)
         self.even = Side(even, even_in, even_from_in, even_left, even_out, 1.0 / (rate_out * (1.0 + t_out)))
-        self.odd = None
+        self.odd: Side | None = None
         if not fading.is_endless:
             odd = np.asarray(np.linalg.inv(Y + pairs.scale_columns(X, f)))
             odd_in: Array = rate / (1.0 + t_in)
@@ -181,23 +193,45 @@ class SlabModes:
             impedance = (pairs.scale_columns(self.x_out, f) - t_out * self.y_out) @ self.Y_inverse
             odd_out = (self.x_out - impedance @ odd_left) / (1.0 + t_out)
             self.odd = Side(odd, odd_in, odd_from_in, odd_left, odd_out, 1.0 / (1.0 + t_out))
+            self.passing = self.make_passing(fading, lam)
         self.tables = self.make_tables(lam, rate**2, self.out.rate**2)
 
-    def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, Array, Array]]:
-        """f[a, b], g[a, b] and a b f[a, b] for each block."""
+    def make_passing(self, fading: Fading, lam: Array) -> tuple["Side", "Side", "Side"]:
+        """What encloses changes of C, Zo and Ze, for that of T: Y^-1 T stands right of the second, T Y left of the
+        third."""
+        even, odd, pairs = self.even, self.odd, self.pairs
+        assert odd is not None
+        rate, rate_out = self.into.rate, self.out.rate[:, None]
+        c, c_in, c_out = (fading.find_c(points) for points in (lam, rate**2, rate_out**2))
+        through = odd.nodes @ pairs.scale_columns(self.X, c)
+        from_in = through @ even.from_in + (odd.from_in + odd.nodes @ (self.X @ self.x_in)) * (c_in * even.into)
+        right = Side(through @ even.nodes, odd.into * c_in * even.into, from_in, odd.left, odd.out_left, odd.out)
+        behind = even.nodes @ self.Y  # X^-1 (1 + Ze)^-1 Y
+        left = pairs.scale_columns(odd.left, c) @ behind
+        out_left = pairs.scale_columns(odd.out_left, c) @ behind + odd.out * c_out * (
+            even.out_left - self.x_out @ behind
+        )
+        out = odd.out * c_out * even.out
+        return (
+            Side(even.nodes, even.into, even.from_in, odd.left, odd.out_left, odd.out),
+            right,
+            Side(even.nodes, even.into, even.from_in, left, out_left, out),
+        )
+
+    def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, ...]]:
+        """f[a, b], g[a, b] and a b f[a, b] for each block, and c[a, b] and c[a, b] b of a slab that has an end."""
         points, place = np.unique(np.concatenate([lam, square, square_out]), return_inverse=True)
         f, g = self.fading.divide(points)
         with np.errstate(invalid="ignore"):
             product = points[:, None] * points * f
         # without end and absorption g[0, 0] is infinite, and what it is multiplied with is zero: the flux is kept
-        tables = f, np.where(np.isfinite(g), g, 0.0), np.where(np.isfinite(product), product, 0.0)
+        tables = [f, np.where(np.isfinite(g), g, 0.0), np.where(np.isfinite(product), product, 0.0)]
+        if self.odd is not None:
+            c = self.fading.divide_c(points)
+            tables += [c, c * points]
         nodes, into, out = np.split(place, [lam.size, lam.size + square.size])
         blocks = {"N": (nodes, nodes), "NI": (nodes, into), "ON": (out, nodes), "OI": (out, into)}
-        found = {}
-        for name, (rows, columns) in blocks.items():
-            one, two, three = (table[rows][:, columns] for table in tables)
-            found[name] = one, two, three
-        return found
+        return {name: tuple(table[rows][:, columns] for table in tables) for name, (rows, columns) in blocks.items()}
 
     def part(self, name: str, values: Array) -> Array:
         """A block on complex modes from that on real ones."""
@@ -223,16 +257,21 @@ class SlabModes:
         p = Blocks(own, in_, row - self.x_out @ own, row @ self.y_in - self.x_out @ in_)
         even: dict[str, Array] = {}
         odd: dict[str, Array] = {}
-        for name, (f, g, product) in self.tables.items():
+        both: dict[str, Array] = {}
+        for name, (f, g, product, *more) in self.tables.items():
             one, other = (self.part(name, getattr(part, name)) for part in (e, p))
             even[name] = self.join(name, g * one + product * other)
             if self.odd is not None:
                 odd[name] = self.join(name, f * one + g * other)
-        dSe = self.even.enclose(Blocks(**even), self.into, self.out, on_nodes)
+                both[name] = self.join(name, more[0] * one + more[1] * other)
+        enclose = partial(Side.enclose, into=self.into, out=self.out, on_nodes=on_nodes)
+        dSe = enclose(self.even, Blocks(**even))
         if self.odd is None:
             return dSe.times(-2.0), dSe.times(0.0)
-        dSo = self.odd.enclose(Blocks(**odd), self.into, self.out, on_nodes)
-        return dSo.plus(dSe, -1.0), dSo.plus(dSe).times(-1.0)
+        dSo = enclose(self.odd, Blocks(**odd))
+        through, before, behind = self.passing
+        dT = enclose(through, Blocks(**both)).plus(enclose(before, Blocks(**odd)), -1.0)
+        return dSo.plus(dSe, -1.0), dT.plus(enclose(behind, Blocks(**even)), -1.0)
 
 
 @dataclass(frozen=True, eq=False)

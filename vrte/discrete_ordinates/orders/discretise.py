@@ -28,11 +28,13 @@ def discretise_scene(
     peaks: str = "none",
     under: BoolArray | None = None,
     grading: int = 1,
+    whole: bool = False,
 ) -> Problem:
     """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
 
-    ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
-    truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on its lower side, None: nowhere.
+    ``peaks`` and ``whole``: which layers lose theirs, and what of the rest is kept, as of a `Truncation`; all depths of
+    the problem are those of the truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on its lower
+    side, None: nowhere.
     """
     media = None
     if scene.keeps_beams:
@@ -41,7 +43,7 @@ def discretise_scene(
         media = Media(scene, shared, locate_depths(scene, tau, np.zeros(tau.size, bool) if under is None else under))
     else:
         points, weights = make_double_gauss(nodes, grading)
-    layers = truncate_layers(scene, peaks, nodes)
+    layers = truncate_layers(scene, peaks, nodes, whole)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene, nodes)), 6))
     for k, layer in enumerate(layers):

@@ -27,7 +27,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.divided_differences import divide_exp_once
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import measure_distance
-from vrte.discrete_ordinates.orders.truncating import is_scalar
+from vrte.discrete_ordinates.orders.truncating import ALONE, is_scalar
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.truncation import expand_peak
 from vrte.scene.layer import Layer
@@ -206,9 +206,11 @@ class Anisotropic:
         whole, cut = ray.integral(np.array([per_depth, 1.0 / mu0]), mu).T
         never = f * beam.direct * whole
         fade = np.exp(-self.problem.above[ray.layer] / mu0) * cut
-        forward, residual = expand_peak(self.terms, self.scalar), -f * expand_peak(carried, self.scalar)
+        forward, residual = expand_peak(self.terms), -f * expand_peak(carried)
         known = min(carried, layer.phase_matrix.terms)
         residual[:known] += layer.phase_matrix.coefficients[:known]
+        if self.scalar:
+            forward, residual = forward * ALONE, residual * ALONE
         table: Array = never[:, None, None] * forward
         table[:, :carried] += fade[:, None, None] * residual
         if carried < self.terms:

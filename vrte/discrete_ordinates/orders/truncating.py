@@ -1,29 +1,33 @@
 """Which truncation a request takes, by measured errors (docs/explanation/truncation.md), and what it does."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
 from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.optics.truncation import Truncated, truncate_layer
+from vrte.optics.truncation import Truncated, find_peak_fraction, has_polarized_peak, truncate_layer
 from vrte.scene.beams import find_direct_light
 from vrte.scene.scene import Scene
 
 # which layers lose their forward peak, and towards which directions the beam spreads by small angles
 NAMED = {"none": ("none", "none"), "delta-m": ("all", "none"), "small-angle": ("all", "all")}
+ALONE = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # a1 of the six sequences
 
 
 @dataclass(frozen=True)
 class Truncation:
-    """The truncation's name and the reason for it; ``peaks``: of which layers they are taken off, "none", "polarizing"
-    or "all"; ``spread``: towards which directions small angles are separated, "none", "down" or "all"."""
+    """The truncation's name and the reason for it; ``peaks``: of which layers they are taken off, "none", "polarized"
+    (those that Q, U and V have a part in) or "all"; ``spread``: towards which directions small angles are separated,
+    "none", "down" or "all"; ``whole``: the rest has all six sequences where I alone is scattered as well, where all but
+    a1 are zero otherwise: for derivatives with the others."""
 
     name: str
     reason: str
     peaks: str
     spread: str
+    whole: bool = False
 
 
 def count_terms_carried(scene: Scene, nodes: int) -> int:
@@ -39,22 +43,37 @@ def choose_truncation(
 
     mu0 (n_in,); columns (n_col, 4): incident Stokes vectors; mu (n_mu,): signed; tau (n_tau,).
     """
-    if name != "auto":
-        return Truncation(name, "asked for", *NAMED[name])
-    longest = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0), default=0)
+    if name == "auto":
+        found = choose_by_rule(scene, mu0, mu, tau, nodes, accuracy)
+    else:
+        found = Truncation(name, "asked for", *NAMED[name])
+    polarized_alone = not columns[:, 0].any() and has_unpolarized_peak(scene, nodes)
+    return keep_unpolarized_peaks(found) if polarized_alone and found.peaks == "all" else found
+
+
+def choose_by_rule(scene: Scene, mu0: Array, mu: Array, tau: Array, nodes: int, accuracy: float) -> Truncation:
+    """That of "auto", for light that comes in unpolarized."""
+    longest = max(layer.phase_matrix.terms for layer in scene.layers)
     carried = count_terms_carried(scene, nodes)
     if longest <= carried:
-        why = f"the nodes carry all of the {longest} terms" if longest else "nothing scatters"
-        return Truncation("none", f"auto: {why}", *NAMED["none"])
-    name, peaks, spread = "delta-m", "all", "none"
+        return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
+    name, spread = "delta-m", "none"
     reasons = [f"auto: {longest} terms, the nodes carry {carried}"]
-    if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
-        name, peaks = "delta-m of polarizing layers", "polarizing"
-        reasons.append("the others cut, which scatter no Q, U and V but by their peak")
     if not scene.keeps_beams and (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
         name, spread = f"{name}, small-angle for light going down", "down"
         reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
-    return Truncation(name, "; ".join(reasons), peaks, spread)
+    return Truncation(name, "; ".join(reasons), "all", spread)
+
+
+def keep_unpolarized_peaks(found: Truncation) -> Truncation:
+    """The same for light that comes in as Q, U or V."""
+    name, comma, spread = found.name.partition(",")
+    return replace(
+        found,
+        name=f"{name} of polarizing layers{comma}{spread}",
+        reason=f"{found.reason}; the others cut, which scatter no Q, U and V straight on",
+        peaks="polarized",
+    )
 
 
 def is_beam_seen(scene: Scene, mu0: float, tau: Array, nodes: int, accuracy: float) -> bool:
@@ -78,21 +97,25 @@ def find_spread_directions(truncation: Truncation, problem: Problem, mu: Array) 
     return towards
 
 
-def truncate_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
-    """The layers as multiple scattering sees them; ``peaks`` as of a `Truncation`."""
-    scalar, carried = is_scalar(scene), count_terms_carried(scene, nodes)
+def truncate_layers(scene: Scene, peaks: str, nodes: int, whole: bool = False) -> list[Truncated]:
+    """The layers as multiple scattering sees them; ``peaks`` and ``whole`` as of a `Truncation`."""
+    carried, scalar = count_terms_carried(scene, nodes), is_scalar(scene) and not whole
     found = []
     for layer in scene.layers:
-        off = peaks == "all" or (peaks == "polarizing" and not layer.phase_matrix.is_scalar)
+        off = peaks == "all" or (peaks == "polarized" and has_polarized_peak(layer.phase_matrix, carried))
         name = "delta-m" if off else "none"
-        found.append(truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, carried, scalar))
+        one = truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, carried)
+        found.append(replace(one, coefficients=one.coefficients * ALONE) if scalar and one.fraction > 0.0 else one)
     return found
 
 
-def has_scalar_among_polarizing(scene: Scene) -> bool:
-    """Whether polarized light matters, but not to every layer."""
-    scalar = any(layer.phase_matrix.is_scalar for layer in scene.layers if layer.albedo > 0.0)
-    return scalar and not is_scalar(scene)
+def has_unpolarized_peak(scene: Scene, nodes: int) -> bool:
+    """Whether a layer has a forward peak, beyond what the nodes carry, in which Q, U and V have no part."""
+    carried = count_terms_carried(scene, nodes)
+    return any(
+        find_peak_fraction(layer.phase_matrix, carried) > 0.0 and not has_polarized_peak(layer.phase_matrix, carried)
+        for layer in scene.layers
+    )
 
 
 def is_scalar(scene: Scene) -> bool:

@@ -15,7 +15,7 @@ from vrte.basics.fields import change_fields
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import choose_truncation, truncate_layers
+from vrte.discrete_ordinates.orders.truncating import choose_truncation, has_unpolarized_peak, truncate_layers
 from vrte.discrete_ordinates.planning.blocks import STEPS, choose_node_counts
 from vrte.discrete_ordinates.planning.choice import (
     ONE_LAYER,
@@ -148,8 +148,11 @@ def find_likeness(scene: Scene, request: Request) -> Likeness | None:
         shared.append(first.setdefault(id(matrix), k) if layer.albedo > 0.0 else -1)
         scalar, longest = scalar and matrix.is_scalar, max(longest, matrix.terms)
     if longest > 2 * nodes:
-        mixed = not scalar and any(layer.phase_matrix.is_scalar for layer in scene.layers)
-        if mixed or request.tau.size > 1 or request.truncation == "small-angle":
+        if (
+            (not scalar and has_unpolarized_peak(scene, nodes))
+            or request.tau.size > 1
+            or request.truncation == "small-angle"
+        ):
             return None
         longest = 2 * nodes
     # many unknowns: the orders are counted again on the way, and Python's share is small

@@ -20,7 +20,9 @@ from vrte.discrete_ordinates.orders.truncating import (
     choose_truncation,
     count_terms_carried,
     find_spread_directions,
-    has_scalar_among_polarizing,
+    has_unpolarized_peak,
+    is_scalar,
+    keep_unpolarized_peaks,
 )
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
@@ -277,23 +279,24 @@ def plan_request(request: Request, run: Run) -> Plan:
     known = find_plan(name, run)
     if known is not None:
         return known
-    whole = make_plan(request, run)
-    if not is_split_by_polarization(whole):
+    whole = split_by_polarization(make_plan(request, run), run)
+    if not whole.parts:
         keep_plan(name, whole)
-        return whole
-    settled = whole.choice, whole.accuracy
-    parts = (make_plan(select_incident_part(request, part), run, known=settled) for part in (UNPOLARIZED, POLARIZED))
-    return change_fields(whole, parts=tuple(parts))
+    return whole
 
 
-def is_split_by_polarization(plan: Plan) -> bool:
-    """Whether the rule of `choose_truncation` has two answers: for light that arrives unpolarized, and for Q, U, V."""
-    columns, scene = plan.request.columns, plan.request.scene
-    if plan.request.truncation != "auto" or not (columns[:, 0].any() and columns[:, 1:].any()):
-        return False
-    peaks = plan.problem.fraction.tolist()
-    peaked = any(f > 0.0 and layer.phase_matrix.is_scalar for f, layer in zip(peaks, scene.layers, strict=True))
-    return peaked and has_scalar_among_polarizing(scene)
+def split_by_polarization(plan: Plan, run: Run) -> Plan:
+    """The plan with those of its parts, where the rule of `choose_truncation` has two answers: for light that arrives
+    unpolarized, and for Q, U, V, unless these are scattered nowhere."""
+    request, truncation = plan.request, plan.truncation
+    columns, scene = request.columns, request.scene
+    both = columns[:, 0].any() and columns[:, 1:].any() and (truncation.whole or not is_scalar(scene))
+    if not both or truncation.peaks != "all" or not has_unpolarized_peak(scene, plan.choice.nodes):
+        return plan
+    known = plan.problem.leave_out, (plan.choice, plan.accuracy)
+    pairs = (UNPOLARIZED, truncation), (POLARIZED, keep_unpolarized_peaks(truncation))
+    parts = (make_plan(select_incident_part(request, part), run, *known, own) for part, own in pairs)
+    return change_fields(plan, parts=tuple(parts))
 
 
 def select_incident_part(request: Request, part: Array) -> Request:
@@ -327,7 +330,16 @@ def make_plan(
         request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
     )
     problem = discretise_scene(
-        scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks, request.under, grading
+        scene,
+        request.mu0,
+        request.columns,
+        mu[rank],
+        request.tau,
+        nodes,
+        truncation.peaks,
+        request.under,
+        grading,
+        truncation.whole,
     )
     if leave_out != EVERYTHING:
         problem = change_fields(problem, leave_out=leave_out)
