@@ -29,7 +29,7 @@ IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs
 
 
-def spell(error: UnicodeError) -> tuple[str, int]:
+def replace_signs(error: UnicodeError) -> tuple[str, int]:
     """What is printed where an encoding lacks a sign, and where to go on.
 
     >>> "2 µm²".encode("ascii", "vrte")
@@ -41,7 +41,7 @@ def spell(error: UnicodeError) -> tuple[str, int]:
     return "".join(plain), error.end
 
 
-codecs.register_error("vrte", spell)
+codecs.register_error("vrte", replace_signs)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from vrte.basics.forked import under_way
+from vrte.basics.forked import count_solve
 
 _lock = threading.Lock()
 _state: dict[str, Any] = {"libraries": None, "setters": [], "before": [], "inside": 0}
@@ -16,7 +16,7 @@ SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for e
 @contextmanager
 def keep_to_one_thread() -> Iterator[None]:
     """Limits every BLAS of this process to one thread; the last to leave restores what the first one found."""
-    with under_way():
+    with count_solve():
         with _lock:
             if _state["libraries"] is None:
                 libraries = find_blas_libraries()

@@ -16,7 +16,7 @@ _state = {"stranded": False}
 
 
 @contextmanager
-def under_way() -> Iterator[None]:
+def count_solve() -> Iterator[None]:
     """Counts a solve, or a part of one, as long as it lasts. Raises RuntimeError where nothing can be solved."""
     if _state["stranded"]:
         raise RuntimeError(FORKED)

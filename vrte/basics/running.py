@@ -19,7 +19,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_whole
 from vrte.basics.control_groups import find_group_cores
 from vrte.basics.fields import change_fields
-from vrte.basics.forked import under_way
+from vrte.basics.forked import count_solve
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
@@ -121,11 +121,11 @@ def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
     The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
     goes without: its loops are over before anyone waits for them, and start no threads.
     """
-    with under_way():
-        return call() if run.brief else _call_in_thread(run, call)
+    with count_solve():
+        return call() if run.brief else _run_in_thread(run, call)
 
 
-def _call_in_thread(run: Run, call: Callable[[], Result]) -> Result:
+def _run_in_thread(run: Run, call: Callable[[], Result]) -> Result:
     box: dict[str, Any] = {}
     done = (
         threading.Event()
