@@ -356,7 +356,9 @@ def test_a_table_with_other_derivatives_than_it_lists_is_refused(tmp_path, old, 
     text = path.read_text()
     line = next(one for one in text.splitlines(keepends=True) if one.startswith("# derivatives"))
     assert old in line
-    path.write_text(text.replace(line, line.replace(old, new)))
+    seal, rest = text.split("\n", 1)
+    assert seal.startswith("# vrte sha256 ")
+    path.write_text(rest.replace(line, line.replace(old, new)))
     with pytest.raises(vrte.SceneError, match=said):
         vrte.load(path)
 

@@ -144,7 +144,7 @@ def test_results_that_are_no_base_are_refused() -> None:
     few = vrte.brdf(scene, 0.5, mu, [0, 90, 180], nodes=4)
     with pytest.raises(vrte.SceneError, match="base: mu_i must be at least two different cosines"):
         vrte.Scene([of_spheroids()], few)  # type: ignore[arg-type]
-    with pytest.raises(vrte.SceneError, match=r"vrte\.TabulatedBase or a vrte\.Brdf, not int"):
+    with pytest.raises(vrte.SceneError, match=r"vrte\.TabulatedBase or a vrte\.Brdf, not 3"):
         vrte.Scene([of_spheroids()], 3)  # type: ignore[arg-type]
 
 

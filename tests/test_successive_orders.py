@@ -85,10 +85,10 @@ def test_it_says_that_it_did_not_converge() -> None:
     assert told["scattering_orders"] == 20
     assert not told["converged"]
     assert not told["promised"]
-    assert "energy is not conserved" in told["notes"][0]
+    assert any("energy is not conserved" in note for note in told["notes"])
     settled = brdf(PAIR).diagnostics
-    assert settled["promised"]
-    assert settled["notes"] == []
+    assert settled["converged"]
+    assert not any("energy" in note for note in settled["notes"])
 
 
 @pytest.mark.slow
