@@ -324,7 +324,7 @@ CONTROLS = """() => {
             + '.vrte-plot';
     const counts = {};
     window.controls = {};
-    return {top: !!top, list: top?.matches('[role=listbox]') ?? !!top?.querySelector('[role=option]'),
+    return {top: !!top, list: !!top?.matches('[role=listbox]') || top?.querySelectorAll('.q-menu .q-item').length > 10,
         keys: [...(top ?? document).querySelectorAll(kinds)].filter(shown).map(one => {
             const text = (one.getAttribute('aria-label') ?? one.innerText).trim().slice(0, 50);
             const name = `${one.getAttribute('role') ?? one.tagName} ${text}`;
