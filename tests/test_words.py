@@ -37,8 +37,9 @@ VERBS = set(
     parse pass perform pick place plan plot predict prepare print project pull put query quote raise rank read receive
     reconstruct record recover reduce refine reflect refract refresh remove rename repair repeat replace report
     require respond restore resume round run sample save say scale scatter seal select send serve set settle shade
-    shape share shorten show solve sort split spread stack stand start step store stretch suggest sum sweep tabulate take
-    tell time translate transmit trim truncate try turn unpack upload vary verify view wait want warn weigh wrap write
+    shape share shorten show solve sort split spread stack stand start step store stretch suggest sum sweep
+    tabulate take tell time translate transmit trim truncate try turn unpack upload vary verify view wait want warn
+    weigh wrap write
     """.split()  # noqa: SIM905
 )
 

@@ -270,7 +270,8 @@ cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im
 cdef int polish_smallest(const Halved* h, int together, given v, given e, given f_lu, doubles lu,
                          doubles row) noexcept nogil:
     """Which is the diffusion mode, -1 where there is none. Its small lambda is else known only to 1e-16 of the
-    largest: at omega = 1 the null vector itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
+    largest: at omega = 1 the null vector itself, below by inverse iteration with e, the turned E, whose row and column
+    of the flux are exact."""
     cdef int n = h.nodes.n, stokes = h.nodes.stokes, inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
     # lu (n-1, n-1): e without the axis; row (n-1,); column: e''^-1 row, e is symmetric there
