@@ -166,9 +166,13 @@ def compare(seed: int, most: int, surfaces: tuple[str, ...] = SURFACES) -> tuple
     kind, how = draw_request(chance, scene)
     if kind == "field":
         how["inside"] = 0.3 * min(scene.layers[0].thickness, 2.0)
-    names = list_names(scene, chance)
+    return check_names(scene, kind, how, chance.permutation(list_names(scene, chance))[:most].tolist())
+
+
+def check_names(scene: vrte.Scene, kind: str, how: dict[str, Any], names: list[str]) -> tuple[int, list[str]]:
+    """The same of numbers of those names."""
     compared, wrong = 0, []
-    for name in chance.permutation(names)[:most].tolist():
+    for name in names:
         try:
             values, jacobians, told = solve(scene, kind, how, name)
             step = find_step(name, vary_scene(scene, name).value)
@@ -188,3 +192,43 @@ def compare(seed: int, most: int, surfaces: tuple[str, ...] = SURFACES) -> tuple
                         f"{name}, {kind} {place}: {error / size:.1e} off, differences {gap / size:.1e} ({told})"
                     )
     return compared, wrong
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_derivatives_of_a_scene_drawn_by_chance(seed: int) -> None:
+    compared, wrong = compare(seed, 3)
+    assert not wrong
+    assert compared >= 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("surfaces", "seeds", "most"), [(SURFACES[:5], range(60), 8), (SURFACES[5:7], range(8), 4)])
+def test_derivatives_of_many_scenes(surfaces: tuple[str, ...], seeds: range, most: int) -> None:
+    found = {seed: compare(seed, most, surfaces) for seed in seeds}
+    assert not {seed: wrong for seed, (_, wrong) in found.items() if wrong}
+    assert sum(compared for compared, _ in found.values()) > 10 * len(seeds)
+
+
+DARK = vrte.Layer(PHASES["rayleigh"], 0.0, 0.5)
+HAZY = vrte.Layer(PHASES["scalar"], 0.9, 1.0)
+FACETS = vrte.Scene([vrte.Interface(1.0, 1.3), vrte.Layer(PHASES["rayleigh"], 0.9, 1.0)], vrte.Facets(0.4, 1.5))
+
+
+@pytest.mark.parametrize(
+    ("scene", "names"),
+    [
+        (vrte.Scene([DARK, HAZY]), ["layer[1].albedo", "layer[1].thickness", "layer[2].albedo"]),
+        (FACETS, ["base.roughness", "base.index.n", "layer[2].albedo"]),
+        (vrte.Scene([vrte.Layer(HG, 0.0, 0.5)], vrte.Lambertian(0.4)), ["layer[1].albedo"]),
+        (
+            vrte.Scene([vrte.Layer(PHASES["rayleigh"], 1.0, 0.8), vrte.Layer(HG, 0.9, np.inf)]),
+            ["layer[1].albedo", "layer[2].coefficients[8].a2"],
+        ),
+    ],
+    ids=["a layer that scatters nothing", "facets under a surface", "a peak that scatters nothing", "a white layer"],
+)
+def test_derivatives_where_there_were_none(scene: vrte.Scene, names: list[str]) -> None:
+    how = {"nodes": NODES, "accuracy": 1e-13, "threads": 1, "truncation": "delta-m"}
+    compared, wrong = check_names(scene, "brdf", how, names)
+    assert not wrong
+    assert compared >= len(names)
