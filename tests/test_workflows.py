@@ -33,8 +33,8 @@ def find_targets() -> set[str]:
     return set(re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split())  # type: ignore[index]
 
 
-def test_there_are_four() -> None:
-    assert [path.stem for path in WORKFLOWS] == ["docs", "release", "tests", "wheels"]
+def test_there_are_five() -> None:
+    assert [path.stem for path in WORKFLOWS] == ["docs", "nightly", "release", "tests", "wheels"]
 
 
 @pytest.mark.parametrize(("name", "job"), JOBS)
