@@ -203,11 +203,11 @@ def test_derivatives_of_a_scene_drawn_by_chance(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("surfaces", "seeds", "most"), [(SURFACES[:5], range(60), 8), (SURFACES[5:7], range(8), 4)])
+@pytest.mark.parametrize(("surfaces", "seeds", "most"), [(SURFACES[:5], range(40), 8), (SURFACES[5:7], range(5), 3)])
 def test_derivatives_of_many_scenes(surfaces: tuple[str, ...], seeds: range, most: int) -> None:
     found = {seed: compare(seed, most, surfaces) for seed in seeds}
     assert not {seed: wrong for seed, (_, wrong) in found.items() if wrong}
-    assert sum(compared for compared, _ in found.values()) > 10 * len(seeds)
+    assert sum(compared for compared, _ in found.values()) > 8 * len(seeds)
 
 
 DARK = vrte.Layer(PHASES["rayleigh"], 0.0, 0.5)
