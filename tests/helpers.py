@@ -1,4 +1,5 @@
-"""What tests of several modules use: results compared bit by bit, the command, programs in processes of their own."""
+"""What tests of several modules use: results compared bit by bit or within tolerances, the command, programs in
+processes of their own."""
 
 import os
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import vrte
 from vrte import cli
@@ -29,6 +31,16 @@ def assert_same(first: Result, second: Result) -> None:
             assert not other.flags.writeable
         else:
             assert value == other, name
+
+
+def assert_close(found: Any, right: Any, *, rtol: float, atol: float, err_msg: str = "") -> None:
+    """|found - right| <= atol + rtol |right| everywhere: both are given, since defaults would hide what is allowed."""
+    np.testing.assert_allclose(found, right, rtol=rtol, atol=atol, err_msg=err_msg)
+
+
+def close_to(right: Any, *, rtol: float, atol: float) -> Any:
+    """Equal to whatever is within the larger of atol and rtol |right|: for numbers inside other structures, too."""
+    return pytest.approx(right, rel=rtol, abs=atol)
 
 
 def run(*arguments: str | float | Path) -> int:

@@ -13,6 +13,8 @@ from scipy.special import roots_jacobi
 
 import vrte
 
+from .helpers import assert_close, close_to
+
 POINTS = 32
 MATCHED = [(0.9, 2.0, 0.75), (1.0, 5.0, 0.5), (0.95, 2.0, 0.0), (0.5, 0.2, 0.0), (0.999, 64.0, 0.5)]
 SLABS = [  # albedo, thickness, g, index; how far iadpython's own shares are from vrte's at most
@@ -91,7 +93,7 @@ def keep_polarization(sample: iadpython.Sample, r: np.ndarray, t: np.ndarray) ->
 def test_without_surfaces_the_codes_agree(a: float, b: float, g: float) -> None:
     sample = make_sample(a, b, g)
     theirs = sample.UX1_and_UXU(*double_slab(sample))
-    np.testing.assert_allclose(find_ours(a, b, g), theirs, rtol=0, atol=5e-8 if g == 0.75 else 5e-9)  # of delta-M
+    assert_close(find_ours(a, b, g), theirs, rtol=0.0, atol=5e-8 if g == 0.75 else 5e-9)  # of delta-M
 
 
 @pytest.mark.parametrize(("a", "b", "g", "n", "apart"), SLABS)
@@ -102,9 +104,9 @@ def test_between_two_surfaces_polarization_is_the_whole_difference(
     average them, give others: up to 0.0045 apart where an even sky falls on a thin slab, nothing where it is thick."""
     ours, sample = find_ours(a, b, g, n), make_sample(a, b, g, n)
     slab = double_slab(sample)
-    np.testing.assert_allclose(sample.UX1_and_UXU(*keep_polarization(sample, *slab)), ours, rtol=0, atol=1e-8)
+    assert_close(sample.UX1_and_UXU(*keep_polarization(sample, *slab)), ours, rtol=0.0, atol=1e-8)
     averaged = sample.UX1_and_UXU(*combine.add_same_slides(sample, *start.boundary_layer(sample, top=True), *slab))
-    assert abs(np.array(averaged) - ours).max() == pytest.approx(apart, rel=3e-4, abs=1e-9)
+    assert abs(np.array(averaged) - ours).max() == close_to(apart, rtol=3e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("n", [1.0, 1.4, 1.5])
@@ -113,7 +115,7 @@ def test_without_end_light_meets_one_surface(n: float) -> None:
     r, t = double_slab(sample)
     if n > 1.0:
         r, _, t, _ = combine.add_slide_above(sample, *start.boundary_layer(sample, top=True), r, r, t, t)
-    np.testing.assert_allclose(find_ours(0.99, np.inf, 0.5, n), sample.UX1_and_UXU(r, t), rtol=0, atol=1e-8)
+    assert_close(find_ours(0.99, np.inf, 0.5, n), sample.UX1_and_UXU(r, t), rtol=0.0, atol=1e-8)
 
 
 def test_its_own_call_gives_the_same_as_far_as_its_nodes_do() -> None:
@@ -129,4 +131,6 @@ def test_published_numbers() -> None:
     """Both as Wang, Jacques and Zheng quote them (Comput. Methods Programs Biomed. 47, 131, 1995, Tables 1 and 2)."""
     ur1, ut1, _, _ = find_ours(0.9, 2.0, 0.75)  # van de Hulst (1980)
     assert (round(ur1, 5), round(ut1, 5)) == (0.09739, 0.66096)
-    assert find_ours(0.9, np.inf, 0.0, 1.5)[0] == pytest.approx(0.2600, abs=1e-4)  # Giovanelli (1955); we: 0.25992
+    assert find_ours(0.9, np.inf, 0.0, 1.5)[0] == close_to(
+        0.2600, rtol=0.0, atol=1e-4
+    )  # Giovanelli (1955); we: 0.25992

@@ -11,6 +11,7 @@ from tests import exact
 from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe, find_phase_matrix
 
 from .ball_oracle import Answer, Layer, Request, field_order, mueller_lobe_orders, sensitivity
+from .helpers import assert_close
 from .oracle import brdf_orders
 
 MU_I, MU_O = [1e-3, 0.5, 1.0], [1e-3, 0.35, 1.0]
@@ -160,8 +161,8 @@ def test_the_oracle_is_the_literal_solver_with_more_digits() -> None:
     literal.append((RAYLEIGH.coefficients, 0.99, 0.4))
     orders, through = brdf_orders(literal, 0.3, np.array([0.6]), np.array([0.35]), 8, 1)
     answer, beam = field_order(request(pile, 0.3, 0, [(0, 0.0), (1, 0.4)], 8)), np.array([1.0, 0.3, 0.0, 0.0])
-    np.testing.assert_allclose(answer.radiance[0, 0, 0], 0.6 * orders[0, 0, 0] @ beam, atol=1e-14)
-    np.testing.assert_allclose(answer.radiance[0, 1, 3], 0.6 * through[0, 0, 0] @ beam, atol=1e-14)
+    assert_close(answer.radiance[0, 0, 0], 0.6 * orders[0, 0, 0] @ beam, rtol=0.0, atol=1e-14)
+    assert_close(answer.radiance[0, 1, 3], 0.6 * through[0, 0, 0] @ beam, rtol=0.0, atol=1e-14)
 
 
 def test_a_last_place_of_a_conservative_layer_is_worth_its_thickness() -> None:

@@ -11,6 +11,7 @@ import vrte
 from vrte.studies import benchmarks
 
 from .conftest import call
+from .helpers import assert_close
 from .interface_oracle import brdf_orders, light_orders
 from .oracle import D, azimuthal_sum
 
@@ -128,7 +129,7 @@ def test_the_literal_solver_has_the_same_numbers(path: Path, tmp_path: Path) -> 
     assert len(compared) >= 8
     size = max(np.nanmax(np.abs(values)) for values in expected.values())
     for key in compared:
-        np.testing.assert_allclose(numbers[key], expected[key], rtol=0.0, atol=1e-11 * size, err_msg=str(key))
+        assert_close(numbers[key], expected[key], rtol=0.0, atol=1e-11 * size, err_msg=str(key))
 
 
 def find_literal_field(file: benchmarks.SceneFile, n_order: int) -> dict[benchmarks.Key, np.ndarray]:

@@ -12,6 +12,8 @@ import pytest
 import vrte
 from vrte.fit.verdict import UNLIKELY, count_runs, find_p_value
 
+from .helpers import assert_close, close_to
+
 SCENE = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.98, 1.5)], vrte.Lambertian(0.3))
 FREE = {"layer[1].thickness": {"start": 1.0, "low": 0.1, "high": 10.0}}
 DEGREES = np.linspace(-60.0, 60.0, 13)
@@ -29,24 +31,24 @@ def test_the_chance_of_runs_is_that_of_all_orders(up: int, down: int) -> None:
     orders = {*itertools.permutations([1] * up + [-1] * down)}
     runs = np.array([1 + sum(one != next_one for one, next_one in itertools.pairwise(order)) for order in orders])
     for order, count in zip(orders, runs, strict=True):
-        assert count_runs(np.array(order)) == (count, pytest.approx(np.mean(runs <= count), rel=1e-12, abs=0.0))
+        assert count_runs(np.array(order)) == (count, close_to(np.mean(runs <= count), rtol=1e-12, atol=0.0))
 
 
 def test_the_chance_of_runs_of_a_million_rows() -> None:
-    assert count_runs(np.repeat([1, -1], 500_000)) == (2, pytest.approx(0.0, rel=0.0, abs=1e-300))
-    assert count_runs(np.tile([1, -1], 500_000)) == (1_000_000, pytest.approx(1.0, rel=0.0, abs=1e-6))
+    assert count_runs(np.repeat([1, -1], 500_000)) == (2, close_to(0.0, rtol=0.0, atol=1e-300))
+    assert count_runs(np.tile([1, -1], 500_000)) == (1_000_000, close_to(1.0, rtol=0.0, atol=1e-6))
 
 
 def test_p_values_of_tables() -> None:
     """Chi-square at 5 and 1 per cent, as tables print them."""
     for freedom, five, one in ((1, 3.841, 6.635), (6, 12.592, 16.812), (30, 43.773, 50.892)):
-        np.testing.assert_allclose([find_p_value(five, freedom), find_p_value(one, freedom)], [0.05, 0.01], rtol=2e-3)
+        assert_close([find_p_value(five, freedom), find_p_value(one, freedom)], [0.05, 0.01], rtol=2e-3, atol=0.0)
     assert np.isnan(find_p_value(1.0, 0))
 
 
 def test_a_fit_that_fits_is_told_nothing() -> None:
     found = fit(MEASURED)
-    assert found.p_value == pytest.approx(find_p_value(found.chi2, 12), rel=1e-12)
+    assert found.p_value == close_to(find_p_value(found.chi2, 12), rtol=1e-12, atol=0.0)
     assert found.p_value > UNLIKELY
     assert found.error_scale == 1.0
     assert found.notes == ()
@@ -82,12 +84,12 @@ def test_errors_grow_by_what_sigma_is_too_small(tmp_path: Path) -> None:
     honest = fit(MEASURED)
     with pytest.warns(vrte.MisfitWarning, match=r"by chance in .* of fits; errors are \S+ times larger for it"):
         found = fit(MEASURED.measure(MEASURED.value, 0.0002))
-    assert found.error_scale == pytest.approx(np.sqrt(found.reduced_chi2), rel=1e-12)
-    assert found.error_scale == pytest.approx(10.0 * np.sqrt(honest.reduced_chi2), rel=1e-6)
-    np.testing.assert_allclose(found.errors, honest.errors * np.sqrt(honest.reduced_chi2), rtol=1e-5)
-    np.testing.assert_allclose(found.values, honest.values, rtol=1e-6)
+    assert found.error_scale == close_to(np.sqrt(found.reduced_chi2), rtol=1e-12, atol=0.0)
+    assert found.error_scale == close_to(10.0 * np.sqrt(honest.reduced_chi2), rtol=1e-6, atol=0.0)
+    assert_close(found.errors, honest.errors * np.sqrt(honest.reduced_chi2), rtol=1e-5, atol=0.0)
+    assert_close(found.values, honest.values, rtol=1e-6, atol=0.0)
     profile = found.profile("layer[1].thickness", points=5)
-    assert 0.5 * (profile.high - profile.low) == pytest.approx(found.errors.item(), rel=0.02)
+    assert 0.5 * (profile.high - profile.low) == close_to(found.errors.item(), rtol=0.02, atol=0.0)
     found.save(tmp_path / "fit.json")
     assert str(vrte.Fit.load(tmp_path / "fit.json")) == str(found)
 

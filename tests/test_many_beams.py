@@ -7,6 +7,8 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.formats import load
 
+from .helpers import assert_close
+
 MU0, MU, PHI, TAU = [0.3, 0.6, 1.0], [0.2, 0.7, -0.4], [0.0, 60.0, 190.0], [0.0, 0.4, 1.5]
 LIGHT = [1.0, 0.3, -0.4, 0.2]
 SCENE = vrte.Scene(
@@ -46,7 +48,7 @@ def test_many_beams_are_what_single_calls_give(how):
             np.testing.assert_array_equal(found.tau, TAU)
         for name in ("stokes", "flux_up", "flux_down", "direct"):
             expected = getattr(one, name)
-            np.testing.assert_allclose(getattr(many, name)[place], expected, rtol=0, atol=right * expected.max())
+            assert_close(getattr(many, name)[place], expected, rtol=0.0, atol=right * expected.max())
             np.testing.assert_array_equal(getattr(many.beam(place), name), getattr(many, name)[place])
 
 
@@ -123,10 +125,10 @@ def test_a_list_of_geometries_is_a_row_each(monkeypatch):
     monkeypatch.setattr("vrte.calls.views.LARGEST_GRID", 60.0)
     again = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
     assert len(again.diagnostics["solves"]) > 2
-    np.testing.assert_allclose(again.stokes, found.stokes, rtol=0, atol=1e-13)
+    assert_close(again.stokes, found.stokes, rtol=0.0, atol=1e-13)
     for row in range(12):
         one = vrte.radiance(SCENE, mu0[row], LIGHT, mu[row], phi[row], nodes=6, accuracy=1e-14)
-        np.testing.assert_allclose(found.stokes[row], one.stokes[0, 0, 0], rtol=0, atol=1e-13)
+        assert_close(found.stokes[row], one.stokes[0, 0, 0], rtol=0.0, atol=1e-13)
     data = found.to_xarray()
     assert data["stokes"].sel(stokes_parameter="Q")[3] == found.stokes[3, 1]
     assert data["mu0"].dims == ("geometry",)

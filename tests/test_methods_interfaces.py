@@ -8,6 +8,7 @@ from vrte.basics.errors import SceneError
 from vrte.methods import find_method
 from vrte.request.how import AUTO, EXACT, METHODS
 
+from .helpers import assert_close
 from .test_methods import depolarizing_base
 
 # settings, and the error that they leave then, relative to the largest I
@@ -48,9 +49,9 @@ def compare(method: str, scene: vrte.Scene, **asked: object) -> None:
     exact = vrte.radiance(scene, 0.6, STOKES, **ANGLES, **asked, **EXACTLY)
     found = vrte.radiance(scene, 0.6, STOKES, **ANGLES, **asked, nodes=4, method=method, settings=settings)
     largest = exact.stokes[..., 0].reshape(exact.tau.size, -1).max(axis=1)[:, None, None, None]
-    np.testing.assert_allclose(found.stokes / largest, exact.stokes / largest, rtol=0, atol=left)
+    assert_close(found.stokes / largest, exact.stokes / largest, rtol=0.0, atol=left)
     for name in ("flux_up", "flux_down"):
-        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=0, atol=left)
+        assert_close(getattr(found, name), getattr(exact, name), rtol=0.0, atol=left)
 
 
 LONGER = {"over white", "plate", "aerosol over sea", "white, without end"}
@@ -83,7 +84,7 @@ def test_light_from_below(method: str) -> None:
     found = vrte.brdf(scene, **asked, nodes=4, method=method, settings=settings)
     for name in ("mueller", "transmission"):
         expected = getattr(exact, name)
-        np.testing.assert_allclose(getattr(found, name), expected, rtol=0, atol=left * expected.max())
+        assert_close(getattr(found, name), expected, rtol=0.0, atol=left * expected.max())
     for name in ("specular", "specular_transmission", "direct_transmittance"):
         np.testing.assert_array_equal(getattr(found, name), getattr(exact, name))
 
@@ -94,7 +95,7 @@ def test_circular_polarization_on_nodes_of_two_media(algorithm: str) -> None:
     exact = vrte.radiance(SAME["over black"], 0.6, STOKES, **ANGLES, **EXACTLY, algorithm=algorithm)
     found = vrte.radiance(SAME["over black"], 0.6, STOKES, **ANGLES, nodes=4, method="adding-doubling")
     assert np.abs(exact.stokes[..., 3]).max() > 1e-3 * exact.stokes.max()
-    np.testing.assert_allclose(exact.stokes[..., 3], found.stokes[..., 3], rtol=0, atol=1e-9 * exact.stokes.max())
+    assert_close(exact.stokes[..., 3], found.stokes[..., 3], rtol=0.0, atol=1e-9 * exact.stokes.max())
 
 
 @pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-6, marks=pytest.mark.slow)])
@@ -119,7 +120,7 @@ def test_energy(method: str, base: vrte.Lambertian | None) -> None:
     for side, tau in (("above", [0.0, 0.2, 0.5, 40.5]), ("below", [0.0, 0.5])):
         field = vrte.radiance(scene, 0.3, mu=[], tau=tau, side=side, method=method, nodes=6)
         nets += (field.flux_down + field.direct - field.flux_up - field.direct_up).ravel().tolist()
-    np.testing.assert_allclose(nets, 0.0 if base else nets[0], rtol=0, atol=1e-12)
+    assert_close(nets, 0.0 if base else nets[0], rtol=0.0, atol=1e-12)
 
 
 def test_orders_count_scatterings_whatever_is_reflected() -> None:
@@ -131,7 +132,7 @@ def test_orders_count_scatterings_whatever_is_reflected() -> None:
         found = [vrte.brdf(scene, **asked, settings={"orders": s, "tolerance": 1e-15}).mueller for s in (1, 2, 3)]
         once, twice, thrice = found
         by_albedo.append(np.stack([once / albedo, (twice - once) / albedo**2, (thrice - twice) / albedo**3]))
-    np.testing.assert_allclose(*by_albedo, rtol=0, atol=1e-14)
+    assert_close(*by_albedo, rtol=0.0, atol=1e-14)
     assert (np.abs(by_albedo[0]).max(axis=(1, 2, 3, 4, 5)) > 1e-2).all()
 
 
@@ -147,7 +148,7 @@ def test_a_base_sends_all_its_orders_to_and_fro(method: str) -> None:
         if method != EXACT:
             del asked["truncation"]
         found.append(vrte.brdf(scene, **asked).mueller)
-    np.testing.assert_allclose(*found, rtol=0, atol=1e-11 * found[0].max())
+    assert_close(*found, rtol=0.0, atol=1e-11 * found[0].max())
 
 
 @pytest.mark.parametrize("method", OTHERS)

@@ -10,6 +10,8 @@ from vrte import _core
 from vrte.basics.running import Crew
 from vrte.cl import assembly
 
+from .helpers import assert_close
+
 ALL = (0, 1, 2, 3)
 SETS = [(0,), (3,), (0, 1), (1, 2), (2, 3), (0, 3), ALL]
 
@@ -101,4 +103,4 @@ def test_items_are_pairs_of_order_and_material(either_form: Any) -> None:
         n_out=1,
         **dict(zip(MATRICES, (E, *rest), strict=True)),
     )
-    np.testing.assert_allclose(whole[[3, 1, 2]], E[[0, 0, 1], [0, 1, 1]], rtol=0, atol=1e-13)
+    assert_close(whole[[3, 1, 2]], E[[0, 0, 1], [0, 1, 1]], rtol=0.0, atol=1e-13)

@@ -11,6 +11,7 @@ from vrte import _core
 from vrte.basics.running import Crew
 from vrte.cl import invariance
 
+from .helpers import assert_close
 from .test_opencl_assembly import ALL, SETS, directions_and_weights, largest_gap
 
 N_OUT, N_IN = 2, 3
@@ -88,7 +89,7 @@ def test_it_takes_the_steps_that_the_core_takes(either_form: Any, tolerance: flo
     """The last order has nothing to scatter."""
     found, expected = by_both(either_form, ALL, [1, 2, 3, 4, 5, 9], 12, 9, tolerance, 0.9)
     assert (found.steps == expected.steps).all()
-    np.testing.assert_allclose(found.residual, expected.residual, rtol=1e-3, atol=1e-14)
+    assert_close(found.residual, expected.residual, rtol=1e-3, atol=1e-14)
     assert largest_gap(found.up, expected.up) < 1e-11
     assert largest_gap(found.on_nodes, expected.on_nodes) < 1e-11
 

@@ -13,6 +13,7 @@ from vrte.cl import precision as rules
 from vrte.cl.matrices import Stack, download_stack
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 
+from .helpers import assert_close
 from .samples import spheroids
 
 TIGHT = 1e-15
@@ -163,7 +164,7 @@ def test_renewed_rows(either_form: Any) -> None:
         signs = np.where(np.arange(count_E + count_F) < count_E, 1.0, -1.0)[:, None]
         first = rows.phi.first
         expected = signs * phi[:, first : first + rows.phi.rows] + phi[:, :n] @ R[0, :, : rows.phi.rows]
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+        assert_close(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
 class TestCalls:

@@ -13,6 +13,7 @@ from vrte.cl import sums
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
+from .helpers import assert_close
 from .test_sums import FULL_TURN, some_kernels
 
 MANY_AZIMUTHS = np.append(FULL_TURN, np.arange(0.0, 360.0, 7.5))
@@ -58,7 +59,7 @@ def test_azimuthal_sum(either_form: Any, stokes: Sequence[int], kind: Sequence[i
     )
     shape = (len(levels), 4, len(rows), MANY_AZIMUTHS.size, 4, max(place) + 1)
     expected, found = both_sums(either_form, arguments, shape)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+    assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
 
 
 def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(either_form: Any) -> None:
@@ -74,7 +75,7 @@ def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(e
             np.ones(4),
         )
         expected, found = both_sums(either_form, arguments, (3, 4, 21, phi.size, 4, 1))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+        assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
 
 
 def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
@@ -110,7 +111,7 @@ def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
         given = zip(SUMMED, (kernels, stokes, kind, place, *tables, np.array([0.5, 2.0])), strict=True)
         _core.azimuthal_sum(a_crew(1), **dict(given), first=0, last=2, out=expected)
         found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+        assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
 
 
 MU0, MU = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3, 0.05])
@@ -150,7 +151,7 @@ def test_single_scattering(either_form: Any, terms: int, columns: np.ndarray, pl
     for first, last in ((0, 1), (1, MU0.size)):
         _core.add_single_scattering(a_crew(2), **arguments, first=first, last=last, out=tables[0])
         sums.add_single_scattering(either_form, a_crew(2), **arguments, first=first, last=last, out=tables[1])
-    np.testing.assert_allclose(tables[1], tables[0], rtol=0, atol=1e-14 * np.abs(SPHERE[:terms]).sum())
+    assert_close(tables[1], tables[0], rtol=0.0, atol=1e-14 * np.abs(SPHERE[:terms]).sum())
     np.testing.assert_array_equal(tables[1][:, 0, 1], 1.0)
 
 
@@ -179,7 +180,7 @@ def test_scatterers_of_many_scenes_are_added_at_once(either_form: Any) -> None:
         given = {**arguments, "table": table, "path": path}
         _core.add_single_scattering(a_crew(1), **given, first=0, last=MU0.size, out=expected[scene])
     found = either_form.download(result)[4:].reshape(3, *shape)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+    assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
 
 
 def test_what_cannot_be_scattered_is_refused(either_form: Any) -> None:

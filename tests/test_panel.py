@@ -11,6 +11,8 @@ import vrte
 from vrte.appearance.panel import Panel, make_panel
 from vrte.calls.side_by_side import run_side_by_side
 
+from .helpers import assert_close
+
 FILM = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
 COAT = [
     {"interface": {"above": 1.0, "below": 1.5}},
@@ -43,10 +45,10 @@ def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
     )
     moved = panel.make_as_thick(20.0).put_over(vrte.Lambertian(0.8))
     assert moved.length_um == 20.0
-    assert np.allclose(moved.solve(0.7).reflectance, other.solve(0.7).reflectance, rtol=0, atol=1e-13)
+    assert_close(moved.solve(0.7).reflectance, other.solve(0.7).reflectance, rtol=0.0, atol=1e-13)
     endless = panel.make_as_thick(math.inf)
     assert endless.length_um == math.inf
-    assert np.allclose(endless.solve(0.7).reflectance, 1.0, atol=1e-8)  # nothing absorbs
+    assert_close(endless.solve(0.7).reflectance, 1.0, rtol=0.0, atol=1e-8)  # nothing absorbs
 
 
 def test_the_layers_below_a_film_without_end_go() -> None:

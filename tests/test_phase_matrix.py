@@ -26,6 +26,8 @@ from vrte.optics.phase_matrix import (
 )
 from vrte.studies.cases import SPHEROIDS
 
+from .helpers import assert_close, close_to
+
 NAMES = ["a1", "a2", "a3", "a4", "b1", "b2"]
 
 
@@ -48,11 +50,11 @@ def coherency_eigenvalues(f):
 def test_functions_of_degrees_2_and_3():
     u = np.linspace(-1, 1, 9)
     d = functions(PAIRS, 4, u)
-    np.testing.assert_allclose(d[2, 1], np.sqrt(6) / 4 * (1 - u**2), atol=1e-15)
-    np.testing.assert_allclose(d[2, 2], (1 + u) ** 2 / 4, atol=1e-15)
-    np.testing.assert_allclose(d[2, 3], (1 - u) ** 2 / 4, atol=1e-15)
-    np.testing.assert_allclose(d[3, 0], (5 * u**3 - 3 * u) / 2, atol=1e-15)
-    np.testing.assert_allclose(d[3, 2], (1 + u) ** 2 * (3 * u - 2) / 4, atol=1e-15)
+    assert_close(d[2, 1], np.sqrt(6) / 4 * (1 - u**2), rtol=0.0, atol=1e-15)
+    assert_close(d[2, 2], (1 + u) ** 2 / 4, rtol=0.0, atol=1e-15)
+    assert_close(d[2, 3], (1 - u) ** 2 / 4, rtol=0.0, atol=1e-15)
+    assert_close(d[3, 0], (5 * u**3 - 3 * u) / 2, rtol=0.0, atol=1e-15)
+    assert_close(d[3, 2], (1 + u) ** 2 * (3 * u - 2) / 4, rtol=0.0, atol=1e-15)
     assert not d[:2, 1:].any()
 
 
@@ -61,7 +63,7 @@ def test_functions_keep_their_digits_at_high_degree():
     nodes = find_gauss_legendre(700)[0]
     u = np.concatenate([[-1.0], nodes[:5], nodes[345:355], nodes[-5:], [1.0]])
     exact = [float(arb(float(value)).legendre_p(699).mid()) for value in u]
-    np.testing.assert_allclose(functions([(0, 0)], 700, u)[699, 0], exact, atol=2e-15)
+    assert_close(functions([(0, 0)], 700, u)[699, 0], exact, rtol=0.0, atol=2e-15)
 
 
 @pytest.mark.parametrize("pairs", [PAIRS, ((1, 1), (1, -1))])
@@ -72,7 +74,7 @@ def test_functions_are_orthogonal(pairs):
         gram = (d[:, place] * weights) @ d[:, place].T
         degree = np.arange(60)
         expected = np.diag(np.where(degree >= max(m, abs(n)), 2.0 / (2 * degree + 1), 0.0))
-        np.testing.assert_allclose(gram, expected, atol=1e-14)
+        assert_close(gram, expected, rtol=0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 40, 301])
@@ -80,35 +82,35 @@ def test_gauss_legendre_to_the_last_digits(count):
     ctx.prec = 200
     exact = [arb.legendre_p_root(count, k, weight=True) for k in range(count)][::-1]
     nodes, weights = find_gauss_legendre(count)
-    np.testing.assert_allclose(nodes, [float(node.mid()) for node, _ in exact], atol=3e-16)
-    np.testing.assert_allclose(weights, [float(weight.mid()) for _, weight in exact], rtol=2e-14)
+    assert_close(nodes, [float(node.mid()) for node, _ in exact], rtol=0.0, atol=3e-16)
+    assert_close(weights, [float(weight.mid()) for _, weight in exact], rtol=2e-14, atol=0.0)
 
 
 def test_rayleigh_without_depolarization():
     pm = rayleigh()
-    np.testing.assert_allclose(pm.a1, [1, 0, 0.5])
-    np.testing.assert_allclose(pm.a2, [0, 0, 3])
-    np.testing.assert_allclose(pm.a4, [0, 1.5, 0])
-    np.testing.assert_allclose(pm.b1, [0, 0, 1.2247448713915890])
+    assert_close(pm.a1, [1, 0, 0.5], rtol=1e-7, atol=0.0)
+    assert_close(pm.a2, [0, 0, 3], rtol=1e-7, atol=0.0)
+    assert_close(pm.a4, [0, 1.5, 0], rtol=1e-7, atol=0.0)
+    assert_close(pm.b1, [0, 0, 1.2247448713915890], rtol=1e-7, atol=0.0)
     assert not pm.a3.any()
     assert not pm.b2.any()
     angle = np.array([0.0, 30.0, 90.0, 140.0, 180.0])
     c, f = np.cos(np.radians(angle)), pm.scattering_matrix(angle)
-    np.testing.assert_allclose(f[:, 0, 0], 0.75 * (1 + c**2), atol=1e-15)
-    np.testing.assert_allclose(f[:, 1, 1], 0.75 * (1 + c**2), atol=1e-15)
-    np.testing.assert_allclose(f[:, 0, 1], -0.75 * (1 - c**2), atol=1e-15)
-    np.testing.assert_allclose(f[:, 2, 2], 1.5 * c, atol=1e-15)
-    np.testing.assert_allclose(f[:, 3, 3], 1.5 * c, atol=1e-15)
+    assert_close(f[:, 0, 0], 0.75 * (1 + c**2), rtol=0.0, atol=1e-15)
+    assert_close(f[:, 1, 1], 0.75 * (1 + c**2), rtol=0.0, atol=1e-15)
+    assert_close(f[:, 0, 1], -0.75 * (1 - c**2), rtol=0.0, atol=1e-15)
+    assert_close(f[:, 2, 2], 1.5 * c, rtol=0.0, atol=1e-15)
+    assert_close(f[:, 3, 3], 1.5 * c, rtol=0.0, atol=1e-15)
 
 
 def test_rayleigh_with_depolarization():
     rho = 0.0279
     f = rayleigh(rho).scattering_matrix(90.0)
     # light polarized across or along the scattering plane: their ratio at 90 degrees is rho
-    assert (f[0, 0] + f[0, 1]) / (f[0, 0] - f[0, 1]) == pytest.approx(rho, abs=1e-14)
+    assert (f[0, 0] + f[0, 1]) / (f[0, 0] - f[0, 1]) == close_to(rho, rtol=0.0, atol=1e-14)
     r = (1 - rho) / (1 + rho / 2)
-    assert rayleigh(rho).a4[1] == pytest.approx(3 * (1 - 2 * rho) / (2 + rho))
-    assert rayleigh(rho).a1[2] == pytest.approx(r / 2)
+    assert rayleigh(rho).a4[1] == close_to(3 * (1 - 2 * rho) / (2 + rho), rtol=1e-6, atol=0.0)
+    assert rayleigh(rho).a1[2] == close_to(r / 2, rtol=1e-6, atol=0.0)
     rayleigh(6 / 7)
 
 
@@ -116,7 +118,7 @@ def test_henyey_greenstein_is_the_closed_form():
     g, angle = 0.6, np.linspace(0, 180, 31)
     pm = henyey_greenstein(g, 90)
     exact = (1 - g**2) / (1 + g**2 - 2 * g * np.cos(np.radians(angle))) ** 1.5
-    np.testing.assert_allclose(pm.scattering_matrix(angle)[:, 0, 0], exact, rtol=1e-12)
+    assert_close(pm.scattering_matrix(angle)[:, 0, 0], exact, rtol=1e-12, atol=0.0)
     assert pm.is_scalar
     assert pm.asymmetry == g
     assert henyey_greenstein(0.0, 5).a1.tolist() == [1, 0, 0, 0, 0]
@@ -139,8 +141,8 @@ def test_isotropic_and_mixtures():
     mixed = mix([(rayleigh(), 3.0), (henyey_greenstein(0.5, 40), 1.0)])
     assert mixed.terms == 40
     assert mixed.a1[0] == 1.0
-    assert mixed.a1[1] == pytest.approx(0.25 * 1.5)
-    assert mixed.a2[2] == pytest.approx(0.75 * 3.0)
+    assert mixed.a1[1] == close_to(0.25 * 1.5, rtol=1e-6, atol=0.0)
+    assert mixed.a2[2] == close_to(0.75 * 3.0, rtol=1e-6, atol=0.0)
 
 
 def test_lists_are_padded_and_divided_by_the_first_coefficient():
@@ -159,12 +161,12 @@ def test_scattering_matrix_takes_any_shape_and_order():
     f = pm.scattering_matrix(angle)
     assert f.shape == (3, 2, 4, 4)
     assert pm.scattering_matrix(7.0).shape == (4, 4)
-    np.testing.assert_allclose(f[1, 1], pm.scattering_matrix(91.0), rtol=1e-14, atol=1e-15)
+    assert_close(f[1, 1], pm.scattering_matrix(91.0), rtol=1e-14, atol=1e-15)
 
 
 def test_many_angles_come_in_pieces():
     pm, angle = henyey_greenstein(0.6, 90), np.linspace(0.0, 180.0, 10_001)
-    np.testing.assert_allclose(pm.scattering_matrix(angle)[::500], pm.scattering_matrix(angle[::500]), rtol=1e-13)
+    assert_close(pm.scattering_matrix(angle)[::500], pm.scattering_matrix(angle[::500]), rtol=1e-13, atol=0.0)
     assert pm.scattering_matrix(np.zeros((0, 3))).shape == (0, 3, 4, 4)
 
 
@@ -172,7 +174,7 @@ def test_many_terms_come_in_blocks():
     g, terms = 0.97, 700
     a1 = (2 * np.arange(terms) + 1) * g ** np.arange(terms)
     exact = (1 - g**2) / (1 + g**2 - 2 * g * np.cos(np.radians(25.0))) ** 1.5
-    assert PhaseMatrix(a1).scattering_matrix(25.0)[0, 0] == pytest.approx(exact, rel=1e-7)
+    assert PhaseMatrix(a1).scattering_matrix(25.0)[0, 0] == close_to(exact, rtol=1e-7, atol=0.0)
 
 
 @pytest.mark.parametrize(
@@ -282,7 +284,7 @@ def test_an_expansion_cut_short_is_taken_with_a_warning_where_asked():
     with pytest.warns(NegativeScatteringWarning):
         assert mix([(cut, 1.0), (cut, 1.0)]).tolerance == 1e-4
     mixed = mix([(cut, 0.01), (isotropic(), 0.99)])  # nothing negative is left
-    np.testing.assert_allclose(mixed.a1[1:], 0.01 * cut.a1[1:])
+    assert_close(mixed.a1[1:], 0.01 * cut.a1[1:], rtol=1e-7, atol=0.0)
     PhaseMatrix([1.0, 0.5], tolerance=0.1)  # silent: nothing needs it
     for wrong in (-1e-3, 2.0, np.nan, "much"):
         with pytest.raises(
@@ -302,4 +304,4 @@ def test_every_named_source_scatters_what_it_gets_and_is_read_from_a_file(name: 
     np.testing.assert_array_equal(matrix.coefficients, row.make(**row.start).coefficients)
     field = vrte.radiance(vrte.Scene([vrte.Layer(matrix, 1.0, 1.0)]), 0.6, tau=[0.0, 1.0], nodes=16)
     net = field.flux_down + field.direct - field.flux_up
-    np.testing.assert_allclose(net, net[0], atol=1e-13)
+    assert_close(net, net[0], rtol=0.0, atol=3e-13)

@@ -11,6 +11,7 @@ from vrte.basics.running import Crew
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
+from .helpers import assert_close
 from .samples import scattered
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
@@ -84,7 +85,7 @@ def test_azimuthal_sum_adds_orders_of_some_stokes_components_and_columns(
     whole = fourier_sum(masked, orders, kind, FULL_TURN)[np.ix_(levels, range(4), rows)]
     expected[..., place] += scale[:, None, None, None, None] * whole
     summed(kernels[..., list(stokes)], orders, stokes, kind, place, FULL_TURN, out, levels, rows, scale)
-    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_azimuthal_sum_puts_columns_at_one_place_and_does_not_depend_on_threads() -> None:
@@ -95,7 +96,7 @@ def test_azimuthal_sum_puts_columns_at_one_place_and_does_not_depend_on_threads(
         summed(kernels, orders, range(4), (0, 1), (0, 0), phi, out, range(3), range(21), np.ones(4), threads)
         results.append(out)
     expected = fourier_sum(kernels, orders, (0, 1), phi).sum(axis=-1, keepdims=True)
-    np.testing.assert_allclose(results[0], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    assert_close(results[0], expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     np.testing.assert_array_equal(results[0], results[1])
 
 
@@ -105,7 +106,7 @@ def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
     assert azimuths.distinct.size == 91
     np.testing.assert_array_equal(np.cos(np.radians(azimuths.distinct)), np.cos(np.radians(np.arange(0, 181, 2))))
     folded = azimuths.sign * azimuths.distinct[azimuths.angle]
-    np.testing.assert_allclose(np.sin(np.radians(folded)), np.sin(np.radians(phi)), atol=1e-15)
+    assert_close(np.sin(np.radians(folded)), np.sin(np.radians(phi)), rtol=0.0, atol=1e-15)
 
 
 def scattering_matrix(coefficients: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -164,7 +165,7 @@ def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: in
     scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), out, wide=wide)
     z = np.array([[[phase_matrix(coefficients, *pair, f) for f in phi] for pair in ((i, j) for j in mu)] for i in mu0])
     expected = 1.0 + path[..., None, None, None] * z
-    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-13 * np.abs(coefficients).sum())
+    assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(coefficients).sum())
     np.testing.assert_array_equal(out[1, 2, 4], 1.0)
 
 
@@ -179,7 +180,7 @@ def test_single_scattering_of_very_many_terms() -> None:
     scattered(coefficients, np.ones((1, 2, 4)), mu0, mu, np.zeros(1), unpolarized, [0], out)
     cosine = np.sqrt((1.0 - mu0[:, None] ** 2) * (1.0 - mu**2)) - mu0[:, None] * mu
     expected = (1.0 - g * g) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5
-    np.testing.assert_allclose(out[0, :, :, 0, 0, 0], expected, rtol=1e-9, atol=1e-12 * expected.max())
+    assert_close(out[0, :, :, 0, 0, 0], expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 
 def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_threads() -> None:
@@ -192,7 +193,7 @@ def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_thread
     for threads, out in zip((1, 3), results, strict=True):
         scattered(coefficients, path, mu0, mu, phi, columns, (0, 0), out, threads)
     expected = whole @ columns.sum(axis=0)[:, None]
-    np.testing.assert_allclose(results[0], expected, rtol=0, atol=1e-13 * np.abs(whole).max())
+    assert_close(results[0], expected, rtol=0.0, atol=1e-13 * np.abs(whole).max())
     np.testing.assert_array_equal(results[0], results[1])
 
 
@@ -234,8 +235,8 @@ def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.Mue
             scene, mu0, stokes, [0.3, 1.0, -0.3, -1.0], FULL_TURN, [0.0, 0.6], nodes=8, accuracy=1e-15
         )
         up, down = whole.mueller[k] @ (mu0 * stokes), whole.transmission[k] @ (mu0 * stokes)
-        np.testing.assert_allclose(field.stokes[0, :2], up, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(field.stokes[1, 2:], down, rtol=0, atol=1e-14)
+        assert_close(field.stokes[0, :2], up, rtol=0.0, atol=1e-14)
+        assert_close(field.stokes[1, 2:], down, rtol=0.0, atol=1e-14)
 
 
 def test_a_large_result_is_not_copied_and_a_writable_one_is() -> None:

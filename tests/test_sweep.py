@@ -29,6 +29,8 @@ from vrte.sweep.grid import Grid, cut_grid
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.template import read_sweep
 
+from .helpers import assert_close
+
 POWDER = """
 nodes = 4
 wavelength_um = 0.64
@@ -74,7 +76,7 @@ def simple(axes: dict[str, Any], **more: Any) -> dict[str, Any]:
 def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
     table = vrte.sweep(file, workers=1)
     assert dict(table.error.sizes) == {"wavelength_um": 2, "radius": 2, "share": 3, "base.albedo": 2}
-    np.testing.assert_allclose(table.radius, [0.02, 0.08], rtol=1e-15)
+    assert_close(table.radius, [0.02, 0.08], rtol=1e-15, atol=0.0)
     assert table.radius.attrs == {"units": "um", "long_name": "particles.gold.radius_um"}
     assert not (table.error != "").any()
     for wavelength, radius, share, albedo in itertools.product((0.5, 0.64), (0.02, 0.08), (0.0, 0.25, 1.0), (0.0, 1.0)):
@@ -85,9 +87,9 @@ def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
         alone = vrte.brdf(scene, [0.6, 1.0], [0.3, 0.8], [0, 90, 180], nodes=4)
         place = {"wavelength_um": wavelength, "radius": radius, "share": share, "base.albedo": albedo}
         here = table.sel(place, method="nearest")
-        np.testing.assert_allclose(here.mueller, alone.mueller, rtol=0, atol=1e-13 * np.abs(alone.mueller).max())
-        np.testing.assert_allclose(here.reflectance, alone.reflectance, rtol=1e-12)
-        np.testing.assert_allclose(here.direct_transmittance, alone.direct_transmittance, rtol=1e-15)
+        assert_close(here.mueller, alone.mueller, rtol=0.0, atol=1e-13 * np.abs(alone.mueller).max())
+        assert_close(here.reflectance, alone.reflectance, rtol=1e-12, atol=0.0)
+        assert_close(here.direct_transmittance, alone.direct_transmittance, rtol=1e-15, atol=0.0)
     assert json.loads(table.attrs["sweep"])["axes"]["radius"]["key"] == "particles.gold.radius_um"
 
 
@@ -156,8 +158,8 @@ def test_transmission_and_sizes_and_phases_are_swept(tmp_path: Path) -> None:
     alone = vrte.brdf(vrte.Scene([vrte.Layer.of(particles, 1.0), below]), 0.6, [0.5, 1.0], nodes=4, transmission=True)
     here = table.sel(sigma=1.5, absorption=0.1, g=0.5, nodes=4)
     assert alone.transmission is not None
-    np.testing.assert_allclose(here.mueller, alone.mueller, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(here.transmission, alone.transmission, rtol=0, atol=1e-13)
+    assert_close(here.mueller, alone.mueller, rtol=0.0, atol=1e-13)
+    assert_close(here.transmission, alone.transmission, rtol=0.0, atol=1e-13)
 
 
 ALBEDO = "layer[1].albedo"

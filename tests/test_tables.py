@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from vrte.basics.blas import find_blas_libraries
@@ -28,6 +27,7 @@ from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, list_problems
 from vrte.studies.tables.processes import Child, Reply, Task
 
 from .conftest import call, rows_of
+from .helpers import assert_close, close_to
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
 SIEWERT, GOLD, MUELLER = list_problems(quick=True)
@@ -97,7 +97,7 @@ def test_the_papers_steps_add_up_to_its_totals() -> None:
     for label in paper.LABELS:
         parts = sum(paper.SECONDS[TABLE_3, step][label] for step in paper.STEPS)
         printed = paper.SECONDS[TABLE_3, paper.TOTAL][label]
-        assert parts == pytest.approx(printed, abs=0.11)
+        assert parts == close_to(printed, rtol=0.0, atol=0.11)
 
 
 def test_no_time_is_lost_between_the_steps() -> None:
@@ -257,7 +257,7 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
     rows = rows_of(tmp_path / "tables.csv")
     assert len(rows) == 3 * 9 * (len(OWN_STEPS) + 1)
     (row,) = [row for row in rows if (row["problem"], row["configuration"], row["step"]) == ("brdf", "5", "total")]
-    assert float(row["paper_over_ours"]) == pytest.approx(900.0 / 0.11, rel=1e-3)
+    assert float(row["paper_over_ours"]) == close_to(900.0 / 0.11, rtol=1e-3, atol=0.0)
 
 
 def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured,
     assert list(theirs) == list(paper.LABELS)
     assert list(ours) == [each.label for each in Configuration]
     for bar in ours:
-        np.testing.assert_allclose(sum(ours[bar].values()), 0.1 + 0.01 * len(bar))
+        assert_close(sum(ours[bar].values()), 0.1 + 0.01 * len(bar), rtol=1e-7, atol=0.0)
     drawn = page.draw_step_costs(all_measured)
     left, right = drawn.axes
     assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")

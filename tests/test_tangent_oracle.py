@@ -9,6 +9,7 @@ from vrte.studies.cases import find_phase_matrix
 
 from .ball_oracle import Layer, Request
 from .derivative_oracle import UNIT, differentiate_operators
+from .helpers import assert_close
 from .tangent_oracle import differentiate_slab, differentiate_thickness
 
 NAMES = ("albedo", "coefficients[1].a1", "coefficients[2].b1", "coefficients[2].b2", "thickness")
@@ -42,7 +43,7 @@ def test_differentiated_doubling_is_right(phase: str, albedo: float, thickness: 
         else:
             *value, dr, dt = differentiate_slab(E, F, dE, dF, thickness)
             found = dr, dt
-            np.testing.assert_allclose(value[0], R, rtol=0, atol=1e-12 * np.abs(R).max())
+            assert_close(value[0], R, rtol=0.0, atol=1e-12 * np.abs(R).max())
         for got, right, whole in zip(found, (dR, dT), (R, T), strict=True):
             floor = 1e-15 * np.abs(whole).max() + 1e-90  # a rounding of R and T; the balls' own, where nothing is left
             assert np.abs(got - right).max() <= 1e-9 * np.abs(right).max() + floor, name
@@ -54,7 +55,7 @@ def test_a_conservative_layer_without_end_changes_with_its_phase_matrix_alone() 
     asked = Request(0, (layer,), None, (0.6,), (0.35,), ((0, 0.0),), 2, UNIT)
     (E, F, _, _), (dE, dF, dR, _) = differentiate_operators(asked, "layer[1].coefficients[2].b1")
     found = differentiate_slab(E, F, dE, dF, math.inf)[2]
-    np.testing.assert_allclose(found, dR, rtol=0, atol=1e-12 * np.abs(dR).max())
+    assert_close(found, dR, rtol=0.0, atol=1e-12 * np.abs(dR).max())
     (_, _, _, _), (dE, dF, _, _) = differentiate_operators(asked, "layer[1].albedo")
     with pytest.raises(ArithmeticError, match="no derivative with respect to its albedo"):
         differentiate_slab(E, F, dE, dF, math.inf)
@@ -67,4 +68,4 @@ def test_several_directions_at_once() -> None:
     (E, F, _, _), (dE, dF, _, _) = differentiate_operators(asked, "layer[1].albedo")
     both = differentiate_slab(E, F, np.array([dE, 2.0 * dE]), np.array([dF, 2.0 * dF]), 3.0)
     one = differentiate_slab(E, F, dE, dF, 3.0)
-    np.testing.assert_allclose(both[2], [one[2], 2.0 * one[2]], rtol=0, atol=1e-15)
+    assert_close(both[2], [one[2], 2.0 * one[2]], rtol=0.0, atol=1e-15)

@@ -249,7 +249,7 @@ def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[
             ("hiding thickness", times * length, "um"),
             ("spreading rate", 1e3 / (times * length), "m2/l"),
         ):
-            found.append(Reading(name, viewing.geometry, None, value, unit, words, "ISO 6504-3; ASTM D2805"))
+            found.append(Reading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805"))
 
     for name, read in (("gloss", read_gloss), ("hiding thickness", read_hiding)):
         try:
