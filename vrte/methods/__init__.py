@@ -11,10 +11,10 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, start_run
 from vrte.discrete_ordinates.execution.engines import choose_engine
-from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count
+from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count, find_unseen_share
 from vrte.methods.auto import choose_by_rule
 from vrte.methods.parts.method import Answer, Method, Settings
-from vrte.methods.parts.refinement import measure_difference, refine, share_steps
+from vrte.methods.parts.refinement import describe_unseen, measure_difference, refine, share_steps
 from vrte.methods.parts.task import NODES, Task
 from vrte.request.backends import Backend
 from vrte.request.how import AUTO, EXACT, METHODS
@@ -99,16 +99,15 @@ def refine_request(
 
 def compare_counts(request: Request, method: Method, settings: Settings, run: Run, found: Solution) -> Solution:
     """A solution on given nodes with what more of them change, as verification asks."""
-    more = find_next_count(request.scene, request.nodes or 0)
+    scene, given = request.scene, request.nodes or 0
+    more = find_next_count(scene, given)
     if request.mu is None or more is None:
         return found
     _, other = method.solve(Task(replace(request, nodes=more, verify=False), settings, run))
-    achieved = measure_difference(request, found, other)
-    notes = (
-        []
-        if achieved <= request.accuracy
-        else [f"{more} nodes differ by {achieved:.1g} from the {request.nodes} given"]
-    )
+    achieved, unseen = measure_difference(request, found, other), find_unseen_share(scene, given, request.grading or 1)
+    notes = [] if achieved <= request.accuracy else [f"{more} nodes differ by {achieved:.1g} from the {given} given"]
+    if unseen > request.accuracy:
+        notes.append(describe_unseen(unseen))
     told = {"achieved": achieved, "promised": not notes, "notes": notes}
     return replace(found, diagnostics=found.diagnostics | told)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.quadrature import count_panel_nodes
+from vrte.basics.quadrature import count_panel_nodes, make_refracted_nodes
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -76,6 +76,24 @@ def find_next_count(scene: Scene, nodes: int) -> int | None:
     return None
 
 
+def find_unseen_share(scene: Scene, nodes: int, grading: int) -> float:
+    """What two counts can agree on and both miss, over the light: albedo times the thickness t of the scattering layers
+    of a medium in which no node of the coarser count lies below t; for thin media their share of all t."""
+    ways: dict[float, float] = {}
+    sent: dict[float, float] = {}
+    for index, layer in zip(scene.indices, scene.layers, strict=True):
+        if layer.albedo > 0.0:
+            ways[index] = ways.get(index, 0.0) + layer.thickness
+            sent[index] = sent.get(index, 0.0) + layer.albedo * layer.thickness
+    whole, found = sum(ways.values()), 0.0
+    if whole < 1.0:
+        shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
+        for index, way in ways.items():
+            if shared.carried(index)[0][0] > way:
+                found = max(found, sent[index] * way / whole)
+    return found
+
+
 def estimate_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, aim: float) -> int:
     """The fewest whose relative error, as estimated, is no more than this."""
     cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
@@ -92,6 +110,7 @@ def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
     """Relative, of FEWEST to MOST nodes with grading 2; ``cut``: by terms that they do not carry."""
     nodes = np.arange(FEWEST, MOST + 1.0)
     error = 0.1 * np.exp(-1.2 * nodes) + cut
+    error = np.maximum(error, estimate_unseen_share(scene, nodes, 2))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
     found: Array = error
@@ -102,10 +121,18 @@ def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array)
     """Relative, of FEWEST to MOST nodes; ``cut``: by terms that they do not carry."""
     nodes = np.arange(FEWEST, MOST + 1.0)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
-    error = estimate_grazing_error(nodes, lowest) + cut
+    error = np.maximum(estimate_grazing_error(nodes, lowest) + cut, estimate_unseen_share(scene, nodes, 1))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
     return error
+
+
+def estimate_unseen_share(scene: Scene, nodes: Array, grading: int) -> Array:
+    """`find_unseen_share` of all layers as one in air: the lowest of N of Gauss's x is 1.446/(N + 1/2)^2."""
+    way = sum(layer.thickness for layer in scene.layers if layer.albedo > 0.0)
+    sent = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers)
+    found: Array = np.where((1.446 / (nodes + 0.5) ** 2) ** grading > way, sent, 0.0)
+    return found
 
 
 def estimate_grazing_error(nodes: Array, lowest: float) -> Array:

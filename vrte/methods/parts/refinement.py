@@ -20,6 +20,7 @@ from vrte.discrete_ordinates.planning.choose_quadrature import (
     NodeChoice,
     choose_first_nodes,
     find_next_count,
+    find_unseen_share,
 )
 from vrte.methods.parts.method import Answer
 from vrte.request.request import Request
@@ -33,13 +34,15 @@ Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 @dataclass(eq=False)
 class Refinement:
     """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
-    brightest light, by the finer count; ``coarse``, the last solution's light at the azimuths compared; ``spent``, the
-    seconds of each solve; ``failed``: why the last count found no answer."""
+    brightest light, by the finer count; ``unseen``, what the last two may both miss; ``coarse``, the last solution's
+    light at the azimuths compared; ``spent``, the seconds of each solve; ``failed``: why the last count found no
+    answer."""
 
     request: Request
     first: NodeChoice
     nodes: int = 0
     differences: dict[int, float] = field(default_factory=dict)
+    unseen: float = 0.0
     coarse: Solution | None = None
     answer: Answer | None = None
     spent: list[float] = field(default_factory=list)
@@ -76,7 +79,7 @@ class Refinement:
             return False
         last = [*self.differences.values()][-2:]
         stalled = len(last) == 2 and last[1] < ROUNDING and last[1] > STALLED * last[0]
-        return bool(last) and (last[-1] <= AIM * self.request.accuracy or stalled)
+        return bool(last) and (max(last[-1], self.unseen) <= AIM * self.request.accuracy or stalled)
 
     def take(self, asked: Request, answer: Answer | AccuracyError) -> None:
         """Compares a solution with the one before; a count on which no algorithm finds an answer is passed over."""
@@ -92,6 +95,7 @@ class Refinement:
         seen = replace(found, parts=[part[:, :, :, self.azimuths] for part in found.parts]) if self.nodes else found
         if self.coarse is not None:
             self.differences[asked.nodes] = measure_difference(self.request, self.coarse, seen)
+            self.unseen = find_unseen_share(self.request.scene, self.nodes, self.first.grading)
         self.coarse, self.failed = seen, None
         self.nodes = asked.nodes
         if self.request.mu is not None:
@@ -111,6 +115,8 @@ class Refinement:
         notes = list(found.diagnostics.get("notes", ()))
         if not achieved <= accuracy:
             notes.append(f"{self.nodes} nodes differ by {achieved:.1g} from fewer, which is more than {accuracy:g}")
+        elif self.unseen > accuracy:
+            notes.append(describe_unseen(self.unseen))
         rule = f"{self.first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
         told = {
             "accuracy": accuracy,
@@ -121,6 +127,13 @@ class Refinement:
             "choosing_seconds": sum(self.spent[:-1]),
         }
         return mu, replace(found, diagnostics=found.diagnostics | told)
+
+
+def describe_unseen(share: float) -> str:
+    """The note on counts of nodes that agree without having seen a thin layer, ``share`` of the light."""
+    return (
+        f"too few nodes to see the thin layer: none below its optical thickness, {share:.1g} of the light may be missed"
+    )
 
 
 def refine(requests: Sequence[Request], solve: Solve) -> list[Answer]:
