@@ -157,6 +157,10 @@ def test_what_cannot_be_promised_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "12 nodes differ by" in found["notes"][0]
 
 
+def test_a_layer_of_no_thickness_hides_nothing() -> None:
+    assert solve(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.0)], vrte.Lambertian(0.3)))["promised"]
+
+
 def test_forty_layers_take_few_nodes() -> None:
     """Each thin layer by itself would have asked for 256 nodes: 9 minutes."""
     thickness = np.geomspace(1e-3, 0.3, 40)

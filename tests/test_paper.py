@@ -24,7 +24,7 @@ PAGES = {
 }
 CLAIMS = [  # what the paper says, and where which words say it
     ("none of 136 requests was missed", "accuracy", "136 requests, 0 not kept"),
-    ("errors were at\nleast 1.4 times smaller", "accuracy", "requested over achieved: at least 1.4"),
+    ("errors were at\nleast 2.2 times smaller", "accuracy", "requested over achieved: at least 2.2"),
     ("1.05 units of the sixth printed\ndigit", "validation", "1.05 units of the sixth digit"),
     ("to 2.9e-8", "validation", "Rayleigh, omega = 1, three bases, mu >= 0.1 | 2.9e-8"),
     ("to 5e-7 (haze: 5e-6)", "validation", "5e-7 (Mie), 5e-6 (haze L)"),

@@ -86,7 +86,7 @@ def find_unseen_share(scene: Scene, nodes: int, grading: int) -> float:
             ways[index] = ways.get(index, 0.0) + layer.thickness
             sent[index] = sent.get(index, 0.0) + layer.albedo * layer.thickness
     whole, found = sum(ways.values()), 0.0
-    if whole < 1.0:
+    if 0.0 < whole < 1.0:
         shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         for index, way in ways.items():
             if shared.carried(index)[0][0] > way:
