@@ -91,7 +91,9 @@ def make_outcome_table(outcomes: Sequence[Outcome]) -> str:
     rows: dict[str, list[str]] = {}
     for outcome in outcomes:
         row = rows.setdefault(outcome.scene, [outcome.scene, f"{outcome.uncertain:.0e}"])
-        row.append(f"{outcome.achieved:.0e} ({outcome.nodes}, {outcome.orders}){'' if outcome.promised or outcome.given else ' ?'}")
+        row.append(
+            f"{outcome.achieved:.0e} ({outcome.nodes}, {outcome.orders}){'' if outcome.promised or outcome.given else ' ?'}"
+        )
     note = "\nAchieved (nodes, orders); ? where it is not promised, which it never is with nodes given.\n"
     return make_markdown_table(header, rows.values()) + note
 
