@@ -19,7 +19,6 @@ def add(commands: Any) -> None:
         ("vrte devices", "what there is, and which one is taken"),
         ("vrte devices --measure", "and how many products each computes in a second"),
         ("vrte devices --verify", "whether it computes what the processor does"),
-        ("vrte devices --estimate H100", "what a GPU that is not at hand would make of gold, by a model"),
     )
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
     devices.add_argument(
@@ -30,12 +29,6 @@ def add(commands: Any) -> None:
         type=int,
         help="whether a device of the list, by default the one that is taken, computes what the processor does: two "
         "minutes at most, a table to send in a report",
-    )
-    devices.add_argument(
-        "--estimate",
-        metavar="NAME",
-        help="launches, reads and work of gold BRDFs, counted here, and their time on a GPU by a model: H100, A100, "
-        "RTX 4090, MI300X, all of them, or this: the device that is taken, measured; some minutes on a processor",
     )
 
 
@@ -71,8 +64,6 @@ def show_devices(options: argparse.Namespace) -> None:
         print(f"\n{devices.describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
         verify_and_print(None if options.verify < 0 else options.verify)
-    if options.estimate:
-        print(f"\n{estimate_times(options.estimate)}")
 
 
 def verify_and_print(index: int | None) -> None:
@@ -83,26 +74,3 @@ def verify_and_print(index: int | None) -> None:
     print(f"\n{verify_device.describe_verified(found)}", flush=True)
     if complaint := verify_device.complain_about(found):
         raise DeviceError(complaint)
-
-
-def estimate_times(name: str) -> str:
-    """Counted on the device that is taken."""
-    from vrte.cl import device
-    from vrte.studies import devices, estimate
-
-    found, own = device.find_chosen_device(), name == estimate.THIS
-    machines = [] if own else estimate.find_machines(name)
-    lines = []
-    with device.raise_device_errors(), show_progress() as (phase, tick):
-        if own:
-            phase("measuring")
-            costs = devices.measure_costs(device.session())
-            lines = [estimate.describe_times(found.name, estimate.time_tasks(tick), costs)]
-            if found.kind == "cpu":
-                return lines[0]  # the model is one of graphics devices
-            machines = [estimate.describe_device(found, costs)]
-        phase("counting")
-        recorder = estimate.open_recorder(found)
-        with device.take_device(device.devices().index(found), recorder):
-            tasks = estimate.count_tasks(recorder, tick)
-    return "\n\n".join([*lines, estimate.describe_estimate(tasks, machines)])
