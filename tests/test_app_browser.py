@@ -376,7 +376,7 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
         raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
     expected = (
         "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|"
-        "add a layer|add a surface|add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|"
+        "add a layer|add a surface|add a kind|remove this|alkyd|in degrees|thickness in|radiance field|Accuracy|"
         "incident light|Lobe|Cuts|Reflectance|Appearance|Begin with a paint|Measurement|Open a measurement|Inside|"
         "Scattering|Plan"
     )
