@@ -4,6 +4,7 @@ import csv
 import math
 import pickle
 import re
+import warnings
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -213,6 +214,21 @@ def test_a_scene_that_is_refused_or_warns_falls_short(monkeypatch: pytest.Monkey
     monkeypatch.setattr(checks, "solve_field", warn)
     (short,) = run.record_case(SMALL, {}, solving.Options()).shortfalls
     assert "divide by zero" in short
+
+
+def test_too_few_nodes_for_the_phase_matrix_are_told_and_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    def warn(*arguments: Any) -> vrte.Field:
+        warnings.warn("negative", vrte.AccuracyWarning, stacklevel=1)
+        warnings.warn("this will take long", vrte.LongSolveWarning, stacklevel=1)
+        return solve(*arguments)
+
+    solve = solving.solve_field
+    monkeypatch.setattr(checks, "solve_field", warn)
+    (short,) = run.record_case(SMALL, {}, solving.Options()).shortfalls
+    assert short.startswith("warnings (negative)")
+    few = run.record_case(Case("few", 4, (Slab("HG+0.99", 0.9, 1.0),), sun=0.6), {}, solving.Options())
+    assert few.shortfalls == []
+    assert "warnings (negative)" in [check.name for check in few.checks]
 
 
 def oracle_table(case: Case) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.errors import AccuracyError, AccuracyWarning, LongSolveWarning, SceneError
 from vrte.basics.running import count_usable_cpus
 from vrte.studies.records import Records, hash_files, make_fingerprint
 from vrte.studies.stability.cases import Case
@@ -162,10 +162,13 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
             found["trouble"] = f"refused: {error}"
         except Exception as error:
             found["trouble"] = f"{type(error).__name__}: {error}"
-    if caught and "checks" in found:
-        text = " ".join(str(caught[0].message).split())
-        told = Check(f"warnings ({text})", float(len(caught)), 0.0, case.resolved or not case.media, "other")
-        found["checks"].append(told)
+    # that a solve takes long says nothing of digits; too few nodes for the phase matrix are told, and do not count
+    for counts, few in ((True, False), (case.resolved, True)):
+        told = [each for each in caught if issubclass(each.category, AccuracyWarning) == few]
+        told = [each for each in told if not issubclass(each.category, LongSolveWarning)]
+        if told and "checks" in found:
+            text = " ".join(str(told[0].message).split())
+            found["checks"].append(Check(f"warnings ({text})", float(len(told)), 0.0, counts, "other"))
     return Record(
         name=case.name,
         group=case.group,
