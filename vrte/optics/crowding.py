@@ -285,5 +285,5 @@ def _share_out(particles: Particles) -> list[tuple[Ball, float]]:
 
 
 def _warn(words: str, category: type[Warning] = PackingWarning) -> None:
-    """Warns of a layer."""
+    """A warning of this category that begins with "layer: ", at the line of the caller outside vrte."""
     warn_user(f"layer: {words}", category)
