@@ -107,9 +107,9 @@ def write_output(path: Path, found: Fit, profiles: list[Profile], file: Path) ->
     """A page, the scene, all of it or a picture, by the suffix."""
     suffix = path.suffix.lower()
     if suffix == ".html":
-        from vrte.fit.page import save_page
+        from vrte.fit.page import save_fit_page
 
-        save_page(found, path, file.stem.replace("_", " "), profiles)
+        save_fit_page(found, path, file.stem.replace("_", " "), profiles)
     elif suffix == ".toml":
         found.write_scene(path)
     elif suffix == ".json":

@@ -1,58 +1,49 @@
 """A fit's page: one HTML file that opens without a network, with numbers, pictures and what the data cannot tell."""
 
-import base64
 import html
-import io
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from vrte.appearance.paint_page import HEAD, STYLE, write_items, write_rows
-from vrte.basics.errors import SceneError
 from vrte.fit.figures import draw_fit, draw_profile
 from vrte.fit.quantities import QUANTITIES
 from vrte.fit.result import Fit
-from vrte.formats.atomic import write_atomically
 from vrte.pictures.figures import make_figure
+from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table, save_page
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from vrte.fit.profile import Profile
 
 MOST_ROWS = 2000  # that the page lists
 
 
-def save_page(fit: Fit, path: str | os.PathLike[str], title: str = "A fit", profiles: Sequence["Profile"] = ()) -> None:
+def save_fit_page(
+    fit: Fit, path: str | os.PathLike[str], title: str = "A fit", profiles: Sequence["Profile"] = ()
+) -> None:
     """Writes the page, all of it or nothing. Raises SceneError for another suffix, MissingExtraError, OSError."""
-    if not os.fspath(path).lower().endswith(".html"):
-        raise SceneError(f"the page {os.fspath(path)} must end in .html")
-    text = write_page(fit, title, profiles)
-    with write_atomically(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    save_page(write_page(fit, title, profiles), path)
 
 
 def write_page(fit: Fit, title: str, profiles: Sequence["Profile"] = ()) -> str:
     """The whole page, without anything that is elsewhere."""
-    parts = [HEAD.format(title=html.escape(title)), f"<style>{STYLE}</style><main class='vrte-paint'>"]
-    parts.append(f"<h1>{html.escape(title)}</h1><ul class='made'>{write_items(describe_fit(fit))}</ul>")
-    parts.append(f"<h2>Numbers</h2>{write_numbers(fit)}")
-    parts.append(f"<h2>Measured and fitted</h2><figure>{write_drawing(draw_fit(fit), 'measured, fitted')}</figure>")
+    parts = [make_section("Numbers", write_numbers(fit))]
+    image = f"<figure>{make_image(draw_fit(fit), 'measured, fitted')}</figure>"
+    parts.append(make_section("Measured and fitted", image))
     for profile in profiles:
         figure = make_figure(5.0, 3.6)
         draw_profile(figure.add_subplot(), profile, float(profile.chi2.min()))
         figure.set_layout_engine("constrained")
-        parts.append(f"<figure style='max-width:32rem'>{write_drawing(figure, repr(profile))}</figure>")
+        parts.append(f"<figure style='max-width:32rem'>{make_image(figure, repr(profile))}</figure>")
         parts.append(f"<p>{html.escape(describe_profile(profile))}</p>")
-    parts.append("<h2>What the data cannot tell</h2>")
     blind = fit.blind_spots or ("Nothing: every direction among the free numbers is known to a third or better.",)
-    parts.append(f"<ul>{write_items(blind)}</ul><h2>Correlations</h2>{write_correlations(fit)}")
+    parts.append(make_section("What the data cannot tell", f"<ul>{make_items(blind)}</ul>"))
+    parts.append(make_section("Correlations", write_correlations(fit)))
     if len(fit.starts) > 1:
-        parts.append(f"<h2>Starts</h2>{write_starts(fit)}")
+        parts.append(make_section("Starts", write_starts(fit)))
     if fit.notes:
-        parts.append(f"<h2>What to know of these numbers</h2><ul>{write_items(fit.notes)}</ul>")
-    parts.append(f"<details><summary>All rows</summary>{write_measurement(fit)}</details></main></body></html>\n")
-    return "".join(parts)
+        parts.append(make_section("What to know of these numbers", f"<ul>{make_items(fit.notes)}</ul>"))
+    parts.append(f"<details><summary>All rows</summary>{write_measurement(fit)}</details>")
+    return make_page(title, make_body(title, describe_fit(fit), *parts))
 
 
 def describe_fit(fit: Fit) -> list[str]:
@@ -81,19 +72,19 @@ def write_numbers(fit: Fit) -> str:
     rows = [(name, value, error, 100.0 * error / abs(value) if value else "") for name, value, error in triples]
     told = ", ".join(f"{one:.3g}" for one in fit.singular_values)
     words = f"Singular values of the derivatives, in sigmas by relative changes: {told}. One of s is known to 1/s."
-    return f"{write_rows(('number', 'value', 'standard deviation', '%'), rows, '.6g')}<p>{words}</p>"
+    return f"{make_table(('number', 'value', 'standard deviation', '%'), rows, '.6g')}<p>{words}</p>"
 
 
 def write_correlations(fit: Fit) -> str:
     """The matrix of correlations."""
     pairs = zip(fit.names, fit.correlations.tolist(), strict=True)
-    return write_rows(("", *fit.names), [(name, *row) for name, row in pairs], "+.3f")
+    return make_table(("", *fit.names), [(name, *row) for name, row in pairs], "+.3f")
 
 
 def write_starts(fit: Fit) -> str:
     """All starts, the best first."""
     head = ("chi2", "ended", *(f"{name}, from" for name in fit.names), *(f"{name}, to" for name in fit.names))
-    return write_rows(head, [(one.chi2, one.ended, *one.values, *one.found) for one in fit.starts])
+    return make_table(head, [(one.chi2, one.ended, *one.values, *one.found) for one in fit.starts])
 
 
 def write_measurement(fit: Fit) -> str:
@@ -109,18 +100,7 @@ def write_measurement(fit: Fit) -> str:
         name = given.quantity[k]
         rows.append((str(k + 1), name, ", ".join(where), *map(float, numbers), QUANTITIES[name].unit))
     more = f"<p>and {len(given) - MOST_ROWS} more</p>" if len(given) > MOST_ROWS else ""
-    return f"{write_rows(head, rows)}{more}"
+    return f"{make_table(head, rows)}{more}"
 
 
 NUMBERED = ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um")
-
-
-def write_drawing(figure: "Figure", words: str) -> str:
-    """A picture as a drawing within the page."""
-    from matplotlib import rc_context
-
-    drawn = io.BytesIO()
-    with rc_context({"svg.hashsalt": "vrte"}):
-        figure.savefig(drawn, format="svg", metadata={"Date": None})
-    data = base64.b64encode(drawn.getvalue()).decode()
-    return f'<img src="data:image/svg+xml;base64,{data}" alt="{html.escape(words)}">'

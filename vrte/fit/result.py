@@ -249,9 +249,9 @@ class Fit:
         --------
         >>> fitted.page("fit.html")
         """
-        from vrte.fit.page import save_page
+        from vrte.fit.page import save_fit_page
 
-        save_page(self, path)
+        save_fit_page(self, path)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the fit to a file that `load` brings back; without its scene where that was a `vrte.Scene`.
