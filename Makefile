@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo gallery docs tables report test test-all test-lowest test-pythons wheel lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery docs tables report stability benchmarks cost test test-all test-lowest test-pythons wheel lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -20,6 +20,9 @@ help:
 	@echo "make lint         style and types only"
 	@echo "make wheel        the source archive, and a wheel of it for this Python and system: dist"
 	@echo "make tables       the GPU paper's tables and figure 1, measured here: out/tables"
+	@echo "make cost         figures 2 to 9 of the same paper, how the cost grows: out/cost"
+	@echo "make stability    stiff and extreme scenes, solved and checked: out/stability; taken up again where it stopped"
+	@echo "make benchmarks   ten scenes with surfaces to ten digits, computed again"
 	@echo "make report       error against run time of every method: out/report; taken up again where it stopped"
 	@echo "make bench        the timings of bench/"
 	@echo "make bench-save   the timings against the LAPACK floor, kept in bench/history"
@@ -105,12 +108,23 @@ docs: $(VENV)/docs.stamp
 
 tables: $(VENV)/tables.stamp
 	@mkdir -p out
-	$(BIN)/vrte tables -o out/tables
+	$(BIN)/python -m bench.tables -o out/tables
+
+cost: $(VENV)/tables.stamp
+	@mkdir -p out
+	$(BIN)/python -m bench.cost -o out/cost
+
+stability: $(VENV)/core.stamp
+	@mkdir -p out
+	$(BIN)/python -m bench.stability -o out/stability
+
+benchmarks: $(VENV)/core.stamp
+	$(BIN)/python -m bench.benchmarks
 
 report: $(VENV)/report.stamp
 	@mkdir -p out
-	$(BIN)/vrte report -o out/report
-	$(BIN)/vrte report --figures -o out/report
+	$(BIN)/python -m bench.report -o out/report
+	$(BIN)/python -m bench.report --figures -o out/report
 
 # Two at a time, a file to each: many tests wait for processes, browsers and disks. Where no bytecode may be written, each
 # process that they start would compile vrte anew, 0.3 s each.

@@ -89,7 +89,7 @@ def folder_of_the_examples(
     doctest_namespace.pop("brdf", None)  # one dictionary for all of them
     if any(
         package in request.node.name
-        for package in ("vrte.formats", "vrte.pictures", "vrte.studies", "vrte.app", "vrte.results")
+        for package in ("vrte.formats", "vrte.pictures", "bench.", "vrte.app", "vrte.results")
     ):
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")
     if "painted." in request.node.dtest.examples[0].source:

@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bench.pages import find_processor_name, make_markdown_table
 from vrte.basics.running import count_usable_cpus
-from vrte.studies.pages import find_processor_name, make_markdown_table
 
 HISTORY = Path(__file__).parent / "history"
 ALLOWED = 1.3

@@ -10,10 +10,10 @@ import scipy.linalg
 from threadpoolctl import threadpool_limits
 
 import vrte
+from bench import cases
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
-from vrte.studies import cases
 
 from .peers import Row
 

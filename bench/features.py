@@ -10,10 +10,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import vrte
+from bench import cases
 from bench.peers import Row, cpu_ms, rounds_for
 from vrte.basics.arrays import Array
 from vrte.scene.vary import vary_scene
-from vrte.studies import cases
 
 MU, PHI = np.linspace(0.1, 1.0, 10), np.linspace(0.0, 180.0, 19)
 FINE_MU, FINE_PHI = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 180.0, 37)

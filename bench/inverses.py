@@ -18,7 +18,7 @@ from vrte.basics.running import count_usable_cpus
 from vrte.cl.device import session
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import FORMS, Session, open_session
-from vrte.studies.devices import time_calls
+from vrte.commands.device_rates import time_calls
 
 SIZES = ((40, 256), (80, 64), (160, 24))  # rows, matrices in a call
 STEPS = 5  # of Newton-Schulz from 2/3: 1/3 to the power of 32 is 5e-16
@@ -75,7 +75,11 @@ def by_newton_schulz(opened: Session, stored: Array) -> tuple[Callable[[], None]
 def by_lapack(pool: ThreadPoolExecutor, threads: int, stored: Array) -> Callable[[], None]:
     """A thread a share of the matrices."""
     shares = [part for part in np.array_split(stored, threads) if len(part)]
-    return lambda: list(pool.map(np.linalg.inv, shares)) and None
+
+    def call() -> None:
+        list(pool.map(np.linalg.inv, shares))
+
+    return call
 
 
 def rows_of_table(threads: int) -> list[str]:

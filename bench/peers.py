@@ -19,13 +19,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import vrte
+from bench import cases
+from bench.cases import SPHEROIDS
+from bench.methods.peers import codes, import_peer
+from bench.methods.peers.asked import Asked
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import write_atomically
-from vrte.studies import cases
-from vrte.studies.cases import SPHEROIDS
-from vrte.studies.methods.peers import codes, import_peer
-from vrte.studies.methods.peers.asked import Asked
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
 
@@ -44,7 +44,7 @@ SECONDS = 3.0  # for the rounds of one scene, as far as ROUNDS lets
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One homogeneous layer over black ground, by its name in `vrte.studies.cases`, lit by an unpolarized beam along
+    """One homogeneous layer over black ground, by its name in `bench.cases`, lit by an unpolarized beam along
     mu0 = 0.6, and the radiances wanted of it.
 
     ``flux`` is the beam's, perpendicular to it; ``mu``, ``phi`` [deg] and ``tau`` are as in `vrte.radiance`; ``stokes``

@@ -47,8 +47,8 @@ def solve(count):
     return (time.perf_counter() - start) / count
 """
 PEER = """
-from vrte.studies.methods.peers import codes
-from vrte.studies.methods.peers.asked import Asked
+from bench.methods.peers import codes
+from bench.methods.peers.asked import Asked
 
 def solve(count):
     scenes = make_scenes(count)

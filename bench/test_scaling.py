@@ -11,7 +11,7 @@ WORKER = """
 import sys, time
 import numpy as np, vrte
 
-from vrte.studies import cases
+from bench import cases
 
 scene = cases.find_scene("gold")
 mu, phi, threads, calls = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), int(sys.argv[1]), int(sys.argv[2])

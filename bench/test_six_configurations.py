@@ -13,10 +13,10 @@ import pytest
 import scipy
 
 import vrte
-from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.measuring import check_answer
-from vrte.studies.tables.paper import TABLE_2, TABLE_3, Problem, list_problems
-from vrte.studies.tables.processes import Child, Reply, Task, describe_processes, start_processes
+from bench.tables.configurations import Configuration
+from bench.tables.measuring import check_answer
+from bench.tables.paper import TABLE_2, TABLE_3, Problem, list_problems
+from bench.tables.processes import Child, Reply, Task, describe_processes, start_processes
 
 from .conftest import ROUNDS, eigenproblems, floor_seconds
 

@@ -16,7 +16,7 @@ Measure = Callable[..., float]
 DIRECTIONS = np.linspace(0.05, 1.0, 20)
 PEAK = """
 import numpy as np, vrte
-from vrte.studies import cases
+from bench import cases
 
 def peak():
     line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))

@@ -3,6 +3,7 @@
 import ast
 import html
 import re
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,13 @@ from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
-from vrte.studies.methods.page import make_html
-from vrte.studies.methods.rows import Row
-from vrte.studies.records import Records
-
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT))  # of bench
+
+from bench.methods.page import make_html  # noqa: E402
+from bench.methods.rows import Row  # noqa: E402
+from bench.records import Records  # noqa: E402
+
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
 LOBES = ROOT / "out/try/lobes.html"  # the page of docs/try.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
@@ -43,7 +46,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def draw_methods_report() -> str:
-    """The page of `vrte report`, with pictures that answer the pointer, of the runs kept in docs/."""
+    """The page of `python -m bench.report`, with pictures that answer the pointer, of the runs kept in docs/."""
     rows = list(Records(Row, ROOT / "docs/explanation/methods/methods.csv").read().values())
     text = (ROOT / "docs/explanation/methods.md").read_text("utf-8")
     circumstances = text.split("## The last full report\n\n", 1)[1].split(". ", 1)[0].replace("\n", " ")

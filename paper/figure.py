@@ -3,6 +3,7 @@
 Left, the runs kept in docs/explanation/methods/methods.csv; right, white paint solved here, in the plane of incidence.
 """
 
+import sys
 import warnings
 from pathlib import Path
 
@@ -11,10 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import vrte
-from vrte.studies.methods.rows import Row
-from vrte.studies.records import Records
 
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT))  # of bench
+
+from bench.methods.rows import Row  # noqa: E402
+from bench.records import Records  # noqa: E402
+
 SCENE = "rutile powder"
 CURVES = {  # of the methods' report: words, colour, marker
     "auto": ("vrte, auto", "#c1121f", "o"),

@@ -20,8 +20,8 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 import vrte
+from bench.cases import Slab, make_scene, restore_slabs, store_phase_matrices
 from vrte.formats.atomic import write_atomically
-from vrte.studies.cases import Slab, make_scene, restore_slabs, store_phase_matrices
 
 from .ball_oracle import (
     Directions,

@@ -1,4 +1,4 @@
-"""Regenerates the oracle's answers that `vrte stability` compares with: python -m tests.oracle_table [--fresh].
+"""Regenerates the oracle's answers that bench.stability compares with: python -m tests.oracle_table [--fresh].
 
 About an hour on two cores; what the table holds already and still fits its scene is kept.
 """
@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
+from bench.stability.cases import Case
+from bench.stability.corners import list_oracle_cases
+from bench.stability.oracle import TABLE, restore_case, store_case
 from vrte.formats.atomic import write_atomically
-from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
-from vrte.studies.stability.cases import Case
-from vrte.studies.stability.corners import list_oracle_cases
-from vrte.studies.stability.oracle import TABLE, restore_case, store_case
 
 from .ball_oracle import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 

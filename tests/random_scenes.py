@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import vrte
+from bench.cases import find_phase_matrix as phase_matrix_of
 from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.studies.cases import find_phase_matrix as phase_matrix_of
 
 NO_LIGHT = 1e-290
 LOWEST = 0.02  # cosine

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import SPHEROIDS
 from vrte import _core
 from vrte.basics.running import Crew
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
-from vrte.studies.cases import SPHEROIDS
 
 BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.accuracy import fewest, page, sweep
+from bench.accuracy.__main__ import main
+from bench.accuracy.sweep import PROBES
 from tests import exact
 from vrte.discrete_ordinates.planning import choose_quadrature, needs
 from vrte.methods import discrete_ordinates
-from vrte.studies.accuracy import fewest, page, sweep
-from vrte.studies.accuracy.__main__ import main
-from vrte.studies.accuracy.sweep import PROBES
 
 ERRORS = Path(__file__).parents[1] / "docs" / "explanation" / "accuracy" / "errors.csv"
 QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")

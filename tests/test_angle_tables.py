@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import SPHEROIDS
 from vrte.basics.errors import AccuracyWarning, SceneError
 from vrte.optics.convention_card import CARD_DEG, make_reference_sphere, tabulate_card
 from vrte.optics.conventions import CONVENTIONS, find_convention
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix
 from vrte.optics.table_interpolation import ElementSpline, follow_errors, integrate_exactly
-from vrte.studies.cases import SPHEROIDS
 
 from .helpers import assert_close, close_to
 

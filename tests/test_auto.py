@@ -8,6 +8,9 @@ import pytest
 from scipy.special import expn
 
 import vrte
+from bench.methods.advice import describe_score, make_score_html, make_score_markdown, make_score_rows
+from bench.methods.rows import Row
+from bench.methods.rules import find_disagreements, read_report_rows
 from tests.random_scenes import Asked, asked, faint
 from vrte.basics.errors import SceneError
 from vrte.calls.plan import make_request
@@ -23,9 +26,6 @@ from vrte.methods.auto import (
 )
 from vrte.request.how import EXACT, METHODS
 from vrte.request.request import Request
-from vrte.studies.methods.advice import describe_score, make_score_html, make_score_markdown, make_score_rows
-from vrte.studies.methods.rows import Row
-from vrte.studies.methods.rules import find_disagreements, read_report_rows
 
 REPORT = Path(__file__).parents[1] / "docs" / "explanation" / "methods" / "methods.csv"
 THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe, find_phase_matrix
 from tests import exact
-from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe, find_phase_matrix
 
 from .ball_oracle import Answer, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 from .helpers import assert_close

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies import benchmarks
+from bench import benchmarks
 
-from .conftest import call
+from .conftest import call_study
 from .helpers import assert_close
 from .interface_oracle import brdf_orders, light_orders
 from .oracle import D, azimuthal_sum
@@ -36,27 +36,27 @@ def rewrite(path: Path, nodes: int) -> Path:
 
 def test_a_changed_digit_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = make_small(tmp_path)
-    assert call("benchmarks", "--folder", tmp_path) == 0
+    assert call_study("benchmarks", "--folder", tmp_path) == 0
     told = capsys.readouterr()
     assert "as told" in told.out
     right = path.read_text()
     last = right.splitlines()[-1]  # the last reflectance
     digit = int(last.rstrip(",")[-1])
     path.write_text(right.replace(last, f"{last.rstrip(',')[:-1]}{(digit + 5) % 10},,,"))
-    assert call("benchmarks", "--folder", tmp_path, "--scene", "rayleigh_under_a_surface") == 1
+    assert call_study("benchmarks", "--folder", tmp_path, "--scene", "rayleigh_under_a_surface") == 1
     told = capsys.readouterr()
     assert "2 changed" in told.out
     assert re.fullmatch(
         r"vrte: error: 2 numbers are not as they were, the first: \w+, modes: reflectance 0.9 I I: .*\n", told.err
     )
     path.write_text(right.replace(last + "\n", ""))
-    assert call("benchmarks", "--folder", tmp_path) == 1
+    assert call_study("benchmarks", "--folder", tmp_path) == 1
     assert "not in the file" in capsys.readouterr().err
 
 
 def test_what_it_writes_is_what_it_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = make_small(tmp_path)
-    assert call("benchmarks", "--folder", tmp_path, "-o", tmp_path / "again") == 0
+    assert call_study("benchmarks", "--folder", tmp_path, "-o", tmp_path / "again") == 0
     assert (tmp_path / "again" / path.name).read_text() == path.read_text()
     capsys.readouterr()
 
@@ -66,7 +66,7 @@ def test_bad_options_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
         (("--folder", FOLDER, "--scene", "nothing"), "--scene must be one of field_in_glass, "),
         (("--folder", tmp_path), "no benchmarks in"),
     ):
-        assert call("benchmarks", *arguments) == 2
+        assert call_study("benchmarks", *arguments) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert message in line
 
@@ -91,7 +91,7 @@ def test_the_card_quotes_the_files() -> None:
 
 @pytest.mark.slow
 def test_all_of_them_are_as_they_were(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("benchmarks", "--folder", FOLDER) == 0
+    assert call_study("benchmarks", "--folder", FOLDER) == 0
     assert capsys.readouterr().out.count("as told") == 10
 
 

@@ -34,10 +34,6 @@ SLOW = (
     "render",
     "materials",
     "paint",
-    "stability",
-    "benchmarks",
-    "tables",
-    "report",
     "brdf",
     "field",
     "devices",
@@ -198,11 +194,11 @@ class TestExamples:
             for name, parser in COMMANDS.items()
             for line, _ in parser.examples
             if name not in ("view", "completion") and "cards.png" not in line and "--quick" not in line
-            if line not in ("vrte benchmarks", 'vrte report --scenes "Rayleigh*" -o rayleigh', "vrte devices --measure")
+            if line != "vrte devices --measure"
         ],
     )
     def test_they_run(self, name: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """But for studies that take a minute and more, and those that wait for a browser."""
+        """But for those that take a minute and more, and those that wait for a browser."""
         monkeypatch.chdir(tmp_path)
         shutil.copytree(ROOT / "examples", "examples")
         if name == "sweep":
@@ -281,7 +277,6 @@ class TestPages:
             ("material --range-um 0.5:0.7:3", "docs/how_to/materials.md"),
             ("material glod --wavelength-um 0.6", "docs/how_to/materials.md"),
             ("phase --normalise", "docs/how_to/importing.md"),
-            ("tables --figures --configurations 1", "docs/reference/tables.md"),
             ("brdf absent.toml --mitsuba-nested --wavelengths-um 0.5 -o a.csv", "docs/how_to/exports.md"),
         ],
     )

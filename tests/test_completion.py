@@ -49,14 +49,13 @@ def scripts() -> dict[str, str]:
 @pytest.mark.parametrize(
     ("words", "wanted", "unwanted"),
     [
-        (["vrte", "b"], {"brdf", "benchmarks"}, {"paint"}),
+        (["vrte", "b"], {"brdf"}, {"paint"}),
         (["vrte", "brdf", ""], {"gold.toml", "snow.toml", "scenes"}, {"gold.png", "notes.txt"}),
         (["vrte", "brdf", "g"], {"gold.toml"}, {"snow.toml", "gold.png"}),
         (["vrte", "brdf", "gold.toml", "--plot", ""], {"gold.png", "scenes"}, {"gold.toml", "notes.txt"}),
         (["vrte", "brdf", "gold.toml", "--alg"], {"--algorithm"}, {"--accuracy"}),
         (["vrte", "brdf", "gold.toml", "--algorithm", ""], {"modes", "doubling", "auto"}, {"gold.toml"}),
         (["vrte", "render", "gold.toml", "s"], {"snow.toml", "scenes"}, {"gold.toml"}),
-        (["vrte", "stability", "-o", ""], {"scenes"}, {"gold.toml"}),
         (["vrte", "init", ""], {"powder", "paint", "cloud", "snow", "sea"}, {"gold.toml"}),
         (["vrte", "material", "rut"], {"rutile", "rutile_in_alkyd"}, {"gold"}),
         (["vrte", "completion", ""], set(SHELLS), set()),

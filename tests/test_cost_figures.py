@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies.cost import measuring, page
-from vrte.studies.cost.axes import PHI, Point, list_axes
-from vrte.studies.tables import configurations
-from vrte.studies.tables.paper import STEPS, TOTAL
+from bench.cost import measuring, page
+from bench.cost.axes import PHI, Point, list_axes
+from bench.tables import configurations
+from bench.tables.paper import STEPS, TOTAL
 
-from .conftest import call, rows_of
+from .conftest import call_study, rows_of
 from .helpers import assert_close, close_to
 
 ROOT = Path(__file__).parents[1]
@@ -157,7 +157,7 @@ def test_series_hold_median_and_extremes() -> None:
 @pytest.mark.slow
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
-    assert call("tables", "--figures", "--quick", "--threads", "1", "-o", folder) == 0
+    assert call_study("cost", "--quick", "--threads", "1", "-o", folder) == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert {path.name for path in folder.iterdir()} == FILES
@@ -196,7 +196,7 @@ def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypat
         raise OSError("no space left")
 
     monkeypatch.setattr("PIL.Image.Image.save", fails)
-    assert call("tables", "--figures", "--quick", "-o", tmp_path) == 1
+    assert call_study("cost", "--quick", "-o", tmp_path) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["figure_2.png"]
     assert (tmp_path / "figure_2.png").read_text() == "the last run"
 
@@ -205,7 +205,7 @@ def test_a_core_without_openmp_is_measured_on_one_thread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
-    assert call("tables", "--figures", "-o", tmp_path / "new") == 2
+    assert call_study("cost", "-o", tmp_path / "new") == 2
     assert "without OpenMP" in capsys.readouterr().err
     assert {configuration.options["threads"] for configuration in measuring.list_configurations(1)} == {1}
     assert not list(tmp_path.iterdir())

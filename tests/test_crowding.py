@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 
 import vrte
+from bench import crowding
 from tests.crowding_oracle import (
     amplitudes_by_textbook,
     structure_factor_by_wertheim,
@@ -23,7 +24,6 @@ from vrte.optics.effective_medium import find_coherent_potential_index, find_max
 from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
 from vrte.optics.spheres import compute_mie_coefficients
 from vrte.scene.layer import Layer
-from vrte.studies import crowding
 
 from .helpers import assert_close, close_to
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vrte.studies.cases import Slab, store_phase_matrices
+from bench.cases import Slab, store_phase_matrices
 
 from . import exact
 from .derivative_oracle import MU_I, MU_O, NODES, Case, differentiate_brdf, list_cases, read_table, restore_cases

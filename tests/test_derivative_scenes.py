@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import find_phase_matrix
 from vrte.basics.errors import SceneError
 from vrte.basics.stencils import sample_around
 from vrte.scene.vary import list_numbers, vary_scene
-from vrte.studies.cases import find_phase_matrix
 
 MU_I, MU_O, PHI, NODES = (0.15, 0.6), (0.35, 0.8), (20.0, 140.0), 4
 HG = vrte.henyey_greenstein(0.75, 40)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies.cases import find_phase_matrix
+from bench.cases import find_phase_matrix
 
 from . import ball_oracle
 from .closed_forms import airy_sum, bare_base, walsh

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import find_phase_matrix
 from tests import exact
 from vrte.scene.boundary import Boundary
-from vrte.studies.cases import find_phase_matrix
 
 from . import ball_oracle
 from .closed_forms import airy_sum, bare_base

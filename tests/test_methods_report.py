@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vrte import cli
+from bench import radiance_factor, report
+from bench.methods import advice, knobs, measuring, page, peers, reference, registry, scenes
+from bench.methods.rows import MEASURED, REFUSED, Row
+from bench.records import Records
 from vrte.basics.errors import SceneError
 from vrte.request.how import METHODS
-from vrte.studies import radiance_factor
-from vrte.studies.methods import advice, knobs, measuring, page, peers, reference, registry, scenes
-from vrte.studies.methods.rows import MEASURED, REFUSED, Row
-from vrte.studies.records import Records
 
 from .helpers import assert_close, close_to
 
@@ -29,9 +28,9 @@ def silent(done: int, total: int, name: str) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `vrte report --quick` wrote."""
+    """What `python -m bench.report --quick` wrote."""
     made = tmp_path_factory.mktemp("report")
-    assert cli.main(["report", "--quick", "-o", str(made)]) == 0
+    assert report.main(["--quick", "-o", str(made)]) == 0
     return made
 
 
@@ -133,7 +132,7 @@ def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     run(tmp_path)
     curve, measured, timed = CURVE, [], measuring.time_solve
     if change == "version":
-        monkeypatch.setattr("vrte.studies.records.identify_setup", lambda: "another version")
+        monkeypatch.setattr("bench.records.identify_setup", lambda: "another version")
     if change == "setting":
         curve = replace(CURVE, settings=knobs.vary_nodes((2, 8), algorithm="doubling"))
     monkeypatch.setattr(measuring, "time_solve", lambda *given: measured.append(given) or timed(*given))
@@ -194,7 +193,7 @@ def test_the_table_of_knobs_names_settings_that_are_there() -> None:
 
 def test_the_table_of_methods_is_that_of_the_registry() -> None:
     text = (ROOT / "docs" / "explanation" / "methods.md").read_text(encoding="utf-8")
-    assert registry.refresh_tables(text) == text, "run `python -m vrte.studies.methods docs/explanation/methods.md`"
+    assert registry.refresh_tables(text) == text, "run `python -m bench.methods docs/explanation/methods.md`"
     for name in METHODS:
         assert f"\n| `{name}` |" in text
 
@@ -208,7 +207,7 @@ def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
 
 @pytest.mark.slow
 def test_figures_of_the_paper(tmp_path: Path) -> None:
-    assert cli.main(["report", "--figures", "-o", str(tmp_path)]) == 0
+    assert report.main(["--figures", "-o", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"radiance_factor_1.png", "radiance_factor_2.png"}
 
 

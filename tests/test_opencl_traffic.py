@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import find_scene
 from vrte.cl.session import Reading, Session, Traffic
 from vrte.discrete_ordinates.execution.engines import device_sums
 from vrte.discrete_ordinates.execution.engines import opencl as engine
-from vrte.studies.cases import find_scene
 
 
 def test_what_goes_to_and_from_a_device_is_counted(opencl: Any) -> None:

@@ -9,6 +9,7 @@ import pytest
 from flint import arb, ctx
 
 import vrte
+from bench.cases import SPHEROIDS
 from vrte.basics.errors import SceneError
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.formats.keys import FilePath
@@ -24,7 +25,6 @@ from vrte.optics.phase_matrix import (
     mix,
     rayleigh,
 )
-from vrte.studies.cases import SPHEROIDS
 
 from .helpers import assert_close, close_to
 

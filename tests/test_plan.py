@@ -1,9 +1,7 @@
 """The plan: what it leaves out changes nothing, what it says is what is done."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -287,26 +285,6 @@ def test_plan_takes_what_the_functions_take() -> None:
     for kind in ("field", 3, None):
         with pytest.raises(SceneError, match="kind must be 'brdf' or 'radiance'"):
             vrte.plan(kind, ONE)  # type: ignore[arg-type]
-
-
-def test_the_table_of_savings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from vrte.studies.savings import HEADER, list_savings, main
-
-    main(["-o", str(tmp_path), "--nodes", "4", "--directions", "3", "--repeats", "1"])
-    lines = (tmp_path / "savings.md").read_text().splitlines()
-    rows = list_savings(4, 3)
-    assert len(capsys.readouterr().out.splitlines()) == len(rows)
-    assert lines[0] == "| " + " | ".join(HEADER) + " |"
-    assert sum(line.startswith("|") for line in lines) == len(rows) + 2
-    with open(tmp_path / "savings.csv", newline="") as file:
-        found = list(csv.DictReader(file))
-    assert [row["left_out"] for row in found] == [saving.what for saving in rows]
-    for row in found:
-        assert float(row["seconds_1"]) > 0.0
-        assert float(row["difference"]) < 1e-8
-        assert int(row["unknowns"]) <= int(row["unknowns_without"])
-    kept = {name for saving in rows for name in NAMES if not getattr(saving.without, name)}
-    assert kept == set(NAMES)
 
 
 def test_a_plan_in_two_parts() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import vrte
+from bench import cases
+from bench.tables.paper import SIEWERT_DOWN, SIEWERT_UP
 from tests import exact
-from vrte.studies import cases
-from vrte.studies.tables.paper import SIEWERT_DOWN, SIEWERT_UP
 
 from .helpers import assert_close
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.methods import operations, reference, scenes
 from vrte.methods import matrix_operator
 from vrte.methods.parts import imbedding, on_nodes, operators, panels
-from vrte.studies.methods import operations, reference, scenes
 
 TALLY = [0.0]
 TWO = scenes.Case("two layers", "Henyey-Greenstein over Rayleigh", "over a base", (32, 24))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.methods import advice, knobs, measuring, page, peers, reference, scenes
+from bench.methods.peers.asked import Asked
+from bench.methods.rows import MEASURED, Row
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.basics.quadrature import make_double_gauss
-from vrte.studies.methods import advice, knobs, measuring, page, peers, reference, scenes
-from vrte.studies.methods.peers.asked import Asked
-from vrte.studies.methods.rows import MEASURED, Row
 
 from .helpers import assert_close, close_to
 

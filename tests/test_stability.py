@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
-from vrte.studies.records import Records
-from vrte.studies.stability import cases, checks, corners, oracle, run, solving
-from vrte.studies.stability.cases import AXES, LAYERINGS, Case
-from vrte.studies.stability.covering import find_uncovered_cells, make_covering_array
-from vrte.studies.stability.table import CASE_COLUMNS, COLUMNS
+from bench.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
+from bench.records import Records
+from bench.stability import cases, checks, corners, oracle, run, solving
+from bench.stability.cases import AXES, LAYERINGS, Case
+from bench.stability.covering import find_uncovered_cells, make_covering_array
+from bench.stability.table import CASE_COLUMNS, COLUMNS
 
-from .conftest import call, rows_of
+from .conftest import call_study, rows_of
 from .helpers import assert_close, close_to
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
@@ -308,7 +308,7 @@ def test_the_estimate_of_c_is_of_the_right_size() -> None:
 
 @pytest.mark.slow
 def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("stability", "--quick", "-o", tmp_path / "out") == 0
+    assert call_study("stability", "--quick", "-o", tmp_path / "out") == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert re.search(r"^  all .* holds$", told.out, re.MULTILINE)
@@ -345,22 +345,22 @@ def test_a_run_that_was_killed_is_taken_up_again(
         return examine(case, *rest)
 
     monkeypatch.setattr(run, "examine_case", counted)
-    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 130
+    assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["stability_records.csv"]
     log = tmp_path / "stability_records.csv"
     header, first, second = log.read_text().splitlines()
     log.write_text(f"{header}\n{first}\n{second[:-50]}")  # killed while it wrote
     examined.clear()
     monkeypatch.setattr(run, "examine_case", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
-    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
+    assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == [case.name for case in corners.find_matching_cases(PATTERN)[1:]]
     examined.clear()
-    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
+    assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == []
-    assert call("stability", "--cases", PATTERN, "-o", tmp_path, "--algorithm", "doubling") == 0
+    assert call_study("stability", "--cases", PATTERN, "-o", tmp_path, "--algorithm", "doubling") == 0
     assert len(examined) == 3
     examined.clear()
-    assert call("stability", "--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
+    assert call_study("stability", "--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
     assert len(examined) == 3
     assert [record.name for record in Records(run.Record, log).read().values()] == examined
     capsys.readouterr()
@@ -370,7 +370,7 @@ def test_a_shortfall_is_exit_code_1_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(checks, "ENERGY", -1.0)
-    assert call("stability", "--cases", "sun on a node", "-o", tmp_path) == 1
+    assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == 1
     told = capsys.readouterr()
     assert re.fullmatch(r"vrte: error: 1 of 1 scenes fall short, the first: sun on a node: energy [^\n]+\n", told.err)
     assert "1 fall short" in told.out
@@ -383,7 +383,7 @@ def test_a_known_reason_is_told_and_does_not_count(
     monkeypatch.setattr(checks, "ENERGY", -1.0)
     known = ("sun on*", "energy", "nothing is less than nothing"), ("sun on*", "net flux*", "nor this")
     monkeypatch.setattr(run, "KNOWN", known)
-    assert call("stability", "--cases", "sun on a node", "-o", tmp_path) == 0
+    assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == 0
     assert "nothing is less than nothing" in capsys.readouterr().out
     assert "nothing is less than nothing" in (tmp_path / "stability.md").read_text()
 
@@ -392,9 +392,9 @@ def test_without_the_oracle_the_run_says_where_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(oracle, "TABLE", tmp_path / TABLE.name)
-    assert call("stability", "--cases", "thickness 0", "-o", tmp_path / "without") == 0
+    assert call_study("stability", "--cases", "thickness 0", "-o", tmp_path / "without") == 0
     assert "to be given by --oracle FILE" in capsys.readouterr().out
     assert "to be given by --oracle FILE" in (tmp_path / "without" / "stability.md").read_text()
-    assert call("stability", "--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", TABLE) == 0
+    assert call_study("stability", "--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", TABLE) == 0
     assert "--oracle" not in capsys.readouterr().out
     assert [row["oracle"] for row in rows_of(tmp_path / "with" / "stability_cases.csv")] == ["yes"]

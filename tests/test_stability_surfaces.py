@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies.stability import corners, surfaces
-from vrte.studies.stability.covering import find_uncovered_cells
+from bench.stability import corners, surfaces
+from bench.stability.covering import find_uncovered_cells
 
 from .helpers import assert_close, close_to
 from .interface_oracle import brdf_orders

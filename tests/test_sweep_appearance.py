@@ -13,6 +13,8 @@ import pytest
 import xarray
 
 import vrte
+from bench import pigment_size
+from bench.pigment_size import find_optimum, make_paint
 from tests.helpers import run
 from vrte.appearance.colours import find_colour
 from vrte.appearance.gloss import find_gloss
@@ -22,8 +24,6 @@ from vrte.appearance.quantities import QUANTITIES
 from vrte.basics.errors import SceneError
 from vrte.calls.side_by_side import Share, run_side_by_side, share_cores
 from vrte.formats import particle_sources
-from vrte.studies import pigment_size
-from vrte.studies.pigment_size import find_optimum, make_paint
 from vrte.sweep import optics
 from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning

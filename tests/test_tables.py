@@ -11,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from vrte.basics.blas import find_blas_libraries
-from vrte.basics.errors import AccuracyError, SceneError
-from vrte.studies.tables import configurations, measuring, page, paper, processes
-from vrte.studies.tables.configurations import (
+from bench.tables import configurations, measuring, page, paper, processes
+from bench.tables.configurations import (
     BASELINE,
     DEVICE,
     FULL,
@@ -23,10 +21,12 @@ from vrte.studies.tables.configurations import (
     Configuration,
     choose_configurations,
 )
-from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, list_problems
-from vrte.studies.tables.processes import Child, Reply, Task
+from bench.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, list_problems
+from bench.tables.processes import Child, Reply, Task
+from vrte.basics.blas import find_blas_libraries
+from vrte.basics.errors import AccuracyError, SceneError
 
-from .conftest import call, rows_of
+from .conftest import call_study, rows_of
 from .helpers import assert_close, close_to
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
@@ -78,7 +78,7 @@ def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, c
     assert not {each.label for each in able} & {"1", "4", "OpenMP baseline"}
     for name in ("configuration 1", "configuration 4", "OpenMP baseline"):
         assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
-    assert call("tables", "--configurations", "2,1") == 2
+    assert call_study("tables", "--configurations", "2,1") == 2
     assert "configuration 1 needs the baseline SIMD" in capsys.readouterr().err
 
 
@@ -89,7 +89,7 @@ def test_without_a_device_the_others_are_measured(
     able, refused = choose_configurations()
     assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
     assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
-    assert call("tables", "--configurations", "6") == 2
+    assert call_study("tables", "--configurations", "6") == 2
     assert "configuration 6 needs an OpenCL device: there is none" in capsys.readouterr().err
 
 
@@ -188,8 +188,8 @@ def test_one_that_is_killed_midway_too() -> None:
 
 PARENT = """
 import sys
-from vrte.studies.tables.paper import list_problems
-from vrte.studies.tables.processes import Task, start_processes
+from bench.tables.paper import list_problems
+from bench.tables.processes import Task, start_processes
 with start_processes(["full"]) as found:
     print(found["full"]._process.pid, flush=True)
     while True:
@@ -227,7 +227,7 @@ def is_there(pid: int) -> bool:
 @needs_baseline
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     folder = tmp_path / "new"
-    assert call("tables", "--quick", "--configurations", "1,2", "-o", folder) == 0
+    assert call_study("tables", "--quick", "--configurations", "1,2", "-o", folder) == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert {path.name for path in folder.iterdir()} == FILES

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vrte.studies.cases import find_phase_matrix
+from bench.cases import find_phase_matrix
 
 from .ball_oracle import Layer, Request
 from .derivative_oracle import UNIT, differentiate_operators

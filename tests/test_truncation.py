@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import vrte
+from bench import truncation
+from bench.cases import find_phase_matrix
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run, start_run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
@@ -21,8 +23,6 @@ from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_la
 from vrte.request.request import make_radiance_request
 from vrte.request.wanted import Wanted
 from vrte.results.solution import Solution
-from vrte.studies import truncation
-from vrte.studies.cases import find_phase_matrix
 
 from .helpers import assert_close, close_to
 

@@ -9,8 +9,8 @@ import pytest
 from vrte.basics.errors import DeviceError
 from vrte.cl import device
 from vrte.cl.session import Session, open_session
-from vrte.studies import verify_device
-from vrte.studies.verify_device import Verified, complain_about, describe_verified
+from vrte.commands import verify_device
+from vrte.commands.verify_device import Verified, complain_about, describe_verified
 
 from .conftest import call
 

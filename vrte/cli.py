@@ -22,8 +22,9 @@ from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, Sc
 from vrte.basics.running import is_left_working
 from vrte.basics.starting import IS_COMMAND, WORDS, end
 from vrte.calls.versions import describe_versions
+from vrte.commands.common import Parser
 from vrte.commands.pages import find_page
-from vrte.commands.parser import make_parser
+from vrte.commands.parser import make_parser, explain_study
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs
@@ -44,8 +45,9 @@ def replace_signs(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error("vrte", replace_signs)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line, by default this process's own; returns the exit code.
+def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -> int:
+    """Runs the command line, by default this process's own, by a parser, by default that of `vrte`; returns the exit
+    code.
 
     >>> main(["material", "water", "--wavelength-um", "nonsense"])
     Traceback (most recent call last):
@@ -58,7 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for stream in (sys.stdout, sys.stderr):
                 if hasattr(stream, "reconfigure"):
                     stream.reconfigure(errors="vrte")
-            parser = make_parser()
+            if parser is None:
+                parser = make_parser()
+                explain_study(parser, sys.argv[1:] if arguments is None else arguments)
             options = parser.parse_args(arguments)
             if options.version:
                 print(describe_versions() if options.verbose else f"vrte {__version__}", flush=True)

@@ -8,11 +8,19 @@
 # nodes ten digits take.
 
 # %%
+import sys
+
 import matplotlib.pyplot as plt
 import numpy as np
 
 import vrte
-from vrte.studies.benchmarks import compute_numbers, find_benchmarks, read_benchmark
+
+sys.path.append("../..")  # the source tree of vrte, of which this uses the folder bench
+from bench.benchmarks import (
+    compute_numbers,
+    find_benchmarks,
+    read_benchmark,
+)
 
 plt.style.use("petroff10")  # colours that the colour-blind tell apart
 plt.rcParams.update(

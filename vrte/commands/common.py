@@ -100,15 +100,6 @@ def make_whole_number_reader(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def add_study(command: argparse.ArgumentParser, quick: str, fresh: bool = True) -> None:
-    """What commands that measure have in common: where to write, and how much is measured."""
-    folder = Path(command.prog.split()[-1])
-    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=folder, help="made if absent")
-    command.add_argument("--quick", action="store_true", help=quick)
-    if fresh:
-        command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
-
-
 def read_wavelengths(text: str) -> list[float]:
     """What reads ascending wavelengths, with commas between them."""
     try:

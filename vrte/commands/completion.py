@@ -46,12 +46,11 @@ def list_actions(parser: argparse.ArgumentParser) -> Iterator[Any]:
 
 
 def tell_candidates(action: Any, shtab: Any) -> None:
-    """Says what an argument is completed with: files by the suffix of their metavar, folders, or names of materials;
+    """Says what an argument is completed with: files by the suffix of their metavar, or names of materials;
     words with spaces bear underscores, which their readers take as well."""
     if action.type is Path:
         suffix = Path(action.metavar or "").suffix
-        folder = action.metavar == "FOLDER"
-        action.complete = shtab.DIRECTORY if folder else make_patterns(suffix) if suffix else shtab.FILE
+        action.complete = make_patterns(suffix) if suffix else shtab.FILE
     elif action.dest == "name" and not action.option_strings:
         action.choices = [name.replace(" ", "_") for name in (*MATERIALS, *list_materials())]
 

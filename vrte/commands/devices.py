@@ -42,7 +42,7 @@ def show_devices(options: argparse.Namespace) -> None:
     """The list, and what else is asked for."""
     from vrte.basics.running import count_usable_cpus
     from vrte.cl import device
-    from vrte.studies import devices
+    from vrte.commands import device_rates
 
     found = device.devices()
     with show_progress() as (phase, tick):
@@ -54,21 +54,21 @@ def show_devices(options: argparse.Namespace) -> None:
     try:
         taken, reason = device.choose(found, device.read_wanted_device(), device.find_complaint)
     except DeviceError:
-        print(devices.describe_devices(found, None, "for the reason below", complaints), flush=True)
+        print(device_rates.describe_devices(found, None, "for the reason below", complaints), flush=True)
         raise
-    print(devices.describe_devices(found, taken, reason, complaints))
+    print(device_rates.describe_devices(found, taken, reason, complaints))
     if options.measure:
         with device.raise_device_errors(), show_progress() as (phase, tick):
             phase("products")
-            rates = devices.measure_rates(device.session(), count_usable_cpus(), tick)
-        print(f"\n{devices.describe_rates(rates, count_usable_cpus())}")
+            rates = device_rates.measure_rates(device.session(), count_usable_cpus(), tick)
+        print(f"\n{device_rates.describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
         verify_and_print(None if options.verify < 0 else options.verify)
 
 
 def verify_and_print(index: int | None) -> None:
     """The table of all checks. Raises DeviceError where one does not pass."""
-    from vrte.studies import verify_device
+    from vrte.commands import verify_device
 
     found = verify_device.verify_device(index, lambda line: print(f"  {line} ...", file=sys.stderr, flush=True))
     print(f"\n{verify_device.describe_verified(found)}", flush=True)

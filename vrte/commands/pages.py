@@ -19,16 +19,12 @@ OF_COMMANDS = {
     "materials": "how_to/materials.md",
     "paint": "how_to/appearance.md",
     "phase": "how_to/importing.md",
-    "stability": "reference/stability.md",
-    "benchmarks": "reference/benchmarks/README.md",
-    "tables": "reference/tables.md",
-    "report": "explanation/methods.md",
     "devices": "how_to/opencl.md",
     "completion": THIS,
 }
 # of the steps of a SceneError's place, which may be an option's command, the last that is here
 OF_KEYS = {
-    **{name: OF_COMMANDS[name] for name in ("view", "material", "phase", "tables", "sweep", "render")},
+    **{name: OF_COMMANDS[name] for name in ("view", "material", "phase", "sweep", "render")},
     "mitsuba": "how_to/exports.md",
     **dict.fromkeys(
         ("wavelength_um", "host_index", "nodes", "accuracy", "title", "description", "layer", "brdf", "field"),

@@ -1,7 +1,8 @@
 """The parser of `vrte`, with all its commands as --help lists them."""
 
+from collections.abc import Sequence
+
 from vrte.commands import (
-    benchmarks,
     completion,
     devices,
     fit,
@@ -11,11 +12,8 @@ from vrte.commands import (
     paint,
     phase,
     render,
-    report,
     solve,
-    stability,
     sweep,
-    tables,
     view,
 )
 from vrte.commands.common import Parser
@@ -31,10 +29,6 @@ COMMANDS = (
     materials,
     paint,
     phase,
-    stability,
-    benchmarks,
-    tables,
-    report,
     devices,
     completion,
 )
@@ -43,6 +37,14 @@ TOUR = (
     ("vrte brdf powder.toml --plot powder.png", "solves it: its BRDF as a picture; -o powder.csv: as a table"),
     ("vrte view powder.toml", "a page in the browser: change the scene, turn its BRDF around"),
 )
+
+STUDIES = ("tables", "report", "stability", "benchmarks", "cost")  # targets of the source tree's Makefile
+
+
+def explain_study(parser: Parser, arguments: Sequence[str]) -> None:
+    """Says where a study of vrte itself is, where the first argument names one."""
+    if arguments and arguments[0] in STUDIES:
+        parser.error(f"{arguments[0]} is a study of vrte itself: run `make {arguments[0]}` in its source tree")
 
 
 def make_parser() -> Parser:

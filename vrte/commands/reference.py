@@ -2,13 +2,13 @@
 
 import argparse
 import os
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from vrte.commands.common import Parser
 from vrte.commands.pages import OF_COMMANDS, THIS
 from vrte.commands.parser import make_parser
 from vrte.commands.starters import KINDS
-from vrte.studies.pages import make_markdown_table
 
 HERE = "reference"
 INTRODUCTION = """# The command line
@@ -82,14 +82,20 @@ command prints are commands to type next.""",
     "brdf": SOLVING,
     "field": "Algorithms and methods are those of [vrte brdf](#vrte-brdf).",
     "sweep": "On threads, a Dask cluster or an OpenCL device.",
-    "stability": "A table on the screen, as Markdown and as CSV; without `--quick` some 15 minutes.",
-    "benchmarks": "The exit code is 1 where a number has changed.",
-    "tables": """The GPU paper's six configurations, timed: its Tables 1 to 3, its BRDF and figure 1 beside ours; with
-`--figures` its figures 2 to 9, how the cost grows with nodes, directions and orders.""",
-    "report": """An HTML page, pictures and a table; a run that was stopped is taken up there unless `--fresh` is
-given.""",
     "devices": 'The device that is taken is that of `backend="opencl"`.',
 }
+
+
+def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """With every row's cells between bars.
+
+    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
+    | a | b |
+    |---|---|
+    | 1 | x\\|y |
+    """
+    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
+    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
 def show_argument(action: argparse.Action) -> str:

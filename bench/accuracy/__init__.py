@@ -1,0 +1,1 @@
+"""Requested against achieved accuracy, scene by scene: `python -m bench.accuracy -o FOLDER`."""

@@ -1,0 +1,1 @@
+"""Error against run time of every method, scene by scene: `python -m bench.report -o FOLDER`."""

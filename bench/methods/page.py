@@ -1,0 +1,326 @@
+"""The rows as an HTML page that needs no network, and as pictures."""
+
+import html
+import json
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.methods import peers
+from bench.methods.advice import (
+    TARGETS,
+    advise_on_scene,
+    advise_on_target,
+    advise_overall,
+    compare_with_exact,
+    compare_with_peers,
+    describe_score,
+    find_pareto_front,
+    find_quickest_candidate,
+    find_reference_uncertainty,
+    find_refusals,
+    make_score_html,
+    say_run_time,
+)
+from bench.methods.reference import make_file_stem
+from bench.methods.rows import STOKES, Row, group_rows
+from bench.methods.scenes import find_case
+from bench.pages import MARKERS, finish_panel, list_run_facts, make_html_table, show_two_digits, write_text
+from vrte.basics.errors import import_extra
+from vrte.pictures.figures import FAINT, require_pictures, save
+from vrte.request.how import AUTO, METHOD_NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = "methods.html"
+SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
+# a method, and method="auto", which the eye is to find first
+COLOURS = dict(
+    zip(
+        METHOD_NAMES,
+        (
+            *("#1f4e79", "#00a3e0", "#8d6e63", "#5c6b2f", "#7a4fa3", "#d98200", "#c2185b", "#2a8f5b", "#e68fb8"),
+            *("#9e9d24", "#e4002b"),
+        ),
+        strict=True,
+    )
+)
+BOLD = 2.0  # auto's lines and markers, over those of others
+SYMBOLS = (
+    *("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "triangle-left", "triangle-right"),
+    "star",
+)  # Plotly's, of MARKERS
+MEASURES = (
+    ("largest error of I, Q, U, V", "worst"),
+    ("largest error of I", "i_max"),
+    ("root mean square of I", "i_rms"),
+    ("largest error of Q", "q_max"),
+    ("largest error of U", "u_max"),
+    ("largest error of V", "v_max"),
+    ("error of energy", "energy"),
+)
+LEGEND = (
+    "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
+    "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
+    "Pareto front of the largest error: no run of vrte is both quicker and closer; the dotted line is what the "
+    "reference is known to. Broken grey lines are other codes on one thread, each over its streams: a call with all "
+    "that another scene needs anew; errors are of what the code finds."
+)
+PEER_COLOURS = ("#222222", "#6a6a6a", "#9a9a9a")
+STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;font-size:14px}td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left}
+.plot{height:40em}details{font-size:14px}"""
+SCRIPT = """for (const [id, figure] of Object.entries(FIGURES))
+  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false});"""
+
+
+def require_page() -> None:
+    """Raises MissingExtraError without matplotlib or Plotly."""
+    require_pictures()
+    read_plotly_script()
+
+
+def read_plotly_script() -> str:
+    """Plotly's JavaScript. Raises MissingExtraError without Plotly."""
+    return str(import_extra("plotly.offline", "the page of the report", "report").get_plotlyjs())
+
+
+def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:
+    """Writes methods.html and a picture a scene; their paths. Raises MissingExtraError, OSError."""
+    page = Path(folder) / PAGE
+    write_text(page, make_html(rows, [*list_run_facts(settings), peers.describe_peers()]))
+    pictures = []
+    for name, some in group_rows(rows).items():
+        pictures.append(Path(folder) / f"{make_file_stem(name)}.png")
+        save(draw_scene_errors(name, some, assign_markers(rows)), pictures[-1])
+    return [page, *pictures]
+
+
+def group_by_curve(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Measured rows of each curve, in their order but for auto's, which come first."""
+    found = group_rows((row for row in rows if row.is_measured), "curve")
+    return dict(sorted(found.items(), key=lambda pair: pair[0] != AUTO))
+
+
+def assign_markers(rows: Sequence[Row]) -> dict[str, int]:
+    """The place of each curve's marker among those of its method, the same in every scene."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        curves = found.setdefault(find_curve_method(row), {})
+        curves.setdefault(row.curve, len(curves))
+    return {name: place for curves in found.values() for name, place in curves.items()}
+
+
+def find_curve_method(row: Row) -> str:
+    """The method that a run's curve is of: auto, whatever it took, or its own."""
+    return AUTO if row.curve == AUTO else row.method
+
+
+def choose_colour(rows: Sequence[Row]) -> str:
+    """Of a curve: its method's, throughout; peers are grey."""
+    method = find_curve_method(rows[0])
+    return PEER_COLOURS[list(peers.PEERS).index(method)] if rows[0].is_peer else COLOURS[method]
+
+
+def choose_boldness(rows: Sequence[Row]) -> float:
+    """Of a curve's lines and markers."""
+    return BOLD if find_curve_method(rows[0]) == AUTO else 1.0
+
+
+def raise_to_smallest(error: float) -> float:
+    """Where an error is drawn."""
+    return max(error, SMALLEST)
+
+
+def make_hover_text(row: Row) -> str:
+    """What a point tells."""
+    rms, energy = show_two_digits(row.i_rms), show_two_digits(row.energy)
+    errors = ", ".join(f"{letter.upper()} {show_two_digits(getattr(row, f'{letter}_max'))}" for letter in STOKES)
+    spread = f"{say_run_time(row.least)} to {say_run_time(row.greatest)}, {row.rounds} rounds"
+    return (
+        f"<b>{html.escape(row.curve)}</b><br>{html.escape(row.setting)}<br>{say_run_time(row.seconds)} ({spread})<br>"
+        f"largest errors: {errors}<br>root mean square of I {rms}, energy {energy}<br>"
+        f"operations: {show_two_digits(row.operations)}"
+    )
+
+
+def make_scene_figure(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
+    """The interactive figure of a scene: a trace a curve, the Pareto front first, a menu of what is measured."""
+    best = find_pareto_front(rows)
+    lines = [("Pareto front", best), *group_by_curve(rows).items()]
+    data = [make_trace(name, some, places.get(name)) for name, some in lines]
+    buttons = [
+        {
+            "label": label,
+            "method": "update",
+            "args": [{"y": [list_heights(some, field) for _, some in lines]}, {"yaxis.title.text": label}],
+        }
+        for label, field in MEASURES
+    ]
+    layout = {
+        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power", "dtick": "D2"},
+        "yaxis": {"type": "log", "title": {"text": MEASURES[0][0]}, "exponentformat": "power"},
+        "shapes": [make_reference_line(find_reference_uncertainty(rows))],
+        "updatemenus": [{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.12, "yanchor": "top"}],
+        "hovermode": "closest",
+        "hoverlabel": {"bgcolor": "white", "font": {"color": "#222222"}},
+        "legend": {"font": {"size": 11}},
+        "margin": {"t": 50, "r": 20},
+    }
+    return {"data": data, "layout": layout}
+
+
+def make_reference_line(within: float) -> dict[str, Any]:
+    """Across the figure, where errors cannot be told from the reference's; none where that is not known."""
+    line = {"color": "black", "width": 1, "dash": "dot"}
+    place = raise_to_smallest(within) if math.isfinite(within) else 1.0
+    ends = {"x0": 0.0, "x1": 1.0, "y0": place, "y1": place}
+    return {"type": "line", "xref": "paper", "line": line, "visible": math.isfinite(within), **ends}
+
+
+def list_heights(rows: Sequence[Row], field: str) -> list[float | None]:
+    """Of one measure; None where it is not known."""
+    values = [getattr(row, field) for row in rows]
+    return [None if math.isnan(value) else raise_to_smallest(value) for value in values]
+
+
+def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
+    """Of one curve; ``place`` None: the front."""
+    x = [row.seconds for row in rows]
+    found: dict[str, Any] = {"name": name, "type": "scatter", "x": x, "y": list_heights(rows, "worst")}
+    if place is None:
+        line = {"color": FAINT, "width": 9, "shape": "hv"}
+        return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
+    colour, bold = choose_colour(rows), choose_boldness(rows)
+    spread = {
+        "type": "data",
+        "symmetric": False,
+        "array": [row.greatest - row.seconds for row in rows],
+        "arrayminus": [row.seconds - row.least for row in rows],
+        "thickness": 0.7,
+        "width": 0,
+    }
+    return found | {
+        "mode": "lines+markers",
+        "line": {"color": colour, "width": 1.2 * bold, "dash": "dash" if rows[0].is_peer else "solid"},
+        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 7 * bold**0.5},
+        "error_x": spread,
+        "text": [make_hover_text(row) for row in rows],
+        "hoverinfo": "text",
+    }
+
+
+def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
+    """The page: what was measured, what to take for how much, and a figure a scene."""
+    scenes, places = group_rows(rows), assign_markers(rows)
+    figures = {make_file_stem(name): make_scene_figure(some, places) for name, some in scenes.items()}
+    data = json.dumps(figures).replace("</", "<\\/")
+    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in circumstances)
+    return "\n".join(
+        [
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
+            f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>",
+            f"<p><b>{html.escape(advise_overall(rows))}</b></p>",
+            make_score_html(rows),
+            f"<h2>The quickest run of each scene</h2>\n{make_summary_table(scenes)}",
+            f"<h2>How it was measured</h2>\n<ul>{facts}</ul>\n<p>{LEGEND}</p>",
+            *(make_scene_section(name, some) for name, some in scenes.items()),
+            f"<script>{read_plotly_script()}</script>\n<script>const FIGURES = {data};\n{SCRIPT}</script>\n"
+            "</body></html>\n",
+        ]
+    )
+
+
+def make_summary_table(scenes: dict[str, list[Row]]) -> str:
+    """Scenes down, targets across."""
+    lines = [
+        [f'<a href="#s-{make_file_stem(name)}">{html.escape(name)}</a>', f"{find_reference_uncertainty(rows):.0e}"]
+        + [html.escape(advise_briefly(rows, target)) for target in TARGETS]
+        for name, rows in scenes.items()
+    ]
+    return make_html_table(["scene", "reference within", *(f"{target:.0e}" for target in TARGETS)], lines)
+
+
+def advise_briefly(rows: Sequence[Row], target: float) -> str:
+    """What to take, for a cell."""
+    row = find_quickest_candidate(rows, target)
+    if find_reference_uncertainty(rows) > target:
+        return "reference not known so well"
+    return "none" if row is None else f"{row.curve}: {row.setting}, {say_run_time(row.seconds)}"
+
+
+def make_scene_section(name: str, rows: Sequence[Row]) -> str:
+    """A scene: what it is, what to take, the figure, and which methods do not take it."""
+    refused = "".join(f"<li>{html.escape(f'{curve}: {why}')}</li>" for curve, why in find_refusals(rows).items())
+    more = f"<details><summary>Does not take it</summary><ul>{refused}</ul></details>" if refused else ""
+    return (
+        f'<h2 id="s-{make_file_stem(name)}">{html.escape(name)}</h2>\n<p>{html.escape(find_case(name).words)}; '
+        f"reference known to "
+        f"{find_reference_uncertainty(rows):.0e}.</p>\n<p><b>{html.escape(advise_on_scene(rows))}</b></p>\n"
+        f"<p>{html.escape(' '.join(list_peer_comparisons(rows)))}</p>\n"
+        f'<div class="plot" id="{make_file_stem(name)}"></div>\n{more}'
+    )
+
+
+def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure":
+    """Error against seconds, a line a curve."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
+    panel: Any = figure.subplots()
+    best = find_pareto_front(rows)
+    x, y = [row.seconds for row in best], [raise_to_smallest(row.worst) for row in best]
+    panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
+    # auto above the others, and first in the legend
+    for curve, some in group_by_curve(rows).items():
+        place, bold = places[curve], choose_boldness(some)
+        style: dict[str, Any] = {
+            "color": choose_colour(some),
+            "marker": MARKERS[place % len(MARKERS)],
+            "zorder": 2 + bold,
+        }
+        style["linestyle"] = "--" if some[0].is_peer else "-"
+        times = [row.seconds for row in some]
+        spread = [[row.seconds - row.least for row in some], [row.greatest - row.seconds for row in some]]
+        heights_ = [raise_to_smallest(row.worst) for row in some]
+        style |= {"linewidth": 0.9 * bold, "markersize": 4 * bold**0.5, "elinewidth": 0.5}
+        panel.errorbar(times, heights_, xerr=spread, label=curve, **style)
+    within = find_reference_uncertainty(rows)
+    panel.axhline(
+        raise_to_smallest(within), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}"
+    )
+    beside = "largest error of I, Q, U, V over the largest I"
+    finish_panel(panel, f"{name}: {find_case(name).words}", "seconds on one thread", beside)
+    figure.legend(loc="outside right upper", fontsize=7, frameon=False)
+    return figure
+
+
+def describe_report(rows: Sequence[Row]) -> str:
+    """A sentence a scene, for a terminal."""
+    lines = []
+    for name, some in group_rows(rows).items():
+        lines.append(f"  {name} (reference known to {find_reference_uncertainty(some):.0e})")
+        told = [advise_on_target(some, target) for target in TARGETS] + [
+            compare_with_exact(some),
+            *list_peer_comparisons(some),
+        ]
+        lines += [f"    {text}" for text in told]
+    return "\n".join(
+        filter(
+            None,
+            [
+                f"  {advise_overall(rows)}" if advise_overall(rows) else "",
+                *lines,
+                describe_score(rows),
+                f"  {peers.describe_peers()}",
+            ],
+        )
+    )
+
+
+def list_peer_comparisons(rows: Sequence[Row]) -> list[str]:
+    """What peers take, for each target that any reaches."""
+    return [text for text in (compare_with_peers(rows, target) for target in TARGETS) if text]
