@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.appearance.drawdown import find_hiding_film, prepare_drawdown
-from vrte.appearance.even_bases import fit_even_bases
 from vrte.appearance.geometries import find_reflectance, solve_geometry
-from vrte.appearance.hiding import Hiding, find_contrast, find_hiding
+from vrte.appearance.hiding import (
+    Hiding,
+    find_contrast,
+    find_hiding,
+    find_hiding_film,
+    fit_even_bases,
+    prepare_drawdown,
+)
 from vrte.appearance.panel import Panel, make_panel
 from vrte.scene.illumination import hemisphere
 

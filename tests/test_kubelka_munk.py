@@ -12,8 +12,7 @@ import vrte
 from vrte.appearance import kubelka_munk as km
 from vrte.appearance.geometries import read_geometry
 from vrte.appearance.panel import Panel, make_panel
-from vrte.appearance.surface_shares import find_surface_shares
-from vrte.appearance.two_flux_fit import find_kubelka_munk
+from vrte.appearance.two_flux_fit import find_kubelka_munk, find_surface_shares
 from vrte.appearance.two_flux_picture import draw_two_fluxes
 
 from .helpers import close_to

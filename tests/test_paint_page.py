@@ -17,8 +17,7 @@ import vrte
 from vrte import SceneError, cli
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import find_hiding
-from vrte.appearance.paint import GLOSS_ANGLES, cut_lobe
-from vrte.appearance.paint_words import write_pairs
+from vrte.appearance.paint import GLOSS_ANGLES, cut_lobe, write_pairs
 from vrte.appearance.panel import make_panel
 from vrte.commands import common
 

@@ -32,23 +32,8 @@ WIDEST = 170.0  # [deg], of a rectangle
 
 @dataclass(frozen=True)
 class Rectangular:
-    """A rectangular stop in the focal plane of a lens, by the angles it opens in the plane of incidence and across.
-
-    Parameters
-    ----------
-    in_plane_deg, across_deg : float
-        Full angles [deg], above 0, at most 170: the stop is 2 tan(angle/2) times the focal length wide.
-
-    Raises
-    ------
-    SceneError
-        Naming the angle.
-
-    Source: the flat apertures of ASTM D523, whose table has 2 tan(angle/2) beside the angles (from memory).
-
-    >>> Rectangular(4.4, 11.7).reach_deg
-    2.2
-    """
+    """A rectangular stop in the focal plane of a lens, by the full angles [deg], at most 170, that it opens in the
+    plane of incidence and across; it is 2 tan(angle/2) focal lengths wide (ASTM D523, from memory)."""
 
     in_plane_deg: float
     across_deg: float
@@ -59,12 +44,12 @@ class Rectangular:
 
     @property
     def reach_deg(self) -> float:
-        """How far it reaches from its axis in the plane of incidence [deg]."""
+        """The angle [deg] from the axis to the edge in the plane of incidence."""
         return 0.5 * self.in_plane_deg
 
     @property
     def half(self) -> Array:
-        """Half of its sides over the focal length (2,)."""
+        """Half of the sides over the focal length (2,)."""
         return np.tan(0.5 * np.radians([self.in_plane_deg, self.across_deg]))
 
     def aim(self, s: Array, t: Array) -> tuple[Array, Array]:
@@ -74,32 +59,18 @@ class Rectangular:
         return np.stack([x, y, np.ones_like(x)], -1) / size[..., None], broad * high / size**3
 
     def locate(self, direction: Array) -> tuple[float, float]:
-        """Where a direction (3,) is, in s and t, which are beyond -1 and 1 outside."""
+        """The coordinates s, t of a direction (3,), beyond -1 and 1 outside."""
         s, t = direction[:2] / direction[2] / self.half
         return float(s), float(t)
 
     def scale(self, width: float, height: float) -> tuple[float, float]:
-        """What angles [rad] near its axis are in s and t."""
+        """Angles [rad] near the axis as s and t."""
         return width / self.half[0], height / self.half[1]
 
 
 @dataclass(frozen=True)
 class Round:
-    """A round receptor: a port of a sphere, or a stop, by the angle that its diameter opens.
-
-    Parameters
-    ----------
-    diameter_deg : float
-        Full angle [deg], above 0, at most 180: the hemisphere around the axis.
-
-    Raises
-    ------
-    SceneError
-        Naming the angle.
-
-    >>> Round(10.0).reach_deg
-    5.0
-    """
+    """A round receptor, the port of a sphere or a stop, by the full angle [deg] of its diameter, at most 180."""
 
     diameter_deg: float
 
@@ -109,12 +80,12 @@ class Round:
 
     @property
     def reach_deg(self) -> float:
-        """How far it reaches from its axis [deg]."""
+        """The angle [deg] from the axis to the edge."""
         return 0.5 * self.diameter_deg
 
     @property
     def radius(self) -> float:
-        """Of its stereographic image, tan of a quarter of its angle: smooth up to a hemisphere."""
+        """Radius of the stereographic image, tan of a quarter of the angle: smooth up to a hemisphere."""
         return math.tan(0.5 * math.radians(self.reach_deg))
 
     def aim(self, s: Array, t: Array) -> tuple[Array, Array]:
@@ -126,13 +97,13 @@ class Round:
         return direction, 2.0 * np.pi * (r * np.cos(turned) / size) ** 2
 
     def locate(self, direction: Array) -> tuple[float, float]:
-        """Where a direction (3,) is, in s and t, clipped to where there are any."""
+        """The coordinates s, t of a direction (3,), clipped to where there are any."""
         x, y = direction[:2] / (1.0 + direction[2]) / self.radius
         chord = math.sqrt(max(1.0 - float(x) ** 2, 1e-12))
         return 2.0 / math.pi * math.asin(min(max(float(x), -1.0), 1.0)), float(y) / chord
 
     def scale(self, width: float, height: float) -> tuple[float, float]:
-        """What angles [rad] near its axis are in s and t."""
+        """Angles [rad] near the axis as s and t."""
         return width / (math.pi * self.radius), height / (2.0 * self.radius)
 
 
@@ -152,24 +123,8 @@ def check_in_view(receptor: Receptor, angle_deg: float) -> None:
 
 
 def project_solid_angle(receptor: Receptor, angle_deg: float) -> float:
-    """The projected solid angle of a receptor whose axis is tilted: the flux that it gets of radiance 1.
-
-    Parameters
-    ----------
-    receptor : Rectangular or Round
-        What collects the light.
-    angle_deg : float
-        From the surface's normal to its axis [deg].
-
-    Returns
-    -------
-    float
-        The integral of cos(theta) over it [sr]; of a cone of half angle g it is pi sin(g)^2 cos(angle).
-
-    Raises
-    ------
-    SceneError
-        Where it reaches below the horizon.
+    """The integral [sr] of cos(theta) over a receptor whose axis is ``angle_deg`` from the normal: the flux that it
+    gets of radiance 1. Raises SceneError where the receptor reaches below the horizon.
 
     >>> round(project_solid_angle(Round(180.0), 0.0) / np.pi, 12)
     1.0
@@ -185,30 +140,9 @@ def collect_mirrored(
 ) -> float:
     """The share of an unpolarized beam that a surface by itself sends into a receptor around the mirror direction.
 
-    Parameters
-    ----------
-    interface : Interface
-        The surface as light from above meets it. Of a smooth one the whole mirrored beam gets in.
-    mu_i : float
-        Cosine of the angle of incidence, of the beam or the middle of the source.
-    receptor : Rectangular or Round
-        What collects the light, its axis along the mirrored beam; all of it above the horizon.
-    source : Rectangular, optional
-        The extent of an evenly bright source; without it the beam is a single direction.
-    points : int, optional
-        Gauss points of a panel, by which convergence is shown.
-
-    Returns
-    -------
-    float
-        Flux into the receptor over that of the beam.
-
-    Raises
-    ------
-    SceneError
-        Where the receptor or the source reaches below the horizon.
-
-    Source: the integral of `vrte.optics.facets` (Walter et al. 2007).
+    ``source``: the extent of an evenly bright lamp around the beam; ``points``: Gauss points of a panel, by which
+    convergence is shown. A smooth surface sends the whole mirrored beam. Raises SceneError where receptor or source
+    reach below the horizon. The lobe is that of `vrte.optics.facets` (Walter et al. 2007).
 
     >>> glass = Interface(1.0, 1.5, roughness=0.05)
     >>> round(collect_mirrored(glass, 1.0, Round(180.0)) / glass.share(1.0)[0].item(), 6)
@@ -247,8 +181,8 @@ def integrate_share(
 
 
 def list_beams(source: Rectangular) -> list[tuple[Array, float]]:
-    """Directions (3,) of an evenly bright source and their shares of its light; both halves across are alike, and the
-    second is left out."""
+    """Directions (3,) of an evenly bright source and their shares of its light; of two halves that are alike the
+    first."""
     s, t, weights = make_rule(source, AXIS, EVEN, SOURCE_POINTS)
     directions, density = source.aim(s, t)
     half = t > 0.0

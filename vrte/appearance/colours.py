@@ -27,38 +27,10 @@ TOLD = 0.01  # share beyond the wavelengths from which on it is told
 
 @dataclass(frozen=True)
 class Colour:
-    """A colour as an instrument states it, in a light, for an observer.
+    """A colour in a light, for an observer: X, Y, Z, where Y of the perfect white is 100, and L*, a*, b* of CIELAB.
 
-    Attributes
-    ----------
-    X
-        Tristimulus value X, where Y of the perfect white is 100.
-    Y
-        Tristimulus value Y, the luminance factor in per cent.
-    Z
-        Tristimulus value Z.
-    L
-        Lightness L* of CIELAB, 0 to 100.
-    a
-        a* of CIELAB, above 0 red, below 0 green.
-    b
-        b* of CIELAB, above 0 yellow, below 0 blue.
-    illuminant
-        The light.
-    observer
-        Degrees of the standard observer, 2 or 10.
-    known_um
-        The first and the last wavelength of the reflectance [um], beyond which it is taken as there.
-    beyond
-        Shares of the white's X, Y, Z that lie below the first and above the last wavelength.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.colours import find_colour
-    >>> white = find_colour(np.linspace(0.40, 0.70, 16), np.ones(16))
-    >>> round(white.L, 6), white.hex
-    (100.0, '#ffffff')
+    ``known_um``: first and last wavelength [um] of the reflectance, which is taken as constant beyond; ``beyond``:
+    shares of the white's X, Y, Z below the first and above the last.
     """
 
     X: float
@@ -74,12 +46,12 @@ class Colour:
 
     @property
     def C(self) -> float:
-        """Chroma C*ab, how far from grey."""
+        """Chroma C*ab, the distance from grey."""
         return float(np.hypot(self.a, self.b))
 
     @property
     def h(self) -> float:
-        """Hue angle h_ab [degrees], 0 to 360: 0 is red, 90 yellow, 180 green, 270 blue; of grey without meaning."""
+        """Hue angle h_ab [degrees]: 0 is red, 90 yellow, 180 green, 270 blue."""
         return float(np.degrees(np.arctan2(self.b, self.a)) % 360.0)
 
     @property
@@ -139,34 +111,11 @@ class Colour:
 
 
 def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> Colour:
-    """The colour of a surface by its reflectance factor at some wavelengths.
+    """The colour of a surface by its reflectance factor (n,), 1 for the perfect white diffuser, at wavelengths [um]
+    (n,) as `weigh_wavelengths` takes them. Raises SceneError, MissingExtraError without the extra "appearance".
 
-    Parameters
-    ----------
-    wavelengths_um, illuminant, observer
-        As for `weigh_wavelengths`.
-    reflectance : array_like, shape (n,)
-        Reflectance factor at each wavelength, 1 for the perfect white diffuser; may be above 1, as metals' is.
-
-    Returns
-    -------
-    Colour
-        In that light, for that observer.
-
-    Raises
-    ------
-    SceneError
-        As `weigh_wavelengths`, and where a reflectance is no finite number or negative.
-    MissingExtraError
-        Without the extra "appearance".
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.colours import find_colour
     >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
-    >>> red = find_colour(wavelengths_um, 0.05 + 0.6 / (1.0 + np.exp((0.6 - wavelengths_um) / 0.01)))
-    >>> print(red)
+    >>> print(find_colour(wavelengths_um, 0.05 + 0.6 / (1.0 + np.exp((0.6 - wavelengths_um) / 0.01))))
     L* 45.10, a* 50.21, b* 31.66 in D65, 10 degrees; #bd3f39
     """
     wavelengths, factors = check_vector("wavelengths_um", wavelengths_um), check_vector("reflectance", reflectance)
@@ -185,31 +134,11 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
 def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:
     """CIEDE2000 from a colour to that of every second wavelength (and the last): whether the steps are narrow enough.
 
-    Parameters
-    ----------
-    wavelengths_um, reflectance, illuminant, observer
-        As for `find_colour`.
+    For smooth spectra several times the error of all wavelengths. Above 1 there are ripples, as spheres of one size
+    have them, and the error may be as large; a ripple of the steps' own period stays unseen.
 
-    Returns
-    -------
-    float
-        For smooth spectra several times the error of all wavelengths; where it is above 1, there are ripples, as
-        spheres of one size have them, and the error may be as large. A ripple of the steps' own period stays unseen.
-
-    Raises
-    ------
-    SceneError
-        As `find_colour`.
-    MissingExtraError
-        As `find_colour`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.colours import estimate_error
     >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
-    >>> smooth, rippled = (0.5 + 0.2 * np.sin(wavelengths_um / period) for period in (0.03, 0.01))
-    >>> [round(estimate_error(wavelengths_um, each), 2) for each in (smooth, rippled)]
+    >>> [round(estimate_error(wavelengths_um, 0.5 + 0.2 * np.sin(wavelengths_um / one)), 2) for one in (0.03, 0.01)]
     [0.05, 9.28]
     """
     colour = find_colour(wavelengths_um, reflectance, illuminant, observer)
@@ -225,33 +154,8 @@ def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65
 
 
 def find_difference(one: Colour, other: Colour) -> float:
-    """CIEDE2000 (ISO/CIE 11664-6, kL = kC = kH = 1) of two colours in one light: about 1 is just seen side by side.
-
-    Parameters
-    ----------
-    one, other : Colour
-        Of the same illuminant and observer.
-
-    Returns
-    -------
-    float
-        0 for equal colours.
-
-    Raises
-    ------
-    SceneError
-        Where illuminant or observer differ: such colours cannot be compared.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.colours import find_colour
-    >>> from vrte.appearance.colours import find_difference
-    >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
-    >>> grey, darker = (find_colour(wavelengths_um, np.full(16, level)) for level in (0.50, 0.49))
-    >>> round(find_difference(grey, darker), 3)
-    0.448
-    """
+    """CIEDE2000 (ISO/CIE 11664-6, kL = kC = kH = 1) of two colours in one light, about 1 where the difference is just
+    seen side by side. Raises SceneError where illuminant or observer differ."""
     if (one.illuminant, one.observer) != (other.illuminant, other.observer):
         raise SceneError(
             "colours can be compared in the same light and by the same observer alone, not "

@@ -39,39 +39,10 @@ SAME = 1e-9  # directions
 def find_glosses(
     panel: Panel, angles: Iterable[float] = (20.0, 60.0, 85.0), progress: Progress | None = None
 ) -> dict[float, float]:
-    """Specular gloss of a panel at several angles, of one solve.
+    """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve.
 
-    Parameters
-    ----------
-    panel : Panel
-        In air, with a surface on top, at wavelengths that cover the visible.
-    angles : iterable of float
-        Any of 20, 60 and 85 degrees.
-    progress : callable, optional
-        As of `vrte.brdf`.
-
-    Returns
-    -------
-    dict of float
-        Gloss units by the angle.
-
-    Raises
-    ------
-    SceneError
-        For other angles, without a surface, for wavelengths that do not cover the visible, and where light from below
-        the surface has a peak in the receptor too narrow to be integrated.
-    MissingExtraError
-        Without the extra "appearance".
-
-    Examples
-    --------
-    >>> from vrte.appearance.gloss import find_glosses
-    >>> from vrte.appearance.panel import make_panel
-    >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
-    >>> nothing = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
-    >>> panel = make_panel({"layer": [glass, nothing]}, [0.43, 0.46, 0.5, 0.54, 0.58, 0.62, 0.66])
-    >>> {angle: round(gloss, 9) for angle, gloss in find_glosses(panel).items()}
-    {20.0: 100.0, 60.0: 100.0, 85.0: 100.0}
+    Raises SceneError for other angles, without a surface, for wavelengths that do not cover the visible, and where
+    light from below the surface has a peak in the receptor too narrow to be integrated.
     """
     wanted = [check_gloss_angle(angle) for angle in angles]
     weigh_wavelengths(panel.wavelength_um, "C", 2)  # what is refused is refused before the work
@@ -136,34 +107,10 @@ def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_d
 
 
 def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
-    """Specular gloss of a surface by itself, over black.
+    """Specular gloss [gloss units] of a surface by itself, over black, with air above it. Raises SceneError for another
+    angle and another medium above.
 
-    Parameters
-    ----------
-    surface : Interface
-        Smooth or rough, with air above it.
-    angle_deg : float, optional
-        20, 60 or 85 [degrees].
-
-    Returns
-    -------
-    float
-        Gloss units, a black glass of n = 1.567 being 100.
-
-    Raises
-    ------
-    SceneError
-        For another angle, and for another medium above.
-
-    References
-    ----------
-    ISO 2813, ASTM D523.
-
-    Examples
-    --------
-    >>> import vrte
-    >>> from vrte.appearance.gloss import find_surface_gloss
-    >>> round(find_surface_gloss(vrte.Interface(1.0, 1.5), 60.0), 2)
+    >>> round(find_surface_gloss(Interface(1.0, 1.5), 60.0), 2)
     89.14
     """
     angle = check_gloss_angle(angle_deg)

@@ -18,32 +18,8 @@ ROUGHEST = 1.0
 
 
 def draw_gloss(index: float = 1.5, count: int = 25, shadowing: bool = True) -> "Figure":
-    """Gloss units at 20, 60 and 85 degrees of a surface over black, for alpha from 0.01 to 1 and both kinds of facets.
-
-    Parameters
-    ----------
-    index : float, optional
-        Refractive index below the surface.
-    count : int, optional
-        Points of each curve.
-    shadowing : bool, optional
-        Whether facets hide each other.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Dots at the left edge are the smooth surface.
-
-    Raises
-    ------
-    SceneError
-        For what no interface has.
-    MissingExtraError
-        Without matplotlib.
-
-    >>> len(draw_gloss(count=2).axes[0].lines)
-    9
-    """
+    """Gloss units at 20, 60 and 85 degrees of a surface over black, for alpha from 0.01 to 1 and both kinds of facets;
+    dots at the left edge are the smooth surface."""
     figure = make_figure(6.4, 4.0)
     axes = figure.subplots()
     alphas = np.geomspace(LEAST_ROUGHNESS, ROUGHEST, check_whole("count", count, 2, 1000))

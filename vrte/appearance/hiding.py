@@ -2,75 +2,227 @@
 
 The contrast ratio Y_black/Y_white is that of ISO 6504-3, the thickness at which it reaches 0.98 that of ISO 6504-1, and
 both those of ASTM D2805; opacity is that of ISO 2471 and TAPPI T 425 (ISO 2471 and D2805 from memory). Cards are
-Lambertian and lie under the binder, without a surface of their own; they take the place of the scene's base.
+Lambertian and lie under the binder, without a surface of their own; they take the place of the scene's base. Nodes are
+chosen once, so that the errors of a film over both cards and at all thicknesses are alike: ratios are nearer than
+readings.
 """
 
+import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.appearance.colours import weigh_wavelengths
-from vrte.appearance.drawdown import divide_luminances, find_hiding_film, prepare_drawdown, stretch_contrast
-from vrte.appearance.even_bases import OverEvenBases, fit_even_bases
+from vrte.appearance.geometries import Geometry, find_reflectance, read_geometry, solve_geometry
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress
+from vrte.basics.running import Progress, share_progress
+from vrte.request.how import EXACT
+from vrte.scene.boundary import Lambertian
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BLACK, WHITE, TARGET = 0.0, 0.8, 0.98  # albedos of the drawdown card, and the contrast ratio that passes for hidden
 PAPER_WHITE = 0.89  # the even white backing of TAPPI's contrast ratio
+SPARE_NODES = 2  # beyond those that the film itself needs: for thinner and thicker ones
+LEAST_GAP, LEAST_RATIO = 1e-12, 1e-15  # what the contrast ratio lacks of 1, and is itself, at least: less is rounding
+HIDDEN = 1e-9  # what it lacks of 1 where thicker films look the same
+CLOSE = 1e-3  # relative, of the thickness that hides: twice what the last step of the search leaves, a secant's
+LAST_STEP = 0.05  # and it is no longer than that
+BARE = math.log(1e-6)  # of the thickness over the film's own: thinner ones show no more than the cards do
+WIDEST_STEP = math.log(1e3)  # of the search, in the logarithm of the thickness
+SLOPES = 0.1, 3.0  # of the straightened contrast ratio over that logarithm, as far as they are believed
+MOST_STEPS = 60
+WIDEST_GAP = 0.6  # between thicknesses of a curve, in their logarithm; twice that beyond the one that hides
+THINNER, THICKER = 5.0, 2.0  # how far a curve goes beyond the film itself and the one that hides
+USUAL = 30  # solves of a panel: what progress begins with
+
+
+@dataclass(frozen=True, eq=False)
+class OverEvenBases:
+    """The reflectance factors (n,) of a film over an even base of any albedo A: f(A) = f(0) + u A/(1 - A r).
+
+    Exact with polarization and surfaces, for a Lambertian base sends back the same light whatever arrives: ``u`` is the
+    film's transmittance down times that up over the square of its index, ``r`` what it sends back down of even light
+    from below, each (n,). Solves keep it to rounding, and under surfaces to what their nodes miss of even light.
+    """
+
+    bare: Array
+    u: Array
+    r: Array
+
+    def reflect(self, albedo: float) -> Array:
+        """The reflectance factor (n,) over a base of that albedo. Raises SceneError.
+
+        >>> OverEvenBases(np.array([0.5]), np.array([0.25]), np.array([0.5])).reflect(0.8).round(12).tolist()
+        [0.833333333333]
+        """
+        albedo = check_number("albedo", albedo, 0.0, 1.0, "between 0 and 1")
+        found: Array = self.bare + albedo * self.u / (1.0 - albedo * self.r)
+        return found
+
+
+def fit_even_bases(black: Array, grey: Array, white: Array) -> OverEvenBases:
+    """What a film sends back over any even base, from its reflectance factors over albedos 0, 1/2 and 1.
+
+    >>> fit_even_bases(np.array([0.5]), np.array([2.0 / 3.0]), np.array([1.0])).r.round(12).tolist()
+    [0.5]
+    """
+    half, whole = grey - black, white - black  # u/(2 - r) and u/(1 - r)
+    seen = (half > 0.0) & (whole >= 2.0 * half)  # all else is rounding: the film hides its base, or is not there
+    escapes = np.divide(half, whole - half, out=np.ones_like(half), where=seen)  # 1 - r
+    return OverEvenBases(black, whole * escapes, 1.0 - escapes)
+
+
+@dataclass(eq=False)
+class Drawdown:
+    """A panel over two cards, albedos ``cards``, read in a geometry; ``weights`` (wavelength,) of its luminance Y.
+
+    ``found`` has Y over both cards by the thickness over the film's own; ``solves``, of the panel, are counted.
+    """
+
+    panel: Panel
+    geometry: Geometry
+    cards: tuple[float, float]
+    weights: Array
+    progress: Progress | None = None
+    solves: int = 0
+    expected: int = USUAL
+    found: dict[float, tuple[float, float]] = field(default_factory=dict)
+
+    def read(self, times: float, albedo: float) -> Array:
+        """The reflectance factor (wavelength,) of a film so many times as thick over an even base."""
+        film = self.panel.put_over(Lambertian(albedo))
+        film = film if times == 1.0 else film.scale_film(times)
+        known = self.solves < self.expected  # a guess; beyond it nothing is told until the end
+        told = share_progress(self.progress, self.solves, self.expected) if known else None
+        self.solves += 1
+        return find_reflectance(solve_geometry(film, self.geometry, told), self.geometry, film.surface)
+
+    def measure(self, times: float) -> tuple[float, float]:
+        """Y over both cards, where the perfect white has 1; solved once a thickness, and not at all where a thinner
+        film hides the cards."""
+        hides = [
+            thin for thin, (black, white) in self.found.items() if thin < times and abs(white - black) < HIDDEN * white
+        ]
+        if times not in self.found:
+            black, white = (
+                self.found[max(hides)]
+                if hides
+                else [float(self.weights @ self.read(times, card)) for card in self.cards]
+            )
+            self.found[times] = black, white
+        return self.found[times]
+
+    def find_contrast(self, times: float) -> float:
+        """The contrast ratio at a thickness."""
+        return float(divide_luminances(*self.measure(times)))
+
+    def list_curve(self, hiding: float) -> list[float]:
+        """Thicknesses for a curve around that of the film and the one that hides: those already solved for, and more
+        where gaps are wide."""
+        low, high = min(1.0, hiding) / THINNER, max(1.0, hiding) * THICKER
+        known = sorted({low, high, *(times for times in self.found if low < times < high)})
+        listed = known[:1]
+        for thin, thick in itertools.pairwise(known):
+            widest = WIDEST_GAP if thin < hiding else 2.0 * WIDEST_GAP
+            steps = math.ceil(math.log(thick / thin) / widest)
+            listed += [thin * (thick / thin) ** (step / steps) for step in range(1, steps)] + [thick]
+        return listed
+
+
+def prepare_drawdown(
+    panel: Panel,
+    black: Any,
+    white: Any,
+    geometry: Any,
+    illuminant: str,
+    observer: int,
+    progress: Progress | None = None,
+    expected: int = USUAL,
+) -> Drawdown:
+    """A drawdown whose input is checked and whose nodes are chosen. Raises SceneError."""
+    dark, light = (
+        check_number(name, albedo, 0.0, 1.0, "an albedo between 0 and 1")
+        for name, albedo in (("black", black), ("white", white))
+    )
+    if dark >= light:
+        raise SceneError.of("black", f"must be an albedo below that of white, {light:g}, not {dark:g}")
+    weights = weigh_wavelengths(panel.wavelength_um, illuminant, observer)[1]
+    known = read_geometry(geometry)
+    return Drawdown(fix_nodes(panel, known, dark), known, (dark, light), weights, progress, expected=expected)
+
+
+def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
+    """The same with as many nodes at all wavelengths as the film over that albedo takes at the first, the middle and
+    the last, and a few to spare. A panel whose nodes or method are said stays as it is."""
+    if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
+        return panel
+    mu_i, mu_o, phi = geometry.directions
+    found = panel.put_over(Lambertian(albedo)).choose_quadrature(mu_i, mu_o, phi)
+    return replace(panel, asked={**panel.asked, **found, "nodes": found["nodes"] + SPARE_NODES})
+
+
+def find_hiding_film(drawdown: Drawdown, target: float, limit: float) -> tuple[float | None, str]:
+    """How many times as thick a film has the contrast ratio ``target``, to 1e-3 of itself, and why if there is none:
+    ``limit`` is Y of one without end.
+
+    Secants, in variables in which thin, absorbing and white films are all close to straight, kept between thicknesses
+    known to be too thin and too thick. Raises SceneError where the film does not get there.
+    """
+    if limit < LEAST_RATIO:
+        return None, "however thick, the film sends nothing back by itself, and over black it stays black"
+    low, high, x = -math.inf, math.inf, 0.0
+    way, slope, before = math.inf, 1.0, 0.0
+    for _ in range(MOST_STEPS):
+        off = float(stretch_contrast(drawdown.find_contrast(math.exp(x))) - stretch_contrast(target))
+        if x < BARE and off >= 0.0:
+            return 0.0, "the bare cards are as much alike"
+        low, high = (x, high) if off < 0.0 else (low, x)
+        if math.isfinite(way):
+            slope = min(max((off - before) / way, SLOPES[0]), SLOPES[1])
+        step = min(max(-off / slope, -WIDEST_STEP), WIDEST_STEP)
+        if abs(step) < min(LAST_STEP, abs(way), CLOSE / abs(way)):
+            return math.exp(x + step), ""
+        turned = x + step if low < x + step < high else 0.5 * (low + high)
+        way, before, x = turned - x, off, turned
+    raise SceneError(f"hiding: no thickness with a contrast ratio of {target:g} was found in {MOST_STEPS} steps")
+
+
+def stretch_contrast(contrast: Any) -> Array:
+    """log(-log(1 - C)) of contrast ratios: over the logarithm of the thickness its slope is 1 to 2 where films
+    are thin, about 1 where they absorb, and falls slowly where thick ones do not.
+
+    >>> stretch_contrast([1.0 - np.exp(-1.0), 1.0 - np.exp(-2.0)]).round(12).tolist()
+    [0.0, 0.69314718056]
+    """
+    found: Array = np.log(-np.log1p(-np.clip(contrast, LEAST_RATIO, 1.0 - LEAST_GAP)))
+    return found
+
+
+def divide_luminances(black: Any, white: Any) -> Array:
+    """Y over black over Y over white; 0 where nothing comes back.
+
+    >>> divide_luminances([0.4, 0.0], [0.8, 0.0]).tolist()
+    [0.5, 0.0]
+    """
+    dark, light = np.asarray(black, float), np.asarray(white, float)
+    return np.divide(dark, light, out=np.zeros_like(light), where=light > 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Hiding:
     """How well the film of a panel hides black and white cards, as `find_hiding` finds it.
 
-    The hiding curve is exact at ``times``. ``painted`` in the examples is what the example of `vrte.paint` finds.
-
-    Attributes
-    ----------
-    geometry
-        Of light and eye, "45:0".
-    illuminant
-        The light.
-    observer
-        Degrees of the standard observer, 2 or 10.
-    black
-        Albedo of the black card.
-    white
-        Albedo of the white card.
-    target
-        The contrast ratio that counts as hidden.
-    wavelength_um
-        Wavelengths in vacuum [um], (n,).
-    over_even_bases
-        Reflectance factors (n,) of the film over a card of any albedo: ``over_even_bases.reflect(albedo)``.
-    without_end
-        Reflectance factors (n,) of a film so thick that nothing below is seen.
-    luminance_without_end
-        Y of that, where the perfect white has 1.
-    times
-        Thicknesses of the curve over the film's own, (m,).
-    over_black
-        Y over the black card, (m,).
-    over_white
-        Y over the white card, (m,).
-    hiding_times
-        The thickness of contrast ratio ``target`` over the film's own; None where there is none.
-    reason
-        Why there is none, in words.
-    length_um
-        The film's thickness [um]; None where it is given optically.
-
-    Examples
-    --------
-    >>> round(painted.hiding.contrast_ratio, 3), round(painted.hiding.hiding_times, 2)
-    (0.747, 2.29)
+    ``over_even_bases``: reflectance factors (n,) at ``wavelength_um`` (n,) over a card of any albedo; ``without_end``:
+    those of a semi-infinite film; ``luminance_without_end``: its Y, 1 for the perfect white. The hiding curve is exact
+    at thicknesses ``times`` (m,) over the film's own: Y ``over_black``, ``over_white`` (m,). ``hiding_times``: the
+    thickness of contrast ratio ``target``, or None and the ``reason``; ``length_um``: the film's thickness [um], None
+    where it is given optically.
     """
 
     geometry: str
@@ -149,74 +301,19 @@ class Hiding:
         return None if length is None else 1000.0 / length if length > 0.0 else math.inf
 
     def find_luminance(self, reflectance: Array) -> float:
-        """Y of a reflectance factor in this light, where the perfect white has 1.
-
-        Parameters
-        ----------
-        reflectance : ndarray (n,)
-            At ``wavelength_um``.
-
-        Returns
-        -------
-        float
-            From 0 to 1 for what does not fluoresce.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> round(painted.hiding.find_luminance(np.full(8, 0.5)), 12)
-        0.5
-        """
+        """Y of a reflectance factor (n,) at ``wavelength_um`` in this light, where the perfect white has 1."""
         return float(weigh_wavelengths(self.wavelength_um, self.illuminant, self.observer)[1] @ reflectance)
 
     def compare_cards(self, black: float, white: float) -> float:
-        """The contrast ratio of the film itself over even cards of any two albedos, exact as all the rest is.
-
-        Parameters
-        ----------
-        black, white : float
-            Albedos of the darker and the lighter card, 0 to 1.
-
-        Returns
-        -------
-        float
-            Y over the darker over Y over the lighter.
-
-        Examples
-        --------
-        >>> painted.hiding.compare_cards(0.0, 0.5) > painted.hiding.compare_cards(0.0, 0.8)
-        True
-        """
+        """The contrast ratio of the film itself over Lambertian cards of any two albedos, from the closed form."""
         dark, light = (self.find_luminance(self.over_even_bases.reflect(albedo)) for albedo in (black, white))
         return float(divide_luminances(dark, light))
 
     def interpolate(self, times: Any) -> tuple[Array, Array]:
-        """The contrast ratio, and Y over white, at any thicknesses within those of the curve.
+        """Contrast ratio and Y over white (k,) at thicknesses (k,) over the film's own, within those of the curve.
 
         Cubic splines run through the exact values over the logarithm of the thickness, of contrast in a variable in
-        which it is close to straight: good to 3e-3.
-
-        Parameters
-        ----------
-        times : float or array_like (k,)
-            Thicknesses over the film's own.
-
-        Returns
-        -------
-        contrast : ndarray (k,)
-            The contrast ratio.
-        over_white : ndarray (k,)
-            Y over the white card.
-
-        Raises
-        ------
-        SceneError
-            For a thickness beyond the curve.
-
-        Examples
-        --------
-        >>> painted.hiding.interpolate(1.0)[0].round(3).tolist()
-        [0.747]
+        which it is close to straight: good to 3e-3. Raises SceneError for a thickness beyond the curve.
         """
         from scipy.interpolate import CubicSpline
 
@@ -228,23 +325,7 @@ class Hiding:
         return contrast, CubicSpline(known, self.over_white)(np.log(at))
 
     def plot(self) -> "Figure":
-        """A figure of the hiding curve, and of Y over both cards.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Its ``savefig`` writes it.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the extra "plot".
-
-        Examples
-        --------
-        >>> len(painted.hiding.plot().axes) > 0
-        True
-        """
+        """A figure of the hiding curve, and of Y over both cards."""
         from vrte.appearance.hiding_picture import draw_hiding
 
         return draw_hiding(self)
@@ -259,32 +340,9 @@ def find_contrast(
     observer: int = 10,
     progress: Progress | None = None,
 ) -> float:
-    """The contrast ratio Y_black/Y_white of a panel's film over a black and a white card: two solves a wavelength.
+    """The contrast ratio Y_black/Y_white of a panel's film over cards of albedo ``black`` and ``white``, which take the
+    place of its base: two solves a wavelength. Raises SceneError.
 
-    Parameters
-    ----------
-    panel : Panel
-        Its base is left out: the cards take its place.
-    black, white : float, optional
-        Albedos of the cards under the binder, 0 to 1, black below white.
-    geometry, illuminant, observer
-        As for `find_reflectance` and `weigh_wavelengths`.
-    progress : callable, optional
-        Called with (solves done, solves).
-
-    Returns
-    -------
-    float
-        1 where the film hides the card.
-
-    Raises
-    ------
-    SceneError
-        For bad input.
-
-    Examples
-    --------
-    >>> from vrte.appearance.hiding import find_contrast
     >>> from vrte.appearance.panel import make_panel
     >>> grey = {"phase": "isotropic", "albedo": 0.5, "thickness": 0.0}
     >>> panel = make_panel({"layer": [grey]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68])
@@ -306,34 +364,11 @@ def find_hiding(
     target: float = TARGET,
     progress: Progress | None = None,
 ) -> Hiding:
-    """How well a panel's film hides black and white cards, and how thick it has to be for that.
+    """How well a panel's film hides black and white cards, and how thick it has to be for a contrast ratio of
+    ``target``.
 
-    Parameters
-    ----------
-    panel, black, white, geometry, illuminant, observer
-        As for `find_contrast`.
-    target : float, optional
-        The contrast ratio that counts as hidden, above 0 and below 1.
-    progress : callable, optional
-        Called with (solves done, solves), whose number is a guess until the end.
-
-    Returns
-    -------
-    Hiding
-        The thickness that hides is found by exact solves, to 1e-3 of itself.
-
-    Raises
-    ------
-    SceneError
-        For bad input, and for a film without end or without thickness.
-
-    Examples
-    --------
-    >>> from vrte.appearance.hiding import find_hiding
-    >>> from vrte.appearance.panel import make_panel
-    >>> white = {"phase": "isotropic", "albedo": 1.0, "thickness": 10.0}
-    >>> print(find_hiding(make_panel({"layer": [white]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68], nodes=4)))
-    contrast ratio 0.9470, 0.98 at 1.818 times the film
+    The hiding thickness is found by exact solves, to 1e-3 of itself; how many ``progress`` is told of is a guess until
+    the end. Raises SceneError for bad input, and for a film that is semi-infinite or without thickness.
     """
     target = check_number("target", target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
     thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)

@@ -20,35 +20,9 @@ MOST = 1e100  # of K and S: products stay far below overflow
 
 
 def reflect_film(K: Any, S: Any, length: Any, base: Any = 0.0) -> Array:
-    """The reflectance of a film over a base, lit evenly from within the film's medium.
+    """The reflectance of a film of ``length`` over a base of reflectance ``base``, lit evenly from within the film's
+    medium.
 
-    Parameters
-    ----------
-    K, S : array_like
-        Absorption and scattering [1/unit of ``length``], >= 0.
-    length : array_like
-        Thickness of the film, 0 to inf.
-    base : array_like, optional
-        Reflectance of the base, 0 to 1.
-
-    Returns
-    -------
-    ndarray
-        On the shape that all of them broadcast to.
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
-
-    References
-    ----------
-    Kubelka and Munk, Zeitschrift fuer technische Physik 12, 593 (1931).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.kubelka_munk import reflect_film
     >>> reflect_film(0.0, 0.1, [0.0, 10.0, np.inf], base=0.5).round(12).tolist()
     [0.5, 0.666666666667, 1.0]
     """
@@ -57,35 +31,11 @@ def reflect_film(K: Any, S: Any, length: Any, base: Any = 0.0) -> Array:
 
 
 def put_film_over(alone: Any, through: Any, base: Any) -> Array:
-    """The reflectance over a base of a film whose own reflectance and transmittance are known, r + t^2 R_g/(1 - r R_g).
+    """The reflectance r + t^2 R_g/(1 - r R_g) over a base R_g of a film of reflectance r, ``alone``, and transmittance
+    t, ``through``.
 
     Exact for every homogeneous film over a Lambertian base, whatever its particles: light from below is even anew after
     each reflection there, and t is the same from both sides.
-
-    Parameters
-    ----------
-    alone : array_like
-        Reflectance r of the film without a base, 0 to 1.
-    through : array_like
-        Its transmittance t, 0 to 1.
-    base : array_like
-        Reflectance R_g of the base, 0 to 1.
-
-    Returns
-    -------
-    ndarray
-        On the shape that all of them broadcast to.
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import put_film_over
-    >>> put_film_over(0.75, 0.25, 0.8).round(12).item()
-    0.875
     """
     r, t, under = check_share("alone", alone), check_share("through", through), check_share("base", base)
     # the floor: a white base below a film that lets nothing through, 0/0
@@ -93,36 +43,10 @@ def put_film_over(alone: Any, through: Any, base: Any) -> Array:
 
 
 def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
-    """The reflectance and transmittance of a film without a base.
+    """The reflectance and transmittance of a film of thickness X without a base.
 
     With kappa = sqrt(K (K + 2 S)) and h = tanh(kappa X)/kappa: S/(1/h + K + S) and 1/(cosh(kappa X) (1 + (K + S) h)).
 
-    Parameters
-    ----------
-    K, S : array_like
-        Absorption and scattering [1/unit of ``length``], >= 0.
-    length : array_like
-        Thickness X of the film, 0 to inf.
-
-    Returns
-    -------
-    alone : ndarray
-        Reflectance, on the shape that all of them broadcast to.
-    through : ndarray
-        Transmittance, on the same shape.
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
-
-    References
-    ----------
-    Kubelka and Munk, Zeitschrift fuer technische Physik 12, 593 (1931).
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import find_film
     >>> [float(share) for share in find_film(0.0, 1.0, 3.0)]
     [0.75, 0.25]
     """
@@ -141,30 +65,8 @@ def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
 
 
 def reflect_thick_film(K: Any, S: Any) -> Array:
-    """The reflectance of a film without end, 1 + K/S - sqrt((K/S)^2 + 2 K/S).
+    """The reflectance of a semi-infinite film, 1 + K/S - sqrt((K/S)^2 + 2 K/S) without its loss of digits at small S.
 
-    Parameters
-    ----------
-    K, S : array_like
-        Absorption and scattering, in one unit, >= 0.
-
-    Returns
-    -------
-    ndarray
-        On the shape that both broadcast to; without the formula's loss of digits at small S.
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
-
-    References
-    ----------
-    Kubelka and Munk, Zeitschrift fuer technische Physik 12, 593 (1931).
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import reflect_thick_film
     >>> reflect_thick_film(0.5, 1.0).round(12).item()
     0.38196601125
     """
@@ -172,40 +74,11 @@ def reflect_thick_film(K: Any, S: Any) -> Array:
 
 
 def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -> tuple[Array, Array]:
-    """K and S of a film from its reflectances over black and over a base, all inside its medium.
+    """K and S [1/unit of ``length``] of a film from its reflectances over black and over a base, all inside its medium.
 
-    Parameters
-    ----------
-    over_black : array_like
-        Reflectance over black, 0 to 1.
-    over_base : array_like
-        Reflectance over the base, 0 to 1.
-    base : array_like
-        Reflectance of the base, above 0 up to 1.
-    length : array_like
-        Thickness of the film, above 0 and finite.
+    Raises SceneError where no film can have them: over the base it must be brighter, and not brighter than one that
+    keeps no light. Where a film hides its base S is lost: `find_slab_coefficients` takes its transmittance.
 
-    Returns
-    -------
-    K : ndarray
-        Absorption [1/unit of ``length``], on the shape that all of them broadcast to.
-    S : ndarray
-        Scattering, in the same unit, on the same shape.
-
-    Raises
-    ------
-    SceneError
-        Where no film can have them: over the base it must be brighter, and not brighter than one that keeps no light.
-        Where a film hides its base the difference is lost, and with it S: `find_slab_coefficients` takes its
-        transmittance.
-
-    References
-    ----------
-    Kubelka and Munk, Zeitschrift fuer technische Physik 12, 593 (1931).
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import find_coefficients
     >>> [round(float(one), 12) for one in find_coefficients(0.75, 0.875, 0.8, 3.0)]
     [0.0, 1.0]
     """
@@ -222,37 +95,11 @@ def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -
 
 
 def find_slab_coefficients(alone: Any, through: Any, length: Any) -> tuple[Array, Array]:
-    """K and S of a film from its own reflectance and transmittance, without a base.
+    """K and S [1/unit of ``length``] of a film from its own reflectance r and transmittance t, without a base.
 
     With h = tanh(kappa X/2)/kappa, a film lit alike from both sides has (1 - r - t)/(1 + r + t) = K h, and one lit by
-    opposite fluxes (1 + r - t)/(1 - r + t) = (K + 2 S) h: no difference of large numbers anywhere.
-
-    Parameters
-    ----------
-    alone : array_like
-        Reflectance r, 0 to 1.
-    through : array_like
-        Transmittance t, above 0 up to 1 - r.
-    length : array_like
-        Thickness X of the film, above 0 and finite.
-
-    Returns
-    -------
-    K : ndarray
-        Absorption [1/unit of ``length``], on the shape that all of them broadcast to.
-    S : ndarray
-        Scattering, in the same unit, on the same shape.
-
-    Raises
-    ------
-    SceneError
-        Where no film can have them: t = 0, r + t > 1.
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import find_slab_coefficients
-    >>> [round(float(one), 12) for one in find_slab_coefficients(0.75, 0.25, 3.0)]
-    [0.0, 1.0]
+    opposite fluxes (1 + r - t)/(1 - r + t) = (K + 2 S) h: no difference of large numbers anywhere. Raises SceneError
+    where no film can have them: t = 0, r + t > 1.
     """
     r, t, x = check_share("alone", alone), check_share("through", through), check_numbers("length", length)
     complain(~((x > 0.0) & np.isfinite(x)), "length", "must be above 0 and finite", x)
@@ -271,34 +118,9 @@ def find_slab_coefficients(alone: Any, through: Any, length: Any) -> tuple[Array
 
 
 def add_surface(inside: Any, k1: Any, k2: Any) -> Array:
-    """What is measured above a surface of a reflectance R inside, k1 + (1 - k1)(1 - k2) R/(1 - k2 R).
+    """The reflectance k1 + (1 - k1)(1 - k2) R/(1 - k2 R) above a surface of R ``inside``; ``k1``: what the surface
+    mirrors of the light that falls in, ``k2``: what it sends back of the light that comes up, below 1 (Saunderson).
 
-    Parameters
-    ----------
-    inside : array_like
-        Reflectance R in the medium below the surface, 0 to 1.
-    k1 : array_like
-        What the surface mirrors of the light that falls in, 0 to 1.
-    k2 : array_like
-        What it sends back of the light that comes up, 0 to below 1.
-
-    Returns
-    -------
-    ndarray
-        Reflectance above the surface, on the shape that all of them broadcast to.
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
-
-    References
-    ----------
-    Saunderson, J. Opt. Soc. Am. 32, 727 (1942).
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import add_surface
     >>> add_surface([0.0, 0.5, 1.0], 0.04, 0.6).round(12).tolist()
     [0.04, 0.314285714286, 1.0]
     """
@@ -308,36 +130,8 @@ def add_surface(inside: Any, k1: Any, k2: Any) -> Array:
 
 
 def remove_surface(measured: Any, k1: Any, k2: Any) -> Array:
-    """The reflectance inside of what is measured above a surface: `add_surface` undone.
-
-    Parameters
-    ----------
-    measured : array_like
-        Reflectance above the surface, k1 to 1.
-    k1, k2 : array_like
-        As for `add_surface`.
-
-    Returns
-    -------
-    ndarray
-        Reflectance in the medium below the surface, on the shape that all of them broadcast to.
-
-    Raises
-    ------
-    SceneError
-        Where less comes back than the surface alone mirrors.
-
-    References
-    ----------
-    Saunderson, J. Opt. Soc. Am. 32, 727 (1942).
-
-    Examples
-    --------
-    >>> from vrte.appearance.kubelka_munk import add_surface
-    >>> from vrte.appearance.kubelka_munk import remove_surface
-    >>> remove_surface(add_surface(0.3, 0.04, 0.6), 0.04, 0.6).round(12).item()
-    0.3
-    """
+    """The reflectance inside, of what is measured above a surface: the inverse of `add_surface`. Raises SceneError
+    where less comes back than the surface alone mirrors."""
     r, outer, inner = check_share("measured", measured), check_share("k1", k1), check_share("k2", k2)
     complain(~(inner < 1.0), "k2", "must be below 1: else no light gets out", inner)
     complain(r < outer - ROUNDING, "measured", "must not be below k1, which the surface alone mirrors", r)

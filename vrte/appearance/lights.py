@@ -30,19 +30,6 @@ def import_colour_science(purpose: str = "a colour", extra: str = "appearance") 
 def list_illuminants() -> list[str]:
     """The lights that a colour can be seen in: CIE illuminants, and photographers' of ISO 7589.
 
-    Returns
-    -------
-    list of str
-        Their names, for ``illuminant=``.
-
-    Raises
-    ------
-    MissingExtraError
-        Without the extra "appearance".
-
-    Examples
-    --------
-    >>> from vrte.appearance.lights import list_illuminants
     >>> [name for name in list_illuminants() if name in ("A", "D50", "D65", "FL11", "LED-B1")]
     ['A', 'D50', 'D65', 'FL11', 'LED-B1']
     """
@@ -75,34 +62,12 @@ def spread_weights(wavelengths_um: Array, fine_um: Array, combined: Array) -> Ar
 
 
 def weigh_wavelengths(wavelengths_um: Any, illuminant: str = "D65", observer: int = 10) -> Array:
-    """What X, Y and Z take of the reflectance at each wavelength, in the light of a CIE illuminant.
+    """Weights (3, n), read-only, whose product with a reflectance (n,) is X, Y, Z, where Y of the perfect white is 1.
 
-    Parameters
-    ----------
-    wavelengths_um : array_like, shape (n,)
-        In rising order, at most 40 nm apart from 0.40 to 0.70 um. At most 5 % of X and of Y, and 20 % of Z, of the
-        perfect white may lie below the first or above the last: 0.43 to 0.66 um are enough in daylight.
-    illuminant : str
-        One of `list_illuminants`: "D65", "A", "FL11", ... Its table is interpolated linearly.
-    observer : int
-        2 or 10 degrees, of CIE 1931 and CIE 1964.
+    Wavelengths [um] (n,) rise, at most 40 nm apart from 0.40 to 0.70 um. At most 5 % of X and of Y, and 20 % of Z, of
+    the perfect white may lie below the first or above the last: 0.43 to 0.66 um are enough in daylight. Raises
+    SceneError where they do not cover the visible, and for an unknown illuminant or observer.
 
-    Returns
-    -------
-    ndarray, shape (3, n)
-        Read-only; its product with a reflectance is X, Y, Z, where Y of the perfect white is 1 (`spread_weights`).
-
-    Raises
-    ------
-    SceneError
-        Where the wavelengths do not cover the visible, or illuminant or observer is unknown.
-    MissingExtraError
-        Without the extra "appearance".
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.appearance.lights import weigh_wavelengths
     >>> weights = weigh_wavelengths([0.43, 0.46, 0.49, 0.52, 0.55, 0.58, 0.61, 0.64, 0.67, 0.70])
     >>> (weights @ np.ones(10)).round(4).tolist()  # the white of D65 and 10 degrees
     [0.9481, 1.0, 1.073]

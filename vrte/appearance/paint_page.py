@@ -9,9 +9,8 @@ from pathlib import Path
 
 from vrte.appearance.appearance import COLOURS, Reading
 from vrte.appearance.geometries import read_geometry
-from vrte.appearance.paint import Paint
+from vrte.appearance.paint import OF_FILMS, Paint
 from vrte.appearance.paint_figures import FIGURES, Picture, draw_picture, draw_sheet
-from vrte.appearance.paint_words import OF_FILMS
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.figures import save_figure

@@ -38,28 +38,11 @@ FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progre
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A scene at ascending wavelengths, its particles worked out once, lit from above.
+    """A scene at ascending wavelengths, its particles computed once, lit from above.
 
-    Attributes
-    ----------
-    wavelength_um
-        Wavelengths in vacuum [um], (n,), ascending.
-    scenes
-        The scene at each of them, n.
-    lengths_um
-        How thick the layers are [um], one each; None where only the optical thickness is given.
-    asked
-        Keywords of `vrte.brdf` that say how to solve.
-    layer
-        Which layer is the film, counted from 1 among those of the scenes; None for the only one that scatters.
-    title
-        What it is called.
-
-    Examples
-    --------
-    >>> from vrte.appearance.panel import make_panel
-    >>> make_panel({"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}, [0.45, 0.55, 0.65])
-    Panel(3 wavelengths from 0.45 to 0.65 um, 1 layers)
+    ``wavelength_um`` (n,): in vacuum; ``scenes``: one each; ``lengths_um``: thicknesses of the layers [um], None where
+    only the optical thickness is given; ``asked``: keywords of `vrte.brdf` that say how to solve; ``layer``: which
+    layer is the film, counted from 1, None for the only one that scatters.
     """
 
     wavelength_um: Array
@@ -84,11 +67,8 @@ class Panel:
 
     @property
     def film(self) -> int:
-        """The place of the layer whose thickness is that of the film, from 0 on.
-
-        It is the one that ``layer`` says, or the only one that scatters, or that is there at all; a SceneError where
-        that is none or several.
-        """
+        """The index from 0 of the film: the layer that ``layer`` says, or the only one that scatters, or that is there
+        at all. Raises SceneError where that is none or several."""
         count = len(self.lengths_um)
         if self.layer is not None:
             return check_whole("layer", self.layer, 1, count) - 1
@@ -106,107 +86,26 @@ class Panel:
 
     @property
     def ends_and_middle(self) -> list[int]:
-        """Places of the first, a middle and the last wavelength, by which the rest is judged."""
+        """Indices of the first, a middle and the last wavelength, from which the nodes of all are chosen."""
         return sorted({0, len(self) // 2, len(self) - 1})
 
     def pick(self, places: Sequence[int]) -> "Panel":
-        """The same panel at some of its wavelengths.
-
-        Parameters
-        ----------
-        places : sequence of int
-            Which of its wavelengths, from 0 on.
-
-        Returns
-        -------
-        Panel
-            Of those alone.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.45, 0.55, 0.65]).pick([0, 2]).wavelength_um.tolist()
-        [0.45, 0.65]
-        """
+        """The same panel at some of its wavelengths, by their indices."""
         scenes = tuple(self.scenes[place] for place in places)
         return replace(self, wavelength_um=self.wavelength_um[list(places)], scenes=scenes)
 
     def choose_quadrature(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> dict[str, int]:
-        """The most nodes that the accuracy takes for some directions, at the first, a middle and the last wavelength.
-
-        Parameters
-        ----------
-        mu_i, mu_o, phi : float or sequence of float
-            As for `vrte.brdf`.
-
-        Returns
-        -------
-        dict
-            The options nodes, in each hemisphere, and grading of `vrte.brdf`.
-
-        Raises
-        ------
-        SceneError
-            Naming the wavelength.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.55], accuracy=0.01).choose_quadrature(0.9)["nodes"] < 20
-        True
-        """
+        """The options nodes and grading of `vrte.brdf` that the accuracy takes for some directions: the most of the
+        first, a middle and the last wavelength. Raises SceneError."""
         return find_finest_nodes(self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi))
 
     def put_over(self, base: Boundary | None) -> "Panel":
-        """The same panel over another base.
-
-        Parameters
-        ----------
-        base : Boundary or None
-            What lies beneath; None is black.
-
-        Returns
-        -------
-        Panel
-            With that base at all wavelengths.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.55]).put_over(vrte.Lambertian(0.8)).scenes[0].base_in_words
-        'Lambertian(albedo=0.8)'
-        """
+        """The same panel over another base; None is black."""
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
 
     def scale_film(self, times: float) -> "Panel":
-        """The same panel with a film so many times as thick.
-
-        Parameters
-        ----------
-        times : float
-            >= 0; math.inf: without end, and nothing lies below it.
-
-        Returns
-        -------
-        Panel
-            The film's optical and geometrical thickness scaled.
-
-        Raises
-        ------
-        SceneError
-            Where nobody can say which layer is the film, and for one without end.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.55]).scale_film(2.0).scenes[0].thickness
-        1.0
-        """
+        """The same panel with a film ``times`` as thick; math.inf: semi-infinite, and nothing lies below it. Raises
+        SceneError where no layer is the film, or the film is semi-infinite."""
         place = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
         ends = np.isfinite(times)
@@ -229,30 +128,8 @@ class Panel:
         return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
 
     def make_as_thick(self, length_um: float) -> "Panel":
-        """The same panel with a film of a given thickness.
-
-        Parameters
-        ----------
-        length_um : float
-            Thickness [um]; math.inf as for `scale_film`.
-
-        Returns
-        -------
-        Panel
-            The film's optical thickness scaled with it.
-
-        Raises
-        ------
-        SceneError
-            Where nobody knows how thick it is.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> bool(make_panel(haze, [0.55]).make_as_thick(float("inf")).scenes[0].thickness == float("inf"))
-        True
-        """
+        """The same panel with a film of a thickness [um]; math.inf as for `scale_film`. Raises SceneError where the
+        film's own length is unknown."""
         allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
         wanted = check_number("length_um", length_um, 0.0, np.inf, allowed)
         if np.isinf(wanted):
@@ -266,52 +143,15 @@ class Panel:
         return self.scale_film(wanted / known)
 
     def take_off_surface(self) -> "Panel":
-        """The same panel without the interface on top, seen from the medium below it.
-
-        Returns
-        -------
-        Panel
-            In that medium.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-        >>> panel = make_panel({"layer": [{"interface": {"above": 1.0, "below": 1.5}}, haze]}, [0.55])
-        >>> panel.take_off_surface().scenes[0].index_above
-        1.5
-        """
+        """The same panel without the interface on top, seen from the medium below it."""
         return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
-        """The BRDFs at all wavelengths, side by side on the cores.
+        """The BRDFs at all wavelengths, side by side on the cores; ``progress`` is called with (wavelengths done,
+        wavelengths).
 
-        Along the normal, mu_o = 1, unpolarized light takes the first orders alone. How many nodes the accuracy takes is
-        found at three wavelengths, the first, the last and one between; the most of these serve the others.
-
-        Parameters
-        ----------
-        mu_i, mu_o, phi : float or sequence of float
-            As for `vrte.brdf`.
-        progress : callable, optional
-            Called with (wavelengths done, wavelengths).
-
-        Returns
-        -------
-        Spectrum
-            A Brdf a wavelength.
-
-        Raises
-        ------
-        SceneError
-            Naming the wavelength.
-
-        Examples
-        --------
-        >>> from vrte.appearance.panel import make_panel
-        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.45, 0.55, 0.65], nodes=4).solve(0.9).reflectance.shape
-        (3, 1)
+        Nodes are chosen for the accuracy at three wavelengths, the first, the last and one between; the most of these
+        serve the others. Raises SceneError, which names the wavelength.
         """
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
@@ -347,45 +187,17 @@ def make_panel(
     compute: Compute = make_particles,
     **asked: Any,
 ) -> Panel:
-    """The panel of a scene file or its content, particles worked out at each wavelength.
+    """The panel of a scene file or its content, particles computed at each wavelength; of a panel what follows is
+    changed.
 
-    Parameters
-    ----------
-    scene : path, mapping or Panel
-        A TOML file, or its content, parsed; of a panel what follows is changed.
-    wavelengths_um : sequence of float, optional
-        Ascending [um]; default: those that the file lists, or 16 over as much of 0.40 to 0.70 um as its substances are
-        known for.
-    folder : path, optional
-        Where the tables that a parsed content names lie.
-    progress : callable, optional
-        Called with (steps done, steps).
-    layer : int, optional
-        Which layer is the film, counted from 1; default: the only one that scatters.
-    compute : callable, optional
-        What makes particles of a table of a scene file.
-    **asked
-        Keywords of `vrte.brdf` that say how to solve, in place of the file's; without ``nodes``, ``accuracy`` and
-        ``method`` the accuracy is 1e-4.
+    ``wavelengths_um``: ascending, by default those that the file lists, or 16 over as much of 0.40 to 0.70 um as its
+    substances are known for; ``folder``: of the tables that a content names; ``layer``: which layer is the film,
+    counted from 1; ``compute`` makes particles of a table of a scene file; ``asked``: keywords of `vrte.brdf` in place
+    of the file's, the accuracy being 1e-4 without ``nodes``, ``accuracy`` and ``method``. Raises SceneError, which
+    names the wavelength, OSError.
 
-    Returns
-    -------
-    Panel
-        Ready to be solved.
-
-    Raises
-    ------
-    SceneError
-        For bad input; it names the wavelength.
-    OSError
-        Where a file cannot be read.
-
-    Examples
-    --------
-    >>> from vrte.appearance.panel import make_panel
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-    >>> make_panel({"layer": [layer]}, [0.45, 0.55, 0.65]).solve(0.9).reflectance.shape
-    (3, 1)
+    >>> make_panel({"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}, [0.45, 0.55])
+    Panel(2 wavelengths from 0.45 to 0.55 um, 1 layers)
     """
     if isinstance(scene, Panel):
         if wavelengths_um is not None:

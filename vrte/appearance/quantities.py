@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
-from vrte.appearance.drawdown import Drawdown, divide_luminances, find_hiding_film, fix_nodes
 from vrte.appearance.geometries import find_reflectance, read_geometry, solve_geometry
 from vrte.appearance.gloss import find_glosses
+from vrte.appearance.hiding import Drawdown, divide_luminances, find_hiding_film, fix_nodes
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.appearance.two_flux_errors import BACKGROUNDS, TwoFluxErrors
+from vrte.appearance.two_flux_fit import BACKGROUNDS, TwoFluxErrors
 from vrte.basics.errors import SceneError
 from vrte.pictures.figures import FAINT, make_figure
 

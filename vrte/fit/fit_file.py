@@ -29,32 +29,8 @@ KEYS = (
 
 @dataclass(frozen=True, eq=False)
 class FitFile:
-    """What a file with a table [fit] holds.
-
-    Attributes
-    ----------
-    measurement
-        What was measured.
-    content
-        The scene, without the table.
-    asked
-        Keywords of `vrte.fit`, ``free`` among them.
-    profiles
-        Names of numbers whose profile is asked for.
-    folder
-        Where the file lies.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from vrte.fit.fit_file import read_fit
-    >>> rows = "quantity,theta_i_deg,value,sigma\\ntotal_reflectance,8,0.5,0.01\\n"
-    >>> _ = Path("rows.csv").write_text(rows)
-    >>> layer = '[[layer]]\\nphase = "rayleigh"\\nalbedo = 1.0\\nthickness = 2.0\\n'
-    >>> _ = Path("fit.toml").write_text(layer + '[fit]\\nmeasurement = "rows.csv"\\nfree = ["layer[1].thickness"]\\n')
-    >>> read_fit("fit.toml").asked
-    {'free': ['layer[1].thickness']}
-    """
+    """What a file with a table [fit] holds: the measurement, the scene's content without the table, keywords of
+    `vrte.fit`, names of numbers whose profile is asked for, and the file's folder."""
 
     measurement: Measurement
     content: dict[str, Any]
@@ -64,35 +40,8 @@ class FitFile:
 
 
 def read_fit(path: str | os.PathLike[str]) -> FitFile:
-    """A fit from its file.
-
-    Parameters
-    ----------
-    path : path
-        A scene file with a table [fit] (docs/how_to/fitting.md); the measurement that it names lies beside it.
-
-    Returns
-    -------
-    FitFile
-        Ready for `vrte.fit`.
-
-    Raises
-    ------
-    SceneError
-        Naming the key.
-    OSError
-        Where a file cannot be read.
-
-    Examples
-    --------
-    >>> import vrte
-    >>> from vrte.fit.fit_file import read_fit
-    >>> try:
-    ...     read_fit("gold_powder.toml")
-    ... except vrte.SceneError as error:
-    ...     print(error)
-    fit is missing: the file needs a table [fit], with a measurement and what is free
-    """
+    """A fit from a scene file with a table [fit] (docs/how_to/fitting.md); the measurement that it names lies beside
+    it. Raises SceneError, which names the key, OSError."""
     content, folder = read_content(path), Path(path).parent
     if not isinstance(content.get("fit"), dict):
         raise SceneError("fit is missing: the file needs a table [fit], with a measurement and what is free", "fit")

@@ -251,11 +251,6 @@ class Measurement:
         ndarray (n,)
             In the units of the quantities.
 
-        Raises
-        ------
-        SceneError
-            As `vrte.fit`.
-
         Examples
         --------
         >>> import vrte
@@ -277,13 +272,6 @@ class Measurement:
             Ends in .csv.
         comment : str, optional
             Lines that stand above, behind a #.
-
-        Raises
-        ------
-        SceneError
-            For another suffix.
-        OSError
-            Where it cannot be written.
 
         Examples
         --------

@@ -19,28 +19,8 @@ MOST_STEPS = 50  # trials at each value
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile:
-    """The least chi2 at given values of one number, all others fitted anew.
-
-    Attributes
-    ----------
-    name
-        Of the number.
-    values
-        Where it was held, (n,), ascending.
-    chi2
-        The least there, (n,), in sigmas that counted, which have grown where the model does not fit.
-    others
-        The other free numbers there, (n, m), in the order of the fit's names.
-    low
-        Where chi2 is the least plus 1 below the best value; -inf where it is not within ``values``.
-    high
-        The same above, or inf.
-
-    Examples
-    --------
-    >>> fitted.profile("layer[1].thickness", points=3).name
-    'layer[1].thickness'
-    """
+    """The least chi2 at given ``values`` (n,) of one number, all others (n, m) fitted anew; ``low`` and ``high``: where
+    chi2 is the least plus 1, infinite where that is not within the values."""
 
     name: str
     values: Array

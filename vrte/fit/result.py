@@ -25,27 +25,8 @@ ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "sin
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit began, and what came of it.
-
-    Attributes
-    ----------
-    values
-        The numbers of the scene at the beginning, in the order of ``names``.
-    found
-        The numbers at the end.
-    chi2
-        The sum of squares at the end.
-    solves
-        How many solves it took.
-    ended
-        Why it ended, in words.
-
-    Examples
-    --------
-    >>> from vrte.fit.result import Start
-    >>> Start((1.0,), (1.2,), 3.5, 12, "converged").found
-    (1.2,)
-    """
+    """Where a fit began, in the order of its names, what it found, chi2 at the end, how many solves it took, and why it
+    ended."""
 
     values: tuple[float, ...]
     found: tuple[float, ...]
@@ -191,11 +172,6 @@ class Fit:
         Profile
             Values, the least chi2 at each, and where it is 1 above the best.
 
-        Raises
-        ------
-        SceneError
-            For another name, and values beyond its bounds.
-
         Examples
         --------
         >>> found = fitted.profile("layer[1].thickness", points=5)
@@ -214,11 +190,6 @@ class Fit:
         matplotlib.figure.Figure
             A column of two panels for each quantity, up to four, and how the residuals are spread.
 
-        Raises
-        ------
-        MissingExtraError
-            Without the extra "plot".
-
         Examples
         --------
         >>> len(fitted.plot().axes)
@@ -236,15 +207,6 @@ class Fit:
         path : path
             Ends in .html.
 
-        Raises
-        ------
-        SceneError
-            For another suffix.
-        MissingExtraError
-            Without the extra "plot".
-        OSError
-            Where it cannot be written.
-
         Examples
         --------
         >>> fitted.page("fit.html")
@@ -260,13 +222,6 @@ class Fit:
         ----------
         path : path
             Ends in .json.
-
-        Raises
-        ------
-        SceneError
-            For another suffix.
-        OSError
-            Where it cannot be written.
 
         Examples
         --------
@@ -297,13 +252,6 @@ class Fit:
         Fit
             As it was.
 
-        Raises
-        ------
-        SceneError
-            For a damaged file, or another one.
-        OSError
-            Where it cannot be read.
-
         Examples
         --------
         >>> import vrte
@@ -328,11 +276,6 @@ class Fit:
         Scene
             With ``values`` in it.
 
-        Raises
-        ------
-        SceneError
-            For another wavelength, and for a fit from a file that did not keep its scene.
-
         Examples
         --------
         >>> round(fitted.scene().thickness, 3)
@@ -352,13 +295,6 @@ class Fit:
         ----------
         path : path
             Ends in .toml.
-
-        Raises
-        ------
-        SceneError
-            For another suffix, and where a `vrte.Scene` was fitted, of which there is no file.
-        OSError
-            Where it cannot be written.
 
         Examples
         --------
@@ -384,11 +320,6 @@ class Fit:
         dict
             As TOML has it.
 
-        Raises
-        ------
-        SceneError
-            Where a `vrte.Scene` was fitted, of which there is no file.
-
         Examples
         --------
         >>> sorted(fitted.content())
@@ -406,11 +337,6 @@ class Fit:
         -------
         Problem
             For what is asked of the fit later.
-
-        Raises
-        ------
-        SceneError
-            Where it was read from a file that does not hold its scene.
 
         Examples
         --------

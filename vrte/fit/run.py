@@ -36,27 +36,8 @@ NEAR_A_BOUND = 1e-4  # of the range, or of the value
 
 
 class Step(NamedTuple):
-    """Where a fit is after a step, as ``watch`` is told.
-
-    Attributes
-    ----------
-    start
-        Which start, from 0 on.
-    step
-        How many steps it has made.
-    values
-        The free numbers by name.
-    chi2
-        The sum of squares.
-    predicted
-        What the scene shows there, (rows,).
-
-    Examples
-    --------
-    >>> from vrte.fit.run import Step
-    >>> Step(0, 3, {"layer[1].thickness": 0.5}, 12.0, [0.2]).chi2
-    12.0
-    """
+    """Where a fit is after a step, as ``watch`` is told: which start, from 0, how many steps, the free numbers by name,
+    chi2, and what the scene shows there (rows,)."""
 
     start: int
     step: int

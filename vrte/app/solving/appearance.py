@@ -16,9 +16,9 @@ import numpy as np
 from vrte.app.solving.questions import NewerError, Refused, explain_failure
 from vrte.appearance.appearance import Reading
 from vrte.appearance.colours import Colour, find_colour, find_difference
-from vrte.appearance.drawdown import find_hiding_film, prepare_drawdown
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
+from vrte.appearance.hiding import find_hiding_film, prepare_drawdown
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import LongSolveWarning, SceneError
