@@ -146,8 +146,8 @@ def make_scene_jet(
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Jets (vrte/fit/jets.py) of what a `Sight` looks at: Mueller matrices (1 + n, triple, 4, 4), shares of beams; and
-    the scene, how it changes with each number, and the flattest direction's cosine."""
+    """Jets (1 + n, ...) of what a `Sight` looks at: Mueller matrices (1 + n, triple, 4, 4), shares of beams; and the
+    scene, how it changes with each number, and the flattest direction's cosine."""
 
     matrices: Array
     shares: Shares

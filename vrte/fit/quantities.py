@@ -1,8 +1,9 @@
 """What can be measured and fitted, each quantity by the name it has in tables: one row a quantity.
 
 A row says what the quantity is, its unit, which columns say where it was measured, and how it is read off the light
-that a solve finds. Light comes as jets (vrte/fit/jets.py), so that one function gives value and derivatives. Angles are
-from the normal, azimuths as `vrte.brdf` counts them: 0 is forward, 180 turns back.
+that a solve finds. Light comes as jets, arrays (1 + n, ...) of values and then of their derivatives by n numbers, so
+that one function gives both. Angles are from the normal, azimuths as `vrte.brdf` counts them: 0 is forward, 180 turns
+back.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,6 @@ import numpy as np
 
 from vrte.appearance.lights import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
-from vrte.fit.jets import divide_jets, find_length, follow_chain
 from vrte.results.quantities import MUELLER
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")
@@ -49,6 +49,42 @@ class Quantity:
     read: Callable[..., Array]
     through: bool = False
     bounds: tuple[float, float] = (-np.inf, np.inf)
+
+
+def multiply_jets(one: Array, other: Array) -> Array:
+    """The product, by the product rule.
+
+    >>> multiply_jets(np.array([2.0, 1.0]), np.array([3.0, 0.0])).tolist()
+    [6.0, 3.0]
+    """
+    return np.concatenate([one[:1] * other[:1], one[1:] * other[:1] + one[:1] * other[1:]])
+
+
+def divide_jets(one: Array, other: Array) -> Array:
+    """The quotient, by the quotient rule; 0 over 0 is NaN.
+
+    >>> divide_jets(np.array([1.0, 0.0]), np.array([2.0, 1.0])).tolist()
+    [0.5, -0.25]
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = one[:1] / other[:1]
+        return np.concatenate([share, (one[1:] - share * other[1:]) / other[:1]])
+
+
+def find_length(one: Array, other: Array) -> Array:
+    """The root of the sum of squares; where that is 0, it has no derivative, and 0 stands for it.
+
+    >>> find_length(np.array([3.0, 1.0]), np.array([4.0, 0.0])).tolist()
+    [5.0, 0.6]
+    """
+    length = np.hypot(one[:1], other[:1])
+    slope = np.divide(one[:1] * one[1:] + other[:1] * other[1:], length, out=np.zeros_like(one[1:]), where=length > 0.0)
+    return np.concatenate([length, slope])
+
+
+def follow_chain(jet: Array, value: Array, slope: Array) -> Array:
+    """A function of a jet, of which its value and its slope there are known, by the chain rule."""
+    return np.concatenate([value[None], slope * jet[1:]])
 
 
 def pick_element(row: int, column: int) -> Callable[[Array], Array]:

@@ -9,8 +9,8 @@ import numpy as np
 from vrte.basics.arrays import Array, settle_array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
-from vrte.fit.identify import find_correlations
 from vrte.fit.measurement import Measurement
+from vrte.fit.verdict import find_correlations
 from vrte.formats.scene_writer import write_toml
 from vrte.scene.scene import Scene
 

@@ -11,20 +11,25 @@ from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
 from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning, warn_user
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
-from vrte.fit.identify import (
-    find_blind_spots,
-    find_correlations,
-    find_covariance,
-    find_scales,
-    list_alike,
-)
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
 from vrte.fit.parameters import Parameter, read_parameters, read_priors
 from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
-from vrte.fit.verdict import NO_NOISE, UNLIKELY, describe_pattern, find_p_value, guess_units, tell
+from vrte.fit.verdict import (
+    NO_NOISE,
+    UNLIKELY,
+    describe_pattern,
+    find_blind_spots,
+    find_correlations,
+    find_covariance,
+    find_p_value,
+    find_scales,
+    guess_units,
+    list_alike,
+    tell,
+)
 from vrte.formats.scene_family import SceneFamily
 from vrte.scene.scene import Scene
 
