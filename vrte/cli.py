@@ -24,7 +24,7 @@ from vrte.basics.starting import IS_COMMAND, WORDS, end
 from vrte.calls.versions import describe_versions
 from vrte.commands.common import Parser
 from vrte.commands.pages import find_page
-from vrte.commands.parser import make_parser, explain_study
+from vrte.commands.parser import explain_study, make_parser
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs
