@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.command_line import make_command, run_command
-from bench.timing import Tick
+from bench.study import Tick, make_command, run_command
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.brdf import brdf

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.pages import find_processor_name, make_markdown_table
+from bench.study import find_processor_name, make_markdown_table
 from vrte.basics.running import count_usable_cpus
 
 HISTORY = Path(__file__).parent / "history"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bench.pages import write_rows
+from bench.study import write_rows
 from vrte.calls.brdf import brdf
 from vrte.optics.crowding import PACKINGS, PackingWarning
 from vrte.optics.hard_spheres import compute_structure_factor

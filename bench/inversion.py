@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bench.pages import make_markdown_table, write_rows
+from bench.study import make_markdown_table, write_rows
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning
 from vrte.calls.brdf import brdf

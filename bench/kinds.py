@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from bench.pages import make_markdown_table
+from bench.study import make_markdown_table
 from vrte.appearance.quantities import QUANTITIES
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Key

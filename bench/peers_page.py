@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-from bench.pages import find_processor_name, make_markdown_list, make_markdown_table, show_two_digits
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, Problem, Row, shortfalls, wanted_keywords
+from bench.study import find_processor_name, make_markdown_list, make_markdown_table, show_two_digits
 from vrte.basics.running import count_usable_cpus
 
 COLUMNS = ("scene", "streams", "code", "cold [ms]", "over vrte", "warm [ms]", "over vrte", "target")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from bench.pages import write_rows
+from bench.study import write_rows
 from vrte.basics.arrays import Array
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT, PERCUS_YEVICK
 from vrte.pictures.figures import require_pictures, save

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from bench.command_line import add_study, make_command, run_command
+from bench.study import add_study, make_command, run_command
 from vrte.commands.common import join_progress, make_folder, say_written, show_progress
 
 
@@ -32,7 +32,7 @@ def report_on_methods(options: argparse.Namespace) -> None:
     from bench.methods import measuring, page
     from bench.methods.knobs import list_curves
     from bench.methods.scenes import find_matching_scenes
-    from bench.timing import OthersClock
+    from bench.study import OthersClock
 
     names, lines = find_matching_scenes(options.scenes, options.quick), list_curves(options.quick)
     page.require_page()

@@ -13,10 +13,8 @@ import pytest
 import scipy
 
 import vrte
-from bench.tables.configurations import Configuration
-from bench.tables.measuring import check_answer
-from bench.tables.paper import TABLE_2, TABLE_3, Problem, list_problems
-from bench.tables.processes import Child, Reply, Task, describe_processes, start_processes
+from bench.processes import Child, Reply, Task, describe_processes, start_processes
+from bench.tables import FULL_SIZE, TABLE_2, TABLE_3, Configuration, Problem, check_answer
 
 from .conftest import ROUNDS, eigenproblems, floor_seconds
 
@@ -39,7 +37,7 @@ def children() -> Iterator[dict[str, Child]]:
 @pytest.fixture(scope="module")
 def references(children: dict[str, Child]) -> dict[str, np.ndarray]:
     """What a call that is told nothing else answers, by problem."""
-    answers = {each.name: children["full"].solve(Task(each, {}, True)).answer for each in list_problems()}
+    answers = {each.name: children["full"].solve(Task(each, {}, True)).answer for each in FULL_SIZE}
     return {name: answer for name, answer in answers.items() if answer is not None}
 
 
@@ -51,7 +49,7 @@ def matrices(gold: vrte.Scene, spheroids: vrte.Scene) -> dict[str, list[np.ndarr
 
 @pytest.mark.benchmark(timer=seconds_in_solves)
 @pytest.mark.parametrize("configuration", list(Configuration), ids=lambda each: each.title)
-@pytest.mark.parametrize("problem", list_problems()[:2], ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", FULL_SIZE[:2], ids=lambda problem: problem.name)
 def test_configuration(
     problem: Problem,
     configuration: Configuration,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import cases
-from bench.pages import make_markdown_table, write_rows, write_text
+from bench.study import make_markdown_table, write_rows, write_text
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
 from vrte.calls.radiance import radiance

@@ -18,7 +18,7 @@ sys.path.append(str(ROOT))  # of bench
 
 from bench.methods.page import make_html  # noqa: E402
 from bench.methods.rows import Row  # noqa: E402
-from bench.records import Records  # noqa: E402
+from bench.study import Records  # noqa: E402
 
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
 LOBES = ROOT / "out/try/lobes.html"  # the page of docs/try.md

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # of bench
 
 from bench.methods.rows import Row  # noqa: E402
-from bench.records import Records  # noqa: E402
+from bench.study import Records  # noqa: E402
 
 SCENE = "rutile powder"
 CURVES = {  # of the methods' report: words, colour, marker

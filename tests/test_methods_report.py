@@ -11,7 +11,7 @@ import pytest
 from bench import radiance_factor, report
 from bench.methods import advice, knobs, measuring, page, peers, reference, registry, scenes
 from bench.methods.rows import MEASURED, REFUSED, Row
-from bench.records import Records
+from bench.study import Records
 from vrte.basics.errors import SceneError
 from vrte.request.how import METHODS
 
@@ -132,7 +132,7 @@ def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     run(tmp_path)
     curve, measured, timed = CURVE, [], measuring.time_solve
     if change == "version":
-        monkeypatch.setattr("bench.records.identify_setup", lambda: "another version")
+        monkeypatch.setattr("bench.study.identify_setup", lambda: "another version")
     if change == "setting":
         curve = replace(CURVE, settings=knobs.vary_nodes((2, 8), algorithm="doubling"))
     monkeypatch.setattr(measuring, "time_solve", lambda *given: measured.append(given) or timed(*given))

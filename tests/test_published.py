@@ -10,7 +10,7 @@ import pytest
 
 import vrte
 from bench import cases
-from bench.tables.paper import SIEWERT_DOWN, SIEWERT_UP
+from bench.tables import SIEWERT_DOWN, SIEWERT_UP
 from tests import exact
 
 from .helpers import assert_close

@@ -15,11 +15,11 @@ import pytest
 
 import vrte
 from bench.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
-from bench.records import Records
 from bench.stability import cases, checks, corners, oracle, run, solving
 from bench.stability.cases import AXES, LAYERINGS, Case
 from bench.stability.covering import find_uncovered_cells, make_covering_array
 from bench.stability.table import CASE_COLUMNS, COLUMNS
+from bench.study import Records
 
 from .conftest import call_study, rows_of
 from .helpers import assert_close, close_to

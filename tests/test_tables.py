@@ -11,18 +11,23 @@ from pathlib import Path
 
 import pytest
 
-from bench.tables import configurations, measuring, page, paper, processes
-from bench.tables.configurations import (
+from bench import processes, tables
+from bench.processes import Child, Reply, Task
+from bench.study import Tick, ignore_tick
+from bench.tables import (
     BASELINE,
     DEVICE,
     FULL,
+    FULL_SIZE,
     OPENCL,
+    OWN_STEPS,
     SEQUENTIAL,
+    SMALL,
+    TABLE_2,
+    TABLE_3,
     Configuration,
     choose_configurations,
 )
-from bench.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, list_problems
-from bench.tables.processes import Child, Reply, Task
 from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
 
@@ -30,7 +35,7 @@ from .conftest import call_study, rows_of
 from .helpers import assert_close, close_to
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
-SIEWERT, GOLD, MUELLER = list_problems(quick=True)
+SIEWERT, GOLD, MUELLER = SMALL
 needs_baseline = pytest.mark.skipif(
     platform.machine().lower() not in {"x86_64", "amd64"}
     or any(library.internal_api != "openblas" for library in find_blas_libraries()),
@@ -53,15 +58,27 @@ def pretended(label: str, without_eigenvectors: bool) -> Reply:
 
 
 @pytest.fixture
-def all_measured() -> measuring.Measured:
+def all_measured() -> tables.Measured:
     """The paper's problems in every configuration, three rounds, by no solver."""
-    found = measuring.Measured(list_problems(), tuple(Configuration))
+    found = tables.Measured(FULL_SIZE, tuple(Configuration))
     for problem in found.problems:
         for each in Configuration:
             reply = pretended(each.label, each.linear_algebra == DEVICE)
             found.replies[problem.name, each] = [reply] * 3
-            found.checks[problem.name, each] = measuring.Check(1e-13, None, reply.orders_by)
+            found.checks[problem.name, each] = tables.Check(1e-13, None, reply.orders_by)
     return found
+
+
+def measure(
+    children: dict[str, Child],
+    problems: list[tables.Problem],
+    configurations: tuple[Configuration, ...],
+    rounds: int,
+    tick: Tick = ignore_tick,
+) -> tables.Measured:
+    """As the study does, on two threads."""
+    study = tables.make_study(children, problems, configurations, rounds=rounds)
+    return tables.Measured.of(study.measure_rows(Path(), tick=tick))
 
 
 def test_six_configurations_are_table_1() -> None:
@@ -85,7 +102,7 @@ def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, c
 def test_without_a_device_the_others_are_measured(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.setattr(configurations, "explain_missing_device", lambda: "there is none")
+    monkeypatch.setattr(tables, "explain_missing_device", lambda: "there is none")
     able, refused = choose_configurations()
     assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
     assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
@@ -94,17 +111,17 @@ def test_without_a_device_the_others_are_measured(
 
 
 def test_the_papers_steps_add_up_to_its_totals() -> None:
-    for label in paper.LABELS:
-        parts = sum(paper.SECONDS[TABLE_3, step][label] for step in paper.STEPS)
-        printed = paper.SECONDS[TABLE_3, paper.TOTAL][label]
+    for label in tables.LABELS:
+        parts = sum(tables.SECONDS[TABLE_3, step][label] for step in tables.STEPS)
+        printed = tables.SECONDS[TABLE_3, tables.TOTAL][label]
         assert parts == close_to(printed, rtol=0.0, atol=0.11)
 
 
 def test_no_time_is_lost_between_the_steps() -> None:
     stages = {"planning": 1.0, "homogeneous": 2.0, "fourier sum": 4.0, "a stage to come": 8.0, "assembly": 16.0}
-    found = paper.split_into_steps(40.0, stages)
+    found = tables.split_into_steps(40.0, stages)
     assert sum(found.values()) == 40.0
-    assert (found["reconstruction"], found["assembly"], found[paper.OTHER]) == (4.0, 16.0, 18.0)
+    assert (found["reconstruction"], found["assembly"], found[tables.OTHER]) == (4.0, 16.0, 18.0)
 
 
 @needs_baseline
@@ -120,25 +137,25 @@ def test_each_process_has_its_own_simd(both: dict[str, Child]) -> None:
     [pytest.param(one, marks=pytest.mark.slow) for one in (SIEWERT, GOLD, MUELLER)],
     ids=lambda problem: problem.name,
 )
-def test_every_configuration_gives_the_default_answer(problem: paper.Problem, both: dict[str, Child]) -> None:
-    found = measuring.measure(both, [problem], choose_configurations()[0], threads=2, rounds=0)
-    measuring.require_right_answers(found)
+def test_every_configuration_gives_the_default_answer(problem: tables.Problem, both: dict[str, Child]) -> None:
+    found = measure(both, [problem], choose_configurations()[0], 0)
+    tables.require_right_answers(found)
     assert len(found.checks) == len(choose_configurations()[0])
     assert all((check.published is not None) == (problem is SIEWERT) for check in found.checks.values())
 
 
-def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
-    measuring.require_right_answers(all_measured)
-    all_measured.checks["table 3", Configuration.FIVE] = measuring.Check(2e-9, None, {})
+def test_wrong_answers_do_not_count(all_measured: tables.Measured) -> None:
+    tables.require_right_answers(all_measured)
+    all_measured.checks["table 3", Configuration.FIVE] = tables.Check(2e-9, None, {})
     with pytest.raises(AccuracyError, match=r"table 3 in configuration 5 \(off by 2\.0e-09\)$"):
-        measuring.require_right_answers(all_measured)
-    assert not measuring.Check(0.0, 2e-5, {}).passed
+        tables.require_right_answers(all_measured)
+    assert not tables.Check(0.0, 2e-5, {}).passed
 
 
 def test_configurations_take_turns(both: dict[str, Child]) -> None:
     ticks: list[tuple[int, int, str]] = []
     pair = (Configuration.TWO, Configuration.OPENMP_FULL)
-    found = measuring.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
+    found = measure(both, [GOLD], pair, 2, lambda *told: ticks.append(told))
     assert [tick[:2] for tick in ticks] == [(done, 6) for done in range(7)]
     assert [tick[2] for tick in ticks[:-1]] == ["table 3, configuration 2", "table 3, OpenMP full"] * 3
     assert all(len(replies) == 2 for replies in found.replies.values()), "the first, checked, is not timed"
@@ -188,12 +205,12 @@ def test_one_that_is_killed_midway_too() -> None:
 
 PARENT = """
 import sys
-from bench.tables.paper import list_problems
-from bench.tables.processes import Task, start_processes
+from bench.tables import FULL_SIZE
+from bench.processes import Task, start_processes
 with start_processes(["full"]) as found:
     print(found["full"]._process.pid, flush=True)
     while True:
-        found["full"].solve(Task(list_problems()[2], {"threads": 1, "algorithm": "doubling"}))
+        found["full"].solve(Task(FULL_SIZE[2], {"threads": 1, "algorithm": "doubling"}))
 """
 
 
@@ -237,17 +254,17 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     assert "baseline SIMD: openblas" in text
     rows = rows_of(folder / "tables.csv")
     assert {(row["problem"], row["configuration"]) for row in rows} == {
-        (problem.name, label) for problem in list_problems(quick=True) for label in ("1", "2")
+        (problem.name, label) for problem in SMALL for label in ("1", "2")
     }
     assert {row["problem"] for row in rows if row["paper_s"]} == {"table 2"}, "the others are smaller than the paper's"
 
 
-def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
+def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: tables.Measured, tmp_path: Path) -> None:
     refused = ["configuration 9 needs a machine of its own"]
-    page.write_page(all_measured, tmp_path, "a test", ["a fact"], refused)
+    tables.write_page(all_measured, tmp_path, "a test", ["a fact"], refused)
     text = (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert "- a fact\n- not measured: configuration 9 needs a machine of its own\n" in text
-    for label, seconds in paper.SECONDS[TABLE_2, paper.TOTAL].items():
+    for label, seconds in tables.SECONDS[TABLE_2, tables.TOTAL].items():
         ratios = f"{seconds / 2.74:#.3g} | {seconds / 0.11:#.3g}"
         assert f"| {label} | 110.0 (110.0 to 110.0) | 1.00 | {seconds:g} | {ratios} |" in text
     assert "| homogeneous | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 |" in text
@@ -260,16 +277,16 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
     assert float(row["paper_over_ours"]) == close_to(900.0 / 0.11, rtol=1e-3, atol=0.0)
 
 
-def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
-    theirs, ours = page.make_printed_bars(), page.make_measured_bars(all_measured)
-    assert list(theirs) == list(paper.LABELS)
+def test_figure_1_has_the_papers_bars_and_ours(all_measured: tables.Measured, tmp_path: Path) -> None:
+    theirs, ours = tables.make_printed_bars(), tables.make_measured_bars(all_measured)
+    assert list(theirs) == list(tables.LABELS)
     assert list(ours) == [each.label for each in Configuration]
     for bar in ours:
         assert_close(sum(ours[bar].values()), 0.1 + 0.01 * len(bar), rtol=1e-7, atol=0.0)
-    drawn = page.draw_step_costs(all_measured)
+    drawn = tables.draw_step_costs(all_measured)
     left, right = drawn.axes
     assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")
     assert len(right.patches) == len(Configuration) * len(OWN_STEPS)
-    written = page.write_page(all_measured, tmp_path, "a test", [], [])
+    written = tables.write_page(all_measured, tmp_path, "a test", [], [])
     assert {path.name for path in written} == FILES
-    assert (tmp_path / page.FIGURE).stat().st_size < 80_000
+    assert (tmp_path / tables.FIGURE).stat().st_size < 80_000

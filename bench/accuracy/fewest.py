@@ -20,7 +20,7 @@ from bench.accuracy.sweep import (
     measure_difference,
     solve_references,
 )
-from bench.pages import make_markdown_table, write_rows
+from bench.study import make_markdown_table, write_rows
 from vrte.basics.errors import AccuracyError
 
 FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from bench.accuracy.fewest import TABLE, Errors, make_ratio_table, read_errors
 from bench.accuracy.sweep import Outcome, compute_median_slack
-from bench.cost.page import CONFIGURATIONS, OTHERS
-from bench.pages import (
+from bench.cost import CONFIGURATIONS, OTHERS
+from bench.study import (
     MARKERS,
     finish_panel,
     list_run_facts,

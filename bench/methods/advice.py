@@ -2,12 +2,12 @@
 well method="auto" chose, its runs against the quickest of all others that were good enough."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
 from bench.methods.rows import REFUSED, Row, group_rows
-from bench.pages import make_html_table, make_markdown_table
+from bench.study import make_markdown_table
 from vrte.request.how import AUTO, EXACT, METHODS
 
 TARGETS = (1e-3, 1e-6, 1e-10)
@@ -21,6 +21,16 @@ HEADER = (
     "time over that of the quickest run: median",
     "worst",
 )
+
+
+def make_html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Of cells that are HTML.
+
+    >>> make_html_table(["a"], [["1"]])
+    '<table><tr><th>a</th></tr><tr><td>1</td></tr></table>'
+    """
+    lines = [f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows]
+    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in header)}</tr>{''.join(lines)}</table>"
 
 
 def find_pareto_front(rows: Sequence[Row]) -> list[Row]:

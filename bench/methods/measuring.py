@@ -16,8 +16,7 @@ from bench.methods.operations import count_operations
 from bench.methods.reference import Reference, find_flux_shares, get_reference, solve_case
 from bench.methods.rows import FAILED, LEFT_OUT, MEASURED, REFUSED, STOKES, Row
 from bench.methods.scenes import Case, find_case
-from bench.records import Records, make_fingerprint
-from bench.timing import Tick, Times, count_fitting_rounds
+from bench.study import Records, Tick, Times, count_fitting_rounds, make_fingerprint
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.request.how import AUTO

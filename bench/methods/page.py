@@ -21,13 +21,14 @@ from bench.methods.advice import (
     find_quickest_candidate,
     find_reference_uncertainty,
     find_refusals,
+    make_html_table,
     make_score_html,
     say_run_time,
 )
 from bench.methods.reference import make_file_stem
 from bench.methods.rows import STOKES, Row, group_rows
 from bench.methods.scenes import find_case
-from bench.pages import MARKERS, finish_panel, list_run_facts, make_html_table, show_two_digits, write_text
+from bench.study import MARKERS, finish_panel, list_run_facts, show_two_digits, write_text
 from vrte.basics.errors import import_extra
 from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.request.how import AUTO, METHOD_NAMES

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.methods.scenes import PHI, Case
-from bench.records import make_fingerprint
+from bench.study import make_fingerprint
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.formats.atomic import write_atomically

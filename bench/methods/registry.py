@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from bench.pages import make_markdown_table, write_text
+from bench.study import make_markdown_table, write_text
 from vrte.methods import find_method
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import Method

@@ -20,7 +20,7 @@ from bench.methods.advice import (
 )
 from bench.methods.rows import Row, group_rows
 from bench.methods.scenes import CASES, PHI, Case, find_case
-from bench.records import Records
+from bench.study import Records
 from vrte.calls.plan import make_request
 from vrte.methods.auto import RULES, find_rule
 from vrte.methods.auto.rules import Rule

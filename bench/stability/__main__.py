@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.command_line import add_study, make_command, run_command
+from bench.study import add_study, make_command, run_command
 from vrte.commands.common import add_options, join_progress, make_folder, say_written, show_progress
 from vrte.request.how import OPTIONS
 

@@ -9,12 +9,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from bench.records import Records, hash_files, make_fingerprint
 from bench.stability.cases import Case
 from bench.stability.checks import Check, examine_case
 from bench.stability.oracle import LEFT_OUT, Table, find_oracle_answer
 from bench.stability.solving import Options, is_whole
-from bench.timing import Tick
+from bench.study import Records, Tick, hash_files, make_fingerprint
 from vrte.basics.errors import AccuracyError, AccuracyWarning, LongSolveWarning, SceneError
 from vrte.basics.running import count_usable_cpus
 

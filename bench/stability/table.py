@@ -5,7 +5,9 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from bench.pages import (
+from bench.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY, SURFACE_CONDITIONS
+from bench.stability.run import Record
+from bench.study import (
     list_run_facts,
     make_markdown_list,
     make_markdown_table,
@@ -13,8 +15,6 @@ from bench.pages import (
     write_rows,
     write_text,
 )
-from bench.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY, SURFACE_CONDITIONS
-from bench.stability.run import Record
 
 KINDS = ("oracle", "consistency", "energy")
 COLUMNS = ("scenes", "", "cases", "oracle", "largest error", "c", "consistency", "energy", "seconds", "verdict")

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from bench.methods.peers import codes
 from bench.methods.peers.asked import Asked
 from bench.methods.peers.codes import Solve
-from bench.records import hash_files
+from bench.study import hash_files
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError
 

@@ -19,15 +19,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
-from bench.tables.configurations import Configuration
-from bench.tables.paper import Problem, get_answer
+from bench.tables import Configuration, Problem
 from vrte.basics.arrays import Array
 from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, DeviceError, SceneError
+from vrte.results.field import Field
 
 VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
 BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
-START = "import sys; sys.path[:] = {path!r}; from bench.tables.processes import serve; serve()"
+START = "import sys; sys.path[:] = {path!r}; from bench.processes import serve; serve()"
 PATIENCE = 5.0  # seconds that a process gets to end by itself
 GRACE = 1.0  # seconds that a solve gets when nobody waits for it any more
 ERRORS = (SceneError, AccuracyError, DeviceError, MemoryError)  # that users meet
@@ -45,7 +45,7 @@ class Hello:
 
 @dataclass(frozen=True)
 class Task:
-    """One solve; ``wants_answer``: whether the reply is to carry the radiances."""
+    """One solve; ``wants_answer``: whether the reply is to carry Stokes vectors or Mueller matrices."""
 
     problem: Problem
     options: dict[str, Any]
@@ -109,8 +109,8 @@ def answer_task(task: Task) -> Reply | Exception:
         return ChildProcessError(f"{type(error).__name__}: {error}")
     made = result.diagnostics
     stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
-    answer = get_answer(result) if task.wants_answer else None
-    return Reply(seconds, stages, dict(made["orders_by"]), time.process_time(), answer)
+    answer = result.stokes if isinstance(result, Field) else result.mueller
+    return Reply(seconds, stages, dict(made["orders_by"]), time.process_time(), answer if task.wants_answer else None)
 
 
 class Child:
