@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods.parts.endless import double_until_settled
+from vrte.methods.parts.slab import solve_riccati
 
 from .helpers import assert_close
 
@@ -41,5 +41,5 @@ def test_cost_of_a_low_cosine() -> None:
 
 def test_structure_preserving_doubling_of_numbers() -> None:
     """x^2 c - x (a + d) + b = 0, the smaller root."""
-    found, _ = double_until_settled(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
+    found, _ = solve_riccati(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
     assert_close(found[0, 0], (5.0 - np.sqrt(25.0 - 2.0)) / 1.0, rtol=1e-14, atol=0.0)

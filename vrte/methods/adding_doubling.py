@@ -1,159 +1,104 @@
-"""Adding and doubling: slabs doubled from a thin layer, layers and base added, the field between them, (2:8)."""
+"""Adding and doubling: slabs doubled from a thin layer, then layers and base added, (2:8)."""
 
 import math
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, check_number, check_whole
-from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.responses import Response
-from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
-from vrte.methods.parts.adding import Slab, double_slab, find_light_inside, make_ground_slab, make_homogeneous_slab
-from vrte.methods.parts.between_interfaces import join_through_interfaces, respond_as_slab
+from vrte.basics.arrays import check_number, check_whole
+from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.in_depth import POINTS
-from vrte.methods.parts.method import Answer, Method, Setting, Settings
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, solve_in_turn
+from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes, link_media
+from vrte.methods.parts.slab import Slab, make_thin_slab, solve_by_slabs
 from vrte.methods.parts.task import Task
-from vrte.methods.parts.thin_layer import make_thin_slab
-from vrte.scene.boundary import BLACK
 
-THICKEST, THINNEST = 8.0, 1e-6
-LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
-DARK = 1e-16  # transmission of a layer that may as well have no end
+THICKEST, THINNEST = 8.0, 1e-6  # of the setting "thin", optical thickness over the cosine
+LOWEST = 1e-4  # cosine: below it starting layers are so thin that rounding is seen
+DARK = 1e-16  # transmission of a slab that may as well be semi-infinite
+NEARLY_DARK = 1e-6  # transmission of a white slab whose R lacks of the semi-infinite layer's just what it transmits
 MOST_DOUBLINGS = 70
 ENOUGH = 1e-3, 1e-6, 1e-10  # accuracy that 1, 2 and 3 depths of a starting layer of 0.25 keep: a tenth and less is seen
-NEARLY_DARK = (
-    1e-6  # transmission of a white layer so thick that it lacks of an endless one's R just what it lets through
-)
 
 
 def solve_by_adding_doubling(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
     doublings: list[int] = []
-    if task.problem.media is not None:
-        with keep_to_one_thread():
-            kernels, fluxes = join_through_interfaces(task, partial(respond_by_adding, task.settings, doublings))
-        return task.answer_on_nodes(kernels, fluxes, doublings=max(doublings))
-    pile = cut_layers(task.problem)
-    on_nodes = OnNodes(pile.problem, task.request.scene.below)
 
-    def field(order: int, base: Array) -> tuple[Array, Array]:
-        up, down, most = solve_order(pile, on_nodes, order, base, task.settings)
-        doublings.append(most)
-        return up, down
+    def build(on_nodes: OnNodes, scattered: Scattered, tau: float, conserves: bool) -> Slab:
+        thin = limit_starting_thickness(on_nodes, task.settings["thin"])
+        slab, done = build_slab(on_nodes, scattered, tau, thin, task.settings["start"], conserves)
+        doublings.append(done)
+        return slab
 
-    with keep_to_one_thread():
-        kernels, fluxes = solve_in_turn(task, on_nodes, pile.out, field)
-    return task.answer_on_nodes(kernels, fluxes, doublings=max(doublings))
-
-
-def solve_order(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array, int]:
-    """Light up and down at the wanted depths of an order, each (n_tau, r, n_rhs), and most doublings of a slab."""
-    scattered = [on_nodes.scattered(order, material) for material in range(pile.problem.albedo.size)]
-    white = (order == 0) & (pile.problem.albedo == 1.0)
-    slabs = [
-        build_slab(on_nodes, scattered[material], float(tau), settings, bool(white[material]))
-        for material, tau in zip(pile.material, pile.thickness, strict=True)
-    ]
-    below = [] if np.isinf(pile.above[-1]) else [make_ground_slab(base, on_nodes.n)]
-    up, down = find_light_inside([slabs[k][0] for k in pile.slabs] + below)
-    most = max((doublings for _, doublings in slabs), default=0)
-    return up[pile.interface, :, on_nodes.n :], down[pile.interface, :, on_nodes.n :], most
-
-
-def respond_by_adding(
-    settings: Settings,
-    doublings: list[int],
-    problem: Problem,
-    material: IntArray,
-    thickness: Array,
-    orders: IntArray,
-    run: Run,
-) -> list[Response]:
-    """R and T of slabs (slab,) in one medium at the first of the orders; notes how often each was doubled."""
-    on_nodes, order = OnNodes(problem, BLACK), int(orders[0])
-    found = []
-    with run.booked("doubling"):
-        for kind, tau in zip(material.tolist(), thickness.tolist(), strict=True):
-            is_white = order == 0 and problem.albedo[kind] == 1.0
-            slab, done = build_slab(on_nodes, on_nodes.scattered(order, kind), tau, settings, is_white)
-            doublings.append(done)
-            found.append(respond_as_slab(on_nodes, slab))
-    return found
+    mu, found = solve_by_slabs(task, build, "doubling")
+    return mu, replace(found, diagnostics=found.diagnostics | {"doublings": max(doublings, default=0)})
 
 
 def limit_starting_thickness(on_nodes: OnNodes, thin: float) -> float:
-    """Optical thickness of the starting layer, at most: ``thin`` along the lowest cosine that light comes from, and
-    between interfaces along the lowest that it goes to: mirrored light of the nodes then goes there too."""
-    seen = on_nodes.columns if on_nodes.problem.media is None else np.append(on_nodes.columns, on_nodes.rows)
-    return thin * max(LOWEST, float(seen.min()))
+    """Largest optical thickness of the starting layer: ``thin`` along the lowest cosine of nodes and beams, and between
+    interfaces along the lowest cosine of outgoing directions as well, which mirrored light of every node takes."""
+    media = on_nodes.problem.media
+    mirrors = media is not None and media.scene.keeps_beams
+    lowest = min(float(on_nodes.columns.min()), float(on_nodes.rows.min()) if mirrors else math.inf)
+    return thin * max(LOWEST, lowest)
 
 
 def count_doublings(tau: float, thin: float) -> int:
-    """How often a starting layer of an optical thickness of at most ``thin`` is doubled."""
-    if np.isinf(tau):
+    """How often a starting layer of an optical thickness of at most ``thin`` is doubled, or is at most."""
+    if math.isinf(tau):
         return MOST_DOUBLINGS
     return max(0, math.ceil(math.log2(tau / thin))) if tau > 0.0 else 0
 
 
 def build_slab(
-    on_nodes: OnNodes, scattered: Scattered, tau: float, settings: Settings, is_white: bool
+    on_nodes: OnNodes, scattered: Scattered, tau: float, thin: float, start: int, conserves: bool
 ) -> tuple[Slab, int]:
-    """A homogeneous slab and its doublings; one without end is doubled until nothing comes through, one ``is_white``
-    (order 0 at albedo 1) until what comes through is what R still lacks."""
-    thin = limit_starting_thickness(on_nodes, settings["thin"])
+    """A homogeneous slab and its doublings from a layer of at most ``thin``; a semi-infinite layer is doubled until
+    nothing comes through, one that ``conserves`` (order 0 at albedo 1) until what comes through is what R lacks."""
     most = count_doublings(tau, thin)
-    now = thin if np.isinf(tau) else tau / 2.0**most
-    slab = make_thin_slab(scattered, now, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
-    slab = balance_flux(on_nodes, slab, now) if is_white else slab
-    for done in range(most):
-        if np.isinf(tau) and is_white and np.abs(slab.T).max() < NEARLY_DARK:
-            nothing = np.zeros_like(slab.T)
-            return make_homogeneous_slab(
-                slab.R + slab.T, nothing, tau, on_nodes.rows, on_nodes.columns, on_nodes.n
-            ), done
-        if np.isinf(tau) and max(np.abs(slab.T).max(), slab.passed[: on_nodes.n].max()) < DARK:
-            return slab, done
-        slab, now = double_slab(slab), 2.0 * now
-        slab = balance_flux(on_nodes, slab, now) if is_white else slab
+    slab = make_thin_slab(on_nodes, scattered, thin if math.isinf(tau) else tau / 2.0**most, start)
+    for done in range(most + 1):
+        slab = balance_flux(slab) if conserves else slab
+        if math.isinf(tau):
+            through = float(np.abs(slab.T).max())
+            if conserves and through < NEARLY_DARK:
+                return Slab(on_nodes, tau, slab.R + slab.T, np.zeros_like(slab.T)), done
+            if max(through, math.exp(-slab.tau / float(on_nodes.problem.nodes.max()))) < DARK:
+                return Slab(on_nodes, tau, slab.R, slab.T), done
+        slab = slab.double() if done < most else slab
     return slab, most
 
 
-def balance_flux(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
-    """A white slab of optical thickness tau whose flux out is the flux in, exactly: what doubling misses by the error
-    of its starting layer and by rounding comes through, evenly.
+def balance_flux(slab: Slab) -> Slab:
+    """A white slab whose flux out is the flux in, exactly: what doubling misses by the error of its starting layer and
+    by rounding is transmitted, evenly.
 
     The row of fluxes, weight mu for I, is then a left eigenvector of R + T, on which the inverse of 1 - R R hangs."""
-    problem, stokes = on_nodes.problem, len(on_nodes.members)
-    row = np.zeros(on_nodes.n)
+    on_nodes, problem = slab.on_nodes, slab.on_nodes.problem
+    stokes = len(problem.stokes)
+    row, evenly = np.zeros(on_nodes.n), np.zeros(on_nodes.rows.size)
     row[::stokes] = problem.weights * problem.nodes
-    into = np.concatenate([row, np.outer(problem.mu0, problem.columns[:, 0]).ravel()])
-    missing = into * -np.expm1(-tau / on_nodes.columns) - row @ (slab.R + slab.T)[: on_nodes.n]
-    evenly = np.zeros(on_nodes.rows.size)
     evenly[::stokes] = 1.0 / row.sum()
-    return make_homogeneous_slab(
-        slab.R, slab.T + np.outer(evenly, missing), tau, on_nodes.rows, on_nodes.columns, on_nodes.n
-    )
+    into = np.concatenate([row, np.outer(problem.mu0, problem.columns[:, 0]).ravel()])
+    missing = into * -np.expm1(-slab.tau / on_nodes.columns) - row @ (slab.R + slab.T)[: on_nodes.n]
+    return Slab(on_nodes, slab.tau, slab.R, slab.T + np.outer(evenly, missing))
 
 
 def predict_operations(task: Task) -> float:
-    """Doublings of each distinct slab, starting layers, joints."""
-    problem, settings = task.problem, task.settings
-    pile = cut_layers(problem)
-    on_nodes = OnNodes(pile.problem, task.request.scene.below)
-    n, r, c = on_nodes.sizes
+    """Doublings of each distinct slab, starting layers, slabs joined."""
+    problem, settings = link_media(task), task.settings
+    slabs, on_nodes = cut_layers(task.problem), OnNodes(problem)
+    n, r, c = count_sizes(task)
     thin = limit_starting_thickness(on_nodes, settings["thin"])
     doublings = sum(
         cost.SLAB_STEPS_ENDLESS if math.isinf(tau) else count_doublings(tau, thin)
-        for tau in np.unique(pile.thickness).tolist()
+        for tau in np.unique(slabs.thickness).tolist()
     )
     start = (2.0 * settings["start"] * n) ** 2 * (settings["start"] * n + 2.0 * c)
-    slabs = pile.slabs.size * (start + 40.0 * r * n * c)
-    return on_nodes.n_order * (slabs + doublings * (12.0 * r * n * c + cost.A_DOUBLING))
+    each = slabs.slabs.size * (start + 40.0 * r * n * c) + doublings * (12.0 * r * n * c + cost.A_DOUBLING)
+    return problem.coefficients.shape[1] * each
 
 
 METHOD = Method(

@@ -1,0 +1,327 @@
+"""Reflection R and transmission T of homogeneous slabs on nodes, by doubling and by invariant imbedding.
+
+A slab does the same to light from above and from below, in the flipped frame of `on_nodes`. T is diffuse: light that
+was not scattered, exp(-tau/mu), is left out. Slabs are joined, over bases and through interfaces, as those of discrete
+ordinates are where media refract.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.blas import keep_to_one_thread
+from vrte.basics.divided_differences import divide_exp_once
+from vrte.basics.errors import AccuracyError
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import UNTOLD
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
+from vrte.discrete_ordinates.orders.responses import Response, shape_response
+from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
+from vrte.methods.parts.method import Answer
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, link_media
+from vrte.methods.parts.task import Task
+
+LARGEST_RESIDUAL = 1e-6  # of the systems that join slabs in one medium: conservative ones of tau 1e8 leave 3e-9
+
+POINTS = 5  # Gauss depths of a step of invariant imbedding
+MARGIN = 10.0  # estimated error of a step over what its highest resolved power of depth suggests
+NO_LIGHT = 1e-290
+MOST_SWEEPS = 20
+MOST_STEPS = 20_000
+LEAST_STEP = 1e-14  # of the layer's optical thickness
+SAFETY, GROWTH, SHRINKING = 0.8, 4.0, 0.2  # of the next step: share of the estimate, most and least of the last step
+
+CONVERGED = 1e-15  # last change of the reflection of a semi-infinite layer, over its largest entry
+MOST_SDA_DOUBLINGS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """Diffuse reflection R and transmission T (r, c) of a slab of optical thickness tau."""
+
+    on_nodes: OnNodes
+    tau: float
+    R: Array
+    T: Array
+
+    def double(self) -> "Slab":
+        """Two such slabs, one on the other, (2:8)."""
+        n, R, T = self.on_nodes.n, self.R, self.T
+        falls, rises = np.exp(-self.tau / self.on_nodes.columns), np.exp(-self.tau / self.on_nodes.rows)[:, None]
+        # light between the slabs, lit from above: up along the nodes, down, up
+        up = np.linalg.solve(np.eye(n) - R[:n, :n] @ R[:n, :n], R[:n] * falls + R[:n, :n] @ T[:n])
+        down = T + R[:, :n] @ up
+        up = R * falls + R[:, :n] @ down[:n]
+        reflected = R + rises * up + T[:, :n] @ up[:n]
+        return Slab(self.on_nodes, 2.0 * self.tau, reflected, rises * down + T * falls + T[:, :n] @ down[:n])
+
+    def respond(self) -> Response:
+        """The slab as what joins slabs takes it: on the nodes scaled by sqrt(weight mu), unscattered light included."""
+        problem, n = self.on_nodes.problem, self.on_nodes.n
+        scale = np.repeat(np.sqrt(problem.weights * problem.nodes), len(problem.stokes))
+        both = np.array([self.R, self.T])[None]
+        both[0, 1, np.arange(n), np.arange(n)] += np.exp(-self.tau / self.on_nodes.columns[:n])
+        both[..., :n, :] *= scale[:, None]
+        both[..., :n] /= scale
+        onto, off = both[..., :n, :], both[..., n:, :]
+        return shape_response(problem, onto[..., :n], onto[..., n:], off[..., :n], off[..., n:], {})
+
+
+# R and T of a slab: nodes, what it scatters, its optical thickness, whether it conserves the flux of order 0
+Builder = Callable[[OnNodes, Scattered, float, bool], Slab]
+
+
+def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
+    """The answer from slabs that ``build`` makes, their time booked under the name of a stage."""
+
+    def respond(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
+        on_nodes, order = OnNodes(problem), int(orders[0])
+        with run.booked(stage):
+            scattered = [on_nodes.scatter(order, kind) for kind in range(problem.albedo.size)]
+            return [
+                build(on_nodes, scattered[kind], tau, order == 0 and problem.albedo[kind] == 1.0).respond()
+                for kind, tau in zip(material.tolist(), thickness.tolist(), strict=True)
+            ]
+
+    return task.answer_on_nodes(*join_slabs(task, respond))
+
+
+def join_slabs(task: Task, respond: Responder) -> tuple[Array, tuple[Array, Array]]:
+    """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4) and fluxes up and down (n_tau, n_in, n_col):
+    slabs as ``respond`` finds them; interfaces, mirrors and the base as slabs without thickness. Raises AccuracyError
+    where the joined slabs leave too large a residual."""
+    problem, run = link_media(task), task.run
+    count = problem.coefficients.shape[1]
+    route = Refracting(respond, problem, task.request.scene.below, count, UNTOLD)
+    if task.problem.media is None:
+        route.allowed["residual_of_joints"] = LARGEST_RESIDUAL
+    shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
+    kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
+    fluxes = np.zeros(shape), np.zeros(shape)
+    for order in range(count):
+        with keep_to_one_thread():
+            found = route.solve(np.array([order], np.int32), run)
+        for name, residual in found.residuals.items():
+            if not residual[0] <= route.allowed[name]:
+                words = f"at order {order} the {name.replace('_', ' ')} is {residual[0]:.1e}"
+                raise AccuracyError(f"method {task.request.method!r}: {words}: ask for 'discrete-ordinates'")
+        kernels[order][..., list(problem.stokes)] = found.kernels[0]
+        if order == 0:
+            fluxes = found.flux_up, found.flux_down
+        task.tell(order + 1, count)
+    return kernels, fluxes
+
+
+def make_thin_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> Slab:
+    """R and T of a thin layer, error of order tau^(2 points) of what is doubled from it.
+
+    ``points`` 0: single scattering, (2:24)-(2:26), an error of order tau; otherwise the source function of light that
+    was scattered before is a polynomial through that many Gauss depths, solved for, and single scattering stays exact.
+    """
+    z, beam = tau / on_nodes.rows[:, None], tau / on_nodes.columns
+    R, T = scattered.back * tau * integrate_once_back(z, beam), scattered.ahead * tau * integrate_once_ahead(z, beam)
+    if points:
+        more_R, more_T = scatter_again(on_nodes, scattered, tau, points)
+        R, T = R + more_R, T + more_T
+    return Slab(on_nodes, tau, R, T)
+
+
+def integrate_once_back(z: Array, beam: Array) -> Array:
+    """The integral of exp(-(z + beam) s) ds over (0, 1)."""
+    way = z + beam
+    decays = way > 0.0  # 0 where the thickness is the smallest number that there is
+    return np.where(decays, -np.expm1(-way) / np.where(decays, way, 1.0), 1.0)
+
+
+def integrate_once_ahead(z: Array, beam: Array) -> Array:
+    """The integral of exp(-z (1 - s) - beam s) ds over (0, 1)."""
+    found: Array = divide_exp_once(-z + 0.0 * beam, -beam + 0.0 * z)
+    return found
+
+
+def scatter_again(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> tuple[Array, Array]:
+    """R and T of all scatterings but the first, each (r, c)."""
+    n = on_nodes.n
+    z, beam = tau / on_nodes.rows[:n, None], tau / on_nodes.columns
+    ahead, back = scattered.ahead[:n] * tau, scattered.back[:n] * tau
+    x = find_gauss_depths(points)[:, None, None]
+    # light scattered once, down and up at the Gauss depths, (2, point, n, c)
+    once = np.stack(
+        [
+            ahead * x * integrate_once_ahead(x * z, x * beam),
+            back * (1.0 - x) * integrate_once_back((1.0 - x) * z, (1.0 - x) * beam) * np.exp(-x * beam),
+        ]
+    )
+    falls, rises = weigh_downward(z[:, 0], points)[:-1], weigh_upward(z[:, 0], points)[:-1]
+    blocks = [
+        [np.einsum("kji,il->kijl", way, matrix[:, :n]) for matrix in pair]
+        for way, pair in ((falls, (ahead, back)), (rises, (back, ahead)))
+    ]
+    size = points * n
+    system = np.eye(2 * size) - np.block([[block.reshape(size, size) for block in row] for row in blocks])
+    down, up = np.linalg.solve(system, once.reshape(2 * size, -1)).reshape(once.shape)
+    ahead, back = scattered.ahead[:, :n], scattered.back[:, :n]
+    lengths = tau / on_nodes.rows
+    R = tau * np.einsum("jr,jrc->rc", weigh_upward(lengths, points)[-1], ahead @ up + back @ down)
+    T = tau * np.einsum("jr,jrc->rc", weigh_downward(lengths, points)[-1], ahead @ down + back @ up)
+    return R, T
+
+
+@dataclass(eq=False)
+class Count:
+    """Of invariant imbedding: steps taken, steps repeated, sweeps in all; doublings of a semi-infinite layer."""
+
+    steps: int = 0
+    steps_repeated: int = 0
+    sweeps: int = 0
+    doublings: int = 0
+
+
+def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, count: Count) -> Slab:
+    """R and T by the matrix Riccati equation of invariant imbedding, thin layers added on top, from nothing on:
+
+    dR/dz = b + a R + R a + R b R - R/mu - R/mu',  dT/dz = E (a + b R) + T (a + b R) - T/mu',  E = exp(-z/mu).
+
+    Decays are taken exactly, and what is left is a polynomial through Gauss points of a step, found by sweeps: no step
+    is bound by the lowest cosine. Raises AccuracyError where steps get too small or too many.
+    """
+    both = np.zeros((2, on_nodes.rows.size, on_nodes.columns.size))  # R and T
+    done, taken = 0.0, 0
+    scatters = scattered.ahead.any() or scattered.back.any()
+    step = 0.5 * float(min(on_nodes.rows.min(), on_nodes.columns.min())) if scatters else tau
+    while done < tau:
+        step = min(step, tau - done)
+        found, error = take_step(on_nodes, scattered, done, step, both, rtol, count)
+        taken += 1
+        if error <= 1.0:
+            both, done = found, tau if tau - done <= step else done + step
+            count.steps += 1
+        else:
+            count.steps_repeated += 1
+        factor = SAFETY * max(error, 1e-20) ** (-0.5 / POINTS)
+        step *= min(GROWTH, max(SHRINKING, factor))
+        if step < LEAST_STEP * tau or taken > MOST_STEPS:
+            raise AccuracyError(f"invariant imbedding is at its smallest or last step and not at rtol {rtol:g}")
+    return Slab(on_nodes, tau, *both)
+
+
+def take_step(
+    on_nodes: OnNodes, scattered: Scattered, done: float, step: float, both: Array, rtol: float, count: Count
+) -> tuple[Array, float]:
+    """R and T after a step, (2, r, c), and the estimated error over the allowed one; infinite where sweeps do not
+    converge."""
+    ways, decays = compute_step_weights(on_nodes, step)
+    unscattered = np.exp(-(done + step * find_gauss_depths(POINTS)[:, None]) / on_nodes.rows)
+    start = both[:, None] * decays  # (R or T, POINTS + 1, r, c)
+    allowed = np.maximum(rtol * np.abs(both).max(axis=(1, 2)), NO_LIGHT)  # (R or T,)
+    now = np.repeat(both[:, None], POINTS, axis=1)
+    change = np.inf
+    for _ in range(MOST_SWEEPS):
+        count.sweeps += 1
+        sources = compute_growth(scattered, now, unscattered, on_nodes.n)
+        found = start[:, :-1] + np.einsum("tkjrc,tjrc->tkrc", ways[:, :-1], sources)
+        before, change = change, float(np.abs(found - now).max())
+        now = found
+        allowed = np.maximum(allowed, rtol * np.abs(now).max(axis=(1, 2, 3)))
+        if change <= 0.01 * allowed.min() or change >= 2.0 * before:
+            break
+    sources = compute_growth(scattered, now, unscattered, on_nodes.n)
+    end = start[:, -1] + np.einsum("tjrc,tjrc->trc", ways[:, -1], sources)
+    if change > 0.01 * allowed.min():
+        return end, np.inf
+    # Gauss points integrate twice as many powers as they resolve: the error is about the square of what the highest
+    # resolved power adds
+    last = np.einsum("tjrc,jk,tkrc->trc", ways[:, -1], project_highest_degree(POINTS), sources)
+    relative = rtol * np.abs(last).max(axis=(1, 2)) / allowed
+    return end, float(MARGIN / rtol * relative.max() ** 2)
+
+
+def compute_growth(scattered: Scattered, both: Array, unscattered: Array, n: int) -> Array:
+    """What makes R and T grow besides their own decay, (R or T, POINTS, r, c)."""
+    ahead, back = scattered
+    R, T = both
+    down = ahead[:n] + back[:n, :n] @ R[:, :n]
+    return np.stack(
+        [
+            back + ahead[:, :n] @ R[:, :n] + R[..., :n] @ down,
+            unscattered[..., None] * (ahead + back[:, :n] @ R[:, :n]) + T[..., :n] @ down,
+        ]
+    )
+
+
+def compute_step_weights(on_nodes: OnNodes, step: float) -> tuple[Array, Array]:
+    """Weights of the sources (R or T, POINTS + 1, POINTS, r, c), and what is left of R and T (R or T, POINTS + 1, r,
+    c), at the Gauss points of the step and its end."""
+    cosines, at = np.unique(np.concatenate([on_nodes.rows, on_nodes.columns]), return_inverse=True)
+    rows, columns = at[: on_nodes.rows.size, None], at[on_nodes.rows.size :]
+    once = step / cosines
+    rates = np.stack([once[:, None] + once, np.broadcast_to(once, (once.size, once.size))])
+    weights = step * np.moveaxis(weigh_downward(rates, POINTS), 2, 0)
+    x = np.append(find_gauss_depths(POINTS), 1.0)[:, None, None]
+    return weights[..., rows, columns], np.exp(-x * rates[:, None])[..., rows, columns]
+
+
+def project_highest_degree(points: int) -> Array:
+    """The part of values at the Gauss points that only a polynomial of the highest degree has, (points, points)."""
+    x, weights = np.polynomial.legendre.leggauss(points)
+    legendre = np.polynomial.legendre.legvander(x, points - 1)[:, -1]
+    found: Array = np.outer(legendre, legendre * weights) * (points - 0.5)
+    return found
+
+
+def reflect_semi_infinite(on_nodes: OnNodes, scattered: Scattered, conserves: bool) -> tuple[Slab, int]:
+    """R (r, c) of a semi-infinite layer, b + a R + R a + R b R = R/mu + R/mu', and how many doublings it took;
+    ``conserves``: order 0 at albedo 1."""
+    n, (ahead, back) = on_nodes.n, scattered
+    rate, columns = 1.0 / on_nodes.rows, 1.0 / on_nodes.columns
+    lost = np.diag(rate[:n]) - ahead[:n, :n]
+    A, b = lost, back[:n, :n]
+    if conserves:  # two eigenvalues meet at 0, and doubling is right to 1e-8 only: the known one is moved away
+        isotropic = np.tile(np.eye(len(on_nodes.problem.stokes))[0], on_nodes.problem.nodes.size)
+        shift = np.outer(isotropic, isotropic) / (2.0 * (isotropic @ isotropic))
+        A, b = A - shift, b + shift
+        on_both, doublings = solve_riccati(A, b, back[:n, :n] - shift, lost + shift)
+    else:
+        on_both, doublings = solve_riccati(A, b, b, A)
+    R = np.empty_like(back)
+    R[:n, :n] = on_both
+    # columns of beams, then rows of outgoing directions, are linear once R on the nodes is known
+    R[:n, n:] = solve_shifted(lost - on_both @ back[:n, :n], columns[n:], back[:n, n:] + on_both @ ahead[:n, n:])
+    right = (lost - back[:n, :n] @ on_both).T
+    R[n:, :n] = solve_shifted(right, rate[n:], (back[n:, :n] + ahead[n:, :n] @ on_both).T).T
+    out, into = R[n:, :n], R[:n, n:]
+    more = back[n:, n:] + ahead[n:, :n] @ into + out @ ahead[:n, n:] + out @ back[:n, :n] @ into
+    R[n:, n:] = more / (rate[n:, None] + columns[n:])
+    return Slab(on_nodes, np.inf, R, np.zeros_like(R)), doublings
+
+
+def solve_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
+    """x_k of (matrix + shift_k) x_k = given_k, one column each, (n, k)."""
+    shifted = matrix + shifts[:, None, None] * np.eye(matrix.shape[0])
+    found: Array = np.asarray(np.linalg.solve(shifted, given.T[..., None])[..., 0].T, np.float64)
+    return found
+
+
+def solve_riccati(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, int]:
+    """The smallest solution of X C X - X D - A X + B = 0, and how many doublings it took: structure-preserving
+    doubling, Guo, Lin and Xu, Numer. Math. 103, 393 (2006), with the shift of Guo, Iannazzo and Meini, SIAM J. Matrix
+    Anal. Appl. 29, 1083 (2007). Raises AccuracyError where it does not converge."""
+    one = np.eye(len(A))
+    gamma = max(float(np.diag(A).max()), float(np.diag(D).max()))
+    A_g, D_g = A + gamma * one, D + gamma * one
+    back_over_D = np.linalg.solve(D_g.T, B.T).T
+    W = A_g - back_over_D @ C
+    V = D_g - C @ np.linalg.solve(A_g, B)
+    E, F = one - 2.0 * gamma * np.linalg.inv(V), one - 2.0 * gamma * np.linalg.inv(W)
+    G = 2.0 * gamma * np.linalg.solve(D_g, C) @ np.linalg.inv(W)
+    H = 2.0 * gamma * np.linalg.solve(W, back_over_D)
+    for doubling in range(1, MOST_SDA_DOUBLINGS + 1):
+        E_over, F_over = np.linalg.solve((one - G @ H).T, E.T).T, np.linalg.solve((one - H @ G).T, F.T).T
+        added = F_over @ H @ E
+        G, H, E, F = G + E_over @ G @ F, H + added, E_over @ E, F_over @ F
+        if np.abs(added).max() <= CONVERGED * np.abs(H).max():
+            return H, doubling
+    raise AccuracyError(f"the reflection of a semi-infinite layer does not converge in {MOST_SDA_DOUBLINGS} doublings")
