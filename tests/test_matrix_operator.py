@@ -1,4 +1,4 @@
-"""The matrix operator method: its slabs, and the propagator."""
+"""The matrix operator method: R and T of its slabs, the propagator, and fields beside discrete ordinates."""
 
 import numpy as np
 import pytest
@@ -7,55 +7,38 @@ import scipy.linalg
 import vrte
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.matrix_operator import Matter, Slab, build_matter, propagator
-from vrte.methods.parts import operators
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.responses import respond_by_beams
+from vrte.methods.matrix_operator import propagator
 
 from . import exact
 from .helpers import assert_close
 from .samples import spheroids
 
 NODES = 6
-FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
-
-
-def discrete(scene: vrte.Scene) -> tuple[Problem, Assembled]:
-    """Order 1 of a scene."""
-    problem = discretise_scene(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), NODES)
-    return problem, assemble(problem, np.array([1], np.int32), Run(1))
-
-
-def matter() -> tuple[Matter, np.ndarray, np.ndarray]:
-    """Order 1 of a layer with b2, and its E and F."""
-    problem, matrices = discrete(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]))
-    return build_matter(problem, matrices, 0, 1, 0), matrices.E[0, 0].T, matrices.F[0, 0].T
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 0.5, 20.0])
 def test_slab_solves_the_boundary_problem_of_the_paper(thickness: float) -> None:
-    """(2:6)-(2:8) as they stand: all modes at both faces, each scaled to fade from its own."""
-    found, E, F = matter()
-    slab = found.slab(thickness)
+    """(2:6)-(2:8) as they stand, order 1 of a layer with b2: all modes at both faces, each scaled to decay from its
+    own."""
+    scene, orders = vrte.Scene([vrte.Layer(spheroids(), 0.9, thickness)]), np.array([1], np.int32)
+    problem = discretise_scene(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), NODES)
+    matrices = assemble(problem, orders, Run(1))
+    E, F = matrices.E[0, 0].T, matrices.F[0, 0].T
     lam, X = scipy.linalg.eig(F @ E)
     k = np.sqrt(lam + 0j)
     Y = np.linalg.solve(F, X) * k
-    with_light, against = (X + Y) / 2, (X - Y) / 2  # of a mode that fades downward, its light going down and up
-    fade = np.exp(-k * thickness)
-    falls_in = np.block([[with_light, against * fade], [against * fade, with_light]])
-    comes_out = np.block([[against, with_light * fade], [with_light * fade, against]])
+    with_light, against = (X + Y) / 2, (X - Y) / 2  # of a mode that decays downward, its light going down and up
+    decay = np.exp(-k * thickness)
+    falls_in = np.block([[with_light, against * decay], [against * decay, with_light]])
+    comes_out = np.block([[against, with_light * decay], [with_light * decay, against]])
     whole = (comes_out @ np.linalg.inv(falls_in)).real
-    R, T = slab.R_minus.nodes, slab.T_plus.nodes
+    (slab,) = respond_by_beams(
+        "modes", problem, np.zeros(1, np.int32), np.array([thickness]), orders, Run(1), quick=False
+    )
+    R, T = slab.nodes[0]
     assert_close(whole, np.block([[R, T], [T, R]]), rtol=0.0, atol=1e-12)
-
-
-def test_two_slabs_make_one() -> None:
-    """Slabs of 0.3 and 0.7 in a star are the slab of 1, beams and directions off the nodes included."""
-    found, _, _ = matter()
-    whole, parts = found.slab(1.0), found.slab(0.3).star(found.slab(0.7))
-    for name in Slab.__dataclass_fields__:
-        for one, other in zip(getattr(whole, name).blocks, getattr(parts, name).blocks, strict=True):
-            assert_close(one, other, rtol=0.0, atol=1e-13)
 
 
 def test_propagator_is_the_exponential_of_the_layer_matrix() -> None:
@@ -129,11 +112,3 @@ def test_cosines_a_last_place_apart() -> None:
     found = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
     expected = exact.brdf(scene, mu, mu, nodes=4)
     assert_close(found.mueller, expected.mueller, rtol=0.0, atol=1e-12 * np.abs(expected.mueller).max())
-
-
-def test_large_tables_go_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, mu = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 2.0)]), np.linspace(0.1, 1.0, 7)
-    whole = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
-    monkeypatch.setattr(operators, "AT_ONCE", 1000.0)
-    pieces = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
-    assert_close(pieces.mueller, whole.mueller, rtol=1e-12, atol=1e-15)

@@ -1,6 +1,5 @@
 """Operations of the methods: what is counted from shapes is what products and factorisations of a run add up to."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,8 +7,8 @@ import pytest
 
 import vrte
 from bench.methods import operations, reference, scenes
-from vrte.methods import matrix_operator
-from vrte.methods.parts import imbedding, on_nodes, operators, panels
+from vrte.methods import successive_orders
+from vrte.methods.parts import on_nodes, slab
 
 TALLY = [0.0]
 TWO = scenes.Case("two layers", "Henyey-Greenstein over Rayleigh", "over a base", (32, 24))
@@ -20,10 +19,13 @@ class Tallied(np.ndarray):  # type: ignore[type-arg]
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **keywords: Any) -> Any:
         plain = [np.asarray(item) for item in inputs]
-        keywords.pop("out", None)
+        out = keywords.pop("out", None)
         found = getattr(ufunc, method)(*plain, **keywords)
         if ufunc is np.matmul:
-            TALLY[0] += (8.0 if np.iscomplexobj(found) else 2.0) * found.size * plain[0].shape[-1]
+            TALLY[0] += 2.0 * found.size * plain[0].shape[-1]
+        if out is not None:
+            np.asarray(out[0])[...] = found
+            return out[0]
         return found.view(Tallied) if isinstance(found, np.ndarray) else found
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, keywords: Any) -> Any:
@@ -50,17 +52,10 @@ def extents(labels: str, *arrays: Any) -> float:
     return float(np.prod(list(sizes.values())))
 
 
-def seen(operator: operators.Operator) -> operators.Operator:
-    """With its matrices watched."""
-    matrices = {name: getattr(operator, name).view(Tallied) for name in ("nodes", "into", "leaving", "through")}
-    return replace(operator, **matrices)
-
-
 @pytest.fixture
 def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """What is added up from now on, of all that comes from what layers scatter, and from weights of steps."""
-    scattered, weights = on_nodes.OnNodes.scattered, imbedding.compute_step_weights
-    modes_of, extended = matrix_operator.find_modes, matrix_operator.extend_matrix
+    scattered, weights = on_nodes.OnNodes.scatter, slab.compute_step_weights
 
     def watched(self: on_nodes.OnNodes, order: int, layer: int) -> on_nodes.Scattered:
         return on_nodes.Scattered(*(matrix.view(Tallied) for matrix in scattered(self, order, layer)))
@@ -69,18 +64,11 @@ def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ways, fades = weights(*given)
         return ways.view(Tallied), fades
 
-    def eigenvectors(*given: Any) -> operators.Modes:
-        modes = modes_of(*given)
-        TALLY[0] += (operations.EIGENVECTORS + 16.0) * modes.lam.size**3  # with an inverse and a product to check it
-        return replace(modes, right=modes.right.view(Tallied), left=modes.left.view(Tallied))
-
-    monkeypatch.setattr(matrix_operator, "find_modes", eigenvectors)
-    monkeypatch.setattr(matrix_operator, "extend_matrix", lambda *given: seen(extended(*given)))
-    monkeypatch.setattr(on_nodes.OnNodes, "scattered", watched)
-    monkeypatch.setattr(imbedding, "compute_step_weights", weighed)
+    monkeypatch.setattr(on_nodes.OnNodes, "scatter", watched)
+    monkeypatch.setattr(slab, "compute_step_weights", weighed)
     for name in ("weigh_downward", "weigh_upward"):
-        plain = getattr(panels, name)
-        monkeypatch.setattr(panels, name, lambda *given, plain=plain: plain(*given).view(Tallied))
+        plain = getattr(successive_orders, name)
+        monkeypatch.setattr(successive_orders, name, lambda *given, plain=plain: plain(*given).view(Tallied))
     TALLY[0] = 0.0
     return TALLY
 
@@ -94,9 +82,6 @@ def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ("invariant-imbedding", "Rayleigh, small"),
         ("invariant-imbedding", "without end, small"),
         ("invariant-imbedding", "two layers"),
-        ("matrix-operator", "Rayleigh, small"),
-        ("matrix-operator", "without end, small"),
-        ("matrix-operator", "two layers"),
         ("successive-orders", "Rayleigh, small"),
         ("successive-orders", "two layers"),
     ],

@@ -10,7 +10,7 @@ from vrte.basics.arrays import check_number, check_whole
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.in_depth import POINTS
 from vrte.methods.parts.method import Answer, Method, Setting
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes, link_media
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media, count_sizes
 from vrte.methods.parts.slab import Slab, make_thin_slab, solve_by_slabs
 from vrte.methods.parts.task import Task
 
@@ -88,9 +88,9 @@ def balance_flux(slab: Slab) -> Slab:
 
 def predict_operations(task: Task) -> float:
     """Doublings of each distinct slab, starting layers, slabs joined."""
-    problem, settings = link_media(task), task.settings
+    problem, settings = connect_media(task.request, task.problem), task.settings
     slabs, on_nodes = cut_layers(task.problem), OnNodes(problem)
-    n, r, c = count_sizes(task)
+    n, r, c = count_sizes(task.request, task.problem)
     thin = limit_starting_thickness(on_nodes, settings["thin"])
     doublings = sum(
         cost.SLAB_STEPS_ENDLESS if math.isinf(tau) else count_doublings(tau, thin)

@@ -35,7 +35,7 @@ def solve_by_invariant_imbedding(task: Task) -> Answer:
 def predict_operations(task: Task) -> float:
     """Sweeps of all steps: their number grows with what an order scatters on its way."""
     problem = task.problem
-    n, r, c = count_sizes(task)
+    n, r, c = count_sizes(task.request, task.problem)
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
     strength = np.minimum(find_needs(problem, task.run).by_layer, 1.0)  # (layer, order)
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)

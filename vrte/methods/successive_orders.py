@@ -25,7 +25,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.planning.needs import find_needs
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes, link_media
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media, count_sizes
 from vrte.methods.parts.task import Task
 from vrte.request.how import EXACT
 from vrte.scene.beams import Passing, pass_along
@@ -49,7 +49,11 @@ def solve_by_successive_orders(task: Task) -> Answer:
     Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "notes" are about the orders left out,
     not about the error in depth, which more "levels" make smaller.
     """
-    problem, settings, convergence = link_media(task), task.settings, Convergence(task.settings)
+    problem, settings, convergence = (
+        connect_media(task.request, task.problem),
+        task.settings,
+        Convergence(task.settings),
+    )
     count = problem.coefficients.shape[1]
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
     kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
@@ -313,7 +317,7 @@ class Sections:
 
     def solve_order(self, order: int, convergence: Convergence) -> tuple[Array, Array]:
         """Radiance for unit beams, (n_tau, n_in, n_col, n_out, S), public frame, and fluxes up and down, (2, n_tau,
-        b)."""
+        b), of all orders of scattering, (2:21)-(2:23)."""
         scattered = {section.layer: section.on_nodes.scatter(order, section.layer) for section in self.sections}
         base, beam = self.passage.reflect_on_base(order)
         base = None if base is None else base / self.scale * self.scale[:, 0]
@@ -380,7 +384,7 @@ def find_panel_scale(problems: Iterable[Problem]) -> float:
 def predict_operations(task: Task) -> float:
     """As many orders as it takes, by how strongly a Fourier order scatters and how much leaves through the faces."""
     problem, settings, scale = task.problem, task.settings, find_panel_scale([task.problem])
-    n, _, c = count_sizes(task)
+    n, _, _ = count_sizes(task.request, task.problem)
     panels = sum(divide_into_panels(each, scale, settings["levels"]).size - 1 for each in problem.thickness.tolist())
     levels, depth = panels * POINTS, float(problem.thickness.sum())
     media = task.request.scene.media
@@ -388,7 +392,7 @@ def predict_operations(task: Task) -> float:
     kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2)) * (min(media) / max(media)) ** 2
     ratio = np.clip(find_needs(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
-    a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * (c - n)
+    a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * problem.n_rhs
     return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)
 
 

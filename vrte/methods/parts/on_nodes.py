@@ -19,14 +19,13 @@ from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.responses import scatter_once
-from vrte.methods.parts.task import Task
+from vrte.request.request import Request
 from vrte.scene.beams import locate_depths
 
 
-def link_media(task: Task) -> Problem:
-    """The task's problem with nodes that Snell's law links through its media, also where there is but one of these;
+def connect_media(request: Request, problem: Problem) -> Problem:
+    """A request's problem with nodes that Snell's law links through its media, also where there is but one of these;
     for I alone where only I is scattered and mirrored."""
-    request, problem = task.request, task.problem
     scene = request.scene
     if problem.media is not None:
         return problem
@@ -39,9 +38,9 @@ def link_media(task: Task) -> Problem:
     )
 
 
-def count_sizes(task: Task) -> tuple[float, float, float]:
+def count_sizes(request: Request, problem: Problem) -> tuple[float, float, float]:
     """Unknowns of a hemisphere, rows with the outgoing directions, columns with the beams, for predictions."""
-    problem = link_media(task)
+    problem = connect_media(request, problem)
     stokes, n = len(problem.stokes), problem.size
     return float(n), float(n + stokes * np.unique(problem.mu_out).size), float(n + stokes * problem.mu0.size)
 

@@ -21,7 +21,7 @@ from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
 from vrte.discrete_ordinates.orders.responses import Response, shape_response
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.method import Answer
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, link_media
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media
 from vrte.methods.parts.task import Task
 
 LARGEST_RESIDUAL = 1e-6  # of the systems that join slabs in one medium: conservative ones of tau 1e8 leave 3e-9
@@ -91,9 +91,9 @@ def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
 
 def join_slabs(task: Task, respond: Responder) -> tuple[Array, tuple[Array, Array]]:
     """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4) and fluxes up and down (n_tau, n_in, n_col):
-    slabs as ``respond`` finds them; interfaces, mirrors and the base as slabs without thickness. Raises AccuracyError
-    where the joined slabs leave too large a residual."""
-    problem, run = link_media(task), task.run
+    slabs as ``respond`` finds them, added as in (2:8); interfaces, mirrors and the base as slabs without thickness.
+    Raises AccuracyError where the joined slabs leave too large a residual."""
+    problem, run = connect_media(task.request, task.problem), task.run
     count = problem.coefficients.shape[1]
     route = Refracting(respond, problem, task.request.scene.below, count, UNTOLD)
     if task.problem.media is None:
