@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import vrte
-from bench.accuracy import fewest, page, sweep
-from bench.accuracy.__main__ import main
-from bench.accuracy.sweep import PROBES
+from bench import accuracy
+from bench.accuracy import PROBES
+from bench.study import Study
 from tests import exact
 from vrte.discrete_ordinates.planning import choose_quadrature, needs
 from vrte.methods import discrete_ordinates
@@ -22,47 +22,47 @@ QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, witho
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 
-def check(outcomes: Sequence[sweep.Outcome], slack: float = 100.0) -> None:
+def check(outcomes: Sequence[accuracy.Outcome], slack: float = 100.0) -> None:
     """Never above what was requested, and not far below where something could be left out. Of two counts of nodes the
     finer's result is returned, and their difference, the coarser's error, is what has to be small: more ``slack``."""
-    assert not [page.describe_outcome(outcome) for outcome in outcomes if not outcome.kept]
+    assert not [accuracy.describe_outcome(outcome) for outcome in outcomes if not outcome.kept]
     assert all(outcome.promised or outcome.given for outcome in outcomes)
     assert max(outcome.uncertain for outcome in outcomes) < 3e-10
-    assert sweep.compute_median_slack(outcomes) < slack
+    assert accuracy.compute_median_slack(outcomes) < slack
 
 
 def test_requested_is_achieved_on_given_nodes() -> None:
-    check(list(sweep.measure_outcomes(QUICK_GIVEN, True, sweep.GIVEN[::4])))
+    check(accuracy.make_study(QUICK_GIVEN, [True], 4).measure_rows(Path()))
 
 
 def test_requested_is_achieved_on_chosen_nodes() -> None:
-    check(list(sweep.measure_outcomes(QUICK_CHOSEN, False, sweep.CHOSEN[::2])), 1000.0)
+    check(accuracy.make_study(QUICK_CHOSEN, [False], 2).measure_rows(Path()), 1000.0)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
 @pytest.mark.parametrize("given", [True, False])
 def test_requested_is_achieved_everywhere(given: bool) -> None:
-    outcomes = list(sweep.measure_outcomes(tuple(PROBES), given, sweep.GIVEN if given else sweep.CHOSEN))
+    outcomes = accuracy.make_study(tuple(PROBES), [given]).measure_rows(Path())
     assert len(PROBES) >= 12
     # references on many nodes are good to 4e-10: at a request of 1e-9 that is what is compared with
     check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes], 100.0 if given else 1000.0)
     assert given or max(ratio_of(outcomes).values()) <= 3.0
 
 
-def ratio_of(outcomes: Sequence[sweep.Outcome]) -> dict[tuple[str, float], float]:
+def ratio_of(outcomes: Sequence[accuracy.Outcome]) -> dict[tuple[str, float], float]:
     """Nodes chosen over the fewest that hold, by the study in docs."""
-    found = fewest.pair_chosen_and_fewest(fewest.read_errors(ERRORS), outcomes)
+    found = accuracy.pair_chosen_and_fewest(accuracy.read_errors(ERRORS), outcomes)
     return {case: chosen / fewest for case, (chosen, fewest) in found.items()}
 
 
 @pytest.mark.parametrize("name", ["haze L, thickness 1", "HG 0.85, without end", "peak below Rayleigh"])
 def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
     """The finer of two counts is a step of the series above the fewest that hold, or two."""
-    case, errors = PROBES[name], fewest.read_errors(ERRORS)[name]
+    case, errors = PROBES[name], accuracy.read_errors(ERRORS)[name]
     for requested in (1e-2, 1e-4):
-        found = sweep.answer_probe(case, requested, None).diagnostics
-        hold = fewest.find_fewest_that_hold(errors, requested)
+        found = accuracy.answer_probe(case, requested, None).diagnostics
+        hold = accuracy.find_fewest_that_hold(errors, requested)
         assert found["promised"]
         assert found["nodes"] <= 2 * next(count for count in choose_quadrature.SERIES if count >= hold)
 
@@ -272,11 +272,12 @@ def test_nothing_is_lowered_before_two_orders_are_known() -> None:
 
 
 def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    first = sweep.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
+    first = accuracy.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
     outcomes = [first, replace(first, requested=1e-4, achieved=2e-4), replace(first, given=False, promised=False)]
-    pretended = iter([outcomes[:2], outcomes[2:]])
-    monkeypatch.setattr(sweep, "measure_outcomes", lambda *_: next(pretended))
-    assert main(["-o", str(tmp_path), "--quick"]) == 1
+    pretended = Study(outcomes, lambda _: [0], lambda one, *_: one, lambda *_: "", accuracy.write_pages)
+    pretended = replace(pretended, describe=accuracy.make_study([]).describe, require=accuracy.require_kept)
+    monkeypatch.setattr(accuracy, "make_study", lambda *_, **__: pretended)
+    assert accuracy.main(["-o", str(tmp_path), "--quick"]) == 1
     assert "NOT KEPT" in capsys.readouterr().out
     with (tmp_path / "accuracy.csv").open() as file:
         assert [row["achieved"] for row in csv.DictReader(file)] == ["1e-05", "0.0002", "1e-05"]

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import quad
 
 import vrte
-from bench import crowding
+from docs.scripts import crowding
 from tests.crowding_oracle import (
     amplitudes_by_textbook,
     structure_factor_by_wertheim,

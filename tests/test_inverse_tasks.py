@@ -1,4 +1,4 @@
-"""From measurements back to materials (bench/inversion.py): error bars that cover, slabs beside iadpython, what
+"""From measurements back to materials (docs/scripts/inversion.py): error bars that cover, slabs beside iadpython, what
 polarization tells of a haze, and the paint that hides at least cost."""
 
 import warnings
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench import inversion
+from docs.scripts import inversion
 from vrte.basics.errors import IndistinguishableWarning
 from vrte.fit import fit
 from vrte.fit.fit_file import read_fit

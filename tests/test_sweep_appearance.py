@@ -13,8 +13,8 @@ import pytest
 import xarray
 
 import vrte
-from bench import pigment_size
-from bench.pigment_size import find_optimum, make_paint
+from docs.scripts import pigment_size
+from docs.scripts.pigment_size import find_optimum, make_paint
 from tests.helpers import run
 from vrte.appearance.colours import find_colour
 from vrte.appearance.gloss import find_gloss

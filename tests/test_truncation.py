@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import vrte
-from bench import truncation
 from bench.cases import find_phase_matrix
+from docs.scripts import truncation
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run, start_run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR

@@ -1,6 +1,6 @@
 """Error of the radiance against the number of nodes for peaked phase functions, the truncations side by side.
 
-``python -m bench.truncation -o FOLDER`` writes truncation.csv, truncation.md and truncation.png there. Every
+``python -m docs.scripts.truncation -o FOLDER`` writes truncation.csv, truncation.md and truncation.png there. Every
 scene is one conservative layer, lit by one unpolarized beam with mu0 = 0.6; its thickness times 1 - g is 0.5, so all
 turn about as much light away.
 """
@@ -192,7 +192,7 @@ def draw_error_lines(panel: Any, rows: Sequence[Row]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line: ``-o FOLDER``, and ``--case NAME`` for one of them only."""
-    parser = argparse.ArgumentParser(prog="python -m bench.truncation", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m docs.scripts.truncation", description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("truncation"), help="folder to write to")
     parser.add_argument("--case", choices=[case.name for case in CASES], help="this one only")
     options = parser.parse_args(arguments)

@@ -1,6 +1,6 @@
 """The size of rutile that hides best, and how much of it is worth while: hiding power over diameter and loading.
 
-``python -m bench.pigment_size -o FOLDER`` writes pigment_size.csv and rutile_size_loading.png there.
+``python -m docs.scripts.pigment_size -o FOLDER`` writes pigment_size.csv and rutile_size_loading.png there.
 """
 
 import argparse
@@ -170,7 +170,7 @@ def list_rows(maps: Sequence[Map]) -> list[tuple[str, ...]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line: ``-o FOLDER``; ``--diameters-um`` and ``--fractions`` for others than those above."""
-    parser = argparse.ArgumentParser(prog="python -m bench.pigment_size", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m docs.scripts.pigment_size", description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("pigment_size"), help="folder to write to")
     parser.add_argument("--diameters-um", type=float, nargs="+", default=DIAMETERS_UM, help="mass-median diameters")
     parser.add_argument("--fractions", type=float, nargs="+", default=FRACTIONS, help="volume fractions")

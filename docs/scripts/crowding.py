@@ -1,6 +1,6 @@
 """What crowding does, by the packings: a latex's transport length, and what a film of white paint hides.
 
-``python -m bench.crowding -o FOLDER`` writes crowding.csv and crowding.png there.
+``python -m docs.scripts.crowding -o FOLDER`` writes crowding.csv and crowding.png there.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def draw_figure(rows: Sequence[Row]) -> "Figure":
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line: ``-o FOLDER``, and ``--fractions`` for others than FRACTIONS."""
-    parser = argparse.ArgumentParser(prog="python -m bench.crowding", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m docs.scripts.crowding", description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("crowding"), help="folder to write to")
     parser.add_argument("--fractions", type=float, nargs="+", default=FRACTIONS, help="volume fractions")
     options = parser.parse_args(arguments)

@@ -1,6 +1,6 @@
 """From measurements back to materials: a paint, slabs, an aerosol; and the paint that hides at least cost.
 
-``python -m bench.inversion -o FOLDER`` writes a table (CSV) and a picture of each task there, and inversion.md;
+``python -m docs.scripts.inversion -o FOLDER`` writes a table (CSV) and a picture of each task there, and inversion.md;
 ``--tasks slabs`` only some tasks, ``--runs 20`` fewer repetitions. Slabs need iadpython.
 """
 
@@ -407,7 +407,7 @@ REPORTS = {"paint": report_paint, "slabs": report_slabs, "aerosol": report_aeros
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line: ``-o FOLDER``, ``--runs``, ``--tasks``."""
-    parser = argparse.ArgumentParser(prog="python -m bench.inversion", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m docs.scripts.inversion", description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("inversion"), help="folder to write to")
     parser.add_argument("--runs", type=int, default=RUNS, help="fits of the paint, each with other noise")
     parser.add_argument("--tasks", nargs="+", choices=list(REPORTS), default=list(REPORTS), help="which")

@@ -1,0 +1,461 @@
+"""Requested against achieved accuracy, scene by scene: `python -m bench.accuracy -o FOLDER`.
+
+Every scene is asked for every accuracy, and compared with a reference of its own. ``--fewest`` adds to errors.csv in
+the folder the errors of more and more nodes of the scenes that it has not, which the choice of nodes is judged by.
+"""
+
+import csv
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench import cases
+from bench.cost import CONFIGURATIONS, OTHERS
+from bench.study import (
+    MARKERS,
+    Study,
+    add_study,
+    carry_out,
+    finish_panel,
+    list_run_facts,
+    make_command,
+    make_markdown_list,
+    make_markdown_table,
+    run_command,
+    write_rows,
+    write_text,
+)
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError
+from vrte.calls.brdf import brdf
+from vrte.calls.radiance import radiance
+from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MU = (0.02, 0.1, 0.35, 0.6, 0.85, 1.0)
+PHI = (0.0, 30.0, 90.0, 150.0, 180.0)
+GIVEN = tuple(10.0**-k for k in range(3, 12))
+CHOSEN = tuple(10.0**-k for k in range(2, 10))
+EXACT, CONTINUOUS = 1e-15, 1e-12  # accuracy of the references: on the same nodes, on many more
+QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, without end", "clear spheres, grazing")
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A scene, thin or thick, smooth or peaked, clear or absorbing, and what is asked of it: a BRDF between ``mu0``
+    (n_in,) and MU, with the transmission where the layer ends, or, with ``tau``, the field of a polarized beam at those
+    depths, up and down. ``nodes``: of the discrete problem; ``more``: two numbers of nodes that the continuous problem
+    is taken from; ``of``: the name of the scene in `cases`, where that is not the probe's."""
+
+    name: str
+    nodes: int
+    more: tuple[int, int]
+    mu0: tuple[float, ...] = (0.2, 0.8)
+    tau: tuple[float, ...] = ()
+    of: str = ""
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return cases.find_scene(self.of or self.name)
+
+    @property
+    def signed_mu(self) -> Array:
+        """The cosines up and down."""
+        return np.array([*MU, *(-mu for mu in MU)])
+
+
+PROBES = {
+    probe.name: probe
+    for probe in (
+        Probe("Rayleigh, thickness 0.01", 16, (160, 240)),
+        Probe("Rayleigh, thickness 10, field", 16, (96, 128), (0.6,), (0.0, 5.0, 10.0), of="Rayleigh, thickness 10"),
+        Probe("HG 0.5, thickness 1", 20, (96, 128)),
+        Probe("HG 0.75, thickness 0.1", 41, (120, 160)),
+        Probe("HG 0.85, without end", 72, (112, 144)),
+        Probe("clear spheres, thickness 8", 24, (72, 96)),
+        Probe("gold powder, thickness 100", 24, (72, 96)),
+        Probe("gold powder, without end", 24, (72, 96)),
+        Probe("spheroids, field", 16, (96, 128), (0.6,), (0.0, 0.2, 1.0), of="spheroids"),
+        Probe("haze L, thickness 1", 50, (72, 96), (0.5,)),
+        Probe("two layers over a base", 24, (72, 96)),
+        Probe("absorbing spheroids, thickness 5", 16, (96, 128)),
+        Probe("clear spheres, grazing beam", 24, (96, 128), (0.02, 0.05), of="clear spheres, thickness 2, over a base"),
+        Probe(
+            *("clear spheres, normal beam, field", 24, (160, 224), (1.0,), (0.0, 0.01, 1.0, 2.0)),
+            of="clear spheres, thickness 2",
+        ),
+        Probe("water cloud, thickness 5", 24, (80, 104), (0.5,)),
+        Probe("coarse pigment, thickness 10", 24, (72, 96)),
+        Probe("peak below Rayleigh", 24, (112, 144)),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One request: ``given``, whether its nodes were; nodes and unknowns (Stokes parameters and nodes of all orders)
+    that it was solved with, orders; achieved, and what the reference is uncertain by; seconds; whether it was
+    promised; ``saved``: whether fewer unknowns did than for the finest request."""
+
+    scene: str
+    given: bool
+    requested: float
+    achieved: float
+    uncertain: float
+    nodes: int
+    orders: int
+    unknowns: int
+    seconds: float
+    promised: bool
+    saved: bool
+
+    @property
+    def slack(self) -> float:
+        """Requested over achieved."""
+        return self.requested / max(self.achieved, 1e-300)
+
+    @property
+    def kept(self) -> bool:
+        """Whether no more was achieved amiss than was requested; NaN is not."""
+        return self.achieved <= self.requested
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Light of each beam at each depth, (depth, beam, values), the largest I, (depth, beam), fluxes over pi, (depth,
+    beam, up and down or one of them), and how they were found."""
+
+    light: Array
+    largest: Array
+    flux: Array
+    diagnostics: dict[str, Any]
+
+
+def answer_probe(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "auto") -> Answer:
+    """What is asked of the case."""
+    options: dict[str, Any] = {"accuracy": accuracy, "nodes": nodes, "algorithm": algorithm}
+    if case.tau:
+        field = radiance(case.scene, case.mu0[0], cases.POLARIZED, case.signed_mu, PHI, case.tau, **options)
+        flux = np.stack([field.flux_up, field.flux_down], axis=-1)[:, None] / np.pi
+        light = field.stokes[:, None]
+        return Answer(light, np.abs(light[..., 0]).max(axis=(2, 3)), flux, field.diagnostics)
+    ends = bool(np.isfinite(case.scene.thickness))
+    found = brdf(case.scene, case.mu0, MU, PHI, transmission=ends, **options)
+    matrices = [found.mueller] + ([] if found.transmission is None else [found.transmission])
+    light = np.stack(matrices)
+    # of the transmitted light no flux is told
+    flux = np.stack([found.reflectance] + [np.zeros_like(found.reflectance)] * (len(matrices) - 1))[..., None] / np.pi
+    return Answer(light, np.abs(light[..., 0, 0]).max(axis=(2, 3)), flux, found.diagnostics)
+
+
+def measure_difference(one: Answer, other: Answer) -> float:
+    """The largest of light and flux over pi, relative to the largest I of `other` at that depth for that beam."""
+    light = np.abs(one.light - other.light).max(axis=tuple(range(2, one.light.ndim)))
+    flux = np.abs(one.flux - other.flux).max(axis=2)
+    return float((np.maximum(light, flux) / np.maximum(other.largest, 1e-290)).max())
+
+
+@cache
+def solve_references(case: Probe, given: bool) -> tuple[tuple[Answer, ...], float]:
+    """What is right, and how well it is known: by both algorithms on the nodes given, and what they differ by; or on
+    many more nodes, and what still more of them differ by, which are taken."""
+    if given:
+        first, second = (answer_probe(case, EXACT, case.nodes, name) for name in ("modes", "doubling"))
+        return (first, second), measure_difference(first, second)
+    first, second = (answer_probe(case, CONTINUOUS, nodes) for nodes in case.more)
+    return (second,), measure_difference(first, second)
+
+
+@cache
+def count_finest_unknowns(case: Probe, given: bool, finest: float) -> int:
+    """Unknowns that the finest request takes."""
+    found = answer_probe(case, EXACT if given else finest, case.nodes if given else None)
+    return int(found.diagnostics["unknowns"])
+
+
+def make_study(
+    names: Sequence[str], given: Sequence[bool] = (True, False), step: int = 1
+) -> Study[Any, float, Outcome]:
+    """Every scene at every ``step``-th request; with nodes given those scenes of which they carry all terms: the others
+    have no accuracy."""
+
+    def list_requests(case: tuple[Probe, bool]) -> tuple[float, ...]:
+        return (GIVEN if case[1] else CHOSEN)[::step]
+
+    def measure(case: tuple[Probe, bool], requested: float, number: int) -> Outcome:
+        probe, is_given = case
+        right, uncertain = solve_references(probe, is_given)
+        found = answer_probe(probe, requested, probe.nodes if is_given else None)
+        told = found.diagnostics
+        return Outcome(
+            scene=probe.name,
+            given=is_given,
+            requested=requested,
+            achieved=max(measure_difference(found, answered) for answered in right),
+            uncertain=uncertain,
+            nodes=told["nodes"],
+            orders=told["orders"],
+            unknowns=int(told["unknowns"]),
+            seconds=told["wall_seconds"],
+            promised=told["promised"],
+            saved=int(told["unknowns"]) < count_finest_unknowns(probe, is_given, min(list_requests(case))),
+        )
+
+    return Study(
+        cases=[
+            (PROBES[name], each)
+            for each in given
+            for name in names
+            if not each
+            or 2 * PROBES[name].nodes >= max(layer.phase_matrix.terms for layer in PROBES[name].scene.layers)
+        ],
+        ways=list_requests,
+        measure=measure,
+        name=lambda case, requested: f"{case[0].name}, {requested:.0e}",
+        page=write_pages,
+        describe=lambda outcomes: "\n".join(map(describe_outcome, outcomes)),
+        require=require_kept,
+        settings="requested and achieved accuracy",
+    )
+
+
+def require_kept(outcomes: Sequence[Outcome]) -> None:
+    """Raises AccuracyError where a request was not kept."""
+    broken = [describe_outcome(outcome) for outcome in outcomes if not outcome.kept]
+    if broken:
+        raise AccuracyError(f"{len(broken)} requests are not kept, the first: {broken[0]}")
+
+
+def compute_median_slack(outcomes: Sequence[Outcome]) -> float:
+    """Of requested over achieved, where a looser request did with less; NaN where none did."""
+    saved = [outcome.slack for outcome in outcomes if outcome.saved]
+    return float(np.median(saved)) if saved else float("nan")
+
+
+FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time
+BELOW = 3e-10  # errors that are not followed further
+TABLE = "errors.csv"
+
+Errors = dict[int, float]
+
+
+def list_nodes_to_try(most: int) -> Iterator[int]:
+    """Nodes to try, ascending.
+
+    >>> list(list_nodes_to_try(10)), max(list_nodes_to_try(100))
+    ([4, 5, 6, 7, 8, 9], 96)
+    """
+    nodes = FIRST
+    while nodes < most:
+        yield nodes
+        nodes = max(nodes + 1, round(GROWTH * nodes))
+
+
+def measure_node_errors(case: Probe) -> Errors:
+    """The error of more and more nodes, until it is as small as the reference's, infinite where they are refused."""
+    right, uncertain = solve_references(case, given=False)
+    errors: Errors = {}
+    for nodes in list_nodes_to_try(case.more[0]):
+        try:
+            found = answer_probe(case, CONTINUOUS, nodes)
+            errors[nodes] = max(measure_difference(found, one) for one in right)
+        except AccuracyError:
+            errors[nodes] = float("inf")
+        if max(list(errors.values())[-2:]) < max(BELOW, 2.0 * uncertain):
+            break
+    return errors
+
+
+def find_fewest_that_hold(errors: Errors, requested: float) -> int:
+    """The fewest nodes tried from which on no number of them that was tried has a larger error; 0 where all have.
+
+    >>> find_fewest_that_hold({4: 1e-2, 5: 1e-4, 6: 2e-3, 7: 1e-4}, 1e-3)
+    7
+    """
+    held = 0
+    for nodes in sorted(errors, reverse=True):
+        if not errors[nodes] <= requested:
+            break
+        held = nodes
+    return held
+
+
+def read_errors(path: Path) -> dict[str, Errors]:
+    """The table of a file, scene -> nodes -> error; empty where there is no file."""
+    found: dict[str, Errors] = {}
+    if path.exists():
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["scene"], {})[int(row["nodes"])] = float(row["error"])
+    return found
+
+
+def pair_chosen_and_fewest(
+    table: dict[str, Errors], outcomes: Sequence[Outcome]
+) -> dict[tuple[str, float], tuple[int, int]]:
+    """Nodes chosen and the fewest that hold, by scene and request, where those are known."""
+    found = {}
+    for one in outcomes:
+        fewest = find_fewest_that_hold(table.get(one.scene, {}), one.requested)
+        if fewest and not one.given:
+            found[one.scene, one.requested] = one.nodes, fewest
+    return found
+
+
+def make_ratio_table(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> str:
+    """Scenes down, requests across: nodes chosen over the fewest that hold; empty where nothing is known."""
+    found = pair_chosen_and_fewest(table, outcomes)
+    if not found:
+        return ""
+    requests = sorted({requested for _, requested in found}, reverse=True)
+    rows = []
+    for name in dict.fromkeys(scene for scene, _ in found):
+        pairs = [found.get((name, requested)) for requested in requests]
+        rows.append([name, *(f"{pair[0]}/{pair[1]} = {pair[0] / pair[1]:.2f}" if pair else "?" for pair in pairs)])
+    worst = max(chosen / fewest for chosen, fewest in found.values())
+    note = (
+        f"\nNodes chosen over the fewest from which on all that were tried hold, at most {worst:.2f}; ? where the\n"
+        f"reference is not good enough to tell. Errors of all nodes tried: {TABLE}.\n"
+    )
+    return make_markdown_table(["scene", *(f"{requested:.0e}" for requested in requests)], rows) + note
+
+
+KINDS = ((True, "nodes given: the discrete problem"), (False, "nodes chosen: the continuous problem"))
+LINES = tuple(dict.fromkeys([*CONFIGURATIONS, *COLOURS.values(), *OTHERS]))
+
+
+def describe_outcome(outcome: Outcome) -> str:
+    """One request and what was achieved, in one line.
+
+    >>> describe_outcome(Outcome("a scene", True, 1e-3, 2e-5, 1e-14, 8, 3, 96, 0.1, True, True))
+    'a scene, 8 nodes given: requested 1e-03, achieved 2e-05, 3 orders'
+    """
+    how = "given" if outcome.given else "chosen"
+    kept = "" if outcome.kept else ", NOT KEPT"
+    return (
+        f"{outcome.scene}, {outcome.nodes} nodes {how}: requested {outcome.requested:.0e}, "
+        f"achieved {outcome.achieved:.0e}, {outcome.orders} orders{kept}"
+    )
+
+
+def write_pages(outcomes: Sequence[Outcome], folder: Path, settings: str) -> list[Path]:
+    """accuracy.csv, accuracy.md and accuracy.png in the folder. Raises MissingExtraError, OSError."""
+    table, page, picture = (folder / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
+    write_rows(table, [item.name for item in fields(Outcome)], [list_csv_cells(outcome) for outcome in outcomes])
+    write_text(page, make_markdown(outcomes, read_errors(folder / TABLE), settings))
+    save(draw_figure(outcomes), picture)
+    return [table, page, picture]
+
+
+def list_csv_cells(outcome: Outcome) -> list[object]:
+    """Numbers with as many digits as they have."""
+    return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
+
+
+def make_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors], settings: str) -> str:
+    """A table for each kind of request: achieved, and the nodes and orders that did; and the nodes chosen over the
+    fewest that hold, where ``errors`` of scenes and nodes are known."""
+    text = "# Requested and achieved accuracy\n\n" + make_markdown_list(list_run_facts("the sweep of bench.accuracy"))
+    for given, title in KINDS:
+        part = [outcome for outcome in outcomes if outcome.given == given]
+        if part:
+            text += f"\n## {title.capitalize()}\n\n{describe_sweep(part)}\n\n" + make_outcome_table(part)
+    fewest = make_ratio_table(errors, outcomes)
+    return text + (f"\n## Nodes chosen over the fewest that hold\n\n{fewest}" if fewest else "")
+
+
+def describe_sweep(outcomes: Sequence[Outcome]) -> str:
+    """What the sweep showed, in a sentence or two."""
+    broken = sum(not outcome.kept for outcome in outcomes)
+    closest = min(outcome.slack for outcome in outcomes)
+    saved = [outcome for outcome in outcomes if outcome.saved]
+    return (
+        f"{len(outcomes)} requests, {broken} not kept; requested over achieved: at least {closest:.2g}, median "
+        f"{compute_median_slack(outcomes):.2g} over the {len(saved)} that did with fewer nodes or orders than the "
+        "finest."
+    )
+
+
+def make_outcome_table(outcomes: Sequence[Outcome]) -> str:
+    """Scenes down, requests across."""
+    requests = sorted({outcome.requested for outcome in outcomes}, reverse=True)
+    header = ["scene", "reference within", *(f"{requested:.0e}" for requested in requests)]
+    rows: dict[str, list[str]] = {}
+    for outcome in outcomes:
+        row = rows.setdefault(outcome.scene, [outcome.scene, f"{outcome.uncertain:.0e}"])
+        doubt = "" if outcome.promised or outcome.given else " ?"
+        row.append(f"{outcome.achieved:.0e} ({outcome.nodes}, {outcome.orders}){doubt}")
+    note = "\nAchieved (nodes, orders); ? where it is not promised, which it never is with nodes given.\n"
+    return make_markdown_table(header, rows.values()) + note
+
+
+def draw_figure(outcomes: Sequence[Outcome]) -> "Figure":
+    """Achieved over requested, a panel for each kind of request, a line a scene."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
+    panels: Any = figure.subplots(1, 2, sharey=True)
+    names = list(dict.fromkeys(outcome.scene for outcome in outcomes))
+    for panel, (given, title) in zip(panels, KINDS, strict=True):
+        for place, name in enumerate(names):
+            line = [outcome for outcome in outcomes if outcome.given == given and outcome.scene == name]
+            x, y = [outcome.requested for outcome in line], [max(outcome.achieved, 1e-16) for outcome in line]
+            style = {"color": LINES[place % len(LINES)], "marker": MARKERS[place % len(MARKERS)]}
+            panel.plot(x, y, markersize=3.5, linewidth=0.8, label=name, **style)
+        requests = [outcome.requested for outcome in outcomes if outcome.given == given]
+        ends = [min(requests, default=1e-9), max(requests, default=1e-3)]
+        panel.plot(ends, ends, color="black", linewidth=1.2)  # the line that no point may lie above
+        panel.fill_between(ends, ends, [10.0 * end for end in ends], color=FAINT, alpha=0.5, linewidth=0)
+        finish_panel(panel, title, "requested")
+    panels[0].set_ylabel("achieved, relative to the largest I")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    return figure
+
+
+def measure_accuracy(options: Any) -> None:
+    """The study that the command line asks for."""
+    if options.fewest:
+        options.output.mkdir(parents=True, exist_ok=True)
+        add_missing_errors(options.output / TABLE)
+        return
+    require_pictures()
+    names = [name for name in PROBES if not options.quick or name.startswith(QUICK)]
+    carry_out(make_study(names, step=3 if options.quick else 1), options.output)
+
+
+def add_missing_errors(path: Path) -> None:
+    """The errors of more and more nodes of every scene that the file has not."""
+    table = read_errors(path)
+    for name in PROBES:
+        if name not in table:
+            table[name] = measure_node_errors(PROBES[name])
+            rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
+            write_rows(path, ("scene", "nodes", "error"), rows)
+            print(f"{name}: to {max(table[name])} nodes", flush=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Asks all scenes for their accuracies and writes what came; returns the exit code, 1 where one was not kept."""
+    command = make_command(
+        "accuracy",
+        "requested against achieved accuracy of seventeen scenes",
+        ("python -m bench.accuracy --quick", "a few small scenes, every third request"),
+        ("python -m bench.accuracy --fewest -o docs/explanation/accuracy", "errors of more and more nodes instead"),
+    )
+    add_study(command, "a few small scenes, every third request", fresh=False)
+    command.add_argument("--fewest", action="store_true", help="adds to errors.csv the scenes that it has not: minutes")
+    return run_command(command, measure_accuracy, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""Requested against achieved accuracy, scene by scene: `python -m bench.accuracy -o FOLDER`."""
