@@ -17,14 +17,13 @@ from vrte.fit.model import make_model
 from vrte.fit.parameters import Parameter
 from vrte.fit.problem import Problem
 from vrte.fit.result import ARRAYS, Fit, Start
-from vrte.formats.atomic import write_atomically
+from vrte.formats.journal import read_journal, write_journal
 from vrte.formats.named import find_named_tables
-from vrte.formats.seal import LENGTH, is_sealed, make_seal
 from vrte.formats.text_file import check_file_name
 from vrte.scene.scene import Scene
 
 KIND = "vrte fit, format 1"
-LARGEST_FILE = 500_000_000  # bytes
+WRITER = "a fit"
 PLAIN = (
     "names",
     "chi2",
@@ -36,26 +35,6 @@ PLAIN = (
     "nodes",
     "interrupted",
 )
-
-
-def write_sealed(path: str | os.PathLike[str], said: Any) -> None:
-    """JSON in one line and its checksum, all of it or nothing. Raises OSError."""
-    content = json.dumps(said).encode() + b"\n"
-    with write_atomically(path) as part:
-        part.write_bytes(content + make_seal([content]))
-
-
-def read_sealed(path: str | os.PathLike[str]) -> Any:
-    """What `write_sealed` wrote. Raises SceneError for another file, OSError."""
-    name = check_file_name(path)
-    try:
-        if os.path.getsize(name) > LARGEST_FILE:
-            raise SceneError(f"longer than {LARGEST_FILE} bytes")
-        if not is_sealed(name):
-            raise SceneError("no file that a fit wrote")
-        return json.loads(Path(name).read_bytes()[:-LENGTH])
-    except (SceneError, ValueError, RecursionError) as error:
-        raise SceneError(f"{name}: {error}") from error
 
 
 def find_fingerprint(problem: Problem, said: Mapping[str, Any]) -> str:
@@ -93,7 +72,7 @@ class Journal:
         self.nodes: int | None = None
         if path is None or not os.path.lexists(check_file_name(path)):
             return
-        said = read_sealed(path)
+        said = read_journal(path, WRITER)
         if not isinstance(said, dict) or said.get("kind") != KIND or "fingerprint" not in said:
             raise SceneError(f"{os.fspath(path)}: no file of a fit that was under way", "resume")
         if said["fingerprint"] != fingerprint:
@@ -118,7 +97,7 @@ class Journal:
             return
         finished = [asdict(one) for one in self.finished]
         said = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": self.nodes}
-        write_sealed(self.path, said | {"finished": finished, "here": self.here})
+        write_journal(self.path, said | {"finished": finished, "here": self.here})
 
 
 def restore_tuples(said: Mapping[str, Any]) -> dict[str, Any]:
@@ -145,13 +124,13 @@ def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
             "sigma": problem.sigma.tolist(),
             "loss": problem.loss,
         }
-    write_sealed(path, said)
+    write_journal(path, said)
 
 
 def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Fit:
     """What `save_fit` wrote; tables that its scene names lie in ``folder``, by default beside the file. Raises
     SceneError, OSError."""
-    said = read_sealed(path)
+    said = read_journal(path, WRITER)
     try:
         measurement = Measurement(**said["measurement"])
         fields: dict[str, Any] = {

@@ -33,8 +33,7 @@ from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.sweep.results import get_values, make_result, make_scene_request
-from vrte.sweep.samples import TABLE, Sample
+from vrte.sweep.results import TABLE, Sample, get_values, make_result, make_scene_request
 from vrte.sweep.store import Work, read_work
 from vrte.sweep.template import make_scene_at
 
@@ -48,23 +47,32 @@ Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 
 @dataclass(frozen=True)
-class Task:
-    """A chunk of scenes, or one kind of particle that scenes share, at a place where it is found and, of an appearance,
-    at the wavelength of that number."""
+class Chunk:
+    """A chunk of scenes by its number."""
 
-    chunk: int = -1
-    particles: str = ""
-    place: tuple[int, ...] = ()
+    number: int
+
+
+@dataclass(frozen=True)
+class Shared:
+    """One kind of particle that scenes share, the place in the grid of one such scene, and the index of the wavelength
+    of an appearance."""
+
+    particles: str
+    place: tuple[int, ...]
     wavelength: int = 0
 
 
-def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> int:
-    """Does a task; how many scenes it was."""
+Job = Chunk | Shared
+
+
+def perform(work: Work, job: Job, solve: Solve, backend: str = "openmp") -> int:
+    """Does a job; returns its number of scenes."""
     with keep_to_one_thread():
-        if task.particles:
-            prepare(work, task)
+        if isinstance(job, Shared):
+            prepare(work, job)
             return 0
-        return compute(work, task.chunk, solve, backend)
+        return compute(work, job.number, solve, backend)
 
 
 @lru_cache(maxsize=4)
@@ -76,74 +84,63 @@ def open_work(folder: str, stamp: str) -> Work:
     return work
 
 
-def prepare(work: Work, task: Task) -> None:
-    """Computes one kind of particle and keeps it; what is wrong with it each of its scenes will say."""
-    content = work.sweep.content(task.place)
+def prepare(work: Work, job: Shared) -> None:
+    """Computes one kind of particle and keeps it; each of its scenes will report what is wrong with it."""
+    content = work.sweep.content(job.place)
     kind = work.sweep.kind
     if kind == TABLE:
         kind, content["brdf"] = "brdf", {"mu_i": 1.0, "mu_o": 1.0}  # for form's sake
-        content["wavelength_um"] = float(work.sweep.asked.wavelengths_um[task.wavelength])
+        content["wavelength_um"] = float(work.sweep.asked.wavelengths_um[job.wavelength])
     alone: dict[str, Any] = {key: content[key] for key in ("wavelength_um", "host_index", kind) if key in content}
-    alone["particles"] = {task.particles: content["particles"][task.particles]}
-    alone["layer"] = [
-        {"particles": task.particles, "thickness": 1.0}
-        | ({"host_index": layer["host_index"]} if "host_index" in layer else {})
-        for layer in content["layer"]
-        if task.particles in list_held(layer)
-    ]
+    alone["particles"] = {job.particles: content["particles"][job.particles]}
+    alone["layer"] = []
+    for layer in content["layer"]:
+        held = layer.get("particles", layer.get("volume_fractions", []))  # a name, or a table of names
+        if job.particles in ([held] if isinstance(held, str) else held):
+            host = {"host_index": layer["host_index"]} if "host_index" in layer else {}
+            alone["layer"].append({"particles": job.particles, "thickness": 1.0} | host)
     with suppress(SceneError), collect_warnings({}):
         make_scene_file(alone, kind, work.sweep.folder, work.optics.keep)
-
-
-def list_held(layer: dict[str, Any]) -> list[str]:
-    """The kinds of particles in a layer.
-
-    >>> list_held({"particles": "gold"}), list_held({"volume_fractions": {"gold": 0.1, "glass": 0.2}})
-    (['gold'], ['gold', 'glass'])
-    """
-    held = layer.get("particles", layer.get("volume_fractions", []))
-    return [held] if isinstance(held, str) else list(held)
 
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     """Computes a chunk, writes it and marks it done, in this order; nothing where it is done already."""
     places = list(work.grid.places(chunk))
-    if work.is_done(chunk):
+    if work.mark(chunk).is_file():
         return len(places)
     work.log("begin", chunk)
     start = time.perf_counter()
-    told: dict[str, Any] = {}
-    with collect_warnings(told):
+    warned: dict[str, Any] = {}
+    with collect_warnings(warned):
         outcomes = compute_results(work, places, solve, backend)
-    arrays = work.empty(chunk)
+    variables = work.results.variables.items()
+    arrays = {name: np.full((len(places), *shape), np.nan) for name, (_, shape) in variables}
     failed = {}
     for row, outcome in enumerate(outcomes):
         if isinstance(outcome, Exception):
-            failed[str(row)] = describe_failure(outcome)
+            kind = "" if isinstance(outcome, SceneError) else f"{type(outcome).__name__}: "
+            failed[str(row)] = kind + put_in_one_line(str(outcome), LONGEST_MESSAGE)
             continue
         for name, values in arrays.items():
             values[row] = get_values(outcome, name)
-    work.keep(chunk, arrays, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
+    work.keep(chunk, arrays, {"failed": failed, "warnings": warned, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
     return len(places)
 
 
 def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
-
     first: dict[str, Request] = {}  # by options, which axes may change, as nothing else that is asked
 
-    def asked_at(place: tuple[int, ...]) -> Question:
+    def make_question(place: tuple[int, ...]) -> Question:
         found = make_scene_at(work.sweep, place, work.optics)
         if isinstance(found, Sample):
             return found
         options = repr(found.options)
         alike = make_alike_request(first[options], found.scene) if options in first else None
-        request = alike or make_scene_request(found, backend)
-        first.setdefault(options, request)
-        return request
+        return first.setdefault(options, alike or make_scene_request(found, backend)) if alike is None else alike
 
-    asked = [try_call(partial(asked_at, place)) for place in places]
+    asked = [try_call(partial(make_question, place)) for place in places]
     questions = [one for one in asked if not isinstance(one, Exception)]
     answers = iter(solve(questions) if questions else ())
     return [one if isinstance(one, Exception) else next(answers) for one in asked]
@@ -157,12 +154,6 @@ def try_call(attempt: Callable[[], Found]) -> Found | Exception:
         raise
     except Exception as error:
         return error
-
-
-def describe_failure(error: Exception) -> str:
-    """What is recorded of a failure."""
-    kind = "" if isinstance(error, SceneError) else f"{type(error).__name__}: "
-    return kind + put_in_one_line(str(error), LONGEST_MESSAGE)
 
 
 def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
@@ -205,25 +196,24 @@ def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int,
 
 
 def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
-    """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for.
-    No appearance gets here."""
+    """Results of a chunk's scenes, all at once on a device; one by one where one of them fails, and where fields are
+    asked for. No appearance gets here."""
     requests = [one for one in questions if isinstance(one, Request)]
-    if len(requests) > 1 and requests[0].kind != "brdf":
-        return [outcome for request in requests for outcome in solve_on_device([request])]
     run = Run(1)
 
-    def all_at_once() -> list[Outcome]:
-        if requests[0].kind != "brdf":
-            found = make_result(requests[0], *run_interruptible(run, lambda: solve_request(requests[0], run)))
-            return [warn_of_energy(found)]
-        return [warn_of_energy(one) for one in run_interruptible(run, lambda: solve_together(requests, run, None))]
+    def solve_all() -> list[Outcome]:
+        if requests[0].kind == "brdf":
+            return [warn_of_energy(one) for one in run_interruptible(run, lambda: solve_together(requests, run, None))]
+        found = make_result(requests[0], *run_interruptible(run, lambda: solve_request(requests[0], run)))
+        return [warn_of_energy(found)]
 
-    found = try_call(all_at_once)
-    if not isinstance(found, Exception):
-        return found
-    return (
-        [found] if len(requests) == 1 else [outcome for request in requests for outcome in solve_on_device([request])]
-    )
+    if len(requests) == 1 or requests[0].kind == "brdf":
+        found = try_call(solve_all)
+        if not isinstance(found, Exception):
+            return found
+        if len(requests) == 1:
+            return [found]
+    return [outcome for request in requests for outcome in solve_on_device([request])]
 
 
 def warn_of_energy(found: Brdf | Field) -> Brdf | Field:
@@ -235,13 +225,13 @@ def warn_of_energy(found: Brdf | Field) -> Brdf | Field:
 
 
 _lock = threading.Lock()
-_listening: dict[int, dict[str, Any]] = {}  # by thread: what it warned of
+_listening: dict[int, dict[str, Any]] = {}  # by thread: its warnings
 _outside: list[Any] = []
 
 
 @contextmanager
-def collect_warnings(told: dict[str, Any]) -> Iterator[None]:
-    """Puts this thread's warnings into ``told``: for each kind how often, and what the first one said.
+def collect_warnings(warned: dict[str, Any]) -> Iterator[None]:
+    """Puts this thread's warnings into ``warned``: for each kind its count and the first message.
 
     Python has one way of showing warnings for all threads: the first to enter changes it, the last to leave restores.
     """
@@ -251,9 +241,9 @@ def collect_warnings(told: dict[str, Any]) -> Iterator[None]:
             _outside.append(warnings.catch_warnings())
             _outside[-1].__enter__()
             warnings.simplefilter("always", UserWarning)
-            warnings.simplefilter("ignore", LongSolveWarning)  # of one scene: all of them are told of together
+            warnings.simplefilter("ignore", LongSolveWarning)  # of one scene: one for the sweep is given
             warnings.showwarning = _note
-        _listening[thread] = told
+        _listening[thread] = warned
     try:
         yield
     finally:
@@ -264,9 +254,9 @@ def collect_warnings(told: dict[str, Any]) -> Iterator[None]:
 
 
 def _note(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    told = _listening.get(threading.get_ident())
-    if told is not None:
-        entry = told.setdefault(category.__name__, [0, put_in_one_line(str(message), LONGEST_MESSAGE)])
+    warned = _listening.get(threading.get_ident())
+    if warned is not None:
+        entry = warned.setdefault(category.__name__, [0, put_in_one_line(str(message), LONGEST_MESSAGE)])
         entry[0] += 1
 
 

@@ -1,29 +1,50 @@
-"""What each scene of a sweep brings, a BRDF or the field of one beam or several, and how it is asked for; its
-appearance: `samples`."""
+"""What each scene of a sweep brings: a BRDF, the field of one beam or several, or the appearance of a panel.
+
+[appearance]
+wavelengths_um = { start = 0.43, stop = 0.70, count = 10 }     # or as the file's wavelength_um lists them
+quantities = ["contrast_ratio", "L", "a", "b"]                 # any of `vrte.appearance.quantities.QUANTITIES`
+geometry = "45:0"                                              # and more of how the panel is looked at
+"""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
+from vrte.appearance.quantities import PARTS, QUANTITIES, Conditions, check_conditions, read_quantities
 from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import make_brdf
+from vrte.calls.plan import make_request
 from vrte.calls.radiance import make_field
-from vrte.formats.contents import BRDF, DERIVED, FIELDS, PARAMETER, STOKES_AXIS, Kind
+from vrte.formats.contents import BRDF, DERIVED, FIELDS, PARAMETER, STOKES_AXIS, WAVELENGTH, Described, Kind
+from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile
-from vrte.formats.toml_table import show_toml
+from vrte.formats.toml_table import Table, locate_errors, show_toml, suggest_nearest
 from vrte.request.how import EXACT
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.solution import Solution
+from vrte.results.spectrum import check_ascending
+from vrte.scene.scene import MOST_LAYERS
 
-OF_BEAMS = ("specular", *DERIVED)  # where a scene may have a smooth surface
-OF_MEDIA = ("direct_up", "index")  # of fields, where light is refracted
-ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
+TABLE = "appearance"
+OTHERS = ("brdf", "field")  # tables of a scene file that ask for something else
+OPTIONS = tuple(option.name for option in fields(Conditions))
+KEYS = ("wavelengths_um", "layer", "quantities", *OPTIONS)
+USUAL = ("contrast_ratio", "Y", "L", "a", "b")
+OF_BEAMS = ("specular", *DERIVED)  # variables of scenes with a smooth surface
+OF_MEDIA = ("direct_up", "index")  # variables of fields where light is refracted
+ALGORITHM = "direct"  # that of vrte.brdf, without those that have a tolerance: no engine's numbers differ
+RESERVED = {  # names that no axis can have; those of light of surfaces neither where a table has them
+    *("error", "checksum", "chunk", "stokes_out", "stokes_in", STOKES_AXIS),
+    *(name for kind in (BRDF, FIELDS) for name in (*kind.coordinates, *kind.variables)),
+} - {*OF_BEAMS, *OF_MEDIA, "specular_transmission", "surface"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +64,7 @@ class Results:
 
 
 def make_scene_request(file: SceneFile, backend: str | None = None) -> Request:
-    """What is asked of a scene, of a backend that its precision goes with unless told otherwise. Raises SceneError."""
+    """The request of a scene, of a backend that its precision goes with unless one is given. Raises SceneError."""
     usual = "openmp" if file.options.get("precision", "auto") == "auto" else "opencl"
     how = {"algorithm": ALGORITHM, "backend": backend or usual} | file.options
     if how.get("method", EXACT) != EXACT:
@@ -66,9 +87,8 @@ def make_result(request: Request, directions: Array, solution: Solution) -> Brdf
     if found.index is not None:
         return found
     # one medium: other scenes of the table may have several
-    return replace(
-        found, index=np.full(found.tau.size, request.scene.index_above), direct_up=np.zeros_like(found.direct)
-    )
+    index = np.full(found.tau.size, request.scene.index_above)
+    return replace(found, index=index, direct_up=np.zeros_like(found.direct))
 
 
 def get_values(found: Brdf | Field | Mapping[str, Any], name: str) -> Array | float:
@@ -78,8 +98,8 @@ def get_values(found: Brdf | Field | Mapping[str, Any], name: str) -> Array | fl
 
 
 def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfaces: bool = False) -> Results:
-    """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet, and by the
-    roughnesses of the surfaces of all."""
+    """The results of a sweep by its first scene, whose particles nobody needs to know yet, and by the roughnesses of
+    the surfaces of all."""
     if file.kind == "brdf":
         request = make_scene_request(file)
         assert request.mu is not None
@@ -90,7 +110,7 @@ def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfa
         left_out += () if request.tau.size > 1 else ("transmission",)  # the bottom, too
         left_out += () if 0.0 in roughnesses else OF_BEAMS
         left_out += () if has_rough_interfaces else ("surface",)
-        return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
+        return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"))
     # how deep the scene is, its particles say: each scene will check its own
     alone = {name: value for name, value in file.request.items() if name != "side"}
     request = make_scene_request(replace(file, request=alone | {"tau": 0.0}))
@@ -101,27 +121,115 @@ def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfa
         assert request.mu is not None
         up = -1.0 if request.illuminate == "bottom" else 1.0  # such a request is that of the scene upside down
         coordinates |= {"mu": up * request.mu, "phi_deg": request.phi}
-    constants: dict[str, tuple[tuple[str, ...], Array]] = {"incident_stokes": ((STOKES_AXIS,), incident)}
-    return lay_out_results(FIELDS, coordinates, left_out, (STOKES_AXIS,), constants)
+    found = lay_out_results(FIELDS, coordinates, left_out, (STOKES_AXIS,))
+    return replace(found, constants={"incident_stokes": ((STOKES_AXIS,), incident)})
 
 
 def lay_out_results(
-    kind: Kind,
-    coordinates: dict[str, Array],
-    left_out: tuple[str, ...],
-    labels: tuple[str, ...],
-    constants: dict[str, tuple[tuple[str, ...], Array]],
+    kind: Kind, coordinates: dict[str, Array], left_out: tuple[str, ...], labels: tuple[str, ...]
 ) -> Results:
-    """With the shapes of the variables."""
+    """Results with the shapes of their variables."""
     lengths = {name: values.size for name, values in coordinates.items()} | dict.fromkeys(labels, 4)
-    variables = {}
-    for name, about in kind.variables.items():
-        if name not in left_out and PARAMETER not in about.dims:  # of derivatives there are none
-            variables[name] = about.dims, tuple(lengths[dim] for dim in about.dims)
-    return Results(kind, coordinates, variables, labels, constants)
+    variables = {
+        name: (about.dims, tuple(lengths[dim] for dim in about.dims))
+        for name, about in kind.variables.items()
+        if name not in left_out and PARAMETER not in about.dims  # of derivatives there are none
+    }
+    return Results(kind, coordinates, variables, labels, {})
 
 
-RESERVED = {  # names that no axis can have; those of light of surfaces neither where a table has them
-    *("error", "checksum", "chunk", "stokes_out", "stokes_in", STOKES_AXIS),
-    *(name for kind in (BRDF, FIELDS) for name in (*kind.coordinates, *kind.variables)),
-} - {*OF_BEAMS, *OF_MEDIA, "specular_transmission", "surface"}
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The table [appearance]: ``wavelengths_um`` (n,), names of QUANTITIES, the conditions; ``layer``, counted from 1,
+    says which layer is the film where there are several."""
+
+    wavelengths_um: Array
+    quantities: tuple[str, ...]
+    conditions: Conditions
+    layer: int | None = None
+
+    @property
+    def at_one(self) -> "Asked":
+        """The same at the middle wavelength alone, to look at the form of a scene, or at what it costs."""
+        middle = self.wavelengths_um.size // 2
+        return replace(self, wavelengths_um=self.wavelengths_um[middle : middle + 1])
+
+    @property
+    def solves(self) -> int:
+        """Number of solves of one wavelength for each panel, roughly."""
+        parts = {part for name in self.quantities for part in QUANTITIES[name].takes}
+        return self.wavelengths_um.size * sum(PARTS[part] for part in parts)
+
+    def describe(self) -> Results:
+        """The results of each panel: numbers, and spectra over the wavelengths."""
+        rows = {name: QUANTITIES[name] for name in self.quantities}
+        variables = {name: Described(row.dims, row.units, row.long_name) for name, row in rows.items()}
+        kind = Kind(TABLE, TABLE, {"wavelength_um": WAVELENGTH}, variables)
+        return lay_out_results(kind, {"wavelength_um": self.wavelengths_um}, (), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The panel at a place of the grid, and what is read off it."""
+
+    panel: Panel
+    asked: Asked
+
+    def read(self) -> Mapping[str, Array | float]:
+        """The quantities by name. Raises SceneError, AccuracyError."""
+        return read_quantities(self.panel, self.asked.quantities, self.asked.conditions)
+
+    def make_request(self) -> Request:
+        """One of the panel's solves, at the first of its wavelengths, to predict the time of all."""
+        how = {**self.panel.asked, "threads": 1, "time_limit_s": np.inf}
+        return make_request("brdf", self.panel.scenes[0], mu_i=np.cos(np.pi / 4.0), mu_o=1.0, **how)
+
+
+def read_asked(template: Mapping[str, Any], folder: Path) -> Asked:
+    """The table [appearance] of a sweep file, the same for all scenes. Raises SceneError."""
+    file = Table((), dict(template), tuple(template))
+    table = file.table(TABLE, KEYS)
+    for other in OTHERS:
+        if other in file:
+            raise SceneError(f"{other}: a table holds one kind of result: leave out [{other}] or [{TABLE}]", other)
+    names = read_names(table)
+    for name in (*OPTIONS, "layer"):
+        if name in table and not any(name in QUANTITIES[one].uses for one in names):
+            raise table.wrong(name, f"none of the quantities depends on it: {', '.join(names)}")
+    layer = table.whole("layer", 1, MOST_LAYERS) if "layer" in table else None
+    with locate_errors(table.place, KEYS):
+        wavelengths = check_ascending(read_wavelengths(file, table, folder))
+        conditions = Conditions(**{name: table.content[name] for name in OPTIONS if name in table})
+        check_conditions(names, conditions, wavelengths)
+    return Asked(wavelengths, names, conditions, layer)
+
+
+def read_wavelengths(file: Table, table: Table, folder: Path) -> Sequence[float] | Array:
+    """Wavelengths [um] of the table, of the file, or of its substances. Raises SceneError."""
+    if "wavelength_um" in file:
+        if not isinstance(file.content["wavelength_um"], (list, dict)):
+            raise file.wrong("wavelength_um", f"an appearance is of several: list them in {TABLE}.wavelengths_um")
+        if "wavelengths_um" in table:
+            raise table.wrong("wavelengths_um", "the file lists others as wavelength_um: leave one of the two out")
+    return table.numbers("wavelengths_um") if "wavelengths_um" in table else choose_wavelengths(file.content, folder)
+
+
+def read_names(table: Table) -> tuple[str, ...]:
+    """Names of the quantities, by default USUAL."""
+    allowed = f"a list of some of {', '.join(QUANTITIES)}"
+    given = table.content.get("quantities", USUAL)
+    if not isinstance(given, (list, tuple)) or not given:
+        raise table.wrong("quantities", f"must be {allowed}")
+    for name in given:
+        if name not in tuple(QUANTITIES):
+            hint = suggest_nearest(name, QUANTITIES) if isinstance(name, str) else ""
+            raise table.wrong("quantities", f"{show_toml(name)} is none{hint}. It must be {allowed}")
+        if given.count(name) > 1:
+            raise table.wrong("quantities", f"{show_toml(name)} is there twice")
+    return tuple(given)
+
+
+def make_sample(content: dict[str, Any], folder: Path, asked: Asked, compute: Compute) -> Sample:
+    """The panel of a scene's content, its particles made by ``compute``. Raises SceneError."""
+    alone = {key: value for key, value in content.items() if key not in (TABLE, "wavelength_um")}
+    return Sample(make_panel(alone, asked.wavelengths_um, folder, layer=asked.layer, compute=compute), asked)

@@ -5,9 +5,10 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +22,11 @@ from vrte.formats.text_file import check_file_name
 from vrte.request.how import PRECISIONS
 from vrte.request.request import Request
 from vrte.sweep import store
-from vrte.sweep.chunks import Task, collect_warnings, prepare
-from vrte.sweep.engines import ENGINES
-from vrte.sweep.grid import Grid, choose_chunk_size, cut_grid
-from vrte.sweep.results import make_scene_request
-from vrte.sweep.samples import TABLE, Sample
+from vrte.sweep.chunks import Chunk, Shared, collect_warnings, prepare
+from vrte.sweep.engines import ENGINES, perform_on_device, perform_on_threads
+from vrte.sweep.results import TABLE, Sample, make_scene_request
 from vrte.sweep.store import Work
-from vrte.sweep.table import SUFFIXES, import_zarr, open_table
+from vrte.sweep.table import SUFFIXES, Grid, choose_chunk_size, cut_grid, open_table
 from vrte.sweep.template import Sweep, list_particle_places, list_shared_particles, make_scene_at, read_sweep
 
 if TYPE_CHECKING:
@@ -129,15 +128,18 @@ def sweep(
         raise SceneError(
             "engine 'opencl' makes tables of BRDFs and fields: an appearance is read by 'threads' or 'dask'"
         )
+    engine_of = partial(run_engine, engine=engine, scheduler=scheduler, workers=count)
+    # a device's speed is not known
+    predict = None if engine == "opencl" else partial(predict_sweep, workers=count, limit=limit)
     if output is not None:
-        return make_table(given, check_output_path(output), engine, scheduler, count, chunk, progress, limit)
+        return make_table(given, check_output_path(output), chunk, predict, engine_of, progress)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
-        table = make_table(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, limit, False)
-        return table.load()
+        output = Path(folder) / "table.zarr"
+        return make_table(given, output, chunk, predict, engine_of, progress, on_disk=False).load()
 
 
 def check_output_path(output: str | os.PathLike[str]) -> Path:
-    """Where the table goes. Raises SceneError."""
+    """The path of the table. Raises SceneError."""
     path = Path(check_file_name(output)).absolute()
     if path.suffix not in SUFFIXES:
         raise SceneError(f"the output {path.name} must end in {' or '.join(SUFFIXES)}")
@@ -149,45 +151,43 @@ def check_output_path(output: str | os.PathLike[str]) -> Path:
 def make_table(
     given: Sweep,
     output: Path,
-    engine: str,
-    scheduler: str | None,
-    workers: int,
     chunk: int | None,
+    predict: Callable[[Work], None] | None,
+    engine_of: Callable[[Work, set[int]], Iterator[int]],
     progress: Progress | None,
-    limit: float,
     on_disk: bool = True,
 ) -> "xarray.Dataset":
     """The table at ``output``, computed as far as it is not there; ``on_disk``, so that a power cut cannot harm it."""
-    import_zarr()
     with store.lock_output(output) as folder:
         damage: list[str] = []
         try:
-            if os.path.lexists(output) and not store.adopt(output, folder):
-                damage = store.look_over(given, output, folder)
+            if os.path.lexists(output):
+                damage = store.check_output(given, output, folder)
                 if not damage:
                     store.clear(folder)
                     return open_table(output)
             grid = choose_grid(given, output, chunk)
             work, more = store.resume_work(folder, given, grid, output)
-            check_chunk(work, grid, chunk)
+            if chunk is not None and work.grid.box != grid.box:
+                raise SceneError("chunk must be left as it was: the table was begun with chunks of another size")
         except BaseException:
             if not (folder / store.BEGUN).is_file():
                 store.clear(folder)
             raise
         if damage or more:
-            message = f"{output} was damaged; made again: {', '.join(damage + more)}"
-            warn_user(message, SweepWarning)
-        if engine != "opencl":  # a device's speed is not known
+            words = ", ".join(dict.fromkeys(damage + more))
+            warn_user(f"{output} was damaged; made again: {words}", SweepWarning)
+        if predict is not None:
             with keep_to_one_thread():
-                foretell_sweep(work, workers, limit)
-        compute(work, engine, scheduler, workers, progress)
-        tell(work)
+                predict(work)
+        compute(work, engine_of, progress)
+        report(work)
         store.finish(work, output, on_disk)
     return open_table(output)
 
 
 def choose_grid(given: Sweep, output: Path, chunk: int | None) -> Grid:
-    """How the sweep is cut. Raises SceneError where a chunk or the whole is too large."""
+    """The grid of the sweep, cut into chunks. Raises SceneError where a chunk or the whole is too large."""
     size = store.describe_sweep_results(given).bytes_of_a_scene
     scenes = choose_chunk_size(given.count, size) if chunk is None else check_whole("chunk", chunk, 1, given.count)
     if scenes * size > LARGEST_ZARR_CHUNK:
@@ -201,15 +201,9 @@ def choose_grid(given: Sweep, output: Path, chunk: int | None) -> Grid:
     return cut_grid(given.shape, scenes)
 
 
-def check_chunk(work: Work, grid: Grid, chunk: int | None) -> None:
-    """A table is cut once and for all."""
-    if chunk is not None and work.grid.box != grid.box:
-        raise SceneError("chunk must be left as it was: the table was begun with chunks of another size")
-
-
-def foretell_sweep(work: Work, workers: int, limit: float) -> None:
-    """Says what the scenes that are left take on so many workers, as fast as one here. Raises SceneError beyond the
-    limit; what was begun and holds no result is taken away then."""
+def predict_sweep(work: Work, workers: int, limit: float) -> None:
+    """Warns how long the scenes that are left take on so many workers, as fast as one here. Raises SceneError beyond
+    the limit [s]; what was begun and holds no result is removed then."""
     grid, done = work.grid, work.done()
     left = [chunk for chunk in range(grid.chunks) if chunk not in done]
     if not left:
@@ -217,10 +211,9 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     scenes = sum(math.prod(grid.extent(chunk)) for chunk in left)
     shared = list(list_shared_particles(work.sweep))
     own = len(shared) < len(work.sweep.template.get("particles", {}))  # particles that no other scene has
-
     solves = work.sweep.asked.solves if work.sweep.kind == TABLE else 1  # of a scene
 
-    def asked_at(number: int) -> tuple[Request, float]:
+    def make_request_at(number: int) -> tuple[Request, float]:
         place = number // solves
         chunk = left[place * len(left) // scenes]
         there = list(grid.places(chunk))
@@ -235,7 +228,7 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     beside = 0.0 if done else measure_particle_seconds(work, shared)
     what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"
     try:
-        foretell_all(scenes * solves, asked_at, what, limit, beside, workers)
+        foretell_all(scenes * solves, make_request_at, what, limit, beside, workers)
     except SceneError:
         if not done:
             store.clear(work.folder)
@@ -243,70 +236,63 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
 
 
 def measure_particle_seconds(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
-    """Of all that scenes share, by the last of each name, which is kept; at the last of several wavelengths, when what
-    the first one takes to be loaded is there."""
+    """Seconds for all particles that scenes share, by the last of each name, which is kept; at the last of several
+    wavelengths, when the first one has loaded what all need."""
     seconds, begin = 0.0, time.perf_counter()
     for name, lengths in shared:
         place = tuple(length - 1 for length in lengths)
         for wavelength in sorted({0, work.sweep.wavelengths - 1}):
             start = time.perf_counter()
-            prepare(work, Task(-1, name, place, wavelength))
+            prepare(work, Shared(name, place, wavelength))
         seconds += math.prod(lengths) * work.sweep.wavelengths * (time.perf_counter() - start)
         if time.perf_counter() - begin > cost.LOOKING:
             break
     return seconds
 
 
-def compute(work: Work, engine: str, scheduler: str | None, workers: int, progress: Progress | None) -> None:
-    """All chunks that are not done yet; the particles that scenes share before."""
+def compute(work: Work, engine_of: Callable[[Work, set[int]], Iterator[int]], progress: Progress | None) -> None:
+    """Computes all chunks that are not done yet."""
     done = work.done()
     if len(done) == work.grid.chunks:
         return
-    scenes = sum(1 for chunk in done for _ in work.grid.places(chunk))
-    tell_progress = progress or (lambda done, total: None)
-    tell_progress(scenes, work.sweep.count)
+    scenes = sum(math.prod(work.grid.extent(chunk)) for chunk in done)
+    report_progress = progress or (lambda done, total: None)
+    report_progress(scenes, work.sweep.count)
     # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
-    with keep_to_one_thread(), closing(run_engine(work, engine, scheduler, workers, done)) as finished:
+    with keep_to_one_thread(), closing(engine_of(work, done)) as finished:  # type: ignore[type-var]
         for count in finished:
             scenes += count
             if count:
-                tell_progress(scenes, work.sweep.count)
+                report_progress(scenes, work.sweep.count)
 
 
-def run_engine(
-    work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]
-) -> Generator[int, None, None]:
-    """How many scenes each task was, as they are finished."""
-    chunks = (Task(chunk=chunk) for chunk in range(work.grid.chunks) if chunk not in done)
-    left = work.grid.chunks - len(done)
-    particles = (Task(-1, *which) for which in list_particle_places(work.sweep))
+def run_engine(work: Work, done: set[int], engine: str, scheduler: str | None, workers: int) -> Iterator[int]:
+    """Number of scenes of each piece of work, as it is finished: first the particles that scenes share, then chunks."""
+    particles = (Shared(*which) for which in list_particle_places(work.sweep))
+    chunks = (Chunk(chunk) for chunk in range(work.grid.chunks) if chunk not in done)
     if engine == "dask":
-        from vrte.sweep.engines import dask
+        from vrte.sweep.dask_engine import perform_on_cluster
 
-        yield from dask.perform_tasks(work, (particles, chunks), scheduler, workers)
+        yield from perform_on_cluster(work, (particles, chunks), scheduler, workers)
         return
-    from vrte.sweep.engines import opencl, threads
-
-    yield from threads.perform_tasks(work, particles, workers, workers)
+    yield from perform_on_threads(work, particles, workers, workers)
     if engine == "opencl":
-        yield from opencl.perform_tasks(work, chunks)
+        yield from perform_on_device(work, chunks)
     else:
-        yield from threads.perform_tasks(work, chunks, left, workers)
+        yield from perform_on_threads(work, chunks, work.grid.chunks - len(done), workers)
 
 
-def tell(work: Work) -> None:
-    """One warning for each kind of warning, and one for all that failed."""
+def report(work: Work) -> None:
+    """Warns once of each kind of warning, and once of all scenes that failed."""
     failures: list[str] = []
-    failed = 0
     kinds: dict[str, tuple[int, str]] = {}
-    for _, said in work.marks():
-        failed += len(said["failed"])
-        failures = failures or list(said["failed"].values())[:1]
-        for kind, (count, message) in said["warnings"].items():
+    for _, record in work.records():
+        failures += record["failed"].values()
+        for kind, (count, message) in record["warnings"].items():
             before = kinds.get(kind, (0, message))
             kinds[kind] = (before[0] + count, before[1])
     for count, message in kinds.values():
         more = f" (and {count - 1} more like it)" if count > 1 else ""
         warn_user(f"{message}{more}", SweepWarning)
-    if failed:
-        warn_user(f"{failed} of {work.sweep.count} scenes failed; the first said: {failures[0]}", SweepWarning)
+    if failures:
+        warn_user(f"{len(failures)} of {work.sweep.count} scenes failed; the first said: {failures[0]}", SweepWarning)

@@ -1,16 +1,16 @@
 """Where a sweep's results go: a folder beside the output while it grows, the output itself once it is complete.
 
-    OUTPUT.partial/sweep          what is computed, written when all else is in place
-                   lock           held by the process that is at it
+    OUTPUT.partial/sweep          the journal: which sweep is computed, written when all else is in place
+                   lock           held by the process that computes the sweep
                    table/         the Zarr group: every chunk of scenes is a chunk of its arrays
-                   done/000012    one file a finished chunk, written after the chunk, with the checksum of its results
+                   done/000012    one journal a finished chunk, written after the chunk, with the checksum of its results
                    optics/        particles that scenes share
                    log.txt        when which worker began and ended which chunk
 
-A chunk counts from the moment that its file in done/ is there, as long as its results are those of the checksum: after
-a power cut a file may be there, and what was written before it not. The output appears by one renaming, when all of it
-is on the disk; it keeps the checksums, so that it can be looked over, and mended, as well. Nothing that a folder says
-about itself is used to read it: descriptions of arrays are always those that vrte writes.
+A chunk counts once its file in done/ is there, as long as its results have the checksum: after a power cut that file
+may be there, and what was written before it not. The output appears by one renaming, when all of it is on the disk; it
+keeps the checksums, so that a damaged output is found and mended, too. Nothing that a folder says about itself is used
+to read it: descriptions of arrays are always those that vrte writes.
 """
 
 import hashlib
@@ -31,21 +31,24 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import SweepError
+from vrte.basics.errors import SceneError, SweepError
 from vrte.formats.atomic import write_atomically
-from vrte.sweep.grid import Grid
+from vrte.formats.journal import flush, read_journal, write_journal
+from vrte.formats.seal import is_sealed
 from vrte.sweep.optics import Optics
 from vrte.sweep.results import Results
-from vrte.sweep.sealed import DamagedError, flush, read_json, write_json
-from vrte.sweep.table import check_same, convert_to_netcdf, create_table, look_over_netcdf, open_group, read_box
+from vrte.sweep.table import Grid, check_made, check_same, convert_to_netcdf, create_table, open_group, open_table
+from vrte.sweep.table import read_box
 from vrte.sweep.template import Sweep, describe_sweep_results, read_sweep
 
 BEGUN = "sweep"
+FOLDERS = ("table", "done", "optics")
+UNREADABLE = (SceneError, OSError)  # what reading a damaged journal raises
 
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """A sweep at work in ``folder``, cut into chunks of a ``box``; what any worker needs to compute a chunk of it."""
+    """A sweep under way in ``folder``, cut into chunks of a ``box``: what any worker needs to compute a chunk."""
 
     folder: Path
     sweep: Sweep
@@ -79,60 +82,39 @@ class Work:
     def optics(self) -> Optics:
         return Optics(self.folder / "optics")
 
-    def is_done(self, chunk: int) -> bool:
-        """Whether nobody needs to compute it any more."""
-        return self._mark(chunk).is_file()
+    def mark(self, chunk: int) -> Path:
+        """The journal of a chunk, which is there once the chunk is done."""
+        return self.folder / "done" / f"{chunk:09d}"
 
     def done(self) -> set[int]:
         """All finished chunks."""
         return {int(path.name) for path in (self.folder / "done").iterdir() if path.name.isdecimal()}
 
-    def empty(self, chunk: int) -> dict[str, Array]:
-        """A chunk's arrays, NaN all over, scenes flat: (scenes, ...)."""
-        scenes = math.prod(self.grid.extent(chunk))
-        return {name: np.full((scenes, *shape), np.nan) for name, (_, shape) in self.results.variables.items()}
-
-    def keep(self, chunk: int, arrays: dict[str, Array], said: dict[str, Any]) -> None:
-        """Writes a chunk's results, scenes flat, then what is ``said`` of it, "failed" by place: from now on it is
-        done."""
+    def keep(self, chunk: int, arrays: dict[str, Array], record: dict[str, Any]) -> None:
+        """Writes a chunk's results (scenes, ...), then its ``record``, with "failed" by index: now the chunk is done."""
         if not (self.folder / BEGUN).is_file():
             raise SweepError(f"{self.folder} is gone: nobody waits for this chunk")
         where, extent = self.grid.slices(chunk), self.grid.extent(chunk)
         for name, values in arrays.items():
             self.arrays[name][where] = values.reshape(*extent, *values.shape[1:])
-        self.mark(chunk, said | {"checksum": compute_checksum(arrays, said["failed"])})
+        write_journal(self.mark(chunk), record | {"checksum": compute_checksum(arrays, record["failed"])})
 
-    def mark(self, chunk: int, said: dict[str, Any]) -> None:
-        """From now on the chunk is done."""
-        write_json(self._mark(chunk), said)
-
-    def marks(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """What was said about each finished chunk."""
+    def records(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """The record of each finished chunk."""
         for chunk in sorted(self.done()):
-            yield chunk, self.told(chunk)
+            yield chunk, read_journal(self.mark(chunk))
 
-    def told(self, chunk: int) -> Any:
-        """What was said about a finished chunk. Raises DamagedError."""
-        return read_json(self._mark(chunk))
-
-    def forget_damaged(self) -> int:
-        """Takes away the marks that cannot be read, or whose chunk is not what it was; how many there were."""
-        damaged = [chunk for chunk in self.done() if not self.whole(chunk, self.told)]
-        for chunk in damaged:
-            self._mark(chunk).unlink()
-        return len(damaged)
-
-    def whole(self, chunk: int, tell: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
-        """What is told of a chunk, if its results on the disk are those of the checksum; nothing otherwise."""
+    def find_whole(self, chunk: int, read: Callable[[int], dict[str, Any]]) -> dict[str, Any]:
+        """The record of a chunk, if its results on the disk have the record's checksum; empty otherwise."""
         try:
-            said, where = tell(chunk), self.grid.slices(chunk)
+            record, where = read(chunk), self.grid.slices(chunk)
             found = {name: np.asarray(self.arrays[name][where]) for name in self.results.variables}
-            return said if said["checksum"] == compute_checksum(found, said["failed"]) else {}
+            return record if record["checksum"] == compute_checksum(found, record["failed"]) else {}
         except Exception:  # whatever three libraries below make of damaged bytes
             return {}
 
     def log(self, *words: object) -> None:
-        """One line, in one piece whoever else writes."""
+        """Appends one line to the log, in one piece whoever else writes."""
         line = " ".join(map(str, (*words, f"{socket.gethostname()}:{os.getpid()}", f"{time.time():.3f}"))) + "\n"
         file = os.open(self.folder / "log.txt", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         try:
@@ -140,12 +122,9 @@ class Work:
         finally:
             os.close(file)
 
-    def _mark(self, chunk: int) -> Path:
-        return self.folder / "done" / f"{chunk:09d}"
-
 
 def compute_checksum(arrays: Mapping[str, Array], failed: Mapping[str, str]) -> str:
-    """Of a chunk's results and of what its scenes without result said.
+    """SHA-256 of a chunk's results and of the errors of its scenes without result.
 
     >>> compute_checksum({"a": np.zeros(2)}, {}) == compute_checksum({"a": np.array([0.0, -0.0])}, {})
     False
@@ -162,26 +141,21 @@ def read_work(folder: Path) -> Work:
         host = socket.gethostname()
         raise SweepError(f"{host} does not see {folder}: the output must lie where all workers can read and write it")
     try:
-        said = read_json(folder / BEGUN)
-    except DamagedError as error:
+        said = read_journal(folder / BEGUN)
+    except UNREADABLE as error:
         raise SweepError(str(error)) from error
     return Work(folder, read_sweep(said["content"], Path(said["folder"])), tuple(said["box"]), said["stamp"])
 
 
-def name_partial_folder(output: Path) -> Path:
-    """The folder beside an output where it grows."""
-    return output.with_name(output.name + ".partial")
-
-
 @contextmanager
 def lock_output(output: Path) -> Iterator[Path]:
-    """The folder where the output grows, while no other process is at it. Raises SweepError."""
+    """The folder where the output grows, while no other process works on it. Raises SweepError."""
     try:
         import fcntl
     except ImportError as error:  # Windows
         raise SweepError("sweeps need the file locks of Linux and macOS, which this system does not have") from error
 
-    folder = name_partial_folder(output)
+    folder = output.with_name(output.name + ".partial")
     while True:
         folder.mkdir(exist_ok=True)
         with open(folder / "lock", "a") as lock:
@@ -196,19 +170,16 @@ def lock_output(output: Path) -> Iterator[Path]:
             if same:
                 yield folder
                 return
-        # whoever held it has finished and taken the folder away
+        # the process that held the lock has finished and removed the folder
 
 
 def resume_work(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[Work, list[str]]:
-    """The work in a folder, taken up where it was left, or begun; and what was damaged in it, in words.
-
-    Raises SceneError for another sweep's folder.
-    """
+    """The work in a folder, resumed or begun, and in words what was damaged. Raises SceneError for another sweep's."""
     damage = []
     if (folder / BEGUN).is_file():
         try:
-            said = read_json(folder / BEGUN)
-        except DamagedError:
+            said = read_journal(folder / BEGUN)
+        except UNREADABLE:
             damage.append("all of it, because nothing says any more of what sweep it was")
         else:
             check_same(sweep, said, f"{output} was begun")
@@ -220,10 +191,10 @@ def resume_work(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[W
 
 
 def make_fresh_work(folder: Path, sweep: Sweep, box: tuple[int, ...]) -> Work:
-    """Work in a folder where whatever was there is gone; not begun yet."""
+    """Work in a folder from which everything before was removed; not begun yet."""
     (folder / BEGUN).unlink(missing_ok=True)
     work = Work(folder, sweep, box, uuid.uuid4().hex)
-    for name in ("table", "done", "optics"):
+    for name in FOLDERS:
         remove(folder / name)
         (folder / name).mkdir()
     (folder / "log.txt").unlink(missing_ok=True)
@@ -231,17 +202,17 @@ def make_fresh_work(folder: Path, sweep: Sweep, box: tuple[int, ...]) -> Work:
     return work
 
 
-def begin(work: Work, **more: bool) -> None:
-    """From now on the folder is taken up where it was left; on the disk before anything is computed."""
+def begin(work: Work) -> None:
+    """Writes the journal, on the disk before anything is computed: from now on the work can be resumed."""
     sweep = work.sweep
     said: dict[str, Any] = {"content": sweep.described(), "folder": str(sweep.folder), "tables": sweep.tables()}
     said |= {"box": work.box, "stamp": work.stamp, "fingerprint": sweep.fingerprint()}
-    write_json(work.folder / BEGUN, said | more, on_disk=True)
+    write_journal(work.folder / BEGUN, said, on_disk=True)
 
 
 def repair_work(work: Work) -> list[str]:
-    """Takes away what is damaged in a folder that was begun, so that it is made again; says in words what it was."""
-    for name in ("table", "done", "optics"):
+    """Removes what is damaged in a folder that was begun, so that it is made again; says in words what it was."""
+    for name in FOLDERS:
         (work.folder / name).mkdir(exist_ok=True)
     fresh = work.folder / "fresh"
     remove(fresh)
@@ -251,37 +222,41 @@ def repair_work(work: Work) -> list[str]:
         (work.table / place).parent.mkdir(parents=True, exist_ok=True)
         os.replace(fresh / place, work.table / place)
     remove(fresh)
-    particles = work.optics.forget_damaged()
-    damage = describe_damage(work, descriptions, work.forget_damaged())
-    return damage + ([f"the optics of {particles} kinds of particle"] if particles else [])
+    particles = work.optics.remove_damaged()
+    damaged = [chunk for chunk in work.done() if not work.find_whole(chunk, lambda one: read_journal(work.mark(one)))]
+    for chunk in damaged:
+        work.mark(chunk).unlink()
+    found = describe_damage(work, descriptions, len(damaged))
+    return found + ([f"the optics of {particles} kinds of particle"] if particles else [])
 
 
 def describe_damage(work: Work, descriptions: list[Path], chunks: int) -> list[str]:
-    """What is damaged."""
+    """What is damaged, in words."""
     found = ["descriptions in the table"] if descriptions else []
     return found + ([f"{chunks} of {work.grid.chunks} chunks"] if chunks else [])
 
 
 def list_changed_files(fresh: Path, table: Path) -> list[Path]:
-    """Names of those in a table as it should be that are not so in another."""
-    names = [path.relative_to(fresh) for path in sorted(fresh.rglob("*")) if path.is_file()]
-    return [name for name in names if not has_same_bytes(fresh / name, table / name)]
+    """Names of the files of a fresh table that have other bytes in another table, or are not there."""
+    changed = []
+    for path in sorted(path for path in fresh.rglob("*") if path.is_file()):
+        name = path.relative_to(fresh)
+        try:
+            same = path.read_bytes() == (table / name).read_bytes()
+        except OSError:
+            same = False
+        changed += [] if same else [name]
+    return changed
 
 
-def has_same_bytes(one: Path, other: Path) -> bool:
-    try:
-        return one.read_bytes() == other.read_bytes()
-    except OSError:
-        return False
-
-
-def look_over(sweep: Sweep, output: Path, folder: Path) -> list[str]:
+def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
     """What is damaged in the finished table of a sweep, in words; if anything is, the rest of it is work begun again.
 
-    Raises SceneError for another sweep's table, and where nothing tells whose it was.
+    The output becomes the work by one renaming, with a journal for each chunk that is whole; before it, the output is
+    there, and is checked anew. Raises SceneError for another sweep's table, and where nothing tells whose it was.
     """
     if output.suffix != ".zarr":
-        look_over_netcdf(sweep, output)
+        check_netcdf_output(sweep, output)
         return []
     work = make_fresh_work(folder, sweep, read_box(sweep, output))
     descriptions = list_changed_files(work.table, output)
@@ -293,52 +268,47 @@ def look_over(sweep: Sweep, output: Path, folder: Path) -> list[str]:
     except Exception:  # whatever three libraries below make of damaged bytes
         sums = [""] * work.grid.chunks
 
-    def told(chunk: int) -> dict[str, Any]:
+    def read(chunk: int) -> dict[str, Any]:
         words = np.asarray(work.arrays["error"][work.grid.slices(chunk)]).ravel().tolist()
         failed = {str(place): word for place, word in enumerate(words) if word}
         return {"failed": failed, "warnings": {}, "seconds": 0.0, "checksum": sums[chunk]}
 
     damaged = 0
     for chunk in range(work.grid.chunks):
-        if said := work.whole(chunk, told):
-            work.mark(chunk, said)
+        if record := work.find_whole(chunk, read):
+            write_journal(work.mark(chunk), record)
         else:
             damaged += 1
     found = describe_damage(work, descriptions, damaged)
     if found:
-        begin(work, adopts=True)
-        adopt(output, folder)
+        begin(work)
+        remove(work.table)
+        os.rename(output, work.table)
     return found
 
 
-def adopt(output: Path, folder: Path) -> bool:
-    """Whether the folder is the mending of a finished table, all of whose data it then has; there is no output left."""
+def check_netcdf_output(sweep: Sweep, output: Path) -> None:
+    """Whether a finished table in NetCDF is that of this sweep, all its bytes as they were. Raises SceneError."""
     try:
-        if not read_json(folder / BEGUN).get("adopts"):
-            return False
-    except DamagedError:
-        return False
-    work = read_work(folder)
-    for name in work.data:
-        data, place = output / name / "c", work.table / name / "c"
-        if place.is_symlink():
-            place.unlink()
-        if data.is_dir():
-            os.rename(data, place)
-    remove(output)
-    return True
+        whole = is_sealed(str(output))
+    except SceneError as error:
+        raise SceneError(f"{output} {error}: remove it, and it is computed again") from error
+    if not whole:
+        raise SceneError(f"{output} is no table of a sweep, or cut: take another output, or remove it")
+    with open_table(output) as table:
+        check_made(sweep, table.attrs, output)
 
 
 def finish(work: Work, output: Path, on_disk: bool) -> None:
-    """Errors and checksums into the table, the table to its place, the folder away; ``on_disk`` before all else."""
+    """Writes errors and checksums into the table, renames it to the output, ``on_disk`` before, removes the folder."""
     remove(work.table / "error" / "c")
     sums = np.full(work.grid.chunks, "", object)
-    for chunk, said in work.marks():
-        sums[chunk] = said["checksum"]
-        if said["failed"]:
+    for chunk, record in work.records():
+        sums[chunk] = record["checksum"]
+        if record["failed"]:
             extent = work.grid.extent(chunk)
             words = np.full(math.prod(extent), "", object)
-            words[[int(place) for place in said["failed"]]] = list(said["failed"].values())
+            words[[int(place) for place in record["failed"]]] = list(record["failed"].values())
             work.arrays["error"][work.grid.slices(chunk)] = words.reshape(extent)
     work.arrays["checksum"][...] = sums
     if output.suffix == ".zarr":
@@ -357,13 +327,13 @@ def finish(work: Work, output: Path, on_disk: bool) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Takes away a folder that is of no more use; what says so first, so that nobody takes up what is left of it."""
+    """Removes a folder that is of no more use, its journal first, so that nobody resumes what is left of it."""
     (folder / BEGUN).unlink(missing_ok=True)
     remove(folder)
 
 
 def remove(path: Path) -> None:
-    """A folder, a file, a link or nothing at all."""
+    """Removes a folder, a file, a link or nothing at all."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,15 +1,17 @@
 """The table of a sweep on disk: a Zarr group, always the same bytes for the same sweep, or NetCDF made of it.
 
-A finished table says of itself which sweep made it. Nothing that it says is used to read its numbers: descriptions of
-arrays are always those that are written here.
+A finished table names the sweep that made it. Its numbers are read by descriptions of arrays that are written here
+anew, never by its own.
 """
 
 import hashlib
+import itertools
 import json
 import math
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +20,9 @@ import numpy as np
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
 from vrte.formats.netcdf import check_netcdf, create_netcdf
-from vrte.formats.seal import is_sealed, make_seal, read_blocks
+from vrte.formats.seal import make_seal, read_blocks
 from vrte.results.quantities import STOKES
-from vrte.sweep.grid import Grid
-from vrte.sweep.results import Results
-from vrte.sweep.samples import TABLE
+from vrte.sweep.results import TABLE, Results
 from vrte.sweep.template import Axis, Sweep
 
 if TYPE_CHECKING:
@@ -32,24 +32,78 @@ SUFFIXES = (".zarr", ".nc")
 ZARR = 3  # the format: of version 2, reading can run code that a table brings along
 TITLES = {"brdf": "Polarized BRDFs", "field": "Polarized radiance fields", "appearance": "Appearance"}
 CODECS = {"bytes", "vlen-utf8", "zstd"}
-WORDS = {
-    "error": "why a scene has no result, empty if it has",
-    "checksum": "SHA-256 of the results of each chunk of scenes",
-}
+LARGEST_CHUNK = 32e6  # bytes of results in a chunk, unless the user asks for more scenes
+MOST_AT_ONCE, PIECES = 64, 32  # scenes of a chunk, and chunks of a sweep that workers can share
 
 
-def import_zarr() -> Any:
-    """The library, or what to install."""
-    return import_extra("zarr", "a sweep", "files")
+@dataclass(frozen=True)
+class Grid:
+    """A grid of scenes of this ``shape`` cut into boxes, smaller where the shape ends: each is a chunk of the table."""
+
+    shape: tuple[int, ...]
+    box: tuple[int, ...]
+
+    @property
+    def boxes(self) -> tuple[int, ...]:
+        """How many boxes there are along each dimension."""
+        return tuple(-(-length // side) for length, side in zip(self.shape, self.box, strict=True))
+
+    @property
+    def chunks(self) -> int:
+        return math.prod(self.boxes)
+
+    def slices(self, chunk: int) -> tuple[slice, ...]:
+        """Where in the table a chunk lies.
+
+        >>> Grid((2, 5), (1, 3)).slices(3)
+        (slice(1, 2, None), slice(3, 5, None))
+        """
+        corner = np.unravel_index(chunk, self.boxes)
+        starts = [int(place) * side for place, side in zip(corner, self.box, strict=True)]
+        ends = zip(starts, self.box, self.shape, strict=True)
+        return tuple(slice(start, min(start + side, length)) for start, side, length in ends)
+
+    def extent(self, chunk: int) -> tuple[int, ...]:
+        """The shape of a chunk."""
+        return tuple(part.stop - part.start for part in self.slices(chunk))
+
+    def places(self, chunk: int) -> Iterator[tuple[int, ...]]:
+        """The indices of a chunk's scenes, the last dimension fastest."""
+        return itertools.product(*(range(part.start, part.stop) for part in self.slices(chunk)))
+
+
+def cut_grid(shape: tuple[int, ...], most: int) -> Grid:
+    """Boxes of at most ``most`` scenes, whole along the last dimensions, evenly cut along the one before.
+
+    >>> cut_grid((3, 10), 4).box, cut_grid((3, 10), 20).box
+    ((1, 4), (2, 10))
+    """
+    box = [1] * len(shape)
+    room = most
+    for place in reversed(range(len(shape))):
+        pieces = -(-shape[place] // max(1, room))
+        box[place] = -(-shape[place] // pieces)
+        room //= shape[place]
+    return Grid(shape, tuple(box))
+
+
+def choose_chunk_size(count: int, bytes_of_a_scene: int) -> int:
+    """Scenes of a chunk: enough chunks to share, none too large, and not a file for each of very many scenes.
+
+    >>> choose_chunk_size(200, 1000), choose_chunk_size(1_000_000, 1000), choose_chunk_size(1_000_000, 20_000_000)
+    (7, 64, 1)
+    """
+    return max(1, min(MOST_AT_ONCE, -(-count // PIECES), int(LARGEST_CHUNK // bytes_of_a_scene)))
 
 
 def open_group(path: Path, mode: str = "r") -> Any:
-    """A Zarr group of the one format."""
-    return import_zarr().open_group(path, mode=mode, zarr_format=ZARR)
+    """A Zarr group of the one format. Raises MissingExtraError."""
+    return import_extra("zarr", "a sweep", "files").open_group(path, mode=mode, zarr_format=ZARR)
 
 
 def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None:
-    """The group with its coordinates, and arrays without data; always the same bytes."""
+    """Writes the group with its coordinates, and arrays without data; always the same bytes."""
+    zarr = import_extra("zarr", "a sweep", "files")
     group, about = open_group(path, "w"), {**results.kind.coordinates, **results.kind.variables}
     group.attrs.update(describe_table(sweep, grid.box))
     known: list[tuple[str, tuple[str, ...], Any, dict[str, str]]] = [
@@ -60,38 +114,28 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
     ]
     for name, dims, values, said in known:
         dtype = str if values.dtype == object else values.dtype
-        array = group.create_array(
-            name, shape=values.shape, dtype=dtype, dimension_names=dims, attributes=said, compressors=None
-        )
-        array[...] = values
-    packing = import_zarr().codecs.ZstdCodec(level=0, checksum=True)
-    scenes = tuple(sweep.dimensions)
-    for name, (dims, shape) in results.variables.items():
+        how: dict[str, Any] = {"dimension_names": dims, "attributes": said, "compressors": None}
+        group.create_array(name, shape=values.shape, dtype=dtype, **how)[...] = values
+    scenes, every = tuple(sweep.dimensions), (grid.chunks,)
+    why = {"long_name": "why a scene has no result, empty if it has"}
+    sums = {"long_name": "SHA-256 of the results of each chunk of scenes"}
+    growing: list[tuple[Any, ...]] = [
+        *(
+            (name, (*grid.shape, *shape), (*grid.box, *shape), "float64", (*scenes, *dims), about[name].attributes)
+            for name, (dims, shape) in results.variables.items()
+        ),
+        ("error", grid.shape, grid.box, str, scenes, why),
+        ("checksum", every, every, str, ("chunk",), sums),
+    ]
+    packing = zarr.codecs.ZstdCodec(level=0, checksum=True)
+    for name, shape, chunks, dtype, dims, said in growing:
+        how = {"dimension_names": dims, "attributes": said, "compressors": packing}
         group.create_array(
-            name,
-            shape=(*grid.shape, *shape),
-            chunks=(*grid.box, *shape),
-            dtype="float64",
-            fill_value=math.nan,
-            dimension_names=(*scenes, *dims),
-            attributes=about[name].attributes,
-            compressors=packing,
-        )
-    every = (grid.chunks,)
-    for name, shape, box, dims in (("error", grid.shape, grid.box, scenes), ("checksum", every, every, ("chunk",))):
-        group.create_array(
-            name,
-            shape=shape,
-            chunks=box,
-            dtype=str,
-            fill_value="",
-            dimension_names=dims,
-            attributes={"long_name": WORDS[name]},
-            compressors=packing,
+            name, shape=shape, chunks=chunks, dtype=dtype, fill_value="" if dtype is str else math.nan, **how
         )
     with warnings.catch_warnings():  # all metadata in one place, where xarray looks for them first
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
-        import_zarr().consolidate_metadata(path)
+        zarr.consolidate_metadata(path)
 
 
 def describe_axis(axis: Axis) -> dict[str, str]:
@@ -138,14 +182,14 @@ def read_box(sweep: Sweep, output: Path) -> tuple[int, ...]:
     return tuple(said["chunk"])
 
 
-def check_made(sweep: Sweep, said: Mapping[str, Any], output: Path) -> None:
+def check_made(sweep: Sweep, said: Any, output: Path) -> None:
     """Whether a finished table, by its attributes, is that of this sweep. Raises SceneError."""
     try:
-        told = {"content": json.loads(said["sweep"]), "tables": json.loads(said["tables"])}
-        told |= {"fingerprint": said["fingerprint"]}
+        content, tables = json.loads(said["sweep"]), json.loads(said["tables"])
+        before = {"content": content, "tables": tables, "fingerprint": said["fingerprint"]}
     except (ValueError, LookupError, TypeError) as error:
         raise SceneError(f"{output} is no table of a sweep") from error
-    check_same(sweep, told, f"{output} was made")
+    check_same(sweep, before, f"{output} was made")
 
 
 def check_same(sweep: Sweep, said: dict[str, Any], what: str) -> None:
@@ -169,18 +213,6 @@ def list_changes(before: Any, now: Any, name: str = "") -> list[str]:
         pairs = enumerate(zip(before, now, strict=True), 1)
         return [found for place, pair in pairs for found in list_changes(*pair, f"{name}[{place}]")]
     return [] if before == now else [name]
-
-
-def look_over_netcdf(sweep: Sweep, output: Path) -> None:
-    """Whether a finished table in NetCDF is that of this sweep, all its bytes as they were. Raises SceneError."""
-    try:
-        whole = is_sealed(str(output))
-    except SceneError as error:
-        raise SceneError(f"{output} {error}: remove it, and it is computed again") from error
-    if not whole:
-        raise SceneError(f"{output} is no table of a sweep, or cut: take another output, or remove it")
-    with open_table(output) as table:
-        check_made(sweep, table.attrs, output)
 
 
 def convert_to_netcdf(table: Path, grid: Grid, path: Path) -> None:

@@ -15,7 +15,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,7 @@ from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import find_host_index
-from vrte.sweep.results import RESERVED, Results, describe_results
-from vrte.sweep.samples import TABLE, Asked, Sample, describe_sample, make_sample, read_asked
+from vrte.sweep.results import RESERVED, TABLE, Asked, Results, Sample, describe_results, make_sample, read_asked
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 MOST_AXES = 16
@@ -147,40 +146,28 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
         raise SceneError("axes is missing: a sweep needs a table [axes] with at least one axis")
     if len(table) > MOST_AXES:
         raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
-    axes = tuple(read_axis(name, value) for name, value in table.items())
-    axes = tuple(follow_paint(content, axis) for axis in axes)
+    axes = tuple(read_axis(content, name, value) for name, value in table.items())
     sweep = Sweep(expand_paint(content), axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
 
 
-def read_axis(name: str, value: Any) -> Axis:
-    """One entry of [axes]."""
+def read_axis(content: dict[str, Any], name: str, value: Any) -> Axis:
+    """One entry of [axes]; an axis along a number of [paint] is that of the scene that the paint stands for, so that
+    the table's own content can be read again. Raises SceneError for a number that no scene has of its own."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
     key, dimension = table.content.get("key", name), table.content.get("along", name)
     for word, given in (("key", key), ("along", dimension)):
         if not isinstance(given, str) or not given:
             raise table.wrong(word, "must be a name")
     try:
-        places = split_axis_key(key)
+        places = split_key(key)
     except SceneError as error:
         raise table.unfit(str(error)) from error
-    return Axis(name, key, places, read_values(table), dimension)
-
-
-def follow_paint(content: dict[str, Any], axis: Axis) -> Axis:
-    """An axis along a number of [paint], as that of the scene that the paint is: so the table's own content can be read
-    again."""
-    places = find_expanded_place(content, axis.places)
-    return axis if places == axis.places else replace(axis, places=places, key=join_key(places))
-
-
-def split_axis_key(key: str) -> Place:
-    """The key of an axis as keys of tables and places in lists. Raises SceneError for what no scene has of its own."""
-    places = split_key(key)
     if places[0] in FIXED:
-        raise SceneError(f"{show_toml(key)} is the same for all scenes of a table")
-    return places
+        raise table.unfit(f"{show_toml(key)} is the same for all scenes of a table")
+    values, expanded = read_values(table), find_expanded_place(content, places)
+    return Axis(name, key if expanded == places else join_key(expanded), expanded, values, dimension)
 
 
 def read_values(table: Table) -> Array:
@@ -212,7 +199,10 @@ def check(sweep: Sweep) -> None:
             raise SceneError(
                 f"axes.{axis.name}: an appearance is of all wavelengths of {TABLE}.wavelengths_um together"
             )
-        check_field(sweep.template, axis)
+        try:  # such a number is in the template, or may be put there
+            find_number(sweep.template, axis.places, axis.key, default=0.0)
+        except SceneError as error:
+            raise SceneError(f"axes.{axis.name}: {error}") from None
     keys = [axis.places for axis in sweep.axes]
     if len(set(keys)) != len(keys):
         raise SceneError("axes: two of them change the same number")
@@ -241,14 +231,6 @@ def check_dimensions(sweep: Sweep) -> None:
             raise SceneError(f"axes: those along {show_toml(axis.dimension)} must have the same number of values")
     if sweep.count > MOST_SCENES:
         raise SceneError(f"axes: {sweep.count} scenes are too many, at most {MOST_SCENES} are allowed")
-
-
-def check_field(template: dict[str, Any], axis: Axis) -> None:
-    """Whether the template has such a number, or a table where it may be put."""
-    try:
-        find_number(template, axis.places, axis.key, default=0.0)
-    except SceneError as error:
-        raise SceneError(f"axes.{axis.name}: {error}") from None
 
 
 def check_values(sweep: Sweep, axis: Axis) -> None:
@@ -295,17 +277,15 @@ def describe_sweep_results(sweep: Sweep) -> Results:
     """What each of its scenes brings."""
     first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles, at_one=True)
     if isinstance(first, Sample):
-        return describe_sample(sweep.asked)
+        return sweep.asked.describe()
     return describe_results(first, list_roughnesses(sweep), any(list_roughnesses(sweep, with_base=False)))
 
 
 def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...], int]]:
-    """Each kind of particle that several scenes share, at one place of the grid for each different one of it, and at
-    each wavelength by its number, of an appearance."""
+    """Each kind of particle that several scenes share, at the place of one scene for each different one of it, and the
+    index of each wavelength of an appearance."""
     for name, lengths in list_shared_particles(sweep):
-        for place in np.ndindex(*lengths):
-            for wavelength in range(sweep.wavelengths):
-                yield name, place, wavelength
+        yield from ((name, place, which) for place in np.ndindex(*lengths) for which in range(sweep.wavelengths))
 
 
 def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -1,4 +1,4 @@
-"""A Dask cluster: tasks go to its workers, who write what they find; little comes back."""
+"""A Dask cluster: jobs go to its workers, who write their results to the folder of the sweep."""
 
 import logging
 import signal
@@ -11,20 +11,20 @@ from typing import Any
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError, import_extra
 from vrte.calls.side_by_side import Share, share_cores
-from vrte.sweep.chunks import Task, make_processor_solver, make_stop_flag, open_work, perform
+from vrte.sweep.chunks import Job, make_processor_solver, make_stop_flag, open_work, perform
 from vrte.sweep.store import Work
 
-AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
+AHEAD = 2  # jobs for each thread of the cluster that are sent before they can begin
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
-WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
+WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the job is sent again
 WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
 OURS = {  # how a cluster of our own is to behave
-    # nothing is told over HTTP, which knows no certificates
+    # nothing goes over HTTP, which knows no certificates
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
     "distributed.scheduler.preload": [__name__],  # see `dask_setup`
     "distributed.worker.preload": [__name__],
-    "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
+    "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the job's doing
     # a worker killed twice in so much time would otherwise not be started again
     "distributed.deploy.lost-worker-timeout": "365 days",
     "distributed.comm.timeouts.connect": PATIENCE,
@@ -37,19 +37,25 @@ def dask_setup(server: Any) -> None:
     server.http_server.stop()
 
 
-def perform_there(folder: str, stamp: str, task: Task) -> int:
-    """What a worker is told to do: everything else it finds in the folder."""
+def perform_there(folder: str, stamp: str, job: Job) -> int:
+    """Does one job in a worker process, which finds everything else in the folder."""
     with share_cores(Share(1)):
-        return perform(open_work(folder, stamp), task, make_processor_solver(lambda: 1, make_stop_flag()))
+        return perform(open_work(folder, stamp), job, make_processor_solver(lambda: 1, make_stop_flag()))
 
 
-def perform_tasks(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
-    """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
+def perform_on_cluster(
+    work: Work, stages: Iterable[Iterable[Job]], scheduler: str | None, workers: int
+) -> Iterator[int]:
+    """Does the jobs, one stage after another, on the cluster at that address or on one of so many processes."""
     import_extra("distributed", "engine 'dask'", "dask")
     with start_own_cluster(work, workers) if scheduler is None else connect_client(scheduler) as client:
-        threads = count_threads(client)
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError as error:
+            raise SweepError(f"the Dask scheduler had no worker for {PATIENCE:g} seconds") from error
+        threads = max(1, sum(client.nthreads().values()))
         for stage in stages:
-            yield from send_tasks(client, work, stage, AHEAD * threads)
+            yield from send_jobs(client, work, stage, AHEAD * threads)
 
 
 @contextmanager
@@ -125,25 +131,16 @@ def connect_client(scheduler: str) -> Any:
         raise SweepError(f"no Dask scheduler answers at {scheduler}: {type(error).__name__}") from error
 
 
-def count_threads(client: Any) -> int:
-    """How many there are on all workers, once there is one."""
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE)
-    except TimeoutError as error:
-        raise SweepError(f"the Dask scheduler had no worker for {PATIENCE:g} seconds") from error
-    return max(1, sum(client.nthreads().values()))
-
-
-def send_tasks(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterator[int]:
-    """Does the tasks, no more than ``most`` of them known to the cluster at a time."""
+def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterator[int]:
+    """Does the jobs, no more than ``most`` of them known to the cluster at a time."""
     from distributed import wait
 
-    waiting, lost = iter(tasks), []
-    known: dict[Any, Task] = {}
+    waiting, lost = iter(jobs), []
+    known: dict[Any, Job] = {}
     seen = time.monotonic()
     while True:
-        for task in islice(waiting, most - len(known)):
-            known[client.submit(perform_there, str(work.folder), work.stamp, task, pure=False)] = task
+        for job in islice(waiting, most - len(known)):
+            known[client.submit(perform_there, str(work.folder), work.stamp, job, pure=False)] = job
         if not known:
             break
         try:
@@ -155,10 +152,10 @@ def send_tasks(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Ite
         for future in finished:
             if future.status in WAITING:
                 continue
-            task = known.pop(future)
+            job = known.pop(future)
             found = fetch_outcome(future)
             if found is None:
-                lost.append(task)
+                lost.append(job)
             else:
                 yield found
     if lost:
@@ -169,7 +166,7 @@ def send_tasks(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Ite
 
 
 def fetch_outcome(future: Any) -> int | None:
-    """What a task brought; None where it was given up because its workers died."""
+    """Number of scenes of a job; None where it was given up because its workers died."""
     from distributed import KilledWorker
 
     if future.status == "finished":

@@ -1,0 +1,89 @@
+"""The engines of a sweep: each yields, in any order, the number of scenes of each piece of work that is finished."""
+
+import atexit
+import queue
+import threading
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from vrte.basics.running import PATIENCE, wait_for
+from vrte.calls.side_by_side import Share, share_cores
+from vrte.sweep.chunks import Job, make_processor_solver, perform, solve_on_device
+from vrte.sweep.store import Work
+
+ENGINES = ("threads", "dask", "opencl")
+
+
+class Cores:
+    """Cores shared by the workers: a scene begun when few workers are left gets several, for its Fourier orders."""
+
+    def __init__(self, cores: int, workers: int) -> None:
+        self.cores, self.busy = cores, workers
+        self._lock = threading.Lock()
+
+    def share(self) -> int:
+        """Number of threads of a scene that begins now."""
+        return max(1, self.cores // max(1, self.busy))
+
+    def leave(self) -> int:
+        """One worker finds nothing left to do; how many are still busy."""
+        with self._lock:
+            self.busy -= 1
+            return self.busy
+
+
+def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
+    """Does ``count`` jobs on so many cores of this process: each thread takes one after another.
+
+    An interrupt stops the compiled loops; unfinished chunks are lost.
+    """
+    workers = max(1, min(cores, count))
+    stop = np.zeros(1, np.int32)
+    shared = Cores(cores, workers)
+    results: queue.SimpleQueue[int | BaseException | None] = queue.SimpleQueue()
+    waiting, lock = iter(jobs), threading.Lock()
+    all_left = threading.Event()
+    solve = make_processor_solver(shared.share, stop)
+
+    def take_job() -> Job | None:
+        with lock:
+            return None if stop[0] else next(waiting, None)
+
+    def run_worker() -> None:
+        try:
+            with share_cores(Share(1, stop)):
+                while (job := take_job()) is not None:
+                    results.put(perform(work, job, solve))
+        except BaseException as error:
+            results.put(error)
+        finally:
+            if not shared.leave():
+                all_left.set()
+            results.put(None)
+
+    for place in range(workers):
+        threading.Thread(target=run_worker, name=f"vrte-sweep-{place}", daemon=True).start()
+    try:
+        while workers:
+            try:
+                found = results.get(timeout=0.2)  # in short waits, so that Ctrl-C is heard
+            except queue.Empty:
+                continue
+            if isinstance(found, BaseException):
+                raise found
+            if found is None:
+                workers -= 1
+            else:
+                yield found
+    except BaseException:
+        stop[0] = 1
+        if not wait_for(all_left, PATIENCE):
+            atexit.register(wait_for, all_left, 3600.0)
+        raise
+
+
+def perform_on_device(work: Work, jobs: Iterable[Job]) -> Iterator[int]:
+    """Does the jobs in turn, all scenes of a chunk together on the OpenCL device."""
+    for job in jobs:
+        yield perform(work, job, solve_on_device, "opencl")
