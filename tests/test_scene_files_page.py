@@ -27,7 +27,7 @@ from vrte.optics.crowding import PACKINGS
 from vrte.render.setting import OBJECTS, OWN, RANGES, Setting
 from vrte.render.sky import KINDS
 from vrte.request.how import OPTIONS
-from vrte.sweep.samples import KEYS as APPEARANCE_KEYS
+from vrte.sweep.results import KEYS as APPEARANCE_KEYS
 from vrte.sweep.template import AXIS_KEYS
 
 PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "scene_files.md").read_text(encoding="utf-8")

@@ -24,9 +24,9 @@ from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
 from vrte.formats.particle_sources import make_particles
 from vrte.sweep import optics, store
-from vrte.sweep.engines.threads import Cores
-from vrte.sweep.grid import Grid, cut_grid
+from vrte.sweep.engines import Cores
 from vrte.sweep.run import SweepWarning
+from vrte.sweep.table import Grid, cut_grid
 from vrte.sweep.template import read_sweep
 
 from .helpers import assert_close

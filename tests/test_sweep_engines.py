@@ -15,8 +15,7 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SweepError
-from vrte.sweep import chunks
-from vrte.sweep.engines import dask as dask_engine
+from vrte.sweep import chunks, dask_engine
 
 SAME = 1e-12  # of the largest element of a scene
 
@@ -126,7 +125,7 @@ def test_a_cluster_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_workers_that_do_not_see_the_output_say_so(tmp_path: Path) -> None:
     with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
-        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.Task(chunk=0))
+        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.Chunk(0))
 
 
 def listening() -> set[Any]:

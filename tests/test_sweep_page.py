@@ -16,8 +16,15 @@ from tests.test_app_browser import CHROMIUM, FLAGS, NAMES
 from vrte.cli import main
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.sweep.interpolation import interpolate
-from vrte.sweep.page.packing import STEP, Packed, pack_matrices, take_half_circle, unpack_matrices
-from vrte.sweep.page.writing import check_sweep_for_page, save_page
+from vrte.sweep.page.writing import (
+    STEP,
+    Packed,
+    check_sweep_for_page,
+    pack_matrices,
+    save_page,
+    take_half_circle,
+    unpack_matrices,
+)
 from vrte.sweep.template import read_sweep
 
 from .helpers import close_to

@@ -15,7 +15,6 @@ import pytest
 
 import vrte
 from tests.helpers import wait_until
-from vrte.sweep.store import name_partial_folder
 from vrte.sweep.table import open_table
 
 SCENE = """
@@ -47,7 +46,7 @@ class Table:
     def __post_init__(self) -> None:
         depths = self.scenes // 4
         self.file, self.output = self.folder / "sweep.toml", self.folder / "table.zarr"
-        self.partial = name_partial_folder(self.output)
+        self.partial = self.output.with_name("table.zarr.partial")
         self.kept = self.folder / "kept.log"
         self.file.write_text(
             SCENE + "wavelength_um = [0.45, 0.5, 0.55, 0.6]\n"

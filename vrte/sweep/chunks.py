@@ -138,7 +138,9 @@ def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve,
             return found
         options = repr(found.options)
         alike = make_alike_request(first[options], found.scene) if options in first else None
-        return first.setdefault(options, alike or make_scene_request(found, backend)) if alike is None else alike
+        request = alike or make_scene_request(found, backend)
+        first.setdefault(options, request)
+        return request
 
     asked = [try_call(partial(make_question, place)) for place in places]
     questions = [one for one in asked if not isinstance(one, Exception)]
@@ -156,9 +158,10 @@ def try_call(attempt: Callable[[], Found]) -> Found | Exception:
         return error
 
 
-def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
+def make_processor_solver(threads: Callable[[], int] = lambda: 1, stop: Any = None) -> Solve:
     """Small scenes that are alike together, others one after another on the processor, each on as many threads as there
-    are to spare then."""
+    are to spare then; ``stop``: the flag (1,) that ends it."""
+    stop = np.zeros(1, np.int32) if stop is None else stop
 
     def one(request: Question) -> Outcome:
         if isinstance(request, Sample):
@@ -258,8 +261,3 @@ def _note(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -
     if warned is not None:
         entry = warned.setdefault(category.__name__, [0, put_in_one_line(str(message), LONGEST_MESSAGE)])
         entry[0] += 1
-
-
-def make_stop_flag() -> Any:
-    """The flag of a worker that ends with its process."""
-    return np.zeros(1, np.int32)

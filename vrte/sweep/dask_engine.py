@@ -11,7 +11,7 @@ from typing import Any
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError, import_extra
 from vrte.calls.side_by_side import Share, share_cores
-from vrte.sweep.chunks import Job, make_processor_solver, make_stop_flag, open_work, perform
+from vrte.sweep.chunks import Job, make_processor_solver, open_work, perform
 from vrte.sweep.store import Work
 
 AHEAD = 2  # jobs for each thread of the cluster that are sent before they can begin
@@ -40,7 +40,7 @@ def dask_setup(server: Any) -> None:
 def perform_there(folder: str, stamp: str, job: Job) -> int:
     """Does one job in a worker process, which finds everything else in the folder."""
     with share_cores(Share(1)):
-        return perform(open_work(folder, stamp), job, make_processor_solver(lambda: 1, make_stop_flag()))
+        return perform(open_work(folder, stamp), job, make_processor_solver())
 
 
 def perform_on_cluster(

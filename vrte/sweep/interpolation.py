@@ -21,7 +21,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.splines import compute_weights
 from vrte.formats.scene_file import make_scene_file
 from vrte.formats.scene_keys import convert_to_plain_number, put, split_key
-from vrte.sweep.chunks import make_processor_solver, make_stop_flag
+from vrte.sweep.chunks import make_processor_solver
 from vrte.sweep.results import make_scene_request
 from vrte.sweep.template import Sweep, read_sweep
 
@@ -38,22 +38,8 @@ STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Scenes between those of a table, solved and interpolated: how far the table is off there.
-
-    Attributes
-    ----------
-    points
-        The scenes' values on each axis, (n,), by the axis's name.
-    errors
-        The largest difference of a Mueller element over the scene's largest, (n,).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.sweep.interpolation import HeldOut
-    >>> HeldOut({"depth": np.array([0.3, 0.7])}, np.array([1e-4, 3e-4])).largest
-    0.0003
-    """
+    """Scenes between those of a table, solved and interpolated: ``points``, their values (n,) by the axis's name, and
+    ``errors`` (n,), each the largest difference of a Mueller element over the scene's largest."""
 
     points: dict[str, Array]
     errors: Array
@@ -109,7 +95,9 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
     for name, value in point.items():
         places, shares[str(name)] = find_neighbours(table, str(name), value)
         near = near.isel({name: places})
-    check_results(near)
+    errors = near["error"].values if "error" in near else np.array([""])  # a table that was interpolated has none
+    if (errors != "").any():
+        raise SceneError(f"a scene near the point has no result: {errors[errors != ''][0]}")
     found = {name: interpolate_variable(near[name].load(), shares) for name in table.data_vars if name != "error"}
     here = {name: float(value) for name, value in point.items()}
     kept = {name: table[name] for name in table.coords if not set(table[name].dims) & set(point)}
@@ -151,13 +139,6 @@ def is_logarithmic(values: Array) -> bool:
     return bool(values[0] > 0.0 and values[-1] / values[0] >= DECADE)
 
 
-def check_results(near: "xarray.Dataset") -> None:
-    """Whether all scenes that are asked have an answer."""
-    errors = near["error"].values if "error" in near else np.array([""])  # a table that was interpolated has none
-    if (errors != "").any():
-        raise SceneError(f"a scene near the point has no result: {errors[errors != ''][0]}")
-
-
 def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
     """One variable, summed over the scenes nearby in variables in which it is smooth."""
     import xarray
@@ -184,35 +165,12 @@ def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) ->
 
 
 def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:
-    """How good a table of a sweep is between its scenes: some are solved at random points and compared.
+    """The error of a table of BRDFs between its scenes: so many scenes at random points are solved and compared.
 
-    Parameters
-    ----------
-    table : xarray.Dataset
-        Of a sweep of BRDFs whose axes make a grid.
-    points : int, optional
-        How many scenes to solve.
-    seed : int, optional
-        Of the random points.
-    folder : path, optional
-        Where the sweep file's tables of coefficients are.
+    ``seed``: of the random points; ``folder``: where the sweep file's tables of coefficients are. Raises SceneError for
+    a table of anything else than BRDFs or without a grid, and AccuracyError as `vrte.brdf` does.
 
-    Returns
-    -------
-    HeldOut
-        The points, and at each the largest difference of a Mueller element over the scene's largest.
-
-    Raises
-    ------
-    SceneError
-        For a table of anything else than BRDFs.
-    AccuracyError
-        As `vrte.brdf` does.
-
-    Examples
-    --------
     >>> import vrte
-    >>> from vrte.sweep.interpolation import held_out
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
     >>> axes = {"layer[1].albedo": [0.2, 0.3, 0.4, 0.5]}
     >>> table = vrte.sweep({"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
@@ -225,11 +183,12 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
     check_whole("points", points, 1, 10**6)
     chance = np.random.default_rng(seed)
     drawn = {axis.name: sample_axis(axis.values, points, chance) for axis in sweep.axes}
-    errors = [
-        measure_error(table, sweep, {name: float(values[place]) for name, values in drawn.items()})
-        for place in range(points)
-    ]
-    return HeldOut(drawn, np.array(errors))
+    errors = np.empty(points)
+    for place in range(points):
+        point = {name: float(values[place]) for name, values in drawn.items()}
+        solved = solve_point(sweep, point).mueller
+        errors[place] = np.abs(interpolate(table, point).mueller.values - solved).max() / np.abs(solved).max()
+    return HeldOut(drawn, errors)
 
 
 def sample_axis(values: Array, count: int, chance: np.random.Generator) -> Array:
@@ -240,21 +199,12 @@ def sample_axis(values: Array, count: int, chance: np.random.Generator) -> Array
     return chance.uniform(finite[0], finite[-1], count)
 
 
-def measure_error(table: "xarray.Dataset", sweep: Sweep, point: dict[str, float]) -> float:
-    """The largest difference of a Mueller element, of the scene's largest."""
-    solved = solve_point(sweep, point)
-    found = interpolate(table, point).mueller.values
-    return float(np.abs(found - solved.mueller).max() / np.abs(solved.mueller).max())
-
-
 def solve_point(sweep: Sweep, point: dict[str, float]) -> Any:
     """The BRDF of the scene at a point."""
     content = sweep.content((0,) * len(sweep.shape))
     for axis in sweep.axes:
         put(content, split_key(axis.key), convert_to_plain_number(point[axis.name]))
-    (found,) = make_processor_solver(lambda: 1, make_stop_flag())(
-        [make_scene_request(make_scene_file(content, sweep.kind, sweep.folder))]
-    )
+    (found,) = make_processor_solver()([make_scene_request(make_scene_file(content, sweep.kind, sweep.folder))])
     if isinstance(found, Exception):
         raise found
     return found

@@ -3,7 +3,7 @@
     OUTPUT.partial/sweep          the journal: which sweep is computed, written when all else is in place
                    lock           held by the process that computes the sweep
                    table/         the Zarr group: every chunk of scenes is a chunk of its arrays
-                   done/000012    one journal a finished chunk, written after the chunk, with the checksum of its results
+                   done/000012    a journal for each finished chunk, written after it, with its checksum
                    optics/        particles that scenes share
                    log.txt        when which worker began and ended which chunk
 
@@ -37,8 +37,16 @@ from vrte.formats.journal import flush, read_journal, write_journal
 from vrte.formats.seal import is_sealed
 from vrte.sweep.optics import Optics
 from vrte.sweep.results import Results
-from vrte.sweep.table import Grid, check_made, check_same, convert_to_netcdf, create_table, open_group, open_table
-from vrte.sweep.table import read_box
+from vrte.sweep.table import (
+    Grid,
+    check_made,
+    check_same,
+    convert_to_netcdf,
+    create_table,
+    open_group,
+    open_table,
+    read_box,
+)
 from vrte.sweep.template import Sweep, describe_sweep_results, read_sweep
 
 BEGUN = "sweep"
@@ -91,7 +99,7 @@ class Work:
         return {int(path.name) for path in (self.folder / "done").iterdir() if path.name.isdecimal()}
 
     def keep(self, chunk: int, arrays: dict[str, Array], record: dict[str, Any]) -> None:
-        """Writes a chunk's results (scenes, ...), then its ``record``, with "failed" by index: now the chunk is done."""
+        """Writes a chunk's results (scenes, ...), then its ``record``, "failed" by index: now it is done."""
         if not (self.folder / BEGUN).is_file():
             raise SweepError(f"{self.folder} is gone: nobody waits for this chunk")
         where, extent = self.grid.slices(chunk), self.grid.extent(chunk)

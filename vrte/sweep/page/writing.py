@@ -1,10 +1,16 @@
-"""A table of BRDFs, or several, as a page to look at: what it holds, how wrong that is between the scenes, the file."""
+"""A table of BRDFs, or several, as a page with lobes to turn: the packed table, its error between the scenes, the file.
 
-import html
+The BRDFs are packed as f_00 by its logarithm and the other Mueller elements over it, both in even steps, as differences
+between neighbours, deflated. `vrte.interpolate` works with the same variables, so that the page interpolates what it
+unpacks. Of azimuths those from 0 to 180 degrees are kept: the others are mirror images.
+"""
+
+import base64
 import json
 import os
+import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,22 +19,87 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_whole
 from vrte.basics.errors import SceneError
-from vrte.basics.splines import compute_weights, extend_over_pole, mirror_azimuths, repeat_grid
-from vrte.formats.atomic import write_atomically
+from vrte.basics.splines import MIRROR, compute_weights, extend_over_pole, mirror_azimuths, repeat_grid
+from vrte.pictures import page
 from vrte.results.over_hemisphere import HOLE, check_directions, stokes_over_hemisphere
 from vrte.sweep.interpolation import DEGREE, TABLES, interpolate, is_logarithmic, sample_axis, solve_point
-from vrte.sweep.page.packing import pack_matrices, take_half_circle, unpack_matrices
 from vrte.sweep.template import Sweep, read_sweep
 
 if TYPE_CHECKING:
     import xarray
 
-POINTS = 4  # at which a table is compared with exact solves
+POINTS = 4  # random points at which a table is compared with exact solves
 LARGEST_PAGE = 60e6  # bytes: beyond, phones give up
 FEWEST_RINGS, MOST_RINGS, SPOKES = 36, 72, 72  # of the body that is drawn
 SUFFIX = ".html"
 UNITS = {"um": "µm", "1": ""}
 SHARES = ("reflectance", "total_reflectance", "specular")
+STEP = 2.0**-10  # of elements over f_00, and of the logarithm of f_00: f_00 is off by at most a 2048th of itself
+LARGEST = 32_767  # in two bytes
+ALONG = 4  # the last so many dimensions are differenced: an axis, incidence, exit and azimuth
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """``text`` base64, ``shape`` (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n)."""
+
+    text: str
+    shape: tuple[int, ...]
+    middle: float
+    step: float
+
+
+def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
+    """Azimuths (n,) [degrees] from 0 to 180, and the Mueller matrices (axes ..., mu_i, mu_o, n, 4, 4) there."""
+    given = np.asarray(table.phi_deg.values, np.float64)
+    azimuths, places = mirror_azimuths(given)
+    here = azimuths <= 180.0
+    azimuths, places = azimuths[here], places[here]
+    sign = np.where((places >= given.size)[:, None, None], MIRROR, 1.0)
+    return azimuths, table.mueller.values[..., places % given.size, :, :] * sign
+
+
+def pack_matrices(matrices: Array) -> Packed:
+    """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) whose f_00 is above 0, packed.
+
+    >>> packed = pack_matrices(np.full((1, 1, 1, 1, 4, 4), 0.25))
+    >>> np.round(unpack_matrices(packed)[0, 0, 0, 0, 1], 6).tolist()
+    [0.25, 0.25, 0.25, 0.25]
+    """
+    brightness = matrices[..., 0, 0]
+    logarithm = np.log(brightness)
+    low, high = float(logarithm.min()), float(logarithm.max())
+    middle, step = 0.5 * (low + high), max(STEP, (high - low) / (2.0 * LARGEST))
+    numbers = np.moveaxis(
+        (matrices / (STEP * brightness[..., None, None])).reshape(*brightness.shape, 16), -1, 0
+    ).copy()
+    numbers[0] = (logarithm - middle) / step
+    steps = np.round(numbers).astype(np.int16)
+    for axis in list_packed_axes(steps.ndim):
+        steps = np.diff(steps, axis=axis, prepend=np.int16(0))  # what overflows comes back when it is summed up again
+    folded = ((steps << 1) ^ (steps >> 15)).astype("<u2")  # small numbers of either sign become small ones
+    planes = np.ascontiguousarray(folded).view(np.uint8).reshape(-1, 2).T
+    text = base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
+    return Packed(text, steps.shape, middle, step)
+
+
+def unpack_matrices(packed: Packed) -> Array:
+    """The Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) [sr-1] as the page has them."""
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed.text)), np.uint8)
+    folded = np.ascontiguousarray(planes.reshape(2, -1).T).view("<u2").reshape(packed.shape)
+    steps = ((folded >> 1) ^ (0 - (folded & 1))).astype(np.int16)
+    for axis in reversed(list_packed_axes(steps.ndim)):
+        steps = np.cumsum(steps, axis=axis, dtype=np.int16)
+    elements = STEP * steps.astype(np.float64)
+    elements[0] = 1.0
+    elements *= np.exp(packed.middle + packed.step * steps[0])
+    found: Array = np.moveaxis(elements, 0, -1).reshape(*packed.shape[1:], 4, 4)
+    return found
+
+
+def list_packed_axes(dimensions: int) -> list[Any]:
+    """Which axes are differenced, in this order; the first is the Mueller element."""
+    return list(range(dimensions - 1, max(0, dimensions - 1 - ALONG), -1))
 
 
 def save_page(
@@ -37,37 +108,14 @@ def save_page(
     points: int = POINTS,
     folder: Path | None = None,
 ) -> dict[str, Array]:
-    """Writes a page with the lobes of tables to turn around: one file without network or server, all of it or nothing.
+    """Writes a page with the lobes of tables of BRDFs, by the names that it shows: one file without network or server.
 
-    Parameters
-    ----------
-    tables : mapping of str to xarray.Dataset
-        Tables of BRDFs of `vrte.sweep` by the names that the page shows.
-    path : path
-        Ends in .html.
-    points : int
-        At how many random points, between the scenes and directions of each table, an exact solve tells how far the
-        page is off; the page says what came out.
-    folder : path, optional
-        Where the files are that the sweeps name; by default the working folder.
+    Exact solves at so many random ``points``, between the scenes and directions of each table, tell the error (points,)
+    of the page, which is returned by the table's name and said on the page. Files that the sweeps name lie in
+    ``folder``, by default the working folder. Raises SceneError for a table of fields or appearances, axes that are no
+    grid, too few directions, scenes without result or without light, and a page larger than 60 MB, and OSError.
 
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        For each table the errors (points,), as `measure_page_error` finds them.
-
-    Raises
-    ------
-    SceneError
-        For a table of fields or appearances, axes that are no grid, too few directions, scenes without result or
-        without light, and a page larger than 60 MB.
-    OSError
-        Where the file cannot be written.
-
-    Examples
-    --------
     >>> import vrte
-    >>> from vrte.sweep.page.writing import save_page
     >>> layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
     >>> brdf = {"mu_i": 0.5, "mu_o": [0.2, 0.6, 1.0], "phi_deg": [0, 90, 180]}
     >>> axes = {"layer[1].thickness": [0.5, 1.0, 2.0, 4.0]}
@@ -89,28 +137,18 @@ def save_page(
             raise error.behind(name) from error
         meshes += [] if mesh in meshes else [mesh]
         described.append({"name": name, "mesh": meshes.index(mesh)} | one)
-    text = fill_page({"meshes": meshes, "tables": described})
+    data = json.dumps({"meshes": meshes, "tables": described}, ensure_ascii=False, separators=(",", ":"))
+    body, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
+    body = body.replace("@CONTENT@", data.replace("<", "\\u003c"), 1)
+    title = f"{', '.join(list(tables)[:3])} - lobes to turn around"
+    text = page.make_page(title, body, style, script)
     if len(text) > LARGEST_PAGE:
         raise SceneError(
             f"the page would have {len(text) / 1e6:.0f} MB, at most {LARGEST_PAGE / 1e6:.0f} are allowed: "
             "fewer scenes or directions"
         )
-    with write_atomically(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    page.save_page(text, path)
     return errors
-
-
-def fill_page(content: dict[str, Any]) -> str:
-    """The page's text with style, script and content inside."""
-    here = files("vrte.sweep.page")
-    data = json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    title = html.escape(", ".join(table["name"] for table in content["tables"][:3]))
-    parts = {"TITLE": title, "STYLE": (here / "page.css").read_text("utf-8")}
-    parts |= {"SCRIPT": (here / "page.js").read_text("utf-8"), "CONTENT": data}
-    text = (here / "page.html").read_text("utf-8")
-    for name, part in parts.items():
-        text = text.replace(f"@{name}@", part, 1)
-    return text
 
 
 def check_sweep_for_page(sweep: Sweep) -> None:
@@ -134,7 +172,10 @@ def describe_lobes(
     """What the page needs of a table, the mesh of its bodies, and how far it is off."""
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     check_sweep_for_page(sweep)
-    table = sort_table(table.load(), sweep)
+    table = table.load().sortby([axis.name for axis in sweep.axes]).sortby(["mu_i", "mu_o"], ascending=False)
+    for name in ("mu_i", "mu_o"):
+        if (np.diff(table[name].values) == 0.0).any():
+            raise SceneError(f"brdf.{name} has the same value twice")
     azimuths, matrices = take_half_circle(table)
     check_directions(table.mu_o.values, azimuths)
     failed = int((table.error.values != "").sum())
@@ -143,7 +184,8 @@ def describe_lobes(
     if not (np.isfinite(matrices).all() and (matrices[..., 0, 0] > 0.0).all()):
         raise SceneError("a page needs light in every direction: f_00 is not above 0 everywhere")
     packed = pack_matrices(matrices)
-    seen = replace_matrices(table, azimuths, unpack_matrices(packed))
+    seen = table.drop_dims("phi_deg").assign_coords(phi_deg=azimuths)
+    seen = seen.assign(mueller=(table.mueller.dims, unpack_matrices(packed)))
     errors = measure_page_error(seen, sweep, points)
     said = {
         "axes": [describe_page_axis(axis.name, axis.key, table) for axis in sweep.axes],
@@ -151,7 +193,7 @@ def describe_lobes(
         "mu_o": table.mu_o.values.tolist(),
         "phi": azimuths.tolist(),
         "packed": asdict(packed),
-        "shares": {name: round_numbers(table[name].values) for name in SHARES if name in table},
+        "shares": {name: np.round(table[name].values, 6).tolist() for name in SHARES if name in table},
         "surface": "total_reflectance" in table,
         "error": {"largest": float(errors.max()), "median": float(np.median(errors)), "points": points},
         "source": table.attrs["source"],
@@ -159,40 +201,13 @@ def describe_lobes(
     return said, make_mesh(table.mu_o.values, azimuths), errors
 
 
-def sort_table(table: "xarray.Dataset", sweep: Sweep) -> "xarray.Dataset":
-    """The table with ascending axes, incidence and exit from the normal on. Raises SceneError for the same incidence or
-    exit twice."""
-    table = table.sortby([axis.name for axis in sweep.axes]).sortby(["mu_i", "mu_o"], ascending=False)
-    for name in ("mu_i", "mu_o"):
-        if (np.diff(table[name].values) == 0.0).any():
-            raise SceneError(f"brdf.{name} has the same value twice")
-    return table
-
-
-def replace_matrices(table: "xarray.Dataset", azimuths: Array, matrices: Array) -> "xarray.Dataset":
-    """The table with other azimuths and Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4)."""
-    dims = table.mueller.dims
-    return table.drop_dims("phi_deg").assign_coords(phi_deg=azimuths).assign(mueller=(dims, matrices))
-
-
 def describe_page_axis(name: str, key: str, table: "xarray.Dataset") -> dict[str, Any]:
-    """What a slider is called and goes along."""
+    """The name, unit and values of a slider."""
     values = np.asarray(table[name].values, np.float64)
     unit = str(table[name].attrs.get("units", "1"))
-    label = name.removesuffix("_um").replace("_", " ") if unit == "um" else name.replace("_", " ")
-    shown = {"label": label, "key": key, "unit": UNITS.get(unit, unit)}
-    return {
-        "name": name,
-        **shown,
-        "values": values.tolist(),
-        "log": is_logarithmic(values),
-        "between": is_between(values),
-    }
-
-
-def round_numbers(values: Array) -> Any:
-    """Shares to six digits, as lists."""
-    return np.round(values, 6).tolist()
+    label = (name.removesuffix("_um") if unit == "um" else name).replace("_", " ")
+    shown = {"name": name, "label": label, "key": key, "unit": UNITS.get(unit, unit)}
+    return {**shown, "values": values.tolist(), "log": is_logarithmic(values), "between": is_between(values)}
 
 
 def make_mesh(mu_o: Array, azimuths: Array) -> dict[str, Any]:
@@ -227,7 +242,9 @@ def measure_page_error(table: "xarray.Dataset", sweep: Sweep, points: int, seed:
     of a Mueller element at random directions over the largest f_00. Where the page goes in steps, it is on one."""
     chance = np.random.default_rng(seed)
     drawn = {
-        axis.name: (sample_axis if is_between(axis.values) else sample_values)(axis.values, points, chance)
+        axis.name: sample_axis(axis.values, points, chance)
+        if is_between(axis.values)
+        else chance.choice(axis.values, points)
         for axis in sweep.axes
     }
     angle_o = np.arccos(table.mu_o.values)
@@ -256,8 +273,3 @@ def is_between(values: Array) -> bool:
     (True, False)
     """
     return values.size > DEGREE
-
-
-def sample_values(values: Array, count: int, chance: np.random.Generator) -> Array:
-    """Random ones of the values of an axis."""
-    return chance.choice(values, count)
