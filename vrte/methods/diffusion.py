@@ -1,4 +1,4 @@
-"""The diffusion method, P1 of the spherical harmonics, (2:16)-(2:20), in closed form.
+"""The diffusion method, P1 of the spherical harmonics, (2:16)-(2:20).
 
 Of the diffuse field the irradiance from all sides E_0 and the light vector E are kept. Along the depth (2:19) is
 
@@ -13,24 +13,22 @@ source function of this field integrated along each direction, light scattered o
 import numpy as np
 
 from vrte.basics.arrays import Array, check_choice
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
-from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.task import Task
 from vrte.methods.parts.two_fluxes import (
-    Pile,
-    Slab,
+    TwoFluxes,
     answer_two_fluxes,
-    compute_base_light,
-    compute_direct_beam,
-    compute_level_fluxes,
     cut_to_two,
-    find_base_albedo,
     list_asymmetries,
-    stack_slabs,
-    sum_over_rays,
+    put_on_one_node,
+    solve_one_node,
 )
+from vrte.scene.boundary import Boundary
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths
@@ -38,57 +36,40 @@ BOUNDARIES = {"marshak": 2.0, "mark": float(np.sqrt(3.0)), "milne": 3.0 * 0.7104
 
 
 def solve_by_diffusion(task: Task) -> Answer:
-    """Orders 0 and 1. Half fluxes are (E_0/c +- E_z)/2, so that they vanish where the boundary says so."""
+    """Orders 0 and 1."""
+    problem = cut_to_two(task.request)
     c = BOUNDARIES[task.settings["boundary"]]
-    problem, base_albedo = cut_to_two(task.request), find_base_albedo(task.request)
-    pile = build_pile(problem, base_albedo, c)
-    orders = compute_orders(problem, pile, base_albedo, c)
-    return answer_two_fluxes(task, problem, orders, compute_fluxes(problem, pile, c))
+    return answer_two_fluxes(task, problem, solve_diffusion(problem, task.request.scene.below, c, task.run))
 
 
-def build_pile(problem: Problem, base_albedo: float, c: float) -> Pile:
-    """Half fluxes times c."""
-    slabs = [build_slab(problem, layer, c) for layer in range(problem.albedo.size)]
-    return stack_slabs(slabs, base_albedo, c * compute_direct_beam(problem, base_albedo))
+def solve_diffusion(problem: Problem, below: Boundary, c: float, run: Run) -> TwoFluxes:
+    """The field of a problem cut to two terms, (2:16)-(2:20): s = E_0 and d = c E_z on a node of the cosine and weight
+    1/c, half fluxes (E_0/c +- E_z)/2, so that they vanish where the boundary says so."""
+    one = put_on_one_node(problem, 1.0 / c, 1.0 / c)
+    omega, g = problem.albedo[:, None], list_asymmetries(problem)[:, None]
+    sources = omega * np.ones_like(problem.mu0), 3.0 * g * omega * problem.mu0  # of E_z', of E_0'
 
+    def shape(values: Array) -> Array:  # (order, layer, ...)
+        return np.ascontiguousarray(values[None])
 
-def compute_fluxes(problem: Problem, pile: Pile, c: float) -> tuple[Array, Array]:
-    """Half fluxes down and up at every depth, (n_tau, n_in), of the layers as they were cut."""
-    down, up = compute_level_fluxes(problem, pile)
-    return down / c, up / c
-
-
-def compute_orders(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list[Array]:
-    """Multiply scattered light of each order, (n_tau, n_in, n_out), from (2:16)-(2:18)."""
-    orders = [
-        integrate_scattered_light(problem, pile, c)
-        + compute_base_light(problem, base_albedo / (np.pi * c) * pile.x_base)
-    ]
-    if list_asymmetries(problem).any():
-        orders.append(integrate_scattered_across(problem))
-    return orders
-
-
-def build_slab(problem: Problem, layer: int, c: float) -> Slab:
-    """A layer for x, y = (E_0 +- c E_z)/2: (2:19), which is (2:20)."""
-    albedo, g = float(problem.albedo[layer]), float(list_asymmetries(problem)[layer])
-    reaching = albedo * np.exp(-problem.above[layer] / problem.mu0)
-    source, vector = c * reaching, 3.0 * g * problem.mu0 * reaching
-    loss, hindrance = c * (1.0 - albedo), 3.0 * (1.0 - albedo * g) / c
-    thickness = float(problem.thickness[layer])
-    return Slab(thickness, loss, hindrance, 1.0 / problem.mu0, 0.5 * (source + vector), 0.5 * (source - vector))
-
-
-def integrate_scattered_light(problem: Problem, pile: Pile, c: float) -> Array:
-    """omega/(4 pi) (E_0 + 3 g mu E_z) integrated along the wanted directions, (n_tau, n_in, n_out)."""
-
-    def along(ray: Ray, mu: Array) -> Array:
-        x, y = pile.slabs[ray.layer].seen(ray, mu)
-        vector = 3.0 * float(list_asymmetries(problem)[ray.layer]) / c * (-mu if ray.up else mu)
-        found: Array = problem.albedo[ray.layer] / (4.0 * np.pi) * ((1.0 + vector) * x + (1.0 - vector) * y)
-        return found
-
-    return sum_over_rays(problem, along)
+    matrices = Assembled(
+        E=shape(c * (1.0 - omega)[..., None]),
+        F=shape(3.0 / c * (1.0 - omega * g)[..., None]),
+        G_E=shape((omega * np.ones_like(problem.mu_out))[:, None]),
+        G_F=shape((3.0 / c * omega * g * problem.mu_out)[:, None]),
+        source_s=shape(sources[1][..., None]),
+        source_d=shape(c * sources[0][..., None]),
+    )
+    albedo = below.even_albedo
+    base = Base(
+        row=np.zeros(1, np.int32),
+        matrix=np.full((1, 1, 1), albedo),
+        source=c * albedo * problem.mu0[None, :, None],
+        out=np.full((1, 1, problem.mu_out.size), 2.0 * albedo / c),
+    )
+    found = solve_one_node(one, matrices, base, run)
+    orders = [*found.orders, integrate_scattered_across(problem)] if g.any() else found.orders
+    return TwoFluxes(orders, found.down, found.up)
 
 
 def integrate_scattered_across(problem: Problem) -> Array:

@@ -19,11 +19,13 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
-from vrte.methods import diffusion, solve_request, two_stream
+from vrte.methods import solve_request
+from vrte.methods.diffusion import BOUNDARIES, solve_diffusion
 from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.task import Task, discretise_request
-from vrte.methods.parts.two_fluxes import convert_to_kernels, cut_to_two, find_base_albedo
+from vrte.methods.parts.two_fluxes import TwoFluxes, convert_to_kernels, cut_to_two
 from vrte.methods.small_angle import expand_diffuse_part
+from vrte.methods.two_stream import solve_two_streams
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import EXACT, METHODS
 from vrte.request.request import Request
@@ -34,7 +36,6 @@ REGULAR = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
 NODES = 8  # of a hemisphere, where none are asked for
 FIRST_STEP = 1e-3  # from each face of a layer
 LONGEST_STEP, MOST = 8.0, 12  # over the number of depths, optical depth; times it, how many such steps at most
-MARSHAK = diffusion.BOUNDARIES["marshak"]
 
 
 def solve_by_synthetic_iteration(task: Task) -> Answer:
@@ -47,7 +48,7 @@ def solve_by_synthetic_iteration(task: Task) -> Answer:
     two = problem = cut_to_two(request)
     down, up = compute_regular_fluxes(regular, request, request.tau, task.run)
     if iterations == 1 and regular in CLOSED:
-        kernels = convert_to_kernels(problem, compute_closed_form(problem, regular, find_base_albedo(request)))
+        kernels = convert_to_kernels(problem, solve_closed_form(regular, request, task.run).orders)
     else:
         if iterations > 1:
             problem = discretise_request(request, request.nodes or NODES, "all")
@@ -59,12 +60,12 @@ def solve_by_synthetic_iteration(task: Task) -> Answer:
     return task.answer(parts, fluxes, problem, orders=len(kernels), regular=regular, iterations=iterations)
 
 
-def compute_closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
-    """Orders of the regular part, scattered once more: (n_tau, n_in, n_out) each."""
+def solve_closed_form(regular: str, request: Request, run: Run) -> TwoFluxes:
+    """The regular part, and its orders scattered once more, by one of the methods in closed form."""
+    problem, below = cut_to_two(request), request.scene.below
     if regular == "two-stream":
-        return two_stream.compute_orders(problem, two_stream.build_pile(problem, base_albedo), base_albedo)
-    pile = diffusion.build_pile(problem, base_albedo, MARSHAK)
-    return diffusion.compute_orders(problem, pile, base_albedo, MARSHAK)
+        return solve_two_streams(problem, below, run)
+    return solve_diffusion(problem, below, BOUNDARIES["marshak"], run)
 
 
 def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
@@ -72,13 +73,11 @@ def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run)
     of the peaks that delta-M takes off for two terms."""
     unit = np.array([[1.0, 0.0, 0.0, 0.0]])
     request = replace(request, tau=tau, mu=np.ones(1), columns=unit)
-    problem, base_albedo = cut_to_two(request), find_base_albedo(request)
-    if regular == "two-stream":
-        return two_stream.compute_fluxes(problem, two_stream.build_pile(problem, base_albedo))
-    if regular == "diffusion":
-        return diffusion.compute_fluxes(problem, diffusion.build_pile(problem, base_albedo, MARSHAK), MARSHAK)
+    if regular in CLOSED:
+        found = solve_closed_form(regular, request, run)
+        return found.down, found.up
     down, up = solve_for_fluxes(regular, request, run)
-    return down - find_peak_flux(problem, tau)[1, ..., 0], up
+    return down - find_peak_flux(cut_to_two(request), tau)[1, ..., 0], up
 
 
 def solve_for_fluxes(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
@@ -153,7 +152,7 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
             f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
         )
     members = [0] if problem.is_scalar else [0, 1, 2, 3]
-    grid, albedo = make_depth_grid(request, problem, depths), find_base_albedo(request)
+    grid, albedo = make_depth_grid(request, problem, depths), request.scene.below.even_albedo
     out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
     nodes = np.concatenate([problem.nodes, -problem.nodes])
     moments = compute_regular_moments(request, grid, regular, task.run)
