@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 
 import vrte
 from bench import cases
+from bench import other_codes as codes
 from bench.cases import SPHEROIDS
-from bench.methods.peers import codes, import_peer
-from bench.methods.peers.asked import Asked
+from bench.other_codes import Asked
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import write_atomically
@@ -275,7 +275,7 @@ def main(arguments: list[str] | None = None) -> int:
     comparisons, before = [], load()
     try:
         for peer in TARGETS:
-            import_peer(peer)
+            codes.import_peer(peer)
         for problem in PROBLEMS:
             for streams in problem.streams:
                 print(f"{problem.name}, {streams} streams", file=sys.stderr, flush=True)

@@ -47,8 +47,8 @@ def solve(count):
     return (time.perf_counter() - start) / count
 """
 PEER = """
-from bench.methods.peers import codes
-from bench.methods.peers.asked import Asked
+from bench import other_codes as codes
+from bench.other_codes import Asked
 
 def solve(count):
     scenes = make_scenes(count)

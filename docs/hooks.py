@@ -18,6 +18,7 @@ sys.path.append(str(ROOT))  # of bench
 
 from bench.methods.page import make_html  # noqa: E402
 from bench.methods.rows import Row  # noqa: E402
+
 from bench.study import Records  # noqa: E402
 
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
@@ -46,7 +47,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def draw_methods_report() -> str:
-    """The page of `python -m bench.report`, with pictures that answer the pointer, of the runs kept in docs/."""
+    """The page of `python -m bench.methods`, with pictures that answer the pointer, of the runs kept in docs/."""
     rows = list(Records(Row, ROOT / "docs/explanation/methods/methods.csv").read().values())
     text = (ROOT / "docs/explanation/methods.md").read_text("utf-8")
     circumstances = text.split("## The last full report\n\n", 1)[1].split(". ", 1)[0].replace("\n", " ")

@@ -16,7 +16,7 @@ import vrte
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # of bench
 
-from bench.methods.rows import Row  # noqa: E402
+from bench.methods import Row  # noqa: E402
 from bench.study import Records  # noqa: E402
 
 SCENE = "rutile powder"

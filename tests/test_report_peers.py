@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import vrte
-from bench.methods import advice, knobs, measuring, page, peers, reference, scenes
-from bench.methods.peers.asked import Asked
-from bench.methods.rows import MEASURED, Row
+from bench import methods, methods_page, other_codes
+from bench.methods import MEASURED, Row
+from bench.other_codes import Asked
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.basics.quadrature import make_double_gauss
 
 from .helpers import assert_close, close_to
 
-NAMES = tuple(peers.PEERS)
+NAMES = tuple(other_codes.PEERS)
 NATURAL = np.array([2.0, 0.0, 0.0, 0.0])
 MU, PHI = np.array([0.9, -0.3, 0.2, -1.0]), np.array([0.0, 70.0, 180.0])
 AT_NODES = np.array([1.0, -1.0, 1.0, -1.0]) * make_double_gauss(16)[0][[13, 4, 3, 14]]
@@ -49,7 +49,7 @@ def test_layers_over_a_base_are_seen_alike(name: str, base: object) -> None:
     pytest.importorskip(name)
     # off its nodes PythonicDISORT interpolates
     one = asked(layered(base=base), mu=AT_NODES if name == "PythonicDISORT" else MU)
-    right, found = by_vrte(one), peers.prepare_solve(name, one, 32)()
+    right, found = by_vrte(one), other_codes.prepare_solve(name, one, 32)()
     gaps = relative_to(right, found)
     assert gaps[0, one.mu > 0].max() < 1e-4
     assert found.flux_up[0] == close_to(right.flux_up[0], rtol=1e-6, atol=0.0)
@@ -63,7 +63,9 @@ def test_what_streams_cut_off_is_put_back(name: str) -> None:
     pytest.importorskip(name)
     one = asked(vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 120), 0.95, 1.0)]))
     right = by_vrte(one)
-    few, many = (relative_to(right, peers.prepare_solve(name, one, streams)())[0, MU > 0].max() for streams in (8, 32))
+    few, many = (
+        relative_to(right, other_codes.prepare_solve(name, one, streams)())[0, MU > 0].max() for streams in (8, 32)
+    )
     assert many < 0.2 * few
     assert many < 0.02
 
@@ -71,7 +73,7 @@ def test_what_streams_cut_off_is_put_back(name: str) -> None:
 def test_the_signs_of_sasktran2_are_those_of_vrte() -> None:
     pytest.importorskip("sasktran2")
     one = asked(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2)))
-    right, found = by_vrte(one), peers.prepare_solve("sasktran2", one, 16)()
+    right, found = by_vrte(one), other_codes.prepare_solve("sasktran2", one, 16)()
     assert relative_to(right, found)[0, MU > 0, :3].max() < 1e-4
     assert np.abs(right.stokes[0, MU > 0, :, 1:3]).max() > 0.01
     assert np.isnan(found.stokes[0, MU > 0, :, 3]).all()
@@ -81,7 +83,7 @@ def test_the_signs_of_sasktran2_are_those_of_vrte() -> None:
 def refused(scene: vrte.Scene, stokes: np.ndarray = NATURAL) -> dict[str, str]:
     """What each peer says against it."""
     found = {}
-    for name, peer in peers.PEERS.items():
+    for name, peer in other_codes.PEERS.items():
         try:
             peer.check(asked(scene, stokes))
         except SceneError as error:
@@ -108,10 +110,13 @@ def test_what_they_do_not_take_they_refuse_by_name() -> None:
 def test_without_them_the_report_works_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in NAMES else find(name))
-    assert not any(curve.method in NAMES for curve in knobs.list_curves(quick=True))
-    assert peers.describe_peers() == f"other codes: none; not installed: {', '.join(NAMES)} (pip install 'vrte[bench]')"
+    assert not any(curve.method in NAMES for curve in methods.list_curves(quick=True))
+    assert (
+        other_codes.describe_peers()
+        == f"other codes: none; not installed: {', '.join(NAMES)} (pip install 'vrte[bench]')"
+    )
     with pytest.raises(MissingExtraError, match="nanodisort"):
-        peers.prepare_solve("nanodisort", asked(layered()), 4)
+        other_codes.prepare_solve("nanodisort", asked(layered()), 4)
 
 
 def test_a_failure_of_theirs_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,27 +125,27 @@ def test_a_failure_of_theirs_is_a_row(tmp_path: Path, monkeypatch: pytest.Monkey
     def fails(*_: object) -> object:
         raise ValueError("of its own")
 
-    broken = replace(peers.PEERS["nanodisort"], prepare=fails)
-    monkeypatch.setitem(peers.PEERS, "nanodisort", broken)
-    curve = knobs.Curve("nanodisort", "nanodisort", (knobs.Setting("4 streams", {"streams": 4}),))
-    once = measuring.Pace(seconds=0.0, fewest=1, most=1)
-    (row,) = measuring.measure(scenes.QUICK[:1], [curve], tmp_path, once, lambda *_: None)
+    broken = replace(other_codes.PEERS["nanodisort"], prepare=fails)
+    monkeypatch.setitem(other_codes.PEERS, "nanodisort", broken)
+    curve = methods.Curve("nanodisort", "nanodisort", (methods.Setting("4 streams", {"streams": 4}),))
+    once = methods.Pace(seconds=0.0, fewest=1, most=1)
+    (row,) = methods.make_study([*methods.SMALL][:1], [curve], tmp_path, once).measure_rows(tmp_path)
     assert row.status == "failed: nanodisort: ValueError: of its own"
 
 
 def test_only_a_peer_may_leave_something_out() -> None:
-    one = scenes.find_case("Rayleigh, small")
-    field = reference.solve_case(one, nodes=8)
-    right = reference.Reference.of(one, field)
+    one = methods.find_case("Rayleigh, small")
+    field = methods.solve_case(one, nodes=8)
+    right = methods.Reference.of(one, field)
     holed = field.stokes.copy()
     holed[..., 3] = np.nan
     holed[1] = np.nan
     partial = replace(field, stokes=holed, flux_down=np.array([0.0, np.nan]))
-    found = measuring.measure_run_errors(one, partial, right, is_partial=True)
+    found = methods.measure_run_errors(one, partial, right, is_partial=True)
     assert found["i_max"] == found["u_rms"] == 0.0
     assert np.isnan(found["v_max"])
     assert found["energy"] == 0.0
-    assert np.isnan(measuring.measure_run_errors(one, partial, right)["energy"])
+    assert np.isnan(methods.measure_run_errors(one, partial, right)["energy"])
 
 
 def test_no_peer_is_advised_but_it_is_told_what_it_takes() -> None:
@@ -148,18 +153,18 @@ def test_no_peer_is_advised_but_it_is_told_what_it_takes() -> None:
     slow = replace(slow, reference_within=1e-12)
     quick = replace(slow, curve="nanodisort", method="nanodisort", setting="16 streams", seconds=1.0, v_max=np.nan)
     assert quick.worst == 1e-7
-    assert advice.find_pareto_front([slow, quick]) == [slow]
-    assert advice.find_quickest_candidate([slow, quick], 1e-6) == slow
-    assert advice.compare_with_peers([slow, quick], 1e-6) == (
+    assert methods_page.find_pareto_front([slow, quick]) == [slow]
+    assert methods_page.find_quickest_candidate([slow, quick], 1e-6) == slow
+    assert methods_page.compare_with_peers([slow, quick], 1e-6) == (
         "Beside vrte, for 1e-06: nanodisort with 16 streams takes 1 s, 0.5 times as long."
     )
-    assert advice.compare_with_peers([slow, quick], 1e-8) == ""
-    assert page.list_heights([quick], "v_max") == [None]
-    assert "V -" in page.make_hover_text(quick)
+    assert methods_page.compare_with_peers([slow, quick], 1e-8) == ""
+    assert methods_page.list_heights([quick], "v_max") == [None]
+    assert "V -" in methods_page.make_hover_text(quick)
 
 
 def test_another_version_of_a_peer_is_asked_again() -> None:
-    setting = knobs.Setting("4 streams", {"streams": 4})
-    one, other = (knobs.Curve("c", "nanodisort", (setting,), made) for made in ("1", "2"))
-    case = scenes.find_case("isotropic, small")
-    assert measuring.make_run_fingerprint(case, one, setting) != measuring.make_run_fingerprint(case, other, setting)
+    setting = methods.Setting("4 streams", {"streams": 4})
+    runs = [methods.Run(methods.Curve("c", "nanodisort", (setting,), made), 0) for made in ("1", "2")]
+    case = methods.find_case("isotropic, small")
+    assert len({methods.mark(case, run) for run in runs}) == 2

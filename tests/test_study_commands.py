@@ -7,7 +7,7 @@ import pytest
 
 from .conftest import call, call_study
 
-STUDIES = (["tables", "--quick"], ["cost"], ["report", "--figures"], ["stability", "--quick"])
+STUDIES = (["tables", "--quick"], ["cost"], ["methods", "--figures"], ["stability", "--quick"])
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ STUDIES = (["tables", "--quick"], ["cost"], ["report", "--figures"], ["stability
     [
         ("cost --threads 0", "--threads: must be a whole number"),
         ("tables --configurations 2,7", "there is no configuration '7'; there are 1, 2,"),
-        ("report --scenes nothing*", "--scenes must fit one of"),
+        ("methods --scenes nothing*", "--scenes must fit one of"),
         ("stability --cases nothing*", "matches no scene"),
         ("stability --algorithm guessing", "invalid choice"),
         ("stability --threads 0", "whole number from 1"),

@@ -1,7 +1,7 @@
 """The rules of method="auto", written from the report of docs/explanation/methods.md; nobody's timings are read here.
 
 The first rule that a request meets is taken. Limits hold for quantities of `vrte.methods.auto.QUANTITIES`, the extremes
-included. `python -m bench.methods.rules docs/explanation/methods/methods.csv` holds it against a report.
+included. `python -m bench.rules docs/explanation/methods/methods.csv` holds it against a report.
 """
 
 from collections.abc import Mapping

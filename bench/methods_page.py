@@ -1,40 +1,197 @@
-"""The rows as an HTML page that needs no network, and as pictures."""
+"""What the runs of `bench.methods` come to: what to take for how much, an HTML page that needs no network, pictures.
+
+The Pareto front of a scene, and a sentence a scene; of vrte, other codes beside it; and how well method="auto" chose,
+its runs against the quickest of all others that were good enough.
+"""
 
 import html
 import json
 import math
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from bench.methods import peers
-from bench.methods.advice import (
-    TARGETS,
-    advise_on_scene,
-    advise_on_target,
-    advise_overall,
-    compare_with_exact,
-    compare_with_peers,
-    describe_score,
-    find_pareto_front,
-    find_quickest_candidate,
-    find_reference_uncertainty,
-    find_refusals,
-    make_html_table,
-    make_score_html,
-    say_run_time,
-)
-from bench.methods.reference import make_file_stem
-from bench.methods.rows import STOKES, Row, group_rows
-from bench.methods.scenes import find_case
-from bench.study import MARKERS, finish_panel, list_run_facts, show_two_digits, write_text
+from bench.methods import EXPONENTS, REFUSED, STOKES, Row, find_case, group_rows, make_file_stem
+from bench.other_codes import PEERS, describe_peers
+from bench.study import MARKERS, finish_panel, list_run_facts, make_markdown_table, show_two_digits, write_text
 from vrte.basics.errors import import_extra
 from vrte.pictures.figures import FAINT, require_pictures, save
-from vrte.request.how import AUTO, METHOD_NAMES
+from vrte.request.how import AUTO, METHOD_NAMES, METHODS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+TARGETS = (1e-3, 1e-6, 1e-10)
+HEADER = (
+    "accuracy asked for",
+    "scenes",
+    "auto good enough",
+    "auto took the quickest method",
+    "time over that of the quickest run: median",
+    "worst",
+)
+
+
+def make_html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Of cells that are HTML.
+
+    >>> make_html_table(["a"], [["1"]])
+    '<table><tr><th>a</th></tr><tr><td>1</td></tr></table>'
+    """
+    lines = [f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows]
+    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in header)}</tr>{''.join(lines)}</table>"
+
+
+def find_pareto_front(rows: Sequence[Row]) -> list[Row]:
+    """The runs of vrte that no other one beats in both time and error, slowest last.
+
+    >>> some = [Row("s", "c", "m", str(k), "measured", t, i_max=e, q_max=0.0, u_max=0.0, v_max=0.0)
+    ...         for k, (t, e) in enumerate([(1.0, 1e-3), (2.0, 1e-6), (3.0, 1e-5)])]
+    >>> [row.setting for row in find_pareto_front(some)]
+    ['0', '1']
+    """
+    found: list[Row] = []
+    for row in sorted(list_candidates(rows), key=lambda row: (row.seconds, row.worst)):
+        if row.worst < (found[-1].worst if found else math.inf):  # NaN is no better than anything
+            found.append(row)
+    return found
+
+
+def list_candidates(rows: Sequence[Row]) -> list[Row]:
+    """What can be advised: runs of vrte that were measured."""
+    return [row for row in rows if row.is_measured and not row.is_peer]
+
+
+def find_quickest_candidate(rows: Sequence[Row], target: float) -> Row | None:
+    """The run of vrte of least time whose error of every Stokes parameter is at most the target; None without one."""
+    return find_quickest(list_candidates(rows), target)
+
+
+def find_quickest(rows: Sequence[Row], target: float) -> Row | None:
+    """The one of least time that reaches the target."""
+    return min((row for row in rows if row.worst <= target), key=lambda row: row.seconds, default=None)
+
+
+def find_reference_uncertainty(rows: Sequence[Row]) -> float:
+    """What the reference of these rows is uncertain by; infinite where none was measured."""
+    return max((row.reference_within for row in rows if row.is_measured), default=math.inf)
+
+
+def advise_on_target(rows: Sequence[Row], target: float) -> str:
+    """What to take for one target."""
+    if find_reference_uncertainty(rows) > target:
+        return (
+            f"for {target:.0e} nothing can be told (the reference is known to {find_reference_uncertainty(rows):.0e})"
+        )
+    row = find_quickest_candidate(rows, target)
+    if row is None:
+        return f"for {target:.0e} take none of these"
+    return f"for {target:.0e} take {row.curve} with {row.setting} ({say_run_time(row.seconds)}, error {row.worst:.0e})"
+
+
+def advise_on_scene(rows: Sequence[Row]) -> str:
+    """Of a scene, for all targets."""
+    text = ", ".join(advise_on_target(rows, target) for target in TARGETS)
+    return text[0].upper() + text[1:] + "."
+
+
+def compare_with_peers(rows: Sequence[Row], target: float) -> str:
+    """How each peer that reaches the target stands to what would be advised; empty where none does."""
+    ours, texts = find_quickest_candidate(rows, target), []
+    for name, some in group_rows((row for row in rows if row.is_peer and row.is_measured), "curve").items():
+        found = find_quickest(some, target)
+        if found is not None and find_reference_uncertainty(rows) <= target:
+            beside = f", {found.seconds / ours.seconds:.2g} times as long" if ours else ""
+            texts.append(f"{name} with {found.setting} takes {say_run_time(found.seconds)}{beside}")
+    return f"Beside vrte, for {target:.0e}: {'; '.join(texts)}." if texts else ""
+
+
+def find_refusals(rows: Sequence[Row]) -> dict[str, str]:
+    """Why each curve that was refused throughout was, by its name."""
+    curves = group_rows(rows, "curve").items()
+    return {name: some[0].status for name, some in curves if all(row.status.startswith(REFUSED) for row in some)}
+
+
+def say_run_time(seconds: float) -> str:
+    """With a unit that suits it.
+
+    >>> say_run_time(0.00213)
+    '2.1 ms'
+    """
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.2g} {unit}" if seconds < 100.0 * size else f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 1e-6:.0f} us"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Of one scene: whether the run of auto was good enough, whether the quickest of the others that were is of the
+    same method, and the run's time over that one's."""
+
+    scene: str
+    is_adequate: bool
+    is_quickest_method: bool
+    ratio: float
+
+
+def judge_choice(rows: Sequence[Row], target: float) -> Choice | None:
+    """Of a scene's rows; None where auto was not run, the reference is not known so well, or no other run will do."""
+    setting = f"accuracy {target:.0e}".replace("e-0", "e-")
+    runs = [row for row in rows if row.curve == AUTO and row.setting == setting and row.is_measured]
+    best = find_quickest_candidate([row for row in rows if row.curve != AUTO and row.method in METHODS], target)
+    if not runs or best is None or find_reference_uncertainty(rows) > target:
+        return None
+    (run,) = runs
+    return Choice(run.scene, run.worst <= target, run.method == best.method, run.seconds / best.seconds)
+
+
+def judge_choices(rows: Sequence[Row], target: float) -> list[Choice]:
+    """Of all scenes of which something can be said."""
+    return [each for some in group_rows(rows).values() if (each := judge_choice(some, target)) is not None]
+
+
+def advise_overall(rows: Sequence[Row]) -> str:
+    """What to take, in a sentence, whatever the scene; empty without runs of auto."""
+    found = [each for target in TARGETS for each in judge_choices(rows, target)]
+    if not found:
+        return ""
+    good, ratio = sum(each.is_adequate for each in found), median(each.ratio for each in found)
+    return (
+        f'Take method="auto" with the accuracy that is wanted: good enough in {good} of {len(found)} runs, in '
+        f"{ratio:.2g} times (median) the time of the quickest run that was, whatever its method and setting."
+    )
+
+
+def make_score_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """A line of the table for each accuracy that auto was asked for, nothing without any."""
+    lines = list[tuple[str, ...]]()
+    for exponent in EXPONENTS:
+        found = judge_choices(rows, float(f"1e-{exponent}"))
+        if found:
+            worst = max(found, key=lambda each: each.ratio)
+            counts = (
+                len(found),
+                sum(e.is_adequate for e in found),
+                sum(e.is_adequate and e.is_quickest_method for e in found),
+            )
+            ratios = f"{median(each.ratio for each in found):.2g}", f"{worst.ratio:.2g} ({worst.scene})"
+            lines.append((f"1e-{exponent}", *map(str, counts), *ratios))
+    return lines
+
+
+def make_score_markdown(rows: Sequence[Row]) -> str:
+    """The table for docs/explanation/methods.md."""
+    return make_markdown_table(HEADER, make_score_rows(rows))
+
+
+def make_score_html(rows: Sequence[Row]) -> str:
+    """The section of the page, empty without runs of auto."""
+    lines = make_score_rows(rows)
+    return f'<h2>How well method="auto" chose</h2>\n{make_html_table(HEADER, lines)}' if lines else ""
+
 
 PAGE = "methods.html"
 SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
@@ -89,13 +246,13 @@ def read_plotly_script() -> str:
     return str(import_extra("plotly.offline", "the page of the report", "report").get_plotlyjs())
 
 
-def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:
+def write_page(rows: Sequence[Row], folder: Path, settings: str) -> list[Path]:
     """Writes methods.html and a picture a scene; their paths. Raises MissingExtraError, OSError."""
-    page = Path(folder) / PAGE
-    write_text(page, make_html(rows, [*list_run_facts(settings), peers.describe_peers()]))
+    page = folder / PAGE
+    write_text(page, make_html(rows, [*list_run_facts(settings), describe_peers()]))
     pictures = []
     for name, some in group_rows(rows).items():
-        pictures.append(Path(folder) / f"{make_file_stem(name)}.png")
+        pictures.append(folder / f"{make_file_stem(name)}.png")
         save(draw_scene_errors(name, some, assign_markers(rows)), pictures[-1])
     return [page, *pictures]
 
@@ -123,7 +280,7 @@ def find_curve_method(row: Row) -> str:
 def choose_colour(rows: Sequence[Row]) -> str:
     """Of a curve: its method's, throughout; peers are grey."""
     method = find_curve_method(rows[0])
-    return PEER_COLOURS[list(peers.PEERS).index(method)] if rows[0].is_peer else COLOURS[method]
+    return PEER_COLOURS[list(PEERS).index(method)] if rows[0].is_peer else COLOURS[method]
 
 
 def choose_boldness(rows: Sequence[Row]) -> float:
@@ -143,8 +300,7 @@ def make_hover_text(row: Row) -> str:
     spread = f"{say_run_time(row.least)} to {say_run_time(row.greatest)}, {row.rounds} rounds"
     return (
         f"<b>{html.escape(row.curve)}</b><br>{html.escape(row.setting)}<br>{say_run_time(row.seconds)} ({spread})<br>"
-        f"largest errors: {errors}<br>root mean square of I {rms}, energy {energy}<br>"
-        f"operations: {show_two_digits(row.operations)}"
+        f"largest errors: {errors}<br>root mean square of I {rms}, energy {energy}"
     )
 
 
@@ -301,25 +457,13 @@ def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) ->
 
 def describe_report(rows: Sequence[Row]) -> str:
     """A sentence a scene, for a terminal."""
-    lines = []
+    lines = [advise_overall(rows)]
     for name, some in group_rows(rows).items():
-        lines.append(f"  {name} (reference known to {find_reference_uncertainty(some):.0e})")
-        told = [advise_on_target(some, target) for target in TARGETS] + [
-            compare_with_exact(some),
-            *list_peer_comparisons(some),
-        ]
-        lines += [f"    {text}" for text in told]
-    return "\n".join(
-        filter(
-            None,
-            [
-                f"  {advise_overall(rows)}" if advise_overall(rows) else "",
-                *lines,
-                describe_score(rows),
-                f"  {peers.describe_peers()}",
-            ],
-        )
-    )
+        lines.append(f"{name} (reference known to {find_reference_uncertainty(some):.0e})")
+        lines += [f"  {advise_on_target(some, target)}" for target in TARGETS]
+        lines += [f"  {text}" for text in list_peer_comparisons(some)]
+    lines += make_score_markdown(rows).splitlines() if make_score_rows(rows) else []
+    return "\n".join(f"  {line}" for line in [*lines, describe_peers()] if line)
 
 
 def list_peer_comparisons(rows: Sequence[Row]) -> list[str]:

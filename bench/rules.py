@@ -1,0 +1,201 @@
+"""The tables of docs/explanation/methods.md, and the rule table of method="auto" against the runs of a report.
+
+`python -m bench.rules docs/explanation/methods.md` brings the page's tables of methods and rules up to date.
+`python -m bench.rules METHODS.csv` prints what each rule would take, and every disagreement: a run that is named as
+evidence and was not good enough or not quicker, nodes that were not enough, a scene where another method than the last
+rule's was the quickest. After a new report: run it, and where it disagrees change vrte/methods/auto/rules.py.
+"""
+
+import csv
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.methods import CASES, EXPONENTS, PHI, Case, Row, find_case, group_rows
+from bench.methods_page import TARGETS, find_quickest_candidate, find_reference_uncertainty, make_score_markdown
+from bench.study import Records, make_markdown_table, write_text
+from vrte.calls.plan import make_request
+from vrte.methods import find_method
+from vrte.methods.auto import find_rule
+from vrte.methods.auto.rules import RULES, Rule
+from vrte.methods.parts.method import Method
+from vrte.request.how import AUTO, EXACT, METHODS
+from vrte.request.request import Request
+
+BEGIN, END = "<!-- begin: python -m bench.rules docs/explanation/methods.md -->", "<!-- end -->"
+BEGIN_TAKEN = "<!-- begin, as well: python -m bench.rules docs/explanation/methods.md -->"
+BEGIN_RULES = "<!-- begin, too: python -m bench.rules docs/explanation/methods.md -->"
+HEADER_RULES = ("rule", "where", "method", "nodes", "why")
+HEADER = ("method", "source", "conserves", "for", "settings (default)")
+ABILITIES = {
+    "polarization": "polarization",
+    "layers": "several layers",
+    "base": "base",
+    "interfaces": "interfaces, mirrors",
+    "depths": "depths inside",
+    "transmission": "light below the top",
+    "endless": "layer without end",
+}
+OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
+KINDS: dict[Any, str] = {"any": "any", "even": "Lambertian", "smooth": "smooth", "none": "-"}
+
+
+def make_registry_table() -> str:
+    """Markdown, a row a method: what it is; the exact one first."""
+    return make_markdown_table(HEADER, (make_registry_row(find_method(name)) for name in METHODS))
+
+
+def make_registry_row(method: Method) -> tuple[str, ...]:
+    """What a method says of itself."""
+    settings = "; ".join(
+        f"`{name}` ({setting.default!r}): {setting.meaning}" for name, setting in method.settings.items()
+    )
+    return f"`{method.name}`", method.source, method.conserves, method.purpose, settings or "-"
+
+
+def make_abilities_table() -> str:
+    """Markdown, a row a method: which scenes it takes, which options and backends."""
+    header = ("method", *ABILITIES.values(), "devices", *(f"`{name}`" for name in OPTIONS))
+    return make_markdown_table(header, (make_abilities_row(find_method(name)) for name in METHODS))
+
+
+def make_abilities_row(method: Method) -> tuple[str, ...]:
+    """Yes or -, of a method."""
+    words = KINDS | {True: "yes", False: "-"}
+    abilities = (words[getattr(method, name)] for name in (*ABILITIES, "devices"))
+    options = (
+        "-" if name not in method.options else f"to {method.finest:g}" if name == "accuracy" else "yes"
+        for name in OPTIONS
+    )
+    return f"`{method.name}`", *abilities, *options
+
+
+def make_rules_table() -> str:
+    """Markdown, a row a rule of method="auto"."""
+    return make_markdown_table(HEADER_RULES, (make_rules_row(place, rule) for place, rule in enumerate(RULES, 1)))
+
+
+def make_rules_row(place: int, rule: Rule) -> tuple[str, ...]:
+    """Its limits in words, and what it takes."""
+    limits = [f"{name} <= {most:g}" if most else f"no {name}" for name, most in rule.at_most.items()]
+    limits += [f"{name} >= {least:g}" for name, least in rule.at_least.items()]
+    nodes = "as the method finds them"
+    return f"{place} ({rule.name})", ", ".join(limits) or "everywhere", f"`{rule.method}`", nodes, rule.why
+
+
+def refresh_tables(text: str) -> str:
+    """A page with its tables as they are now. Raises ValueError where the page has no place for one."""
+    for mark, table in (
+        (BEGIN, make_registry_table()),
+        (BEGIN_TAKEN, make_abilities_table()),
+        (BEGIN_RULES, make_rules_table()),
+    ):
+        before, begin, rest = text.partition(mark)
+        _, end, after = rest.partition(END)
+        if not (begin and end):
+            raise ValueError(f"no line {mark!r} with {END!r} after it")
+        text = f"{before}{mark}\n{table}{END}{after}"
+    return text
+
+
+BY_HAND, BY_ACCURACY = f"{EXACT}, modes", f"{EXACT}, accuracy"
+
+
+def read_report_rows(path: Path) -> list[Row]:
+    """The rows of any version's report: columns are found by name, those that it does not have stay empty. Raises
+    OSError, ValueError."""
+    readers = Records(Row, path).readers
+    with open(path, encoding="utf-8", newline="") as file:
+        return [
+            Row(**{name: readers[name](text) for name, text in line.items() if name in readers})
+            for line in csv.DictReader(file)
+        ]
+
+
+def make_case_request(one: Case, accuracy: float, method: str = AUTO) -> Request:
+    """The report's request, with the method that auto takes, or another."""
+    keywords = {"accuracy": accuracy, "method": method}
+    return make_request("radiance", one.scene, one.mu0, one.stokes, one.signed_mu, PHI, one.tau, **keywords)
+
+
+def find_case_rule(one: Case, accuracy: float) -> Rule:
+    """The rule that auto follows there."""
+    return find_rule(make_case_request(one, accuracy, EXACT))[1]
+
+
+def find_disagreements(rows: Sequence[Row]) -> list[str]:
+    """All of them, in words; none where the table is right."""
+    named = (text for rule in RULES for each in rule.evidence for text in check_rule_evidence(rows, rule, *each))
+    scenes = {name: some for name, some in group_rows(rows).items() if name in CASES}
+    return [
+        *named,
+        *(text for name in CASES if name in scenes for text in check_rule_choices(scenes[name], find_case(name))),
+    ]
+
+
+def check_rule_evidence(
+    rows: Sequence[Row], rule: Rule, scene: str, curve: str, setting: str, accuracy: float
+) -> list[str]:
+    """A run named: good enough, by the rule's method, and quicker than the exact one that looks for its nodes."""
+    run = f"rule {rule.name!r}: {scene}, {curve}, {setting}"
+    some = [row for row in rows if row.scene == scene]
+    found = [row for row in some if (row.curve, row.setting) == (curve, setting) and row.is_measured]
+    if not found:
+        return [f"{run} is not in the report"]
+    (row,) = found
+    other = find_quickest_candidate([row for row in some if row.curve == BY_ACCURACY], accuracy)
+    checks = [
+        (row.method != rule.method, f"is by {row.method}"),
+        (row.worst > accuracy, f"has an error of {row.worst:.0e}, not {accuracy:.0e}"),
+        (other is not None and other.seconds <= row.seconds, "takes no less time than the exact method by accuracy"),
+    ]
+    return [f"{run} {words}" for is_wrong, words in checks if is_wrong]
+
+
+def check_rule_choices(rows: Sequence[Row], one: Case) -> list[str]:
+    """Nodes that the table takes and that were too few, and another method than the exact one where that is taken."""
+    found = []
+    for accuracy in (float(f"1e-{exponent}") for exponent in EXPONENTS):
+        request = make_case_request(one, accuracy)
+        more = [
+            row for row in rows if row.curve == BY_HAND and row.is_measured and row.nodes >= (request.nodes or 4096)
+        ]
+        if (
+            find_reference_uncertainty(rows) <= accuracy
+            and more
+            and request.method == EXACT
+            and more[0].worst > accuracy
+        ):
+            found.append(f"{one.name} at {accuracy:.0e}: {request.nodes} nodes, but {more[0].nodes} were too few")
+        best = find_quickest_candidate([row for row in rows if row.method in METHODS], accuracy)
+        if accuracy in TARGETS and best is not None and best.method != request.method:
+            found.append(f"{one.name} at {accuracy:.0e}: {best.method} is the quickest, not {request.method}")
+    return found
+
+
+def describe_rule_use() -> str:
+    """How often each rule is taken, a line an accuracy."""
+    lines = []
+    for exponent in EXPONENTS:
+        names = Counter(find_case_rule(find_case(name), float(f"1e-{exponent}")).name for name in CASES)
+        lines.append(f"1e-{exponent}: " + ", ".join(f"{name} {count}" for name, count in names.items()))
+    return "\n".join(lines)
+
+
+def main(path: Path) -> int:
+    """Refreshes the tables of a page, or compares the rules with a report: 1 where there is a disagreement."""
+    if path.suffix == ".md":
+        write_text(path, refresh_tables(path.read_text(encoding="utf-8")))
+        return 0
+    rows = read_report_rows(path)
+    wrong = find_disagreements(rows)
+    print("Rules taken on the scenes of the report:", describe_rule_use(), sep="\n")
+    print(make_score_markdown(rows) if any(row.curve == AUTO for row in rows) else "No runs of auto in this report.")
+    print("\n".join(wrong) or "The table agrees with the report.")
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
