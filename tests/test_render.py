@@ -17,14 +17,15 @@ from vrte import cli
 from vrte.appearance.lights import OBSERVERS, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.splines import make_spline_matrix
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, compute_normals, place_camera
 from vrte.render.picture import Sheet, colour_angles
 from vrte.render.rendering import compute_pictures, measure_interpolation_error
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, compute_optical_thickness, make_sky
-from vrte.render.spheres import MARGIN, Resolution, Table, View, compute_irradiance, tabulate_brdf
+from vrte.render.spheres import MARGIN, View
+from vrte.render.surfaces import compute_irradiance
+from vrte.render.tables import Resolution, Table, tabulate_brdf
 
 from .helpers import assert_close, close_to
 
@@ -44,7 +45,7 @@ def view(sky: Sky, size: int = 40, camera: Camera | None = None, resolution: Res
 
 def normals_of(seen: View) -> Array:
     _, theta, psi = seen.pixels
-    return compute_normals(seen.camera, theta, psi)[0]
+    return compute_normals(seen.camera, theta, psi)
 
 
 def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -> vrte.Scene:
@@ -53,7 +54,7 @@ def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -
 
 def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
     half = vrte.Scene(WHITE.layers, vrte.Lambertian(0.4))
-    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(table(half), 0)
+    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes([table(half)])[:, 0]
     assert_close(found[:, 0], 0.4, rtol=2e-6, atol=0.0)
     assert np.abs(found[:, 1:]).max() < 1e-15
 
@@ -61,14 +62,14 @@ def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
 def test_lambertian_sphere_in_the_sun_obeys_lambert() -> None:
     seen = view(make_sky("sun", [0.5], 35.0, 0.0))
     expected = np.maximum(-(normals_of(seen) @ seen.sky.beam), 0.0) / np.pi
-    assert_close(seen.stokes(table(WHITE), 0)[:, 0], expected, rtol=0.0, atol=1e-6)
+    assert_close(seen.stokes([table(WHITE)])[:, 0][:, 0], expected, rtol=0.0, atol=1e-6)
 
 
 def test_lambertian_sphere_under_the_rayleigh_sky_sends_back_its_irradiance() -> None:
     """The quadrature of the sky, facet by facet, against an adaptive one in the sky's own angles."""
     sky = make_sky("rayleigh", [0.45], 35.0, 0.3)
     seen = view(sky, resolution=replace(COARSE, along=20, across=14))
-    found = seen.stokes(table(WHITE, seen.resolution), 0)[:, 0]
+    found = seen.stokes([table(WHITE, seen.resolution)])[:, 0][:, 0]
     some = np.arange(0, found.size, 97)
     expected = compute_irradiance(sky, normals_of(seen)[some], Resolution(along=60, across=60))[0] / np.pi
     assert_close(found[some], expected, rtol=2e-4, atol=0.0)
@@ -87,7 +88,7 @@ def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
     """Light the same from all sides, no absorption: no sphere can be told from its surroundings."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], vrte.Lambertian(1.0))
     for one in (scene, rayleigh_layer(1.0, 0.2, 1.0)):
-        found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(table(one), 0)
+        found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes([table(one)])[:, 0]
         assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
@@ -99,7 +100,7 @@ def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None
     for cosine, weight in zip(points, weights, strict=True):
         seen = view(sky, 48, place_camera(float(np.degrees(np.arcsin(cosine))), 0.0))
         inside = seen.pixels[0]
-        out += 2.0 * np.pi * weight * float(seen.stokes(here, 0)[:, 0] @ seen.cover.ravel()[inside])
+        out += 2.0 * np.pi * weight * float(seen.stokes([here])[:, 0][:, 0] @ seen.cover.ravel()[inside])
     radius = 0.5 * MARGIN * 48
     assert out == close_to(np.pi * radius**2, rtol=3e-3, atol=0.0)
 
@@ -125,7 +126,7 @@ def test_frames_of_sunlight_are_those_of_dipoles_in_space(azimuth: float) -> Non
     """Every pixel of a thin layer in the sun shows the same polarization, that of dipoles, without any frame."""
     sky = make_sky("sun", [0.5], 35.0, 0.0)
     seen = view(sky, camera=place_camera(20.0, azimuth))
-    found = seen.stokes(table(rayleigh_layer(1.0, THIN)), 0)
+    found = seen.stokes([table(rayleigh_layer(1.0, THIN))])[:, 0]
     unpolarized = 0.5 * (np.eye(3) - np.outer(sky.beam, sky.beam))
     scattered = stokes_of(dipoles(unpolarized, seen.camera.toward), seen.camera)
     normal = normals_of(seen)
@@ -142,8 +143,7 @@ def sky_coherency(sky: Sky, travel: Array) -> Array:
     right = np.cross(travel, [0.0, 0.0, 1.0])  # r = l x k with l the polar unit vector, up to a common sign
     right /= np.linalg.norm(right)
     along = np.cross(travel, right)
-    above = make_spline_matrix((sky.theta,), (np.array([np.arccos(-travel[2])]),))
-    i, q, u, _ = sky.stokes(0, above, np.array([np.arctan2(travel[1], travel[0])]))[0]
+    i, q, u = sky.find(travel[None])[0, 0]
     both = np.outer(along, right)
     return 0.5 * ((i + q) * np.outer(along, along) + (i - q) * np.outer(right, right) + u * (both + both.T))
 
@@ -154,7 +154,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     sky = make_sky("rayleigh", [0.45], 25.0, 0.0)
     sky = replace(sky, sun=np.zeros(1))
     seen = view(sky, camera=place_camera(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
-    found, normal = seen.stokes(table(rayleigh_layer(1.0, THIN), seen.resolution), 0), normals_of(seen)
+    found, normal = seen.stokes([table(rayleigh_layer(1.0, THIN), seen.resolution)])[:, 0], normals_of(seen)
     points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
     around = np.arange(72) * (2.0 * np.pi / 72)
@@ -179,7 +179,9 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
 def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
     here = table(rayleigh_layer(0.9, 1.0))
     pictures = [
-        view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)).stokes(here, 0)
+        view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)).stokes([here])[
+            :, 0
+        ]
         for turned in (0.0, 123.0)
     ]
     assert_close(*pictures, rtol=0.0, atol=1e-12)
@@ -191,7 +193,7 @@ def test_mirrored_camera_sees_the_mirrored_picture() -> None:
     for azimuth in (60.0, -60.0):
         seen = view(sky, camera=place_camera(20.0, azimuth))
         flat = np.zeros((seen.size**2, 4))
-        flat[seen.pixels[0]] = seen.stokes(here, 0)
+        flat[seen.pixels[0]] = seen.stokes([here])[:, 0]
         squares.append(flat.reshape(seen.size, seen.size, 4))
     mirrored = squares[1][:, ::-1] * [1.0, 1.0, -1.0, -1.0]
     assert_close(squares[0], mirrored, rtol=0.0, atol=1e-12)
@@ -201,8 +203,8 @@ def test_mirrored_camera_sees_the_mirrored_picture() -> None:
 def test_the_sky_is_polarized_as_molecules_do_it() -> None:
     """At right angles to the sun, across the plane of scattering."""
     sky = make_sky("rayleigh", [0.55], 20.0, 0.1)
-    beyond_the_zenith = make_spline_matrix((sky.theta,), (np.radians([20.0]),))  # the sun is 70 degrees on this side
-    stokes = sky.stokes(0, beyond_the_zenith, np.zeros(1))[0]
+    beyond_the_zenith = np.radians(20.0)  # the sun is 70 degrees on this side
+    stokes = sky.find(np.array([[np.sin(beyond_the_zenith), 0.0, -np.cos(beyond_the_zenith)]]))[0, 0]
     assert 0.75 < -stokes[1] / stokes[0] < 0.95
     assert abs(stokes[2]) < 1e-9 * stokes[0]
 
@@ -252,7 +254,7 @@ def test_what_the_resolution_is_good_for() -> None:
     pictures = []
     for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28)):
         here = table(scene, chosen, nodes=None, accuracy=1e-4)
-        pictures.append(view(sky, 96, place_camera(10.0, 50.0), chosen).stokes(here, 0))
+        pictures.append(view(sky, 96, place_camera(10.0, 50.0), chosen).stokes([here])[:, 0])
     gap = np.abs(pictures[0] - pictures[1]) / pictures[1][:, 0].max()
     assert gap.max() < 3e-3
     assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4

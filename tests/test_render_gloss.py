@@ -12,11 +12,11 @@ from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render.geometry import place_camera
-from vrte.render.gloss import SUN_RADIUS, mirror_sun
 from vrte.render.rendering import find_fine_table
 from vrte.render.setting import read
 from vrte.render.sky import make_sky
-from vrte.render.spheres import Table, tabulate_brdf
+from vrte.render.spheres import SUN_RADIUS, mirror_sun
+from vrte.render.tables import Table, tabulate_brdf
 
 from .helpers import assert_close, close_to
 
@@ -48,7 +48,7 @@ def stokes_of(coherency: Array, up: Array, right: Array) -> Array:
 def test_a_mirror_shows_the_sky_as_fields_in_space_are_reflected() -> None:
     sky = replace(make_sky("rayleigh", [0.45], 25.0, 0.3), sun=np.zeros(1))
     seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
-    found, normal = seen.stokes(mirror_table(INDEX), 0), normals_of(seen)
+    found, normal = seen.stokes([mirror_table(INDEX)])[:, 0], normals_of(seen)
     toward = seen.camera.toward
     checked = 0
     for pixel in range(0, normal.shape[0], 101):
@@ -71,7 +71,7 @@ def test_a_mirror_shows_the_sky_as_fields_in_space_are_reflected() -> None:
 
 def test_in_a_furnace_a_mirror_shows_its_reflectance() -> None:
     seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
-    found = seen.stokes(mirror_table(1.5), 0)
+    found = seen.stokes([mirror_table(1.5)])[:, 0]
     expected = reflect_smooth(1.5, np.cos(seen.pixels[1]))
     assert_close(found[:, 0], expected[:, 0, 0], rtol=0.0, atol=2e-4)
     assert_close(np.hypot(found[:, 1], found[:, 2]), -expected[:, 1, 0], rtol=0.0, atol=2e-4)
@@ -82,7 +82,7 @@ def test_nothing_absorbs_so_a_shiny_paint_cannot_be_told_from_a_furnace() -> Non
     layers = [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)]
     here = table(vrte.Scene(layers, vrte.Lambertian(1.0)))
     assert here.specular is not None
-    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(here, 0)
+    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes([here])[:, 0]
     assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
@@ -112,7 +112,7 @@ def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
     seen = view(sky, size=120, camera=place_camera(90.0 - brewster, 180.0))
     share = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
     expected = share * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
-    assert_close(seen.stokes(mirror_table(1.5), 0).sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
+    assert_close(seen.stokes([mirror_table(1.5)])[:, 0].sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
 
 
 def rough_table(surface: RoughSurface) -> Table:
@@ -126,7 +126,7 @@ def rough_table(surface: RoughSurface) -> Table:
 def test_in_a_furnace_facets_show_what_they_reflect(distribution: str, roughness: float) -> None:
     surface = RoughSurface(1.0, 1.5, roughness, distribution, shadowing=True)
     seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
-    found = seen.stokes(rough_table(surface), 0)
+    found = seen.stokes([rough_table(surface)])[:, 0]
     points, weights = np.polynomial.legendre.leggauss(200)
     mu_i, phi = 0.5 * (points + 1.0), np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
     cosines = np.cos(seen.pixels[1])
@@ -145,8 +145,8 @@ def test_hardly_rough_facets_show_what_a_mirror_does() -> None:
     """Frames of Stokes vectors, too: away from the horizon and the sun, which facets see beside the mirrored ray."""
     sky = make_sky("rayleigh", [0.45], 25.0, 0.3)
     seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
-    rough = seen.stokes(rough_table(RoughSurface(1.0, 1.5, 0.01, "beckmann", True)), 0)
-    smooth = seen.stokes(mirror_table(1.5), 0)
+    rough = seen.stokes([rough_table(RoughSurface(1.0, 1.5, 0.01, "beckmann", True))])[:, 0]
+    smooth = seen.stokes([mirror_table(1.5)])[:, 0]
     normal = normals_of(seen)
     cosine = normal @ seen.camera.toward
     mirrored = 2.0 * cosine[:, None] * normal - seen.camera.toward  # to where each pixel looks
@@ -161,7 +161,8 @@ def test_hardly_rough_facets_show_what_a_mirror_does() -> None:
 def test_facets_spread_the_suns_glint_and_keep_its_light() -> None:
     seen = view(make_sky("sun", [0.5], 25.0, 0.0), camera=place_camera(20.0, 130.0), size=300)
     rough, smooth = (
-        seen.stokes(one, 0) for one in (rough_table(RoughSurface(1.0, 1.5, 0.05, "beckmann", True)), mirror_table(1.5))
+        seen.stokes([one])[:, 0]
+        for one in (rough_table(RoughSurface(1.0, 1.5, 0.05, "beckmann", True)), mirror_table(1.5))
     )
     assert_close(rough.sum(axis=0), smooth.sum(axis=0), rtol=0.02, atol=0.0)
     assert rough[:, 0].max() < 0.03 * smooth[:, 0].max()

@@ -15,16 +15,16 @@ from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render import objects, picture
 from vrte.render.gallery import describe_layers
-from vrte.render.geometry import Camera, compute_normals, place_camera
+from vrte.render.geometry import Camera, Lens, compute_normals, place_camera, place_lens
 from vrte.render.objects import Stage, draw_background, draw_object
 from vrte.render.picture import DPI, Sheet
-from vrte.render.rays import Lens, Rays, place_lens
 from vrte.render.rendering import find_facets
 from vrte.render.setting import read
-from vrte.render.shapes import SHAPES, Body, find_shape, make_ball, make_body
+from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
 from vrte.render.sky import Sky, make_sky
-from vrte.render.spheres import MARGIN, Resolution, Table, View, tabulate_brdf
+from vrte.render.spheres import MARGIN, View
 from vrte.render.surfaces import Light
+from vrte.render.tables import Resolution, Table, tabulate_brdf
 
 from .helpers import assert_close, close_to
 
@@ -62,12 +62,12 @@ def compare_to_sphere(scene: vrte.Scene, size: int, rings: int, largest: float, 
     sky, camera, here = make_sky("rayleigh", [0.45], 35.0, 0.2), place_camera(15.0, 130.0), table(scene)
     seen = View(camera, sky, size, COARSE)
     expected = np.zeros((size**2, 4))
-    expected[seen.pixels[0]] = seen.stokes(here, 0)
+    expected[seen.pixels[0]] = seen.stokes([here])[:, 0]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(objects, "SAMPLES", 1)  # the sphere's pixels show their middle
         found = draw_ball(here, sky, camera, size, rings)
     inside, theta, psi = seen.pixels
-    normal = compute_normals(camera, theta, psi)[0]
+    normal = compute_normals(camera, theta, psi)
     mirrored = 2.0 * np.cos(theta)[:, None] * normal - camera.toward
     clear = theta < np.arcsin(0.93)
     if here.specular is not None:  # the sun is a point there, and the horizon soft over a pixel
@@ -105,7 +105,7 @@ def test_white_ball_under_an_even_sky_over_black_ground() -> None:
     found = draw_ball(white, sky, camera, size, 24)
     inside, theta, psi = seen.pixels
     expected = np.zeros(size**2)
-    expected[inside] = 0.5 * (1.0 + compute_normals(camera, theta, psi)[0][:, 2])
+    expected[inside] = 0.5 * (1.0 + compute_normals(camera, theta, psi)[:, 2])
     clear = inside[theta < 1.0]
     assert_close(found[clear, 0], expected[clear], rtol=0.0, atol=4e-3)
 
@@ -181,9 +181,10 @@ def test_shapes_are_closed_and_stand_on_the_ground(name: str) -> None:
     mesh = trimesh.Trimesh(body.corners, body.triangles, process=False)
     assert mesh.is_watertight
     assert mesh.volume > 0.0  # normals point outward
-    assert body.lowest[2] == close_to(0.0, rtol=0.0, atol=1e-12)
-    assert (body.highest - body.lowest).max() == close_to(1.0, rtol=1e-6, atol=0.0)
-    assert_close(0.5 * (body.lowest + body.highest)[:2], [1.0, 2.0], rtol=0.0, atol=1e-9)
+    low, high = body.corners.min(axis=0), body.corners.max(axis=0)
+    assert low[2] == close_to(0.0, rtol=0.0, atol=1e-12)
+    assert (high - low).max() == close_to(1.0, rtol=1e-6, atol=0.0)
+    assert_close(0.5 * (low + high)[:2], [1.0, 2.0], rtol=0.0, atol=1e-9)
     assert_close(np.linalg.norm(body.normals, axis=1), 1.0, rtol=0.0, atol=1e-9)
 
 
@@ -192,7 +193,7 @@ def test_a_mesh_keeps_its_edges_and_its_smooth_faces(tmp_path: Path) -> None:
     path.write_text(BOX)
     body = find_shape(str(path)).place()
     assert_close(np.abs(body.normals).max(axis=1), 1.0, rtol=0.0, atol=1e-9)  # each along an axis
-    assert_close(body.highest - body.lowest, [0.5, 0.5, 1.0], rtol=0.0, atol=1e-9)
+    assert_close(np.ptp(body.corners, axis=0), [0.5, 0.5, 1.0], rtol=0.0, atol=1e-9)
     import trimesh
 
     ball = make_ball(16)

@@ -11,7 +11,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.splines import compute_weights, extend_azimuths, repeat_grid
 from vrte.formats.between_directions import Splines, directions
 from vrte.formats.measured_polarized import make_unit_vectors
-from vrte.render.spheres import Resolution, tabulate_brdf
+from vrte.render.tables import Resolution, tabulate_brdf
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 
 from .helpers import assert_close

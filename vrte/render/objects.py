@@ -1,42 +1,38 @@
 """Objects that stand on the ground under the sky, as the camera sees them: which places, and how bright.
 
-What a place sends to the camera is in surfaces.py. The sky's part varies slowly over a surface: it is computed at the
-corners of the mesh and is linear between them. The sun's, with its shadows, and what a smooth surface mirrors are
-computed for each of a pixel's samples.
+The light that a place sends to the camera is in surfaces.py. The sky's part varies slowly over a surface: it is
+computed at the corners of the mesh and is linear between them. The sun's, with its shadows, and what a smooth surface
+mirrors are computed for each of a pixel's samples.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.render.geometry import UP, convert_to_polar, find_turn, turn_stokes
-from vrte.render.gloss import SUN_RADIUS
-from vrte.render.rays import OFF_SURFACE, Lens, Rays
-from vrte.render.shapes import Body
-from vrte.render.spheres import Table
+from vrte.render.geometry import EAST, NORTH, UP, Lens, find_turn_from_world, normalize, turn_stokes
+from vrte.render.shapes import OFF_SURFACE, Body, Rays
+from vrte.render.spheres import SUN_RADIUS
 from vrte.render.surfaces import (
     BLOCK,
-    EAST,
-    NORTH,
     Ground,
     Light,
-    Lookup,
     Points,
     gather_off_facets,
     gather_skylight,
     mirror_surroundings,
     reflect_sunlight,
     split,
-    turn_linear,
 )
+from vrte.render.tables import Lookup, Resolution, Table
 
 CHANNELS = 6  # X, Y and Z of I, and Q, U and V weighted as Y is
 SAMPLES = 3  # of a pixel, each way
 GLINT_SAMPLES = 24  # of a pixel in which the sun may be mirrored, each way
+SKYLIGHT = Resolution(along=16, across=12)  # directions that light is taken from, in a lune of the sky or the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +48,12 @@ class Samples:
 
     def choose(self, which: Any) -> "Samples":
         """Those samples alone that an index or a mask names."""
-        return Samples(*(part[which] for part in (self.pixel, self.body, self.triangle, self.where, self.sun)))
+        return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    @property
+    def shares(self) -> Array:
+        """The weights (n, 3) of the triangles' corners."""
+        return np.concatenate([1.0 - self.where.sum(axis=1, keepdims=True), self.where], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +78,11 @@ class Stage:
     def suns(self) -> Array:
         """Directions (samples, 3) that lead to points of the sun's disc."""
         count = SAMPLES**2
-        x, y, _ = _make_axes_across(-self.beam)
+        x = normalize(np.cross(-self.beam, EAST if abs(self.beam[0]) < 0.9 else NORTH))
+        y = np.cross(-self.beam, x)
         distance = SUN_RADIUS * np.sqrt((np.arange(count) + 0.5) / count)
         turn = 2.399963 * np.arange(count)  # the golden angle: no two near each other
-        found = -self.beam + (distance * np.cos(turn))[:, None] * x + (distance * np.sin(turn))[:, None] * y
-        return found / np.linalg.norm(found, axis=1, keepdims=True)
+        return normalize(-self.beam + np.stack([distance * np.cos(turn), distance * np.sin(turn)], axis=1) @ [x, y])
 
     def look(self, pixel: Any, across: Any, down: Any) -> tuple[Array, Array]:
         """Where rays begin, near the objects, and along which unit vectors (n, 3), at these places of pixels."""
@@ -92,15 +93,9 @@ class Stage:
     def find_points(self, samples: Samples) -> Points:
         """The places that samples, all of one body, show."""
         body = self.bodies[int(samples.body[0])]
-        return Points.seen(*self._interpolate(body, samples), self.lens)
-
-    def _interpolate(self, body: Body, samples: Samples) -> tuple[Array, Array]:
-        """Positions and normals (n, 3)."""
-        shares = np.concatenate([1.0 - samples.where.sum(axis=1, keepdims=True), samples.where], axis=1)
-        corner = body.triangles[samples.triangle]
-        normal = np.einsum("nk,nkc->nc", shares, body.normals[corner])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        return np.einsum("nk,nkc->nc", shares, body.corners[corner]), normal
+        corner, shares = body.triangles[samples.triangle], samples.shares
+        normal = normalize(np.einsum("nk,nkc->nc", shares, body.normals[corner]))
+        return Points.seen(np.einsum("nk,nkc->nc", shares, body.corners[corner]), normal, self.lens)
 
     def find_lit(self, samples: Samples, points: Points) -> Any:
         """Whether the sun reaches the places (n,) that samples show.
@@ -108,25 +103,11 @@ class Stage:
         Rays begin on the surface that the normals belong to, outside flat triangles: those would shadow themselves.
         """
         body = self.bodies[int(samples.body[0])]
-        shares = np.concatenate([1.0 - samples.where.sum(axis=1, keepdims=True), samples.where], axis=1)
         corner = body.triangles[samples.triangle]
         below = ((body.corners[corner] - points.position[:, None]) * body.normals[corner]).sum(axis=2)
-        raised = np.einsum("nk,nkc->nc", shares * np.maximum(below, 0.0), body.normals[corner])
+        raised = np.einsum("nk,nkc->nc", samples.shares * np.maximum(below, 0.0), body.normals[corner])
         start = points.position + raised + OFF_SURFACE * points.normal
         return ~self.rays.find_blocked(start, self.suns[samples.sun])
-
-    def find_corners(self, samples: Samples) -> tuple[Any, Any]:
-        """Which corners of the body samples need, and the samples' own three among these (n, 3)."""
-        corner = self.bodies[int(samples.body[0])].triangles[samples.triangle]
-        needed, own = np.unique(corner, return_inverse=True)
-        return needed, own.reshape(corner.shape)
-
-
-def _make_axes_across(axis: Array) -> tuple[Array, Array, Array]:
-    """Two unit vectors across a third."""
-    x = np.cross(axis, EAST if abs(axis[0]) < 0.9 else NORTH)
-    x /= np.linalg.norm(x)
-    return x, np.cross(axis, x), axis
 
 
 def draw_background(stage: Stage, light: Light, observer: Array) -> tuple[Array, Samples]:
@@ -148,11 +129,8 @@ def draw_background(stage: Stage, light: Light, observer: Array) -> tuple[Array,
             start, heading = stage.look(pixel, np.array((column + 0.5) / SAMPLES), np.array((row + 0.5) / SAMPLES))
             hits = rays.find_hits(start, heading)
             sun = (place + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
-            struck = np.flatnonzero(hits.body >= 0)
-            kept.append(
-                Samples(*(part[struck] for part in (pixel.astype(np.int32), hits.body, hits.triangle, hits.where, sun)))
-            )
             missed = hits.body < 0
+            kept.append(Samples(pixel.astype(np.int32), hits.body, hits.triangle, hits.where, sun).choose(~missed))
             clear[missed & (heading[:, 2] >= 0.0)] += share
             below = np.flatnonzero(missed & (heading[:, 2] < 0.0))
             spot = lens.place + heading[below] * (lens.place[2] / -heading[below, 2])[:, None]
@@ -160,17 +138,15 @@ def draw_background(stage: Stage, light: Light, observer: Array) -> tuple[Array,
                 found[pixel[below], :3] += share * (sunlit + skylit)
                 continue
             lit = ~rays.find_blocked(spot + OFF_SURFACE * UP, stage.suns[sun[below]])
-            found[pixel[below], :3] += share * (
-                lit[:, None] * sunlit + light.ground.rows(spot[:, 0], spot[:, 1]) @ shares
-            )
+            bright = lit[:, None] * sunlit + light.ground.rows(spot[:, 0], spot[:, 1]) @ shares
+            found[pixel[below], :3] += share * bright
         free = np.flatnonzero(clear)
-        heading = lens.look(pixel[free] % lens.width + 0.5, pixel[free] // lens.width + 0.5)
-        in_world = convert_to_polar(-heading, EAST, NORTH, UP)[2]
-        stokes = turn_linear(
-            light.find_sky(-heading), find_turn(-heading, in_world, lens.find_upright(-heading))[:, None]
-        )
+        travel = -lens.look(pixel[free] % lens.width + 0.5, pixel[free] // lens.width + 0.5)
+        turn = find_turn_from_world(travel, lens.find_upright(travel))
+        stokes = turn_stokes(light.sky.find(travel), turn[:, None])
         found[pixel[free], :5] += clear[free, None] * weigh_channels(stokes, observer)[:, :5]
-    return found, Samples(*(np.concatenate([getattr(part, name) for part in kept]) for name in Samples.__annotations__))
+    names = [field.name for field in fields(Samples)]
+    return found, Samples(*(np.concatenate([getattr(part, name) for part in kept]) for name in names))
 
 
 def weigh_channels(stokes: Array, observer: Array) -> Array:
@@ -181,40 +157,31 @@ def weigh_channels(stokes: Array, observer: Array) -> Array:
     return found
 
 
-def draw_object(
-    stage: Stage,
-    samples: Samples,
-    tables: Sequence[Table],
-    light: Light,
-    observer: Array,
-    tell: Callable[[float], None] = lambda _: None,
-) -> Array:
+def draw_object(stage: Stage, samples: Samples, tables: Sequence[Table], light: Light, observer: Array) -> Array:
     """One body's light as channels (pixel, 6), from all its ``samples`` and the tables of its material at the
-    wavelengths of ``light``; ``tell`` is called with the share that is done."""
-    lookup = Lookup.of(tables)
+    wavelengths of ``light``."""
+    lookup = Lookup.between_values(tables)
     body = stage.bodies[int(samples.body[0])]
-    needed, own = stage.find_corners(samples)
+    corner = body.triangles[samples.triangle]
+    needed, own = np.unique(corner, return_inverse=True)  # corners, and the samples' own three among these (n, 3)
+    own = own.reshape(corner.shape)
     corners = Points.seen(body.corners[needed], body.normals[needed], stage.lens)
     found = np.zeros((stage.lens.width * stage.lens.height, CHANNELS))
     smooth = np.empty((needed.size, CHANNELS))
-    size = 512
-    for block in split(needed.size, size):
+    for block in split(needed.size, 512):
         here = corners.choose(block)
-        stokes = gather_skylight(here, lookup, light, stage.rays)
+        stokes = gather_skylight(here, lookup, light, stage.rays, SKYLIGHT)
         if tables[0].facets is not None:
             stokes += gather_off_facets(here, lookup, light, stage.rays)
         smooth[block] = weigh_channels(stokes, observer)
-        tell(0.8 * (block.start + size) / needed.size)
-    shares = np.concatenate([1.0 - samples.where.sum(axis=1, keepdims=True), samples.where], axis=1)
     for block in split(len(samples.pixel), BLOCK):
         some = samples.choose(block)
         points = stage.find_points(some)
         stokes = reflect_sunlight(points, stage.find_lit(some, points), lookup, light.sky)
         if tables[0].specular is not None:
             stokes += mirror_surroundings(points, lookup, light, stage.rays)
-        seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", shares[block], smooth[own[block]])
+        seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", some.shares, smooth[own[block]])
         np.add.at(found, some.pixel, seen / SAMPLES**2)
-        tell(0.8 + 0.2 * block.stop / len(samples.pixel))
     if tables[0].specular is not None:
         add_glints(found, stage, samples, tables, light, observer)
     return found
@@ -230,7 +197,7 @@ def add_glints(
     away = np.empty(len(samples.pixel))
     for block in split(len(samples.pixel), BLOCK):
         points = stage.find_points(samples.choose(block))
-        away[block] = np.arccos(np.clip(_mirror(points) @ -light.sky.beam, -1.0, 1.0))
+        away[block] = np.arccos(np.clip(points.mirrored @ light.sky.beam, -1.0, 1.0))
     count = stage.lens.width * stage.lens.height
     least, most = np.full(count, np.inf), np.zeros(count)
     np.minimum.at(least, samples.pixel, away)
@@ -243,26 +210,17 @@ def add_glints(
     for block in split(chosen.size, max(1, BLOCK // across.size)):
         pixel = np.repeat(chosen[block], across.size)
         times = chosen[block].size
-        start, heading = stage.look(pixel, np.tile(across, times), np.tile(down, times))
-        hits = stage.rays.find_hits(start, heading)
-        struck = np.flatnonzero(hits.body == body)
-        if not struck.size:
+        hits = stage.rays.find_hits(*stage.look(pixel, np.tile(across, times), np.tile(down, times)))
+        here = Samples(pixel, hits.body, hits.triangle, hits.where, 0 * pixel).choose(hits.body == body)
+        if not here.pixel.size:
             continue
-        here = Samples(*(part[struck] for part in (pixel, hits.body, hits.triangle, hits.where, 0 * pixel)))
         points = stage.find_points(here)
-        to_sun = _mirror(points)
-        shine = np.flatnonzero(to_sun @ -light.sky.beam > np.cos(SUN_RADIUS))
+        shine = np.flatnonzero(points.mirrored @ light.sky.beam > np.cos(SUN_RADIUS))
+        start = points.position + OFF_SURFACE * points.normal
+        shine = shine[~stage.rays.find_blocked(start[shine], -points.mirrored[shine])] if shine.size else shine
         if not shine.size:
             continue
         points = points.choose(shine)
-        shine = shine[~stage.rays.find_blocked(points.position + OFF_SURFACE * points.normal, to_sun[shine])]
-        points = stage.find_points(here.choose(shine)) if shine.size else points.choose(slice(0))
         stokes = np.stack([table.mirror(points.mu_o)[:, :, 0] for table in tables], axis=1) * brightness[:, None]
         stokes = turn_stokes(stokes, points.back[:, None])
         np.add.at(found, here.pixel[shine], weigh_channels(stokes, observer) / across.size)
-
-
-def _mirror(points: Points) -> Array:
-    """Where the camera's rays go on to from smooth surfaces (n, 3)."""
-    found: Array = 2.0 * points.mu_o[:, None] * points.normal - points.toward
-    return found / np.linalg.norm(found, axis=1, keepdims=True)

@@ -1,7 +1,8 @@
 """From scene files to what a picture shows: colours and luminance-weighted Stokes vectors of each object."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,18 +11,19 @@ from vrte.appearance.lights import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour
-from vrte.render.geometry import UP, Camera, place_camera
-from vrte.render.objects import Stage, draw_background, draw_object
-from vrte.render.rays import place_lens
+from vrte.render.geometry import UP, Camera, place_camera, place_lens
+from vrte.render.objects import CHANNELS, Stage, draw_background, draw_object, weigh_channels
 from vrte.render.setting import SPHERE, Material, Setting
 from vrte.render.shapes import find_shape
 from vrte.render.sky import Sky, make_sky
-from vrte.render.spheres import Resolution, Table, View, compute_irradiance, leave_out_facets, tabulate_brdf
-from vrte.render.surfaces import Light
+from vrte.render.spheres import View
+from vrte.render.surfaces import Light, compute_irradiance
+from vrte.render.tables import Resolution, Table, leave_out_facets, tabulate_brdf
 from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
 MOST_AT_ONCE = 12  # wavelengths whose tables are in memory, 24 MB each and as much again while they are made
+MOST_SPLINES = 2_000_000  # coefficients, of 128 bytes each, of all tables of a sphere that are in memory
 APART = 1.15  # middles of objects beside each other
 FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
 
@@ -71,106 +73,105 @@ def compute_pictures(
     colour-science or what objects take, SceneError, and what `vrte.brdf` raises.
     """
     import_colour_science(*colour.NEEDED)
-    told = progress or (lambda *_: None)
-    done, steps = 0, sum(_count_steps(material) for material in materials)
+    done, steps = 0, sum(2 * material.wavelengths_um.size for material in materials)  # a table and a picture each
 
-    def tell(count: int, title: str) -> None:
+    def step(count: int, title: str) -> None:
         nonlocal done
-        told(done, steps, title)
         done += count
-        told(done, steps, title)
+        if progress is not None:
+            progress(done, steps, title)
 
     if together:
-        return [_draw_on_ground(materials, setting, tell, resolutions)]
-    views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
+        return [_draw_on_ground(materials, setting, step, resolutions)]
     return [
-        _draw_sphere(material, setting, tell, resolutions, views)
+        _draw_sphere(material, setting, step, resolutions)
         if material.shape == SPHERE
-        else _draw_on_ground([material], setting, tell, resolutions)
+        else _draw_on_ground([material], setting, step, resolutions)
         for material in materials
     ]
 
 
-def _count_steps(material: Material) -> int:
-    """Of the work: the table and the picture of each wavelength."""
-    return 2 * material.wavelengths_um.size
+Step = Callable[[int, str], None]
 
 
-def _draw_sphere(
-    material: Material,
-    setting: Setting,
-    tell: Callable[[int, str], None],
-    resolutions: Sequence[Resolution],
-    views: dict[tuple[Any, ...], View],
-) -> Rendering:
-    """One sphere without surroundings, its wavelengths weighed to a picture in colour and one of polarization."""
-    tell(0, material.title)
-    table, error = find_fine_table(material, resolutions)
-    key = (table.resolution, *material.wavelengths_um.tolist())
-    if key not in views:
-        views.clear()
-        views[key] = make_view(setting, material.wavelengths_um, table.resolution)
-    view, seen = views[key], []
-    for place, wavelength in enumerate(material.wavelengths_um.tolist()):
-        if place and material.coloured:
-            table = _tabulate_material(material, wavelength, table.resolution)
-        seen.append(view.stokes(table, place).astype(np.float32))
-        tell(2, material.title)
-    stokes, observer = np.stack(seen), colour.weigh_wavelengths(material.wavelengths_um)
-    light = weigh_light(view.sky, observer)
-    return Rendering(
-        [material],
-        _place_in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / light[1, 0]),
-        _place_in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / light[1, 0]),
-        view.cover,
-        colour.make_film(light[:, 1], setting.exposure),
-        [error],
-    )
+@dataclass(frozen=True, eq=False)
+class Lit:
+    """A material in its light: sky, observer and film for its wavelengths, and the tables of its BRDF."""
+
+    material: Material
+    setting: Setting
+    resolutions: Sequence[Resolution]
+    step: Step
+
+    @cached_property
+    def sky(self) -> Sky:
+        setting = self.setting
+        wavelengths = self.material.wavelengths_um.tolist()
+        return make_sky(setting.sky, wavelengths, setting.sun_elevation_deg, setting.ground_albedo)
+
+    @cached_property
+    def weighed(self) -> tuple[Array, colour.Film]:
+        """The observer, for whom a white Lambertian surface that faces the sun has Y = 1, and the film for the light
+        that falls on level ground."""
+        observer = colour.weigh_wavelengths(self.material.wavelengths_um)
+        white = observer @ compute_irradiance(self.sky, np.stack([-self.sky.beam, UP])) / np.pi
+        return observer / white[1, 0], colour.make_film(white[:, 1], self.setting.exposure)
+
+    @cached_property
+    def first(self) -> tuple[Table, float]:
+        """The table that is fine enough at the first, shortest wavelength, where BRDFs vary most, and its error."""
+        return find_fine_table(self.material, self.resolutions)
+
+    def tabulate(self, most: int) -> Iterator[tuple[Any, list[Table]]]:
+        """Indices of wavelengths, at most so many at once, and the tables there."""
+        material, table = self.material, self.first[0]
+        wavelengths = material.wavelengths_um
+        for chosen in np.array_split(np.arange(wavelengths.size), -(-wavelengths.size // most)):
+            tables = []
+            for place in chosen.tolist():
+                same = place == 0 or not material.coloured
+                tables.append(table if same else _tabulate_material(material, wavelengths[place], table.resolution))
+                self.step(1, material.title)
+            yield chosen, tables
+            self.step(chosen.size, material.title)
+
+
+def _draw_sphere(material: Material, setting: Setting, step: Step, resolutions: Sequence[Resolution]) -> Rendering:
+    """One sphere without surroundings."""
+    step(0, material.title)
+    lit = Lit(material, setting, resolutions, step)
+    table, error = lit.first
+    view = View(_place_camera(setting), lit.sky, setting.size_px, table.resolution)
+    observer, film = lit.weighed
+    found = np.full((view.size**2, CHANNELS), np.nan)
+    found[view.pixels[0]] = 0.0
+    for chosen, tables in lit.tabulate(max(1, MOST_SPLINES // (table.splines.size // 16))):
+        found[view.pixels[0]] += weigh_channels(view.stokes(tables, chosen), observer[:, chosen])
+    picture = found.reshape(view.size, view.size, CHANNELS)
+    return Rendering([material], picture[..., :3], picture[..., [1, 3, 4, 5]], view.cover, film, [error])
 
 
 def _draw_on_ground(
-    materials: Sequence[Material],
-    setting: Setting,
-    tell: Callable[[int, str], None],
-    resolutions: Sequence[Resolution],
+    materials: Sequence[Material], setting: Setting, step: Step, resolutions: Sequence[Resolution]
 ) -> Rendering:
     """Objects beside each other, on the ground under the sky."""
     stage = set_stage(materials, setting)
-    found, samples, errors, films = np.zeros(0), None, [], []
-    for place, material in enumerate(materials):
-        tell(0, material.title)
-        wavelengths = material.wavelengths_um
-        sky = _make_sky(setting, wavelengths)
-        observer = colour.weigh_wavelengths(wavelengths)
-        white = weigh_light(sky, observer)
-        observer /= white[1, 0]
-        films.append(colour.make_film(white[:, 1], setting.exposure))
-        if samples is None:
-            found, samples = draw_background(stage, Light.of(sky, setting.ground_albedo, stage.ground), observer)
+    all_lit = [Lit(material, setting, resolutions, step) for material in materials]
+    step(0, materials[0].title)
+    light = Light.of(all_lit[0].sky, setting.ground_albedo, stage.ground)
+    found, samples = draw_background(stage, light, all_lit[0].weighed[0])
+    for place, lit in enumerate(all_lit):
+        step(0, lit.material.title)
         own = samples.choose(np.flatnonzero(samples.body == place))
-        table, error = find_fine_table(material, resolutions)
-        errors.append(error)
-        for chosen in np.array_split(np.arange(wavelengths.size), -(-wavelengths.size // MOST_AT_ONCE)):
-            tables = []
-            for wavelength in wavelengths[chosen].tolist():
-                coloured = material.coloured and wavelength != wavelengths[0]
-                tables.append(_tabulate_material(material, wavelength, table.resolution) if coloured else table)
-                tell(1, material.title)
-            part = replace(sky, sun=sky.sun[chosen], splines=sky.splines[chosen], ground=sky.ground[chosen])
-            light = Light.of(part, setting.ground_albedo, stage.ground)
+        for chosen, tables in lit.tabulate(MOST_AT_ONCE):
+            light = Light.of(lit.sky.choose(chosen), setting.ground_albedo, stage.ground)
             if own.pixel.size:
-                found += draw_object(stage, own, tables, light, observer[:, chosen])
-            tell(chosen.size, material.title)
-    shape = stage.lens.height, stage.lens.width
-    return Rendering(
-        materials,
-        found[:, :3].reshape(*shape, 3),
-        found[:, [1, 3, 4, 5]].reshape(*shape, 4),
-        np.ones(shape),
-        films[0],
-        errors,
-        APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance),
-    )
+                found += draw_object(stage, own, tables, light, lit.weighed[0][:, chosen])
+    picture = found.reshape(stage.lens.height, stage.lens.width, CHANNELS)
+    apart = APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance)
+    errors = [lit.first[1] for lit in all_lit]
+    cover, film = np.ones(picture.shape[:2]), all_lit[0].weighed[1]
+    return Rendering(materials, picture[..., :3], picture[..., [1, 3, 4, 5]], cover, film, errors, apart)
 
 
 def set_stage(materials: Sequence[Material], setting: Setting) -> Stage:
@@ -229,29 +230,6 @@ def measure_interpolation_error(material: Material, wavelength_um: float, table:
     return max(error, float(np.abs(table.mirror(mu_i) - brdf.specular).max()))
 
 
-def make_view(setting: Setting, wavelengths_um: Array, resolution: Resolution) -> View:
-    """Camera and light of a setting; the sun stands at azimuth 0."""
-    return View(_place_camera(setting), _make_sky(setting, wavelengths_um), setting.size_px, resolution)
-
-
-def _make_sky(setting: Setting, wavelengths_um: Array) -> Sky:
-    """Sun, sky and ground that a setting asks for, solved at the wavelengths."""
-    return make_sky(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
-
-
 def _place_camera(setting: Setting) -> Camera:
-    """The camera of a setting: the sun is to the right of one that stands clockwise of it."""
+    """The camera of a setting; the sun stands at azimuth 0, to the right of a camera that stands clockwise of it."""
     return place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
-
-
-def weigh_light(sky: Sky, observer: Array) -> Array:
-    """XYZ (3, 2) of a white Lambertian surface that faces the sun, and of one that lies level."""
-    found: Array = observer @ compute_irradiance(sky, np.stack([-sky.beam, UP])) / np.pi
-    return found
-
-
-def _place_in_picture(view: View, values: Array) -> Array:
-    """Values (pixel, c) where they belong, (size, size, c); NaN elsewhere."""
-    flat = np.full((view.size**2, values.shape[1]), np.nan)
-    flat[view.pixels[0]] = values
-    return flat.reshape(view.size, view.size, -1)

@@ -1,4 +1,4 @@
-"""Objects for a picture: a few shapes of our own, made from formulas, and meshes from files.
+"""Objects for a picture: a few shapes of our own, made from formulas, meshes from files, and the rays that meet them.
 
 All are closed surfaces of triangles with a normal at each corner, one unit large, standing on the ground z = 0.
 """
@@ -6,7 +6,7 @@ All are closed surfaces of triangles with a normal at each corner, one unit larg
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,14 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.text_file import check_file
+from vrte.render.geometry import normalize
 
 SUFFIXES = (".obj", ".ply", ".stl")
 CREASE = np.radians(30.0)  # between triangles: an edge that is sharper is drawn as one
 LONGEST_EDGE = 1.0 / 60.0  # of a file's mesh: the sky's light is computed at corners and interpolated between them
 MOST_TRIANGLES = 2_000_000
 INDEX_0 = re.compile(rb"^[ \t]*f[ \t][^\n]*?(?<=[ \t])[+-]?0+(?=[/\s]|\Z)", re.MULTILINE)  # in a face of an .obj
+OFF_SURFACE = 2e-4  # where rays begin above a surface, in sizes of an object
 NEEDED = "a picture of an object", "render"
 
 
@@ -33,18 +35,6 @@ class Body:
     corners: Array
     normals: Array
     triangles: Any
-
-    @property
-    def lowest(self) -> Array:
-        """Of each coordinate (3,)."""
-        found: Array = self.corners.min(axis=0)
-        return found
-
-    @property
-    def highest(self) -> Array:
-        """Of each coordinate (3,)."""
-        found: Array = self.corners.max(axis=0)
-        return found
 
     def place(self, turn_deg: float = 0.0, middle: tuple[float, float] = (0.0, 0.0)) -> "Body":
         """Turned about the vertical, counter-clockwise from above, one unit large, standing on the ground there."""
@@ -59,14 +49,12 @@ class Body:
 def make_body(corners: Array, triangles: Any) -> Body:
     """A body with the normals that its own triangles give it, by their angles at each corner."""
     sides = corners[triangles] - corners[np.roll(triangles, -1, axis=1)]
-    across = np.cross(sides[:, 0], sides[:, 1])
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    sides /= np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
+    across, sides = normalize(np.cross(sides[:, 0], sides[:, 1])), normalize(sides)
     angles = np.arccos(np.clip(-(sides * np.roll(sides, 1, axis=1)).sum(axis=2), -1.0, 1.0))
     normals = np.zeros_like(corners)
     for place in range(3):
         np.add.at(normals, triangles[:, place], angles[:, place, None] * across)
-    return Body(corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300), triangles)
+    return Body(corners, normalize(normals), triangles)
 
 
 def join_rings(rings: Array, around: bool) -> Body:
@@ -99,31 +87,17 @@ def make_ball(rings: int = 96) -> Body:
     level = np.broadcast_to(np.cos(polar), (polar.size, around.size))
     points = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), level], axis=-1)
     found = join_rings(points, around=False)
-    return Body(found.corners, found.corners / np.linalg.norm(found.corners, axis=1, keepdims=True), found.triangles)
+    return Body(found.corners, normalize(found.corners), found.triangles)
 
 
 # radius and height of the vase's outside from the foot to the lip, and of its inside from there down
-OUTSIDE = (
-    (0.02, 0.0),
-    (0.17, 0.0),
-    (0.195, 0.015),
-    (0.17, 0.05),
-    (0.22, 0.14),
-    (0.33, 0.32),
-    (0.375, 0.50),
-    (0.33, 0.68),
-)
-NECK = ((0.20, 0.82), (0.145, 0.90), (0.15, 0.95), (0.205, 0.993), (0.215, 1.0), (0.205, 0.998))
-INSIDE = (
-    (0.135, 0.95),
-    (0.13, 0.90),
-    (0.19, 0.80),
-    (0.30, 0.66),
-    (0.33, 0.50),
-    (0.29, 0.32),
-    (0.15, 0.14),
-    (0.02, 0.12),
-)
+VASE_RADII = """
+    0.02 0.17 0.195 0.17 0.22 0.33 0.375 0.33   0.20 0.145 0.15 0.205 0.215 0.205
+    0.135 0.13 0.19 0.30 0.33 0.29 0.15 0.02"""
+VASE_HEIGHTS = """
+    0.0 0.0 0.015 0.05 0.14 0.32 0.50 0.68   0.82 0.90 0.95 0.993 1.0 0.998
+    0.95 0.90 0.80 0.66 0.50 0.32 0.14 0.12"""
+LIP = 12  # of these points
 FLUTES, FLUTE_DEPTH, TWIST = 22, 0.045, 1.1  # around the vase, of its radius, and radians from foot to neck
 
 
@@ -131,9 +105,9 @@ def make_vase() -> Body:
     """A hollow vase: a surface of revolution, fluted along lines that wind about it."""
     from scipy.interpolate import PchipInterpolator
 
-    profile = np.array([*OUTSIDE, *NECK, *INSIDE])
+    profile = np.array([VASE_RADII.split(), VASE_HEIGHTS.split()], float).T
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
-    lip = way[len(OUTSIDE) + 4]
+    lip = way[LIP]
     steps = np.concatenate([np.linspace(0.0, lip, 150), np.linspace(lip, way[-1], 50)[1:]])
     radius, height = PchipInterpolator(way, profile)(steps).T
     fluted = np.clip((height - 0.06) / 0.12, 0.0, 1.0) * np.clip((0.86 - height) / 0.2, 0.0, 1.0) * (steps < lip)
@@ -175,11 +149,9 @@ def make_knot() -> Body:
     t, around = _make_turn(420), _make_turn(48)
     circle = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.0 * t], axis=-1)
     middle = (2.0 + np.cos(3.0 * t))[:, None] * circle + np.sin(3.0 * t)[:, None] * np.array([0.0, 0.0, 1.0])
-    ahead = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    ahead = normalize(np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0))
     first = middle - 2.0 * circle  # from the torus' middle line to its surface
-    first -= (first * ahead).sum(axis=1, keepdims=True) * ahead
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = normalize(first - (first * ahead).sum(axis=1, keepdims=True) * ahead)
     second = np.cross(ahead, first)
     offsets = np.cos(around)[:, None] * first[:, None] + np.sin(around)[:, None] * second[:, None]
     rings = middle[:, None] + 0.52 * offsets
@@ -253,9 +225,43 @@ def divide_long_edges(body: Body, longest: float) -> Body:
             corners, triangles, face_index=long, vertex_attributes={"normals": normals}
         )
         normals = more["normals"]
-    return Body(corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), triangles)
+    return Body(corners, normalize(normals), triangles)
 
 
 def find_shape(name: str) -> Body:
     """The shape of this name, or the mesh of this file. Raises SceneError, OSError, MissingExtraError."""
     return SHAPES[name]() if name in SHAPES else load_mesh(Path(name))
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What rays (n,) meet first: ``body`` and ``triangle``, -1 for nothing, where in it (n, 2), and how far away."""
+
+    body: Any
+    triangle: Any
+    where: Array
+    distance: Array
+
+
+class Rays:
+    """Bodies among which rays are followed. Raises MissingExtraError without Embree."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        meshes = import_extra("embreex.mesh_construction", *NEEDED)
+        self._scene = import_extra("embreex.rtcore_scene", *NEEDED).EmbreeScene()
+        self._meshes = [  # the scene keeps no hold on them itself
+            meshes.TriangleMesh(self._scene, body.corners.astype(np.float32), body.triangles.astype(np.int32))
+            for body in bodies
+        ]
+
+    def find_hits(self, start: Array, heading: Array) -> Hits:
+        """What rays from ``start`` along unit vectors ``heading`` (n, 3) meet first."""
+        found = self._scene.run(start.astype(np.float32), heading.astype(np.float32), output=True)
+        missed = found["geomID"] < 0
+        body, triangle = (np.where(missed, -1, found[name]) for name in ("geomID", "primID"))
+        return Hits(body, triangle, np.stack([found["u"], found["v"]], axis=-1), found["tfar"])
+
+    def find_blocked(self, start: Array, heading: Array) -> Any:
+        """Whether rays meet anything (n,)."""
+        single = (np.ascontiguousarray(part, dtype=np.float32) for part in (start, heading))
+        return self._scene.run(*single, query="OCCLUDED") == 0

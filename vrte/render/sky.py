@@ -5,13 +5,14 @@ sun of irradiance 1 outside the atmosphere, at every wavelength: the spectrum of
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.splines import compute_coefficients
+from vrte.basics.splines import compute_coefficients, make_spline_matrix
 from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
 from vrte.scene.boundary import Lambertian
@@ -23,12 +24,13 @@ DEPOLARIZATION = 0.0279  # of air; Young, Applied Optics 19, 3427 (1980)
 AZIMUTHS = 8  # molecules scatter into the orders 0, 1 and 2 alone: so many equal steps know them exactly
 ANGLES = 64  # from the zenith to the horizon, closer there, where the sky brightens within a few degrees
 STEEPEST = 1e-4  # cosine of what counts as the horizon
+SKY_ANGLES = 4096  # between which the sky is linear
 SKY_ACCURACY = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Sky:
-    """Light that falls on a sphere, at each wavelength.
+    """Light that falls on an object, at each wavelength.
 
     ``sun`` (wavelength,) [W m-2] is the irradiance of the beam at the ground, unpolarized, that travels along
     ``beam`` (3,). ``splines`` (wavelength, theta, 3, 4) hold the sky's Fourier orders 0 to 2 in azimuth as B-spline
@@ -41,15 +43,31 @@ class Sky:
     splines: Array
     ground: Array
 
-    def stokes(self, place: int, above: Any, azimuth: Array) -> Array:
-        """Stokes radiance (n, 4) of the sky at one wavelength, travelling along ``azimuth`` (n,) [rad].
+    def choose(self, which: Any) -> "Sky":
+        """The light at these wavelengths alone."""
+        return replace(self, sun=self.sun[which], splines=self.splines[which], ground=self.ground[which])
 
-        ``above`` is the matrix of `splines.rows` at the angles from the zenith.
-        """
-        orders = (above @ self.splines[place].reshape(self.theta.size, -1)).reshape(-1, 3, 4)
-        angles = (azimuth[:, None] - np.arctan2(self.beam[1], self.beam[0])) * np.arange(3)
+    @cached_property
+    def by_angle(self) -> tuple[Array, Array, Array]:
+        """Angles [rad] from the zenith between which the sky is linear, their numbers, and the Fourier orders of I, Q
+        and U there, (angle, wavelength, order, 3)."""
+        steps = make_horizon_angles(SKY_ANGLES, STEEPEST)
+        orders = np.moveaxis(self.splines[..., :3], 0, 1)
+        found = make_spline_matrix((self.theta,), (steps,)) @ orders.reshape(self.theta.size, -1)
+        return steps, np.arange(SKY_ANGLES, dtype=np.float64), found.reshape(SKY_ANGLES, *orders.shape[1:])
+
+    def find(self, travel: Array) -> Array:
+        """Stokes radiance (n, wavelength, 3) without V, which molecules do not make, of skylight along ``travel``
+        (n, 3); in the frame of the vertical."""
+        steps, numbers, by_angle = self.by_angle
+        place = np.interp(np.arccos(np.clip(-travel[:, 2], STEEPEST, 1.0)), steps, numbers)
+        low = np.minimum(place.astype(np.intp), SKY_ANGLES - 2)
+        share = (place - low)[:, None, None, None]
+        orders = (1.0 - share) * by_angle[low] + share * by_angle[low + 1]
+        azimuth = np.arctan2(travel[:, 1], travel[:, 0]) - np.arctan2(self.beam[1], self.beam[0])
+        angles = azimuth[:, None] * np.arange(3)
         even, odd = np.cos(angles), np.sin(angles)
-        return np.einsum("nms,nms->ns", np.stack([even, even, odd, odd], axis=-1), orders)
+        return np.einsum("nwms,nms->nws", orders, np.stack([even, even, odd], axis=-1))
 
 
 def compute_optical_thickness(wavelength_um: Any) -> Array:
