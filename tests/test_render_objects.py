@@ -14,10 +14,9 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render import objects, picture
-from vrte.render.gallery import describe_layers
 from vrte.render.geometry import Camera, Lens, compute_normals, place_camera, place_lens
 from vrte.render.objects import Stage, draw_background, draw_object
-from vrte.render.picture import DPI, Sheet
+from vrte.render.picture import DPI, Sheet, describe_layers
 from vrte.render.rendering import find_facets
 from vrte.render.setting import read
 from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
@@ -344,7 +343,7 @@ def test_objects_are_read_from_files_and_won_over(tmp_path: Path) -> None:
 def test_captions_can_be_read_where_a_sheet_is_shown_800_pixels_wide() -> None:
     sheet = Sheet(300, 1, 4, 0.2, "words " * 30, lines=2)
     sheet.caption(0, "gold powder", "gold, radius 0.25 µm")
-    sheet.heading(0, "colour")
+    sheet.head_columns("colour")
     sheet.bar(1, picture.Scale("inferno", 0.0, 0.5, 0.5))
     sizes = [text.get_fontsize() for text in sheet.figure.texts]
     sizes += [label.get_fontsize() for axes in sheet.figure.axes for label in axes.get_xticklabels()]

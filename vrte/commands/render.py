@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
         check_extra("a picture of an object", "render", ("trimesh", "embreex"))
     if options.size:
         setting = replace(setting, size_px=options.size)
-    from vrte.render import gallery, picture
+    from vrte.render import picture
     from vrte.render.rendering import compute_pictures
 
     with show_progress() as (phase, tick):
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> None:
         if options.colour_only:
             picture.save_colours(renderings, options.output)
         elif options.sheet:
-            picture.save(gallery.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output)
+            picture.save(picture.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output)
         elif options.together:
             picture.save(picture.draw_row(renderings[0], setting), options.output)
         else:
@@ -108,8 +108,8 @@ def read_object(name: str) -> str:
 
 def describe_picture(material: Any, error: float) -> str:
     """At which wavelengths, and how well its BRDF is known between directions."""
-    from vrte.render.picture import say_wavelengths
+    from vrte.render.picture import describe_wavelengths
 
-    wavelengths = say_wavelengths(material.wavelengths_um.tolist())
+    wavelengths = describe_wavelengths(material.wavelengths_um.tolist())
     note = f" ({material.note})" if material.note else ""
     return f"{wavelengths}{note}; BRDF between the directions solved for good to {error:.0e} of its largest"

@@ -1,9 +1,12 @@
-"""Renderings as a PNG: a row each, in colour, and how polarized their light is; or in colour alone."""
+"""Renderings as a PNG: a row each, in colour, and how polarized their light is; or in colour alone.
+
+A sheet shows beside each picture the lobes of its material, on a scale of their own.
+"""
 
 import os
 import textwrap
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +19,10 @@ from vrte.basics.polarization import (
     find_degree_of_linear_polarization,
 )
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.figures import make_figure, require_pictures
-from vrte.pictures.lobes import INK
+from vrte.formats.layers import describe_filling
+from vrte.formats.toml_table import read_share
+from vrte.pictures.figures import limit_ticks, make_figure, require_pictures
+from vrte.pictures.lobes import INK, compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.rendering import Rendering
 from vrte.render.setting import Setting
 
@@ -34,8 +39,12 @@ DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
 FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
 DEGREE_POWER = 0.5  # of degrees in pictures with a sky, which is polarized ten times as much as what stands below
 ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-POLARIZATION = ("degree of linear polarization", "angle of linear polarization", "degree of circular polarization")
-HEADINGS = ("colour", *POLARIZATION)
+LINEAR = "degree of linear polarization"
+HEADINGS = ("colour", LINEAR, "angle of linear polarization", "degree of circular polarization")
+LOBE_MU_I = np.array([0.6, 1.0])
+LOBE_UM = 0.64
+LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
+LOBE_PHI = np.arange(0.0, 181.0, 3.0)
 
 
 def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
@@ -54,62 +63,93 @@ def save_colours(renderings: Sequence[Rendering], path: str | os.PathLike[str]) 
     from PIL import Image
 
     pixels = np.concatenate([rendering.rgba for rendering in renderings], axis=1)
-    drawn = Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA")
     with write_atomically(path) as part:
-        drawn.save(part, format="PNG", optimize=True)
+        image = Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA")
+        image.save(part, format="PNG", optimize=True)
 
 
 def draw_figure(renderings: Sequence[Rendering], setting: Setting) -> "Figure":
     """A row a picture, a column each for colour, degree and angle of linear and degree of circular polarization."""
-    require_pictures()
-    sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=say_light(setting, renderings))
+    sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=describe_light(setting, renderings))
     degrees = measure_degrees(renderings)
     circular = [find_degree_of_circular_polarization(rendering.stokes) for rendering in renderings]
-    most_circular = _find_largest(circular)
+    most = _find_largest(circular)
+    handed = Scale(CIRCULAR_COLOURS, -most, most)
     for row, rendering in enumerate(renderings):
         sheet.caption(row, rendering.title)
         sheet.show(row, 0, put_over_grey(rendering.rgba))
-        sheet.show(row, 1, degrees.colour(rendering))
+        sheet.show(row, 1, degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover))
         sheet.show(row, 2, colour_angles(rendering.stokes, rendering.cover))
-        sheet.show(
-            row, 3, colour_values(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, rendering.cover)
-        )
-    for column, heading in enumerate(HEADINGS):
-        sheet.heading(column, heading)
+        sheet.show(row, 3, handed.colour(circular[row], rendering.cover))
+    sheet.head_columns(*HEADINGS)
     sheet.bar(1, degrees)
-    sheet.bar(3, Scale(CIRCULAR_COLOURS, -most_circular, most_circular))
+    sheet.bar(3, handed)
     sheet.wheel(2)
+    return sheet.figure
+
+
+def draw_sheet(
+    renderings: Sequence[Rendering], setting: Setting, progress: Callable[[int, int, str], None] | None = None
+) -> "Figure":
+    """A row a material: its picture in colour, the degree of polarization, and lobes; ``progress`` is called with (rows
+    done, rows, title)."""
+    headings = ("colour", LINEAR, *(f"lobe, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I))
+    lobes = f"Lobes: {1e3 * LOBE_UM:.0f} nm, unpolarized light; the bar below is their {LINEAR}"
+    note = f"{lobes}. Pictures: {describe_light(setting, renderings)}"
+    sheet = Sheet(setting.size_px, len(renderings), len(headings), foot=0.20, note=note, lines=2)
+    degrees, size = measure_degrees(renderings), sheet.size
+    for row, rendering in enumerate(renderings):
+        (material,) = rendering.materials
+        sheet.caption(row, material.title, describe_layers(material.content))
+        sheet.show(row, 0, put_over_grey(rendering.rgba))
+        sheet.show(row, 1, degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover))
+        brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+        both = [compute_lobe(brdf, place) for place in range(LOBE_MU_I.size)]
+        circle = round_up(max(float(lobe.radius.max()) for lobe in both))
+        colours = make_lobe_colours(max(lobe.most_polarized for lobe in both))
+        for column, lobe in enumerate(both, 2):
+            lobe = replace(lobe, mirrored=lobe.mirrored.partition(",")[0])  # there is no room for how polarized
+            draw_lobe(
+                sheet.axes(*sheet.corner(row, column), size, 0.76 * size), lobe, 1.0 / circle, colours, sheet.letters
+            )
+        left, top = sheet.corner(row, 2)
+        sheet.draw_bar(left + 0.1 * size, top + 0.80 * size, 0.9 * size, colours, limit_ticks(4))
+        sheet.text(left + 1.6 * size, top + 0.84 * size, f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$")
+        if progress is not None:
+            progress(row + 1, len(renderings), material.title)
+    sheet.head_columns(*headings)
+    sheet.bar(1, degrees)
     return sheet.figure
 
 
 def draw_row(rendering: Rendering, setting: Setting) -> "Figure":
     """One wide picture of all that stands beside each other: in colour, and below how much of it is polarized."""
     require_pictures()
-    height, width = rendering.cover.shape
-    letters = 0.0165 * width
-    words = f"Below: degree of linear polarization. Light: {say_light(setting, [rendering])}"
-    lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letters)))
-    strip, foot = round(2.0 * letters), round((1.3 * max(len(lines), 2) + 0.8) * letters)
     from matplotlib.colorbar import Colorbar
 
-    figure = make_figure((width + 1e-6) / DPI, (2 * height + strip + foot + 1e-6) / DPI)
+    height, width = rendering.cover.shape
+    letters = 0.0165 * width
+    points = letters * 72.0 / DPI
+    words = f"Below: {LINEAR}. Light: {describe_light(setting, [rendering])}"
+    lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letters)))
+    strip, foot = round(2.0 * letters), round((1.3 * max(len(lines), 2) + 0.8) * letters)
     whole = 2 * height + strip + foot
+    figure = make_figure((width + 1e-6) / DPI, (whole + 1e-6) / DPI)
     degrees = measure_degrees([rendering])
-    for top, pixels in ((0, put_over_grey(rendering.rgba)), (height + strip, degrees.colour(rendering))):
+    polarized = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
+    for top, pixels in ((0, put_over_grey(rendering.rgba)), (height + strip, polarized)):
         axes = figure.add_axes((0.0, 1.0 - (top + height) / whole, 1.0, height / whole))
         axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
         axes.set_axis_off()
-    points = letters * 72.0 / DPI
+    how: Any = {"fontsize": points, "color": INK, "va": "center"}
     count = len(rendering.materials)
     for place, material in enumerate(rendering.materials):
         across = 0.5 + (place - 0.5 * (count - 1)) * rendering.apart / width
-        below = 1.0 - (height + 0.5 * strip) / whole
-        figure.text(across, below, material.title, fontsize=points, color=INK, ha="center", va="center")
+        figure.text(across, 1.0 - (height + 0.5 * strip) / whole, material.title, ha="center", **how)
     axes = figure.add_axes((0.62, (0.5 * foot + 0.1 * letters) / whole, 0.34, 0.7 * letters / whole))
     bar = Colorbar(axes, degrees.mappable, orientation="horizontal", ticks=degrees.ticks)
     bar.ax.tick_params(labelsize=points, length=0.2 * points, colors=INK)
-    below = "\n".join(lines)
-    figure.text(0.015, 0.5 * foot / whole, below, fontsize=points, color=INK, ha="left", va="center", linespacing=1.2)
+    figure.text(0.015, 0.5 * foot / whole, "\n".join(lines), ha="left", linespacing=1.2, **how)
     return figure
 
 
@@ -145,10 +185,16 @@ class Scale:
                 found.append(step)
         return found
 
-    def colour(self, rendering: Rendering) -> Array:
-        """The degree of linear polarization of a picture in these colours, (height, width, 4)."""
-        degree = np.nan_to_num(find_degree_of_linear_polarization(rendering.stokes))
-        return colour_values(degree**self.power, self.colours, 0.0, self.high**self.power, rendering.cover)
+    def colour(self, values: Array, cover: Array) -> Array:
+        """Values (height, width) in these colours, (height, width, 4), transparent around a sphere."""
+        from matplotlib import colormaps
+
+        low, high, values = self.low, self.high, np.nan_to_num(values)
+        if self.power != 1.0:  # from 0 on
+            high, values = high**self.power, values**self.power
+        found = np.asarray(colormaps[self.colours]((values - low) / (high - low)))
+        found[..., 3] = cover
+        return found
 
 
 def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
@@ -158,7 +204,7 @@ def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
     return Scale(DEGREE_COLOURS, 0.0, min(most, 1.0), power)
 
 
-def say_light(setting: Setting, renderings: Sequence[Rendering]) -> str:
+def describe_light(setting: Setting, renderings: Sequence[Rendering]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
     light = {
@@ -167,17 +213,15 @@ def say_light(setting: Setting, renderings: Sequence[Rendering]) -> str:
         "uniform": "unpolarized light, the same from all sides",
     }[setting.sky]
     sets: dict[str, list[str]] = {}  # of wavelengths; in brackets who has others than the first
-    for rendering in renderings:
-        for material in rendering.materials:
-            words = say_wavelengths(material.wavelengths_um.tolist())
-            sets.setdefault(words, []).append(material.title)
+    for material in (material for rendering in renderings for material in rendering.materials):
+        sets.setdefault(describe_wavelengths(material.wavelengths_um.tolist()), []).append(material.title)
     first, *others = sets
     return "; ".join([light, first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
 
-def say_wavelengths(chosen: Sequence[float]) -> str:
+def describe_wavelengths(chosen: Sequence[float]) -> str:
     """
-    >>> say_wavelengths([0.4, 0.55, 0.7]), say_wavelengths([0.64])
+    >>> describe_wavelengths([0.4, 0.55, 0.7]), describe_wavelengths([0.64])
     ('3 wavelengths, 0.4 to 0.7 µm', '0.64 µm')
     """
     return f"{chosen[0]:g} µm" if len(chosen) == 1 else f"{len(chosen)} wavelengths, {chosen[0]:g} to {chosen[-1]:g} µm"
@@ -187,15 +231,6 @@ def put_over_grey(rgba: Array) -> Array:
     """A picture (..., 4) over the grey background, (..., 3)."""
     found: Array = rgba[..., 3:] * rgba[..., :3] + (1.0 - rgba[..., 3:]) * BEHIND
     return found
-
-
-def colour_values(values: Array, colours: str, low: float, high: float, cover: Array) -> Array:
-    """Colours (size, size, 4) of values (size, size), transparent around a sphere."""
-    from matplotlib import colormaps
-
-    found = colormaps[colours]((np.nan_to_num(values) - low) / (high - low))
-    found[..., 3] = cover
-    return np.asarray(found)
 
 
 def colour_angles(stokes: Array, cover: Array) -> Array:
@@ -232,6 +267,7 @@ class Sheet:
     note at the bottom, in as many lines as it takes. ``lines`` of a caption; ``foot``, room for legends, in panels."""
 
     def __init__(self, size: int, rows: int, columns: int, foot: float, note: str, lines: int = 1) -> None:
+        require_pictures()
         self.size, self.rows, self.columns = size, rows, columns
         self.gap = self.left = round(GAP * size)
         self.width = self.left + columns * (size + self.gap)
@@ -269,10 +305,11 @@ class Sheet:
         how = {"ha": "center", "va": "center", "color": INK} | how
         self.figure.text(left / self.width, 1.0 - top / self.height, text, fontsize=size * self.letters, **how)
 
-    def heading(self, column: int, text: str) -> None:
-        left, _ = self.corner(0, column)
-        words = textwrap.fill(text, max(4, int(self.size / (NARROW * self.letter))))
-        self.text(left + 0.5 * self.size, 0.5 * self.head, words, linespacing=1.1)
+    def head_columns(self, *headings: str) -> None:
+        """The words above the columns."""
+        for column, heading in enumerate(headings):
+            words = textwrap.fill(heading, max(4, int(self.size / (NARROW * self.letter))))
+            self.text(self.corner(0, column)[0] + 0.5 * self.size, 0.5 * self.head, words, linespacing=1.1)
 
     def caption(self, row: int, title: str, text: str = "") -> None:
         """A row's title, and what there is to say of it."""
@@ -286,13 +323,12 @@ class Sheet:
         top -= self.strip
         self.draw_bar(left + 0.08 * self.size, top + 0.02 * self.size, 0.84 * self.size, scale.mappable, scale.ticks)
 
-    def draw_bar(self, left: float, top: float, width: float, shown: Any, ticks: Any, label: str = "") -> None:
+    def draw_bar(self, left: float, top: float, width: float, shown: Any, ticks: Any) -> None:
         """A legend of colours at this place."""
         axes = self.axes(left, top, width, 0.05 * self.size)
         bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal", ticks=ticks)
         bar.ax.tick_params(labelsize=self.letters, length=0.2 * self.letters, colors=INK)
         bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        bar.set_label(label, size=self.letters, color=INK, labelpad=1.0)
 
     def wheel(self, column: int) -> None:
         """The legend of angles: at each place around, light that swings along the line from there to the middle."""
@@ -314,3 +350,57 @@ class Sheet:
             self.text(right + 0.06 * side * np.sign(sine), top + (0.5 - 0.63 * cosine) * side, f"{degrees}°")
         axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
         axes.set_axis_off()
+
+
+def describe_layers(content: Mapping[str, Any]) -> str:
+    """What a scene file's layers are made of, in one line, from the top down.
+
+    >>> describe_layers({
+    ...     "particles": {"gold": {"index": "gold", "radius_um": 0.6}},
+    ...     "layer": [{"particles": "gold", "thickness": float("inf")}],
+    ...     "base": {"kind": "black"},
+    ... })
+    'gold, radius 0.6 µm; infinitely thick'
+    """
+    words, deep = [], False
+    for layer in content.get("layer", ()):
+        interface = layer.get("interface")
+        if isinstance(interface, Mapping):
+            roughness = interface.get("roughness")
+            words.append("smooth surface" if roughness is None else f"surface of roughness {roughness:g}")
+            continue
+        deep = float("inf") in (layer.get("thickness"), layer.get("thickness_um"))
+        thick = "infinitely thick" if deep else f"{layer.get('thickness_um', 0.0):g} µm thick"
+        words.append(_describe_particles(layer, content) or describe_filling(layer))
+        words.append(thick if deep or "thickness" not in layer else f"optical thickness {layer['thickness']:g}")
+    host = content.get("host_index")
+    if host is not None and host != 1.0:
+        words.append(f"in index {host:g}" if isinstance(host, int | float) else f"in {host}")
+    base = content.get("base", {})
+    if not deep and isinstance(base, Mapping):
+        albedo = base.get("albedo")
+        kind = base.get("kind", "black")
+        words.append(f"on albedo {albedo:g}" if isinstance(albedo, int | float) else f"on {kind}")
+    return "; ".join(words)
+
+
+def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) -> str:
+    """Substances and sizes of a layer's particles, with their shares where there are more; "" where they are named
+    alone, or there are none."""
+    given = layer.get("volume_fractions", layer.get("particles", {}))
+    shares = {given: 1.0} if isinstance(given, str) else given
+    several = len(shares) > 1
+    found = []
+    for name, share in shares.items():
+        source = content.get("particles", {}).get(name)
+        if not isinstance(source, Mapping):
+            return ""
+        words = source["index"] if isinstance(source.get("index"), str) else str(name)
+        sizes = dict(source) | dict(next(iter(source.get("size", {"": {}}).values())))
+        key = next((key for key in sizes if key.endswith("_um") and isinstance(sizes[key], int | float)), None)
+        if key is not None:
+            kind = "diameter " if "diameter" in key else "" if several else "radius "
+            words += f"{' ' if several else ', '}{kind}{sizes[key]:g} µm"
+        number = read_share(share) if several or "volume_fractions" in layer else None
+        found.append(words if number is None else f"{100.0 * number:.3g} % {words}")
+    return " + ".join(found) + (" by volume" if found and "volume_fractions" in layer else "")
