@@ -124,7 +124,7 @@ benchmarks: $(VENV)/core.stamp
 report: $(VENV)/report.stamp
 	@mkdir -p out
 	$(BIN)/python -m bench.methods -o out/report
-	$(BIN)/python -m bench.methods --figures -o out/report
+	$(BIN)/python -m docs.scripts.radiance_factor -o out/report
 
 # Two at a time, a file to each: many tests wait for processes, browsers and disks. Where no bytecode may be written, each
 # process that they start would compile vrte anew, 0.3 s each.

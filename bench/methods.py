@@ -39,7 +39,6 @@ from bench.tables import explain_missing_device
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.radiance import radiance
-from vrte.commands.common import make_folder, say_written
 from vrte.formats.atomic import write_atomically
 from vrte.methods import find_method
 from vrte.request.how import AUTO, EXACT, METHODS
@@ -633,13 +632,7 @@ def measure_gap_sizes(gaps: Array, is_partial: bool) -> Array:
 
 
 def report_on_methods(options: Any) -> None:
-    """The study that the command line asks for, or the figures of the radiance-factor paper."""
-    if options.figures:
-        from bench import radiance_factor
-
-        for path in radiance_factor.write_figures(make_folder(options.output)):
-            say_written(path)
-        return
+    """The study that the command line asks for."""
     from bench.methods_page import require_page
 
     names, curves = find_matching_scenes(options.scenes, options.quick), list_curves(options.quick)
@@ -658,9 +651,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ('python -m bench.methods --scenes "Rayleigh*" -o rayleigh', "of some scenes, an HTML page and pictures"),
     )
     add_study(command, "three small scenes instead of all: seconds")
-    command.add_argument(
-        "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"
-    )
     command.add_argument("--scenes", metavar="PATTERN", default="*", help='names, such as "Rayleigh*"; default: all')
     return run_command(command, report_on_methods, arguments)
 

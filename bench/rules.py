@@ -1,9 +1,8 @@
-"""The tables of docs/explanation/methods.md, and the rule table of method="auto" against the runs of a report.
+"""The rule table of method="auto" against the runs of a report: `python -m bench.rules METHODS.csv`.
 
-`python -m bench.rules docs/explanation/methods.md` brings the page's tables of methods and rules up to date.
-`python -m bench.rules METHODS.csv` prints what each rule would take, and every disagreement: a run that is named as
-evidence and was not good enough or not quicker, nodes that were not enough, a scene where another method than the last
-rule's was the quickest. After a new report: run it, and where it disagrees change vrte/methods/auto/rules.py.
+Prints what each rule would take, and every disagreement: a run that is named as evidence and was not good enough or not
+quicker, nodes that were not enough, a scene where another method than the last rule's was the quickest. After a new
+report: run it, and where it disagrees change vrte/methods/auto/rules.py.
 """
 
 import csv
@@ -11,94 +10,15 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bench.methods import CASES, EXPONENTS, PHI, Case, Row, find_case, group_rows
 from bench.methods_page import TARGETS, find_quickest_candidate, find_reference_uncertainty, make_score_markdown
-from bench.study import Records, make_markdown_table, write_text
+from bench.study import Records
 from vrte.calls.plan import make_request
-from vrte.methods import find_method
 from vrte.methods.auto import find_rule
 from vrte.methods.auto.rules import RULES, Rule
-from vrte.methods.parts.method import Method
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.request.request import Request
-
-BEGIN, END = "<!-- begin: python -m bench.rules docs/explanation/methods.md -->", "<!-- end -->"
-BEGIN_TAKEN = "<!-- begin, as well: python -m bench.rules docs/explanation/methods.md -->"
-BEGIN_RULES = "<!-- begin, too: python -m bench.rules docs/explanation/methods.md -->"
-HEADER_RULES = ("rule", "where", "method", "nodes", "why")
-HEADER = ("method", "source", "conserves", "for", "settings (default)")
-ABILITIES = {
-    "polarization": "polarization",
-    "layers": "several layers",
-    "base": "base",
-    "interfaces": "interfaces, mirrors",
-    "depths": "depths inside",
-    "transmission": "light below the top",
-    "endless": "layer without end",
-}
-OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
-KINDS: dict[Any, str] = {"any": "any", "even": "Lambertian", "smooth": "smooth", "none": "-"}
-
-
-def make_registry_table() -> str:
-    """Markdown, a row a method: what it is; the exact one first."""
-    return make_markdown_table(HEADER, (make_registry_row(find_method(name)) for name in METHODS))
-
-
-def make_registry_row(method: Method) -> tuple[str, ...]:
-    """What a method says of itself."""
-    settings = "; ".join(
-        f"`{name}` ({setting.default!r}): {setting.meaning}" for name, setting in method.settings.items()
-    )
-    return f"`{method.name}`", method.source, method.conserves, method.purpose, settings or "-"
-
-
-def make_abilities_table() -> str:
-    """Markdown, a row a method: which scenes it takes, which options and backends."""
-    header = ("method", *ABILITIES.values(), "devices", *(f"`{name}`" for name in OPTIONS))
-    return make_markdown_table(header, (make_abilities_row(find_method(name)) for name in METHODS))
-
-
-def make_abilities_row(method: Method) -> tuple[str, ...]:
-    """Yes or -, of a method."""
-    words = KINDS | {True: "yes", False: "-"}
-    abilities = (words[getattr(method, name)] for name in (*ABILITIES, "devices"))
-    options = (
-        "-" if name not in method.options else f"to {method.finest:g}" if name == "accuracy" else "yes"
-        for name in OPTIONS
-    )
-    return f"`{method.name}`", *abilities, *options
-
-
-def make_rules_table() -> str:
-    """Markdown, a row a rule of method="auto"."""
-    return make_markdown_table(HEADER_RULES, (make_rules_row(place, rule) for place, rule in enumerate(RULES, 1)))
-
-
-def make_rules_row(place: int, rule: Rule) -> tuple[str, ...]:
-    """Its limits in words, and what it takes."""
-    limits = [f"{name} <= {most:g}" if most else f"no {name}" for name, most in rule.at_most.items()]
-    limits += [f"{name} >= {least:g}" for name, least in rule.at_least.items()]
-    nodes = "as the method finds them"
-    return f"{place} ({rule.name})", ", ".join(limits) or "everywhere", f"`{rule.method}`", nodes, rule.why
-
-
-def refresh_tables(text: str) -> str:
-    """A page with its tables as they are now. Raises ValueError where the page has no place for one."""
-    for mark, table in (
-        (BEGIN, make_registry_table()),
-        (BEGIN_TAKEN, make_abilities_table()),
-        (BEGIN_RULES, make_rules_table()),
-    ):
-        before, begin, rest = text.partition(mark)
-        _, end, after = rest.partition(END)
-        if not (begin and end):
-            raise ValueError(f"no line {mark!r} with {END!r} after it")
-        text = f"{before}{mark}\n{table}{END}{after}"
-    return text
-
 
 BY_HAND, BY_ACCURACY = f"{EXACT}, modes", f"{EXACT}, accuracy"
 
@@ -185,10 +105,7 @@ def describe_rule_use() -> str:
 
 
 def main(path: Path) -> int:
-    """Refreshes the tables of a page, or compares the rules with a report: 1 where there is a disagreement."""
-    if path.suffix == ".md":
-        write_text(path, refresh_tables(path.read_text(encoding="utf-8")))
-        return 0
+    """Prints all of it; 1 where there is a disagreement."""
     rows = read_report_rows(path)
     wrong = find_disagreements(rows)
     print("Rules taken on the scenes of the report:", describe_rule_use(), sep="\n")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.kinds import write_page
+from docs.scripts.kinds import write_page
 from vrte.commands.reference import write_page as write_commands_page
 
 ROOT = Path(__file__).parents[1]
@@ -131,7 +131,7 @@ def test_every_statement_on_security_names_a_test_that_exists() -> None:
 
 def test_the_page_of_kinds_is_what_the_registries_say() -> None:
     page = (ROOT / "docs" / "reference" / "kinds.md").read_text()
-    assert page == write_page(), "make it anew: python -m bench.kinds > docs/reference/kinds.md"
+    assert page == write_page(), "make it anew: python -m docs.scripts.kinds > docs/reference/kinds.md"
 
 
 def test_the_page_of_commands_is_what_their_parsers_say() -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import methods, methods_page, other_codes, radiance_factor, rules
+from bench import methods, methods_page, other_codes
 from bench.methods import MEASURED, REFUSED, Row
 from bench.study import Records
+from docs.scripts import methods_tables, radiance_factor
 from vrte.basics.errors import SceneError
 from vrte.request.how import METHODS
 
@@ -185,7 +186,9 @@ def test_the_table_of_knobs_names_settings_that_are_there() -> None:
 
 def test_the_table_of_methods_is_that_of_the_registry() -> None:
     text = (ROOT / "docs" / "explanation" / "methods.md").read_text(encoding="utf-8")
-    assert rules.refresh_tables(text) == text, "run `python -m bench.rules docs/explanation/methods.md`"
+    assert methods_tables.refresh_tables(text) == text, (
+        "run `python -m docs.scripts.methods_tables docs/explanation/methods.md`"
+    )
     for name in METHODS:
         assert f"\n| `{name}` |" in text
 
@@ -199,7 +202,7 @@ def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
 
 @pytest.mark.slow
 def test_figures_of_the_paper(tmp_path: Path) -> None:
-    assert methods.main(["--figures", "-o", str(tmp_path)]) == 0
+    assert radiance_factor.main(["-o", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"radiance_factor_1.png", "radiance_factor_2.png"}
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from .conftest import call, call_study
 
-STUDIES = (["tables", "--quick"], ["cost"], ["methods", "--figures"], ["stability", "--quick"])
+STUDIES = (["tables", "--quick"], ["cost"], ["methods", "--quick"], ["stability", "--quick"])
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ INTRODUCTION = """# What a scene file knows by name
 All kinds of particles, sizes, phase functions, bases, pigments and readings, for whoever writes a scene file and looks
 for a name; every key with its unit and default is on [the page of scene files](scene_files.md).
 
-Made from the registries that scene files, sweeps and the viewer's form read, by `python -m bench.kinds`.
+Made from the registries that scene files, sweeps and the viewer's form read, by `python -m docs.scripts.kinds`.
 Keys in brackets may be left out. How to add a row: [extending.md](../how_to/extending.md).
 """
 WRITTEN: dict[str, Callable[[str], str]] = {  # a registry's heading, and how its row is written in a scene file

@@ -4,7 +4,8 @@ What the paper leaves open is settled here: its aerosol is Deirmendjian's haze L
 incidence, figure 2 the light that leaves the bottom.
 """
 
-import os
+import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,10 +123,17 @@ def mask_negative_values(values: Array) -> Array:
     return np.where(values > 0.0, values, np.nan)
 
 
-def write_figures(folder: str | os.PathLike[str]) -> list[Path]:
-    """Writes radiance_factor_1.png and radiance_factor_2.png; their paths. Raises MissingExtraError, OSError."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Writes radiance_factor_1.png and radiance_factor_2.png into the folder after -o."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("radiance_factor"), help="folder to write to")
+    folder = parser.parse_args(arguments).output
     require_pictures()
-    paths = [Path(folder) / f"radiance_factor_{number}.png" for number in (1, 2)]
-    for path, drawn in zip(paths, (draw_figure_1, draw_figure_2), strict=True):
-        save(drawn(), path)
-    return paths
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, draw in enumerate((draw_figure_1, draw_figure_2), 1):
+        save(draw(), folder / f"radiance_factor_{number}.png")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
