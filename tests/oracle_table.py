@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
-from bench.stability.cases import Case
-from bench.stability.corners import list_oracle_cases
-from bench.stability.oracle import TABLE, restore_case, store_case
+from bench.stability import TABLE, restore_case, store_case
+from bench.stability_cases import Case, list_oracle_cases
 from vrte.formats.atomic import write_atomically
 
 from .ball_oracle import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity

@@ -1,6 +1,5 @@
 """The stability table: its scenes cover what they say, its checks find errors, a run resumes and says what it found."""
 
-import csv
 import math
 import pickle
 import re
@@ -14,11 +13,9 @@ import numpy as np
 import pytest
 
 import vrte
+from bench import stability, stability_cases
 from bench.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
-from bench.stability import cases, checks, corners, oracle, run, solving
-from bench.stability.cases import AXES, LAYERINGS, Case
-from bench.stability.covering import find_uncovered_cells, make_covering_array
-from bench.stability.table import CASE_COLUMNS, COLUMNS
+from bench.stability_cases import AXES, LAYERINGS, Case, find_uncovered_cells, make_covering_array
 from bench.study import Records
 
 from .conftest import call_study, rows_of
@@ -26,21 +23,23 @@ from .helpers import assert_close, close_to
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases
-TABLE = Path(__file__).with_name(oracle.TABLE.name)
+TABLE = Path(__file__).with_name(stability.TABLE.name)
 COMPARED = {"yes": 260, "no stable answer": 1}  # of the oracle's cases; the page says how many
 
 
-def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
+def checked(case: Case, **options: Any) -> dict[str, stability.Check]:
     """The checks of a case by name."""
-    return {check.name: check for check in checks.examine_case(case, "none", solving.Options(**options)).checks}
+    return {check.name: check for check in stability.examine_case(case, "none", stability.Options(**options)).checks}
 
 
-def test_the_covering_array_covers_every_pair_of_values() -> None:
-    rows = cases.make_covering_rows()
-    sizes = [len(values) for values in AXES.values()]
+def test_the_covering_arrays_cover_every_pair_of_values() -> None:
+    rows, sizes = stability_cases.make_covering_rows(), [len(values) for values in AXES.values()]
     assert not find_uncovered_cells(rows, sizes, 2)
-    assert len(rows) == len(set(rows)) == cases.SCENES
+    assert len(rows) == len(set(rows)) == stability_cases.SCENES
     assert len(find_uncovered_cells(rows, sizes, 3)) < 0.45 * len(find_uncovered_cells([], sizes, 3))
+    rows, sizes = stability_cases.make_surface_rows(), [len(values) for values in stability_cases.SURFACE_AXES.values()]
+    assert not find_uncovered_cells(rows, sizes, 2)
+    assert len(rows) == len(set(rows)) == stability_cases.SURFACE_SCENES
 
 
 @pytest.mark.parametrize("sizes", [[2, 2], [3, 1, 4], [5, 4, 3, 2]])
@@ -62,20 +61,20 @@ def test_unwanted_rows_only_where_a_pair_needs_them() -> None:
 
 
 def test_cases_are_as_many_and_as_named_as_promised() -> None:
-    every = corners.list_all_cases()
-    assert len(corners.CORNERS) >= 40
+    every = stability_cases.list_all_cases()
+    assert len(stability_cases.CORNERS) >= 40
     assert len({case.name for case in every}) == len(every) >= 450
     named = [case.name for case in every if "/" in case.name and not case.media]
     assert not named  # the oracle's table has it between its keys
-    assert all(case.reason for case in corners.CORNERS)
-    assert 40 <= len(corners.choose_quick_cases()) <= 60
+    assert all(case.reason for case in stability_cases.CORNERS)
+    assert 40 <= len(stability_cases.choose_quick_cases()) <= 60
     assert {slab.phase for case in every if not case.media for slab in case.slabs} == set(AXES["phase"])
 
 
 @pytest.mark.parametrize("layering", LAYERINGS)
 @pytest.mark.parametrize("thickness", [1e-10, 4.0, math.inf])
 def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) -> None:
-    slabs, main = cases.arrange_slabs("haze-L", 1.0, thickness, layering)
+    slabs, main = stability_cases.arrange_slabs("haze-L", 1.0, thickness, layering)
     assert len(slabs) == {"one": 1, "two": 2, "hundred": 100}.get(layering, 3)
     assert slabs[main].phase == "haze-L"
     assert [math.isinf(slab.thickness) for slab in slabs] == [False] * (len(slabs) - 1) + [math.isinf(thickness)]
@@ -84,7 +83,7 @@ def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) 
 
 
 def test_levels_are_depths_from_top_to_bottom() -> None:
-    for case in corners.list_all_cases():
+    for case in stability_cases.list_all_cases():
         tau = case.tau
         assert tau[0] == 0.0
         assert (np.diff(tau) >= 0.0).all(), case.name
@@ -115,7 +114,7 @@ def test_an_eigenvalue_is_one() -> None:
     kernel = _core.phase_matrices(0, table, signed, signed).transpose(0, 2, 1, 3).reshape(48, 48)
     both = np.repeat(np.tile(weights, 2), 4)
     generator = (0.5 * slab.albedo * kernel * both - np.eye(48)) / np.repeat(signed, 4)[:, None]
-    decay = 1.0 / cases.find_eigen_cosine(slab, nodes)
+    decay = 1.0 / stability_cases.find_eigen_cosine(slab, nodes)
     values = np.linalg.svd(generator + decay * np.eye(48), compute_uv=False)
     assert values[-1] < 1e-12 * values[0]
 
@@ -126,8 +125,8 @@ def test_the_lobe_is_a_base() -> None:
     layer = vrte.Layer(vrte.isotropic(), 0.0, 0.0)
     f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
     assert 0.2 < f.reflectance[1] < 0.3
-    assert checks.measure_unphysical_matrix(f.mueller) < 1e-12
-    assert checks.measure_reciprocity_gap(f) < 1e-12
+    assert stability.measure_unphysical_matrix(f.mueller) < 1e-12
+    assert stability.measure_reciprocity_gap(f) < 1e-12
 
 
 def test_haze_l_is_the_published_one() -> None:
@@ -146,7 +145,7 @@ def test_orders_are_those_that_went_in() -> None:
         c, s = (np.array([w(m * phi)] * 2).T for w in (np.cos, np.sin))
         scale = 1.0 if m == 0 else 2.0
         stokes += scale * (first[:, :, None] * np.hstack([c, s]) + second[:, :, None] * np.hstack([-s, c]))
-    found = checks.compute_fourier_orders(SMALL, stokes, (0, 1, 3))
+    found = stability.compute_fourier_orders(SMALL, stokes, (0, 1, 3))
     for m, values in found.items():
         assert_close(values, parts[m], rtol=0.0, atol=1e-14)
 
@@ -160,7 +159,7 @@ def test_a_case_is_examined_in_full() -> None:
 
 
 def test_few_orders_where_all_would_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solving, "WHOLE_UP_TO", 0.0)
+    monkeypatch.setattr(stability, "WHOLE_UP_TO", 0.0)
     found = checked(replace(SMALL, slabs=(Slab("glass-x1", 1.0, 1.0),), base_kind="lobe"))
     assert {"energy 1", "energy 2", "reciprocity", "both algorithms, fluxes"} <= set(found)
     assert all(check.holds for check in found.values())
@@ -168,7 +167,7 @@ def test_few_orders_where_all_would_take_long(monkeypatch: pytest.MonkeyPatch) -
 
 def spoiled(kind: str) -> Any:
     """`solve_field` with something wrong in its answer."""
-    right = solving.solve_field
+    right = stability.solve_field
 
     def solve(*arguments: Any) -> vrte.Field:
         field = right(*arguments)
@@ -196,7 +195,7 @@ def spoiled(kind: str) -> Any:
     ],
 )
 def test_what_is_wrong_is_found(kind: str, names: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "solve_field", spoiled(kind))
+    monkeypatch.setattr(stability, "solve_field", spoiled(kind))
     assert names <= {name for name, check in checked(SMALL).items() if not check.holds}
 
 
@@ -208,11 +207,11 @@ def test_a_scene_that_is_refused_or_warns_falls_short(monkeypatch: pytest.Monkey
         np.log(np.zeros(1))
         return solve(*arguments)
 
-    solve = solving.solve_field
-    monkeypatch.setattr(checks, "solve_field", refuse)
-    assert run.record_case(SMALL, {}, solving.Options()).shortfalls == ["refused: no"]
-    monkeypatch.setattr(checks, "solve_field", warn)
-    (short,) = run.record_case(SMALL, {}, solving.Options()).shortfalls
+    solve = stability.solve_field
+    monkeypatch.setattr(stability, "solve_field", refuse)
+    assert stability.record_case(SMALL, {}, stability.Options()).shortfalls == ["refused: no"]
+    monkeypatch.setattr(stability, "solve_field", warn)
+    (short,) = stability.record_case(SMALL, {}, stability.Options()).shortfalls
     assert "divide by zero" in short
 
 
@@ -222,20 +221,20 @@ def test_too_few_nodes_for_the_phase_matrix_are_told_and_do_not_count(monkeypatc
         warnings.warn("this will take long", vrte.LongSolveWarning, stacklevel=1)
         return solve(*arguments)
 
-    solve = solving.solve_field
-    monkeypatch.setattr(checks, "solve_field", warn)
-    (short,) = run.record_case(SMALL, {}, solving.Options()).shortfalls
+    solve = stability.solve_field
+    monkeypatch.setattr(stability, "solve_field", warn)
+    (short,) = stability.record_case(SMALL, {}, stability.Options()).shortfalls
     assert short.startswith("warnings (negative)")
-    few = run.record_case(Case("few", 4, (Slab("HG+0.99", 0.9, 1.0),), sun=0.6), {}, solving.Options())
+    few = stability.record_case(Case("few", 4, (Slab("HG+0.99", 0.9, 1.0),), sun=0.6), {}, stability.Options())
     assert few.shortfalls == []
     assert "warnings (negative)" in [check.name for check in few.checks]
 
 
 def oracle_table(case: Case) -> dict[str, np.ndarray]:
     """As the ball-arithmetic oracle stores it, from the solver itself."""
-    field = solving.solve_field(case, case.scene, solving.make_azimuths(case), "modes", None)
-    table = {f"{case.name}/hash": np.array(case.key)} | oracle.store_case(case)
-    for m, values in checks.compute_fourier_orders(case, field.stokes, case.orders).items():
+    field = stability.solve_field(case, case.scene, stability.make_azimuths(case), "modes", None)
+    table = {f"{case.name}/hash": np.array(case.key)} | stability.store_case(case)
+    for m, values in stability.compute_fourier_orders(case, field.stokes, case.orders).items():
         table |= {f"{case.name}/{m}/radiance": values, f"{case.name}/{m}/c": np.array(1e-15)}
     both = {"flux_up": field.flux_up, "flux_down": field.flux_down}
     return table | {f"{case.name}/{name}": np.stack([flux, 0.0 * flux]) for name, flux in both.items()}
@@ -243,12 +242,12 @@ def oracle_table(case: Case) -> dict[str, np.ndarray]:
 
 def test_an_oracle_is_compared_with() -> None:
     table = oracle_table(SMALL)
-    record = run.record_case(SMALL, table, solving.Options())
+    record = stability.record_case(SMALL, table, stability.Options())
     assert (record.oracle, record.shortfalls) == ("yes", [])
     assert record.worst("oracle") < 1e-12
     table["small/1/radiance"] = table["small/1/radiance"] + 1e-6
     table["small/flux_down"] = table["small/flux_down"] * (1.0 + 1e-7)
-    short = " ".join(run.record_case(SMALL, table, solving.Options()).shortfalls)
+    short = " ".join(stability.record_case(SMALL, table, stability.Options()).shortfalls)
     for part in ("order 1, up at the top", "order 1, inside", "order 1, down at the bottom", "fluxes", "transmitted"):
         assert part in short
     assert "order 0" not in short
@@ -256,17 +255,17 @@ def test_an_oracle_is_compared_with() -> None:
 
 def test_an_oracle_that_does_not_fit_says_so() -> None:
     table = oracle_table(SMALL)
-    assert oracle.find_oracle_answer(replace(SMALL, sun=0.7), table) == "out of date"
-    assert oracle.find_oracle_answer(replace(SMALL, name="another"), table) == "missing"
-    assert oracle.find_oracle_answer(replace(SMALL, media=(1.0, 1.5, 1.0)), table) == "surfaces"
-    assert oracle.find_oracle_answer(SMALL, {}) == "none"
-    assert oracle.find_oracle_answer(replace(SMALL, nodes=40), table) == "too many nodes"
-    assert oracle.find_oracle_answer(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
+    assert stability.find_oracle_answer(replace(SMALL, sun=0.7), table) == "out of date"
+    assert stability.find_oracle_answer(replace(SMALL, name="another"), table) == "missing"
+    assert stability.find_oracle_answer(replace(SMALL, media=(1.0, 1.5, 1.0)), table) == "surfaces"
+    assert stability.find_oracle_answer(SMALL, {}) == "none"
+    assert stability.find_oracle_answer(replace(SMALL, nodes=40), table) == "too many nodes"
+    assert stability.find_oracle_answer(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
 
 
 def test_what_the_oracle_leaves_out_falls_short() -> None:
     for case, why in ((replace(SMALL, sun=0.7), "out of date"), (replace(SMALL, name="another"), "missing")):
-        record = run.record_case(case, oracle_table(SMALL), solving.Options())
+        record = stability.record_case(case, oracle_table(SMALL), stability.Options())
         assert record.shortfalls == [f"the oracle's answer is {why}"]
 
 
@@ -275,23 +274,23 @@ def test_what_the_oracle_was_given_is_what_is_solved() -> None:
     table = oracle_table(SMALL)
     table["phase/rayleigh"] = table["phase/rayleigh"] * np.array([[1.0], [0.9], [0.9]])
     table["small/mu"] = np.array([0.7, 0.35, 0.7, -0.35, -0.7])
-    answer = oracle.find_oracle_answer(SMALL, table)
-    assert isinstance(answer, oracle.OracleAnswer)
+    answer = stability.find_oracle_answer(SMALL, table)
+    assert isinstance(answer, stability.OracleAnswer)
     assert (answer.case.mu0, answer.case.mu.tolist()) == (0.7, [0.35, 0.7, -0.35, -0.7])
     other = oracle_table(answer.case)
-    assert run.record_case(SMALL, other, solving.Options()).shortfalls == []
-    assert run.record_case(SMALL, other | table, solving.Options()).shortfalls
+    assert stability.record_case(SMALL, other, stability.Options()).shortfalls == []
+    assert stability.record_case(SMALL, other | table, stability.Options()).shortfalls
 
 
 def test_the_table_has_all_that_the_oracle_can_answer() -> None:
-    table = oracle.read_oracle_table(TABLE)
-    answers = [oracle.find_oracle_answer(case, table) for case in corners.list_oracle_cases()]
+    table = stability.read_oracle_table(TABLE)
+    answers = [stability.find_oracle_answer(case, table) for case in stability_cases.list_oracle_cases()]
     assert Counter(answer if isinstance(answer, str) else "yes" for answer in answers) == COMPARED
 
 
 def test_its_numbers_are_those_of_today() -> None:
     """But for the rounding that differs from one processor to another; of eigenvalues in the ninth digit."""
-    table, listed = oracle.read_oracle_table(TABLE), corners.list_oracle_cases()
+    table, listed = stability.read_oracle_table(TABLE), stability_cases.list_oracle_cases()
     for phase in {slab.phase for case in listed for slab in case.slabs}:
         computed = find_phase_matrix(phase).coefficients
         assert_close(table[f"phase/{phase}"], computed, rtol=0.0, atol=1e-12)
@@ -302,8 +301,8 @@ def test_its_numbers_are_those_of_today() -> None:
 def test_the_estimate_of_c_is_of_the_right_size() -> None:
     """T at omega = 1 and thickness 1e6 moves by 1e-4 per unit in the last place (256-bit arithmetic)."""
     thick = replace(SMALL, slabs=(Slab("rayleigh", 1.0, 1e6),))
-    assert 3e-5 < checks.estimate_c(thick) < 1e-3
-    assert checks.estimate_c(SMALL) < 1e-14
+    assert 3e-5 < stability.estimate_c(thick) < 1e-3
+    assert stability.estimate_c(SMALL) < 1e-14
 
 
 @pytest.mark.slow
@@ -311,9 +310,8 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert call_study("stability", "--quick", "-o", tmp_path / "out") == 0
     told = capsys.readouterr()
     assert told.err == ""
-    assert re.search(r"^  all .* holds$", told.out, re.MULTILINE)
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"stability_records.csv", "stability.md", "stability.csv", "stability_cases.csv"}
+    assert re.search(r"^\| all \| .* holds \|$", told.out, re.MULTILINE)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"stability.md", "stability_cases.csv"}
     text = (tmp_path / "out" / "stability.md").read_text()
     tables = re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE)
     assert len(tables) == 4
@@ -322,21 +320,15 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         assert len(bars) == 1
     assert f"numpy {np.__version__}" in text
     assert "Nothing." in text
-    with (tmp_path / "out" / "stability.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
-    assert rows[0] == ["scenes", "condition", *COLUMNS[2:]]
-    assert {len(row) for row in rows} == {len(COLUMNS)}
     examined = rows_of(tmp_path / "out" / "stability_cases.csv")
-    assert [row["name"] for row in examined] == [case.name for case in corners.choose_quick_cases()]
-    assert set(examined[0]) == set(CASE_COLUMNS)
-    assert {row["verdict"] for row in examined} == {"holds"}
+    assert [row["name"] for row in examined] == [case.name for case in stability_cases.choose_quick_cases()]
 
 
 def test_a_run_that_was_killed_is_taken_up_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     examined: list[str] = []
-    examine = run.examine_case
+    examine = stability.examine_case
 
     def counted(case: Case, *rest: Any) -> Any:
         if len(examined) == 2:
@@ -344,16 +336,18 @@ def test_a_run_that_was_killed_is_taken_up_again(
         examined.append(case.name)
         return examine(case, *rest)
 
-    monkeypatch.setattr(run, "examine_case", counted)
+    monkeypatch.setattr(stability, "examine_case", counted)
     assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 130
-    assert [path.name for path in tmp_path.iterdir()] == ["stability_records.csv"]
-    log = tmp_path / "stability_records.csv"
+    assert [path.name for path in tmp_path.iterdir()] == ["stability_cases.csv"]
+    log = tmp_path / "stability_cases.csv"
     header, first, second = log.read_text().splitlines()
     log.write_text(f"{header}\n{first}\n{second[:-50]}")  # killed while it wrote
     examined.clear()
-    monkeypatch.setattr(run, "examine_case", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
+    monkeypatch.setattr(
+        stability, "examine_case", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1]
+    )
     assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 0
-    assert examined == [case.name for case in corners.find_matching_cases(PATTERN)[1:]]
+    assert examined == [case.name for case in stability_cases.find_matching_cases(PATTERN)[1:]]
     examined.clear()
     assert call_study("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == []
@@ -362,14 +356,14 @@ def test_a_run_that_was_killed_is_taken_up_again(
     examined.clear()
     assert call_study("stability", "--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
     assert len(examined) == 3
-    assert [record.name for record in Records(run.Record, log).read().values()] == examined
+    assert [record.name for record in Records(stability.Record, log).read().values()] == examined
     capsys.readouterr()
 
 
 def test_a_shortfall_is_exit_code_1_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checks, "ENERGY", -1.0)
+    monkeypatch.setattr(stability, "ENERGY", -1.0)
     assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == 1
     told = capsys.readouterr()
     assert re.fullmatch(r"vrte: error: 1 of 1 scenes fall short, the first: sun on a node: energy [^\n]+\n", told.err)
@@ -380,9 +374,9 @@ def test_a_shortfall_is_exit_code_1_and_one_line(
 def test_a_known_reason_is_told_and_does_not_count(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checks, "ENERGY", -1.0)
+    monkeypatch.setattr(stability, "ENERGY", -1.0)
     known = ("sun on*", "energy", "nothing is less than nothing"), ("sun on*", "net flux*", "nor this")
-    monkeypatch.setattr(run, "KNOWN", known)
+    monkeypatch.setattr(stability, "KNOWN", known)
     assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == 0
     assert "nothing is less than nothing" in capsys.readouterr().out
     assert "nothing is less than nothing" in (tmp_path / "stability.md").read_text()
@@ -391,7 +385,7 @@ def test_a_known_reason_is_told_and_does_not_count(
 def test_without_the_oracle_the_run_says_where_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(oracle, "TABLE", tmp_path / TABLE.name)
+    monkeypatch.setattr(stability, "TABLE", tmp_path / TABLE.name)
     assert call_study("stability", "--cases", "thickness 0", "-o", tmp_path / "without") == 0
     assert "to be given by --oracle FILE" in capsys.readouterr().out
     assert "to be given by --oracle FILE" in (tmp_path / "without" / "stability.md").read_text()

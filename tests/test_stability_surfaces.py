@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from bench.stability import corners, surfaces
-from bench.stability.covering import find_uncovered_cells
+from bench import stability_cases
 
 from .helpers import assert_close, close_to
 from .interface_oracle import brdf_orders
@@ -54,16 +53,9 @@ def test_grazing_light_is_reciprocal_through_a_surface(mu0: float) -> None:
     assert_close(found[0, 1], q @ found[1, 0].T @ q, rtol=1e-11, atol=1e-12 * found[0, 1, 0, 0])
 
 
-def test_the_covering_array_covers_every_pair_of_values() -> None:
-    rows = surfaces.make_surface_rows()
-    sizes = [len(values) for values in surfaces.AXES.values()]
-    assert not find_uncovered_cells(rows, sizes, 2)
-    assert len(rows) == len(set(rows)) == surfaces.SCENES
-
-
 def test_the_critical_angle_is_hit_to_the_last_bit() -> None:
     """From inside glass one unit in the last place decides whether light gets out."""
-    case = next(case for case in corners.SURFACE_CORNERS if case.name == "n=1.5, view at the critical cosine")
+    case = next(case for case in stability_cases.SURFACE_CORNERS if case.name == "n=1.5, view at the critical cosine")
     sines = 1.5 * np.sqrt((1.0 - case.mu) * (1.0 + case.mu))
     assert (np.abs(sines - 1.0) < 5e-16).sum() >= 4
     assert case.mu0 == 0.6
