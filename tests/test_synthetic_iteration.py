@@ -41,18 +41,18 @@ def off(found, exact):
     ],
 )
 def test_converges_to_discrete_ordinates(name, regular):
-    """On the same nodes, whatever the guess: what is left is the grid of depths, on which light is linear."""
+    """On the same nodes, whatever the guess: what is left is of the 8th order in the panels of depths."""
     scene = SCENES[name]
     asked = {"mu0": MU0, "mu": MU, "phi": PHI, "tau": [0.0, 0.7, scene.thickness], "nodes": 4}
     asked["stokes"] = [1.0, 0.0, 0.0, 0.0] if name != "vector" else [1.0, 0.2, -0.5, 0.3]
-    exact = vrte.radiance(scene, truncation="small-angle", **asked)
-    told = {"iterations": 30, "regular": regular}
+    exact = vrte.radiance(scene, truncation="small-angle", accuracy=1e-13, **asked)
+    told = {"iterations": 60, "regular": regular}
     coarse, fine = (
         vrte.radiance(scene, method="synthetic-iteration", settings={**told, "depths": depths}, **asked)
-        for depths in (16, 64)
+        for depths in (16, 32)
     )
-    assert off(fine, exact) < 5e-4
-    assert off(fine, exact) < off(coarse, exact) / 8.0  # linear between depths: second order, 16 in the limit
+    assert off(fine, exact) < 1e-7
+    assert off(fine, exact) < off(coarse, exact) / 32.0
 
 
 def test_iterations_help():

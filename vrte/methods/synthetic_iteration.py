@@ -3,7 +3,7 @@
 The guess has an anisotropic part, the beam as it spreads by small angles, and a regular part of which another method
 says how much light goes down and up at each depth. One iteration scatters this guess once more towards the wanted
 directions alone: in closed form where the regular part is. Further ones scatter along nodes first, orders and depths
-on a grid, by the whole phase matrices as delta-M leaves them. Q, U and V come from the anisotropic part and from
+at Gauss depths, by the whole phase matrices as delta-M leaves them. Q, U and V come from the anisotropic part and from
 these further iterations: the regular part is that of light without polarization.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, check_choice, check_whole
+from vrte.basics.arrays import Array, IntArray, check_choice, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
@@ -22,6 +22,8 @@ from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import solve_request
 from vrte.methods.diffusion import BOUNDARIES, solve_diffusion
 from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.on_nodes import connect_media
+from vrte.methods.parts.sections import POINTS, Order, Section, Sections
 from vrte.methods.parts.task import Task, discretise_request
 from vrte.methods.parts.two_fluxes import TwoFluxes, convert_to_kernels, cut_to_two
 from vrte.methods.small_angle import expand_diffuse_part
@@ -34,8 +36,6 @@ from vrte.scene.scene import Scene
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
 REGULAR = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
 NODES = 8  # of a hemisphere, where none are asked for
-FIRST_STEP = 1e-3  # from each face of a layer
-LONGEST_STEP, MOST = 8.0, 12  # over the number of depths, optical depth; times it, how many such steps at most
 
 
 def solve_by_synthetic_iteration(task: Task) -> Answer:
@@ -109,39 +109,69 @@ def remove_polarization(scene: Scene) -> Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
-    """Depths of all layers, both faces of each: ``layer`` (D,), ``tau`` (D,) in the scene, ``depth`` (D,) in the
-    truncated layers; ``asked`` (n_tau,): which of them the levels are."""
+class Guess:
+    """Both parts at the Gauss depths (D,) of all panels of a stack: albedo and a1 of degree 1 there; E_0 and E_z of the
+    regular part (D, n_in), of light even over each hemisphere; ``tables`` (D, n_in, terms, 6): the source of the
+    anisotropic part about the beam; ``arriving`` (n_in,): flux down at the base."""
 
-    layer: Array
-    tau: Array
-    depth: Array
-    asked: Array
+    stack: Sections
+    albedo: Array
+    a1: Array
+    E_0: Array
+    E_z: Array
+    tables: Array
+    arriving: Array
+
+    def find_source(self, order: int, section: Section, rows: slice) -> Array:
+        """The source over mu, down and up, (2, panel, POINTS, rows, b), towards some rows of a section."""
+        problem, stokes = self.stack.passage.problem, list(self.stack.passage.problem.stokes)
+        mu = section.on_nodes.rows[rows][:: len(stokes)]
+        to, here = np.concatenate([mu, -mu]), slice(POINTS * section.panels.start, POINTS * section.panels.stop)
+        tables = self.tables[here]
+        found = np.zeros((len(tables), 2 * mu.size, len(stokes), problem.mu0.size, problem.columns.shape[0]))
+        left = _core.generalized_spherical_functions(order, tables.shape[2], to)[..., 0]
+        for i, mu0 in enumerate(problem.mu0.tolist()):
+            if stokes == [0]:
+                right = _core.generalized_spherical_functions(order, tables.shape[2], [mu0])[:, 0, 0]
+                values = (tables[:, i, :, 0] * right) @ left
+                found[:, :, 0, i] = values[..., None] * problem.columns[:, 0]
+                continue
+            for d, table in enumerate(tables[:, i]):
+                matrix = _core.phase_matrices(order, table, to, [mu0])[:, 0]
+                found[d, :, :, i] = np.einsum("oab,cb->oac", matrix, problem.columns)
+        if order == 0:
+            E_0, E_z, a1 = self.E_0[here, None], self.E_z[here, None], self.a1[here, None, None]
+            regular = E_0 + a1 * E_z * to[:, None]  # (D, to, n_in)
+            found[:, :, 0] += regular[..., None] * problem.columns[:, 0]
+        found *= 0.5 * self.albedo[here, None, None, None, None] / np.abs(to)[:, None, None, None]
+        found[:, mu.size :] *= problem.flip[:, None, None]
+        halves = found.reshape(-1, POINTS, 2, mu.size * len(stokes), problem.n_rhs)
+        return np.moveaxis(halves, 2, 0)
+
+    def find_arriving(self, order: int) -> Array:
+        """Light of the regular part on the nodes at the base, (n, b)."""
+        problem = self.stack.passage.problem
+        found = np.zeros((problem.size, problem.mu0.size, problem.columns.shape[0]))
+        if order == 0:
+            found[:: len(problem.stokes)] = 2.0 * self.arriving[:, None] * problem.columns[:, 0]
+        return found.reshape(problem.size, -1)
 
 
-def make_depth_grid(request: Request, problem: Problem, depths: int) -> Grid:
-    """Close together near the faces, where light changes by steps of their distance."""
-    layers, taus = [], []
-    top = 0.0
-    for k, h in enumerate(each.thickness for each in request.scene.layers):
-        near = np.geomspace(min(FIRST_STEP, 0.1 * h), 0.5 * h, depths) if h > 0.0 else np.zeros(0)
-        levels = request.tau[problem.level_layer == k] - top
-        even = np.linspace(0.0, h, min(MOST * depths, int(np.ceil(h * depths / LONGEST_STEP)) + 1))
-        points = np.unique(np.clip(np.concatenate([[0.0], near, h - near, even, [h], levels]), 0.0, h))
-        layers.append(np.full(points.size, k))
-        taus.append(top + points)
-        top += h
-    layer, tau = np.concatenate(layers), np.concatenate(taus)
-    bottom = request.scene.thickness
-    tau = np.minimum(tau, bottom)
-    tops = np.array([tau[layer == k][0] for k in range(len(request.scene.layers))])
-    stretch = 1.0 - np.array([each.albedo for each in request.scene.layers]) * problem.fraction
-    depth = problem.above[layer] + stretch[layer] * (tau - tops[layer])
-    asked = [
-        int(np.flatnonzero(layer == k)[np.argmin(np.abs(depth[layer == k] - at))])
-        for k, at in zip(problem.level_layer.tolist(), problem.depth.tolist(), strict=True)
-    ]
-    return Grid(layer, tau, depth, np.array(asked))
+def make_guess(request: Request, stack: Sections, regular: str, run: Run) -> Guess:
+    """Both parts at the depths of a stack."""
+    problem = stack.passage.problem
+    layer = np.repeat([each.layer for each in stack.sections], [each.depths.size for each in stack.sections])
+    begin = [float(stack.passage.cut.thickness[: each.place].sum()) for each in stack.sections]
+    depth = np.concatenate([top + each.depths.ravel() for top, each in zip(begin, stack.sections, strict=True)])
+    layers = request.scene.layers
+    tops = np.cumsum([0.0, *(each.thickness for each in layers)])
+    stretch = 1.0 - np.array([each.albedo for each in layers]) * problem.fraction
+    tau = np.clip(tops[layer] + (depth - problem.above[layer]) / stretch[layer], tops[layer], tops[layer + 1])
+    levels, at = np.unique(np.append(tau, request.scene.thickness), return_inverse=True)
+    down, up = (flux[at] for flux in compute_regular_fluxes(regular, request, levels, run))
+    a1 = problem.coefficients[layer, 1, 0] if problem.coefficients.shape[1] > 1 else np.zeros(layer.size)
+    tables = compute_anisotropic_tables(request, problem, layer, tau, depth)
+    return Guess(stack, problem.albedo[layer], a1, 2.0 * (down + up)[:-1], (down - up)[:-1], tables, down[-1])
 
 
 def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
@@ -151,148 +181,56 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
         raise SceneError(
             f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
         )
-    members = [0] if problem.is_scalar else [0, 1, 2, 3]
-    grid, albedo = make_depth_grid(request, problem, depths), request.scene.below.even_albedo
-    out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
-    nodes = np.concatenate([problem.nodes, -problem.nodes])
-    moments = compute_regular_moments(request, grid, regular, task.run)
-    downward = 0.5 * moments[0] + moments[1], moments[1]  # of light even over each hemisphere
-    base_light = albedo / np.pi * 0.5 * downward[0][-1][:, None] * problem.columns[:, 0]
-    direct = albedo / np.pi * (problem.mu0 * np.exp(-grid.depth[-1] / problem.mu0))[:, None] * problem.columns[:, 0]
-    tables = compute_anisotropic_tables(request, problem, grid)
-    orders = range(problem.coefficients.shape[1])
-    on_nodes, towards = (build_operators(problem, orders, to, nodes, members) for to in (nodes, out))
-    first = out if iterations == 1 else nodes
-    source = np.array([guess(problem, grid, moments, tables, m, first, members) for m in orders])
-    beam = (
-        np.array([compute_beam_source(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
-    )
-    for step in range(iterations - 1):
-        task.tell(step, iterations)
-        field = sweep_light(grid, nodes, source + beam, base_light + direct)
-        source = scatter_field(grid, towards if step == iterations - 2 else on_nodes, field)
-        flux = field[0, :, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
-        base_light = 2.0 * albedo * flux
-    task.tell(iterations, iterations)
-    found = sweep_light(grid, out, source, base_light)[:, :, :, grid.asked]
-    kernels = np.zeros((*found.shape[:-1], 4))
-    kernels[..., members] = found
-    return kernels.transpose(0, 3, 1, 2, 4, 5)
+    problem = connect_media(request, problem)
+    stack = Sections(problem, request.scene.below, depths)
+    guess = make_guess(request, stack, regular, task.run)
+    count, shape = problem.coefficients.shape[1], (problem.level.size, problem.mu0.size, problem.columns.shape[0])
+    kernels = np.zeros((count, *shape, problem.mu_out.size, 4))
+    for m in range(count):
+        task.tell(m, count)
+        arriving = guess.find_arriving(m)
+        if iterations == 1:
+            faces = {
+                each.place: each.along_sights.carry(*guess.find_source(m, each, slice(each.on_nodes.n, None)))[1]
+                for each in stack.sections
+            }
+            light = stack.look(m, faces, arriving)
+        else:
+            order = Order(stack, m)
+            made = {
+                each.place: each.along_nodes.carry(*guess.find_source(m, each, slice(0, each.on_nodes.n)))
+                for each in stack.sections
+            }
+            field = stack.carry(made, order.reflect(arriving)) + order.once
+            for _ in range(iterations - 2):
+                field = order.scatter(field) + order.once
+            light = order.view(field)
+        kernels[m][..., list(problem.stokes)] = light
+    return kernels
 
 
-def compute_regular_moments(request: Request, grid: Grid, regular: str, run: Run) -> tuple[Array, Array]:
-    """E_0 and E_z of the regular part at the grid's depths, (D, n_in), of light even over each hemisphere."""
-    levels, at = np.unique(grid.tau, return_inverse=True)
-    down, up = (flux[at] for flux in compute_regular_fluxes(regular, request, levels, run))
-    return 2.0 * (down + up), down - up
-
-
-def compute_anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
-    """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6): what is spread, less the
-    truncated layers' direct beam; of degrees 0 and 1 only what delta-M takes off the beam for two terms, but not here,
-    for the rest of them is regular."""
-    terms, layers = problem.coefficients.shape[1], request.scene.layers
-    tau, mu0 = grid.tau[:, None], problem.mu0
-    whole_scene = replace(request, tau=grid.tau)
-    plain = discretise_scene(request.scene, mu0, request.columns, np.ones(1), whole_scene.tau, 1)
-    plain = replace(plain, level_layer=grid.layer.astype(np.int32), level=grid.tau - plain.above[grid.layer])
+def compute_anisotropic_tables(request: Request, problem: Problem, layer: IntArray, tau: Array, depth: Array) -> Array:
+    """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6), at depths (D,) of layers
+    (D,), ``depth`` of the truncated ones: what is spread, less the truncated layers' direct beam; of degrees 0 and 1
+    only what delta-M takes off the beam for two terms, but not here, for the rest of them is regular."""
+    terms, mu0 = problem.coefficients.shape[1], problem.mu0
+    degrees = 2.0 * np.arange(terms) + 1.0
+    whole = replace(request, tau=tau)
+    plain = discretise_scene(request.scene, mu0, request.columns, np.ones(1), tau, 1)
     spread = expand_diffuse_part(request.scene, plain)[:, :, :terms]
     spread = np.pad(spread, ((0, 0), (0, 0), (0, terms - spread.shape[2]), (0, 0)))
-    faded = np.exp(-tau / mu0) - np.exp(-grid.depth[:, None] / mu0)
-    degrees = 2.0 * np.arange(terms) + 1.0
-    scalar = problem.is_scalar
-    spread[..., : 1 if scalar else 4] += (faded[..., None] * degrees)[..., None]
-    two = cut_to_two(whole_scene)
-    stretch = 1.0 - np.array([layer.albedo for layer in layers]) * two.fraction
-    depth = two.above[grid.layer] + stretch[grid.layer] * (grid.tau - plain.above[grid.layer])
-    beam = np.exp(-depth[:, None] / mu0) - np.exp(-grid.depth[:, None] / mu0)
+    direct = np.exp(-depth[:, None] / mu0)
+    lost = ((np.exp(-tau[:, None] / mu0) - direct)[..., None] * degrees)[..., None]
+    spread[..., : 1 if problem.is_scalar else 4] += lost
+    beam = np.exp(-cut_to_two(whole).depth[:, None] / mu0) - direct
     spread[..., :2, :] = 0.0
     spread[..., :2, 0] = beam[..., None] * degrees[:2]
-    S = problem.coefficients[grid.layer][:, None] / degrees[:, None]
+    S = problem.coefficients[layer][:, None] / degrees[:, None]
     a1, a2, a3, a4, b1, b2 = np.moveaxis(S, -1, 0)
     e1, e2, e3, e4, d1, d2 = np.moveaxis(spread, -1, 0)
     found = [a1 * e1 + b1 * d1, a2 * e2 + b1 * d1, a3 * e3 - b2 * d2, a4 * e4 - b2 * d2]
     crossed = [0.5 * (a1 * d1 + b1 * e2 + b1 * e1 + a2 * d1), 0.5 * (a3 * d2 + b2 * e4 + b2 * e3 + a4 * d2)]
     return np.stack([*found, *crossed], axis=-1)
-
-
-def build_operators(problem: Problem, orders: range, to: Array, nodes: Array, members: list[int]) -> list[Array]:
-    """albedo/2 times weights times A^m from the nodes, one a layer, (order, S n_from, S n_to)."""
-    weights = np.concatenate([problem.weights, problem.weights])[:, None, None]
-    found = []
-    for albedo, coefficients in zip(problem.albedo, problem.coefficients, strict=True):
-        matrices = np.array([_core.phase_matrices(m, coefficients, to, nodes) for m in orders])
-        scaled = 0.5 * albedo * weights * matrices[..., members, :][..., members]  # (order, to, from, S, S)
-        turned = scaled.transpose(0, 2, 4, 1, 3)
-        found.append(turned.reshape(len(orders), nodes.size * len(members), to.size * len(members)))
-    return found
-
-
-def guess(
-    problem: Problem, grid: Grid, moments: tuple[Array, Array], tables: Array, order: int, to: Array, members: list[int]
-) -> Array:
-    """The source of both parts towards the cosines ``to``, (n_in, n_col, D, n_to, S)."""
-    shape = problem.mu0.size, problem.columns.shape[0], grid.depth.size, to.size, len(members)
-    found = np.zeros(shape)
-    strength = problem.albedo[grid.layer] / (4.0 * np.pi)
-    left = _core.generalized_spherical_functions(order, tables.shape[2], to)
-    for i, mu0 in enumerate(problem.mu0.tolist()):
-        right = _core.generalized_spherical_functions(order, tables.shape[2], [mu0])[:, 0]
-        if members == [0]:
-            values = (tables[:, i, :, 0] * right[:, 0]) @ left[..., 0]
-            found[i, ..., 0] = problem.columns[:, 0, None, None] * (strength[:, None] * values)
-        else:
-            for d in range(grid.depth.size):
-                matrix = _core.phase_matrices(order, tables[d, i], to, [mu0])[:, 0]
-                found[i, :, d] = strength[d] * np.einsum("oab,cb->coa", matrix, problem.columns)
-    if order == 0:
-        E_0, E_z = moments
-        a1 = problem.coefficients[grid.layer, 1, 0] if problem.coefficients.shape[1] > 1 else np.zeros(grid.layer.size)
-        regular = strength[:, None, None] * (E_0[..., None] + (a1[:, None] * E_z)[..., None] * to)  # (D, n_in, n_to)
-        found[..., 0] += problem.columns[:, 0][:, None, None] * regular.transpose(1, 0, 2)[:, None]
-    return found
-
-
-def compute_beam_source(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]) -> Array:
-    """The direct beam's source, (n_in, n_col, D, n_to, S)."""
-    fade = problem.albedo[grid.layer] / (4.0 * np.pi) * np.exp(-grid.depth / problem.mu0[:, None])  # (n_in, D)
-    matrices = [
-        _core.phase_matrices(order, each, to, problem.mu0.copy())[..., members, :] for each in problem.coefficients
-    ]
-    by_layer = np.einsum("koiab,cb->ickoa", np.array(matrices), problem.columns)
-    found: Array = fade[:, None, :, None, None] * by_layer[:, :, grid.layer]
-    return found
-
-
-def scatter_field(grid: Grid, by_layer: list[Array], field: Array) -> Array:
-    """The source of a field (order, n_in, n_col, D, n_node, S), by `operators`."""
-    flat, size = field.reshape(*field.shape[:4], -1), field.shape[-1]
-    found = [flat[:, :, :, grid.layer == k] @ operator[:, None, None] for k, operator in enumerate(by_layer)]
-    joined = np.concatenate(found, axis=3)
-    return joined.reshape(*joined.shape[:4], -1, size)
-
-
-def sweep_light(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
-    """Light along mu (n_mu,), positive down, of a source (order, n_in, n_col, D, n_mu, S), linear between depths;
-    ``base_light`` (n_in, n_col): I of order 0 that the base sends up. (2:25)-(2:26)."""
-    step = np.maximum(np.diff(grid.depth), 0.0)[:, None] / np.abs(mu)
-    step[np.diff(grid.layer) > 0] = 0.0
-    fade, mean = np.exp(-step), np.where(step > 0.0, -np.expm1(-step) / np.where(step > 0.0, step, 1.0), 1.0)
-    near, far = 1.0 - mean, mean - fade
-    field = np.zeros_like(source)
-    for downward, part in ((True, mu > 0.0), (False, mu < 0.0)):
-        turn = slice(None) if downward else slice(None, None, -1)
-        J = np.moveaxis(source[..., part, :], 3, 0)[turn]
-        ways = [each[:, part, None][turn] for each in (near, far, fade)]
-        light = np.zeros_like(J)
-        if not downward:
-            light[0, 0, ..., 0] = base_light[..., None]
-        added = ways[0][:, None, None, None] * J[1:] + ways[1][:, None, None, None] * J[:-1]
-        for d, kept in enumerate(ways[2]):
-            np.multiply(kept, light[d], out=light[d + 1])
-            light[d + 1] += added[d]
-        field[..., part, :] = np.moveaxis(light[turn], 0, 3)
-    return field
 
 
 METHOD = Method(
@@ -318,7 +256,7 @@ METHOD = Method(
         "depths": Setting(
             32,
             lambda value: check_whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000),
-            "of the grid towards each face of a layer, where there is a grid",
+            "in every layer at which the source function is held, at least, where it is not in closed form",
         ),
     },
 )

@@ -14,7 +14,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import make_refracted_nodes
+from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -29,7 +29,11 @@ def connect_media(request: Request, problem: Problem) -> Problem:
     scene = request.scene
     if problem.media is not None:
         return problem
-    shared = make_refracted_nodes(scene.media, problem.nodes.size, problem.grading, scene.indices)
+    index, nodes = scene.media[0], problem.nodes
+    panel = 0, nodes.size, Panel(0.0, index, np.inf, problem.grading)
+    shared = RefractedNodes(
+        np.full(nodes.size, index), (index * nodes) ** 2, index**2 * nodes * problem.weights, (panel,)
+    )
     under = np.zeros(request.tau.size, bool) if request.under is None else request.under
     stokes = (0,) if problem.is_scalar and not scene.below.mixes_stokes else ALL
     columns = np.ascontiguousarray(problem.columns[:, list(stokes)])
