@@ -8,8 +8,8 @@ import pytest
 
 import vrte
 from vrte.app import figures
-from vrte.app.figures.lobe import STEP
 from vrte.app.solving.reflectance import Reflectances, compute_colours
+from vrte.pictures.lobes import STEP
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 

@@ -19,11 +19,12 @@ from vrte.app.solving import fitting
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.fitting import fit_scene
 from vrte.app.solving.live import COMPARER, Live
-from vrte.app.solving.measured import COLOURS, NUMBERS, describe_measured, list_shown, name_bars, split_curves
+from vrte.app.solving.measured import describe_measured, list_shown
 from vrte.app.solving.measuring import Compared, Comparer, Comparison, is_measurement
 from vrte.app.solving.messages import Fit, Fitted, Progress, Step, keep_step
 from vrte.app.solving.questions import Refused
 from vrte.basics.errors import SceneError
+from vrte.fit.curves import COLOURS, NUMBERS, name_bars, split_curves
 
 from .helpers import assert_close
 

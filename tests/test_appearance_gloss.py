@@ -18,10 +18,10 @@ from vrte.appearance.gloss import (
     list_gloss_directions,
     read_gloss,
 )
-from vrte.appearance.gloss_picture import draw_gloss
 from vrte.appearance.panel import Panel
 from vrte.basics.errors import SceneError
 from vrte.optics.fresnel import reflect_smooth
+from vrte.pictures.appearance import draw_gloss
 from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
 

@@ -184,7 +184,7 @@ def test_lengths_follow_where_the_film_has_one(white: Hiding) -> None:
     assert known.spreading_rate == close_to(50.0 / known.hiding_times, rtol=1e-12, atol=0.0)
     assert known.lengths_um == close_to(20.0 * known.times, rtol=1e-12, atol=0.0)
     assert "m2 of dry film a litre" in str(known)
-    assert known.plot().axes[0].get_xlabel().endswith("µm")
+    assert known.plot().axes[0].get_xlabel().endswith("[µm]")
 
 
 @pytest.mark.slow
@@ -242,7 +242,7 @@ def test_a_picture_shows_the_target_and_the_film(white: Hiding) -> None:
         {text.get_text() for text in legend.get_texts()} for legend in (left.get_legend(), right.get_legend()) if legend
     ]
     assert shown[0] == {f"0.98 at {white.hiding_times:.3g} times the film"}
-    assert shown[1] == {"over white, 0.8", "over black, 0", "without end"}
+    assert shown[1] == {"over white, 0.8", "over black, 0", "semi-infinite"}
     assert any(set(np.asarray(line.get_ydata()).tolist()) == {0.98} for line in left.lines)
 
 

@@ -17,6 +17,8 @@ CLASSES = {
     **vars(vrte),
     **vars(import_module("vrte.optics.phase_matrix")),
     **vars(import_module("vrte.results.result")),
+    **vars(import_module("vrte.appearance.hiding")),
+    **vars(import_module("vrte.appearance.two_flux_fit")),
 }
 
 

@@ -13,7 +13,7 @@ from vrte.appearance import kubelka_munk as km
 from vrte.appearance.geometries import read_geometry
 from vrte.appearance.panel import Panel, make_panel
 from vrte.appearance.two_flux_fit import find_kubelka_munk, find_surface_shares
-from vrte.appearance.two_flux_picture import draw_two_fluxes
+from vrte.pictures.appearance import draw_errors
 
 from .helpers import close_to
 
@@ -210,12 +210,12 @@ def test_errors_are_colours_too_and_a_picture() -> None:
     assert (errors.difference[:, 0] > 0.01).all()
     grey = errors.exact[0, :, 0] / errors.exact[1, :, 0]  # of the same reflectance at all wavelengths
     assert errors.contrast_ratio[0] == close_to(grey, rtol=1e-6, atol=0.0)
-    figure = draw_two_fluxes(found, errors)
+    figure = draw_errors(found, errors)
     assert len(figure.axes) == 4
     drawn = figure.axes[0].lines[1].get_ydata()
     assert drawn == close_to(errors.exact[0, :, 0], rtol=1e-6, atol=0.0)
     with pytest.raises(vrte.SceneError, match="two or more"):
-        draw_two_fluxes(found, found.compare([1.0, np.inf]))
+        draw_errors(found, found.compare([1.0, np.inf]))
 
 
 def test_an_appearance_knows_its_k_and_s() -> None:

@@ -12,7 +12,8 @@ import vrte
 from vrte.app import figures
 from vrte.app.solving.reflectance import WITH_BEAM, WITHOUT_BEAM, collect_reflectances
 from vrte.optics.fresnel import reflect_smooth
-from vrte.pictures.lobes import MIRRORED, describe_mirrored_beam, name_brdf
+from vrte.pictures.describe import MIRRORED
+from vrte.pictures.lobes import describe_mirrored_beam, name_brdf
 from vrte.results.spectrum import Spectrum
 
 from .helpers import assert_close
@@ -92,8 +93,8 @@ def test_the_viewer_has_the_arrow_too(plain: vrte.Brdf, shiny: vrte.Brdf) -> Non
 def test_depths_name_their_medium(field: vrte.Field) -> None:
     figure = field.plot()
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
-        "$\\tau$ = 0, $n$ = 1",
-        "$\\tau$ = 1, $n$ = 1.5",
+        "τ = 0, n = 1",
+        "τ = 1, n = 1.5",
     ]
     assert "medium of each depth" in figure.axes[-1].get_xlabel()
     polar = figures.field_polar(field)

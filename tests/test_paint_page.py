@@ -234,11 +234,11 @@ def test_the_table_has_every_number_to_its_last_digit(grey: vrte.Paint, tmp_path
 
 
 def test_files_are_whole_or_as_they_were(grey: vrte.Paint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.appearance import paint_page
+    from vrte.pictures import paint
 
     path = tmp_path / "page.html"
     path.write_text("before")
-    monkeypatch.setattr(paint_page, "write_page", lambda paint: "\ud800")  # which no file can hold
+    monkeypatch.setattr(paint, "make_paint_page", lambda paint: "\ud800")  # which no file can hold
     with pytest.raises(UnicodeEncodeError):
         grey.save(path)
     assert path.read_text() == "before"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.pictures import lobes
+from vrte.pictures import lobes, results
 from vrte.pictures.notebook import draw_brdf
 from vrte.results.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.results.quantities import of_stokes
@@ -95,27 +95,27 @@ def test_too_few_directions(mu_o: list[float], phi: list[float]) -> None:
 
 
 def test_pictures_say_what_they_show(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    figure = lobes.draw_brdf(brdf)
+    figure = results.draw_brdf(brdf)
     assert "Subsurface BRDF" in figure.get_suptitle()
     assert "0.6" in figure.axes[0].get_title()
     assert any("degree of linear polarization" in axes.get_ylabel() for axes in figure.axes)
     field = vrte.radiance(scene, 0.6, phi=[0, 90], tau=[0, 0.5], nodes=8, threads=1)
-    figure = lobes.draw_field(field)
+    figure = results.draw_field(field)
     assert "Subsurface radiance" in figure.get_suptitle()
-    assert [axes.get_title() for axes in figure.axes[:2]] == [r"$\phi$ = 0°", r"$\phi$ = 90°"]
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["φ = 0°", "φ = 90°"]
 
 
 def test_a_dark_scene_can_be_drawn(tmp_path: Path) -> None:
     dark = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=1.0)])
-    lobes.save_plot(vrte.brdf(dark, 0.6, MU_O, [0, 90, 180], nodes=4, threads=1), tmp_path / "brdf.png")
-    lobes.save_plot(vrte.radiance(dark, 0.6, nodes=4, threads=1), tmp_path / "field.png")
+    results.save_plot(vrte.brdf(dark, 0.6, MU_O, [0, 90, 180], nodes=4, threads=1), tmp_path / "brdf.png")
+    results.save_plot(vrte.radiance(dark, 0.6, nodes=4, threads=1), tmp_path / "field.png")
     assert {path.name for path in tmp_path.iterdir()} == {"brdf.png", "field.png"}
 
 
 def test_a_missing_extra_is_one_sentence(brdf: vrte.Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(vrte.MissingExtraError, match=r"a picture needs the extra 'plot': pip install 'vrte\[plot\]'"):
-        lobes.save_plot(brdf, tmp_path / "brdf.png")
+        results.save_plot(brdf, tmp_path / "brdf.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -128,7 +128,7 @@ def test_the_suffix_says_what_a_picture_is_and_the_bytes_are_the_same_again(
     for result in (brdf, field) if suffix == ".svg" else (field,):
         twice = [tmp_path / f"{name}{suffix}" for name in "ab"]
         for path in twice:
-            lobes.save_plot(result, path)
+            results.save_plot(result, path)
         first, second = (path.read_bytes() for path in twice)
         assert first == second
         assert first.startswith(starts[suffix])
@@ -137,7 +137,7 @@ def test_the_suffix_says_what_a_picture_is_and_the_bytes_are_the_same_again(
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svgz"])
 def test_another_suffix_is_one_sentence(brdf: vrte.Brdf, tmp_path: Path, name: str) -> None:
     with pytest.raises(vrte.SceneError, match=r"must end in \.png or \.svg or \.pdf"):
-        lobes.save_plot(brdf, tmp_path / name)
+        results.save_plot(brdf, tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
@@ -158,5 +158,5 @@ def test_a_field_is_drawn_smoothly_through_marked_directions(scene: vrte.Scene) 
 def test_a_field_of_several_beams_has_a_column_for_each(scene: vrte.Scene) -> None:
     field = vrte.radiance(scene, [0.3, 0.6], mu=[-0.5, 0.5, 1.0], phi=[0, 90], nodes=4, threads=1)
     figure = field.plot()
-    assert [axes.get_title() for axes in figure.axes[:2]] == [r"$\mu_0$ = 0.3", r"$\mu_0$ = 0.6"]
-    assert "phi$ = 0°" in figure.get_suptitle()
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["μ₀ = 0.3", "μ₀ = 0.6"]
+    assert "φ = 0°" in figure.get_suptitle()

@@ -20,6 +20,7 @@ from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
+from vrte.basics.views import view
 from vrte.request.how import EXACT
 from vrte.scene.boundary import Lambertian
 
@@ -326,9 +327,8 @@ class Hiding:
 
     def plot(self) -> "Figure":
         """A figure of the hiding curve, and of Y over both cards."""
-        from vrte.appearance.hiding_picture import draw_hiding
-
-        return draw_hiding(self)
+        figure: Figure = view(self, "plot")
+        return figure
 
 
 def find_contrast(

@@ -21,6 +21,7 @@ from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
+from vrte.basics.views import view
 from vrte.calls.spectrum import Source
 from vrte.formats.paints import KEYS, expand_content
 from vrte.formats.toml_table import show_toml
@@ -86,9 +87,7 @@ class Paint:
         return "\n".join([self.title, *(f"  {line}" for line in (*self.made_of, *numbers))])
 
     def _repr_html_(self) -> str:
-        from vrte.appearance.paint_page import write_body
-
-        return write_body(self)
+        return str(view(self, "_repr_html_"))
 
     @property
     def colours(self) -> dict[str, Colour]:
@@ -185,9 +184,7 @@ class Paint:
         --------
         >>> painted.save("grey.csv")
         """
-        from vrte.appearance.paint_page import save_paint
-
-        save_paint(self, path)
+        view(self, "save", path)
 
 
 def cut_lobe(lobe: Brdf) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
+from vrte.basics.views import view
 from vrte.calls.radiance import radiance
 from vrte.calls.side_by_side import run_side_by_side
 from vrte.results.field import Field
@@ -175,10 +176,8 @@ class KubelkaMunk:
         """A figure of `compare`: reflectance against thickness, exact and predicted, their difference, also as a colour
         difference, and K and S beside those of diffusion; ``lengths``: by default from an eighth of the film's own to
         eight times."""
-        from vrte.appearance.two_flux_picture import draw_two_fluxes
-
-        usual = self.length * 2.0 ** np.arange(-3.0, 3.5, 0.5)
-        return draw_two_fluxes(self, self.compare(usual if lengths is None else lengths, progress))
+        figure: Figure = view(self, "plot", lengths, progress)
+        return figure
 
     def __str__(self) -> str:
         """A line a wavelength: K, S, both over what diffusion says, and what the surface mirrors and sends back."""

@@ -107,7 +107,7 @@ def write_output(path: Path, found: Fit, profiles: list[Profile], file: Path) ->
     """A page, the scene, all of it or a picture, by the suffix."""
     suffix = path.suffix.lower()
     if suffix == ".html":
-        from vrte.fit.page import save_fit_page
+        from vrte.pictures.fit import save_fit_page
 
         save_fit_page(found, path, file.stem.replace("_", " "), profiles)
     elif suffix == ".toml":

@@ -264,16 +264,16 @@ def write_table(columns: Columns, path: Path) -> None:
 
 def draw_columns(columns: Columns, name: str, groups: list[tuple[str, tuple[str, ...]]]) -> Any:
     """Groups of columns beside each other, each with its title, over the wavelength."""
-    from vrte.pictures.figures import finish, make_figure
+    from vrte.pictures.describe import BLUE, GREEN, ORANGE, Axis, Curve, Panel, Picture
+    from vrte.pictures.figures import draw_picture
 
-    figure = make_figure(4.8 * len(groups), 4.0)
-    panels = figure.subplots(1, len(groups), squeeze=False)[0]
-    for panel, (title, names) in zip(panels, groups, strict=True):
-        for column, colour in zip(names, ("#1f4e79", "#d98200", "#2a8f5b"), strict=False):
-            style = {"color": colour, "marker": "o" if len(columns[column]) < 40 else None, "markersize": 3}
-            panel.plot(columns["wavelength_um"], columns[column], label=column.removesuffix("_um2"), **style)
-        finish([panel], (title,), "wavelength [µm]")
-        panel.set_ylim(bottom=min(0.0, 1.05 * min(min(columns[column]) for column in names)))
-    figure.suptitle(name, fontsize=12)
-    figure.tight_layout()
-    return figure
+    panels = []
+    for title, names in groups:
+        least = min(0.0, 1.05 * min(min(columns[column]) for column in names))
+        curves = [
+            Curve(columns["wavelength_um"], columns[column], column.removesuffix("_um2"), colour, size=3.0,
+                  marker="o" if len(columns[column]) < 40 else "")
+            for column, colour in zip(names, (BLUE, ORANGE, GREEN), strict=False)
+        ]  # fmt: skip
+        panels.append(Panel(curves, Axis("wavelength [µm]"), Axis(low=least), title))
+    return draw_picture(Picture([panels], 4.8 * len(groups), 4.0, name))

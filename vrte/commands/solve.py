@@ -175,7 +175,7 @@ def write_result(result: Result, options: argparse.Namespace, name: str, seconds
         elif name == "csv":
             write_csv(result, path)
         else:
-            from vrte.pictures.lobes import save_plot
+            from vrte.pictures.results import save_plot
 
             save_plot(result, path)
     return path

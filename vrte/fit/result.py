@@ -9,6 +9,7 @@ import numpy as np
 from vrte.basics.arrays import Array, settle_array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
+from vrte.basics.views import view
 from vrte.fit.measurement import Measurement
 from vrte.fit.verdict import find_correlations
 from vrte.formats.scene_writer import write_toml
@@ -195,9 +196,8 @@ class Fit:
         >>> len(fitted.plot().axes)
         3
         """
-        from vrte.fit.figures import draw_fit
-
-        return draw_fit(self)
+        figure: Figure = view(self, "plot")
+        return figure
 
     def page(self, path: str | os.PathLike[str]) -> None:
         """Writes all of it as a page, one file that opens without a network.
@@ -211,9 +211,7 @@ class Fit:
         --------
         >>> fitted.page("fit.html")
         """
-        from vrte.fit.page import save_fit_page
-
-        save_fit_page(self, path)
+        view(self, "page", path)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the fit to a file that `load` brings back; without its scene where that was a `vrte.Scene`.

@@ -1,12 +1,30 @@
-"""What the reports' pictures have in common: small files, and a colour for each step of a solve."""
+"""Pictures drawn by matplotlib from their descriptions, and written as small files."""
 
 import os
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_atomically
+from vrte.pictures.describe import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    RED,
+    Axis,
+    Curve,
+    Line,
+    Panel,
+    Picture,
+    Swatch,
+    Words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,14 +33,14 @@ SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"Creati
 SHARP_DPI = 160  # of a picture by itself, and of what is made of pixels in a drawing
 DPI = 100
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
-FAINT = "#b5b5b5"
-COLOURS = {
-    "homogeneous": "#1f4e79",
-    "particular": "#d98200",
-    "boundary": "#2a8f5b",
-    "reconstruction": "#b3262e",
-    "assembly": "#7a4fa3",
+COLOURS = {  # of the steps of a solve
+    "homogeneous": BLUE,
+    "particular": ORANGE,
+    "boundary": GREEN,
+    "reconstruction": RED,
+    "assembly": PURPLE,
 }
+GRID: dict[str, Any] = {"color": FAINT, "linewidth": 0.5, "alpha": 0.7}
 
 
 def require_pictures() -> None:
@@ -36,6 +54,122 @@ def make_figure(width: float, height: float) -> "Figure":
     from vrte.pictures.shown_figure import ShownFigure
 
     return ShownFigure(figsize=(width, height), facecolor="white")
+
+
+def draw_picture(picture: Picture) -> "Figure":
+    """The figure of a description. Raises MissingExtraError without matplotlib."""
+    figure = make_figure(picture.width, picture.height)
+    figure.set_layout_engine("constrained")
+    grid = figure.add_gridspec(
+        len(picture.rows),
+        max(map(len, picture.rows)),
+        height_ratios=picture.heights,
+        width_ratios=picture.widths,
+    )
+    for row, panels in enumerate(picture.rows):
+        drawn: list[Any] = []
+        for column, panel in enumerate(panels):
+            if panel is None:
+                continue
+            end = row + 1
+            while end < len(picture.rows) and column < len(picture.rows[end]) and picture.rows[end][column] is None:
+                end += 1  # a panel fills what is empty below it, and the last of a row the rest of the row
+            place = grid[row:end, column:] if column == len(panels) - 1 else grid[row:end, column]
+            shared = drawn[0] if drawn and picture.share_y else None
+            axes = figure.add_subplot(place, projection="polar" if panel.polar else None, sharey=shared)
+            draw_panel(axes, panel)
+            drawn.append(axes)
+        if picture.share_y and panels[0] is not None:
+            drawn[0].autoscale(axis="y")
+            drawn[0].set_ylim(panels[0].y.low, panels[0].y.high)
+            for axes in drawn[1:]:
+                axes.set_ylabel("")
+                axes.tick_params(labelleft=False)
+    if picture.title:
+        figure.suptitle(picture.title, fontsize=13)
+    return figure
+
+
+def draw_panel(axes: Any, panel: Panel) -> None:
+    """A panel into matplotlib's axes."""
+    for part in panel.parts:
+        if isinstance(part, Curve):
+            draw_curve(axes, part, bool(panel.polar))
+        elif isinstance(part, Line):
+            style: dict[str, Any] = {"color": part.colour, "linestyle": part.dash, "linewidth": part.width}
+            style["label"] = part.name or None
+            axes.axhline(part.y, **style, zorder=0.5) if part.x is None else axes.axvline(part.x, **style, zorder=0.5)
+        elif isinstance(part, Words):
+            where = axes.get_xaxis_transform() if part.of_data else axes.transAxes
+            style = {"color": part.colour, "fontsize": part.size, "ha": part.align, "rotation": 90.0 * part.turned}
+            lines = {"va": "top" if part.align == "left" else "center", "wrap": True, "linespacing": 1.4}
+            axes.text(part.x, part.y, part.text, transform=where, **style, **lines)
+        else:
+            draw_swatch(axes, part)
+    if panel.title:
+        axes.set_title(panel.title, fontsize=10, color=INK)
+    if panel.bare:
+        axes.set_axis_off()
+        return
+    if panel.polar:
+        axes.set_theta_zero_location("N"), axes.set_theta_direction(-1)
+        axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0)
+        axes.set_thetagrids(range(-90, 91, 30))
+        axes.set_rlabel_position(90.0)
+        axes.yaxis.set_major_locator(limit_ticks())
+        axes.set_ylim(panel.y.low, panel.y.high)
+        axes.text(0.75, 0.11, panel.y.label, transform=axes.transAxes, fontsize=9, ha="center")
+    else:
+        set_axis(axes, "x", panel.x)
+        set_axis(axes, "y", panel.y)
+    axes.set_axisbelow(True)
+    axes.tick_params(which="both", labelsize=8)
+    axes.grid(**GRID)
+    handles, names = axes.get_legend_handles_labels()
+    if panel.legend and handles:
+        where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1)} if panel.polar else {"loc": panel.legend}
+        axes.legend(handles, names, fontsize=panel.letters, frameon=False, ncols=panel.columns, **where)
+
+
+def draw_curve(axes: Any, curve: Curve, polar: bool) -> None:
+    """A curve, or the area that it bounds, into matplotlib's axes; the angles of a polar one are in degrees."""
+    x = np.radians(curve.x) if polar else curve.x
+    style: dict[str, Any] = {"alpha": curve.opacity, "label": curve.name if curve.name and curve.listed else None}
+    if curve.filled:
+        edge = {"edgecolor": FAINT, "hatch": curve.hatch} if curve.hatch else {}
+        axes.fill(x, curve.y, facecolor=curve.colour, linewidth=0.0, **edge, **style)
+        return
+    style |= {"color": curve.colour, "linestyle": curve.dash or "none", "linewidth": curve.width}
+    style |= {"marker": curve.marker or None, "markersize": curve.size}
+    if curve.sigma is None:
+        axes.plot(x, curve.y, **style)
+    else:
+        axes.errorbar(x, curve.y, curve.sigma, elinewidth=0.8, **style)
+
+
+def draw_swatch(axes: Any, swatch: Swatch) -> None:
+    """A rectangle of colour into matplotlib's axes."""
+    from matplotlib.patches import Rectangle
+
+    corner = swatch.x, swatch.y
+    style: dict[str, Any] = {"color": swatch.colour, "linewidth": 0, "transform": axes.transAxes}
+    axes.add_patch(Rectangle(corner, swatch.width, swatch.height, **style))
+
+
+def set_axis(axes: Any, which: str, axis: Axis) -> None:
+    """The label, ends, scale and ticks of one of matplotlib's axes."""
+    if axis.log:
+        getattr(axes, f"set_{which}scale")("log", base=axis.log)
+    if axis.low is not None or axis.high is not None:
+        getattr(axes, f"set_{which}lim")(axis.low, axis.high)
+    if axis.label:
+        getattr(axes, f"set_{which}label")(axis.label, fontsize=9)
+    own = getattr(axes, f"{which}axis")
+    if axis.ticks is not None:
+        own.set_ticks(list(axis.ticks), list(axis.words) or None)
+        own.set_minor_formatter("")
+    elif axis.whole:
+        own.get_major_locator().set_params(integer=True)
 
 
 def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
@@ -81,12 +215,12 @@ def limit_ticks(count: int = 4) -> Any:
     return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
 
 
-def finish(panels: Any, titles: tuple[str, ...], below: str) -> None:
-    """Titles, axes and a legend of small panels beside each other."""
-    for panel, title in zip(panels, titles, strict=True):
-        panel.set_title(title, fontsize=10)
-        panel.set_xlabel(below, fontsize=9)
-        panel.set_ylim(bottom=0.0)
-        panel.tick_params(labelsize=8)
-        panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
-    panels[0].legend(fontsize=7, frameon=False)
+def find_log_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Ticks 1, 2, 5, 10, ... from ``low`` to ``high``, and how they are written.
+
+    >>> find_log_ticks(0.9, 12.0)
+    ([1.0, 2.0, 5.0, 10.0], ['1', '2', '5', '10'])
+    """
+    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [one for decade in decades for one in (10.0**decade * k for k in (1, 2, 5)) if low <= one <= high]
+    return ticks, [f"{one:g}" for one in ticks]

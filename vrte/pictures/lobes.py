@@ -1,60 +1,43 @@
-"""A result as a picture: the lobes of a BRDF with their polar cuts, a radiance field against the direction cosine.
+"""The lobe of a BRDF: a body over the directions of exit, drawn flat by matplotlib, or by Plotly to turn around.
 
 Without interfaces the light is inside the host medium, before any refraction at its surface, and titles say
-"subsurface". What comes back as a beam, mirrored, is an arrow with its share, and in no lobe. What is drawn ends where
-the directions of the result end.
+"subsurface". What comes back as a beam, mirrored, is an arrow with its share, and in no lobe. A lobe ends where the
+directions of the result end.
 """
 
-import os
 from dataclasses import dataclass
-from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array
-from vrte.basics.errors import SceneError
+from vrte.basics.arrays import Array, check_whole
 from vrte.basics.polarization import find_degree_of_linear_polarization, find_degree_of_polarization
-from vrte.pictures.figures import finish, limit_ticks, make_figure, plot_suffix, save_figure
+from vrte.pictures.describe import FAINT, INCIDENT, INK, MIRRORED
+from vrte.pictures.interactive import FAINT as PALE
+from vrte.pictures.interactive import import_plotly, make_plotly_figure
 from vrte.results.brdf import Brdf
-from vrte.results.field import Field
-from vrte.results.over_hemisphere import between_angles, check_directions, light_in_plane, light_on_mesh
-from vrte.results.spectrum import Spectrum
+from vrte.results.over_hemisphere import light_on_mesh
+from vrte.results.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-MOST_LOBES = 4  # beside each other; with more incident directions, these are spread evenly over them
-MOST_DEPTHS = 6
-MOST_AZIMUTHS = 3
-MOST_CHANGES = 6  # derivatives in a picture
-CHANGES_HEIGHT = 3.2  # [inch] of theirs
-FEW = 40  # directions of a line, or fewer: each is marked
 COLOURS = "plasma"
 COLOURED_TO = 80.0  # [degrees]; what is brighter nearer to the horizon takes the last colour
-INCIDENT, MIRRORED = "#d62728", "#2a8f5b"
-INK, FAINT = "#222222", "#b5b5b5"
 UNPOLARIZED = (1.0, 0.0, 0.0, 0.0)
-CUTS = ((0.0, "in the plane of incidence", "#1f4e79", "-"), (90.0, "across it", "#d98200", "--"))
 ELEVATION, AZIMUTH = np.radians([24.0, -72.0])  # of the eye that sees a lobe, from far away
 TOWARD = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
 RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
 UPRIGHT = np.cross(TOWARD, RIGHT)
 LAMP = np.array([-0.45, -0.6, 0.66])
-
-
-def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> None:
-    """Draws ``result`` into the file ``path``, PNG, SVG or PDF by its suffix, all of it or nothing.
-
-    A BRDF gives a lobe for each mu_i, its radius f00 and its colour the degree of linear polarization for
-    unpolarized incident light, above cuts in and across the plane of incidence. A field gives I and the degree of
-    polarization against mu, a spectrum its reflectance and its cuts. Raises MissingExtraError without the extra
-    "plot", SceneError where there are too few directions for a picture or for another suffix, OSError.
-
-    >>> save_plot(brdf, "lobes.png")
-    """
-    plot_suffix(path)
-    save_figure(result.plot(), path)
+STEP = 1.5  # degrees from ring to ring, and from spoke to spoke: where degrees of polarization vanish they have a kink
+SEQUENTIAL, DIVERGING = "Plasma", "RdBu_r"
+SHINE = {"ambient": 0.72, "diffuse": 0.45, "specular": 0.04, "roughness": 0.9}
+FLAT = {"ambient": 0.95, "diffuse": 0.15, "specular": 0.0, "roughness": 1.0}
+SPACE = {
+    **{key: {"visible": False, "showbackground": False} for key in ("xaxis", "yaxis", "zaxis")},
+    "aspectmode": "data",
+    "camera": {"eye": {"x": 0.38, "y": -1.24, "z": 0.5}, "center": {"x": 0.0, "y": 0.0, "z": -0.14}},
+    "domain": {"x": [0.0, 1.0], "y": [0.16, 1.0]},  # above the colour bar
+}
+BAR = {"orientation": "h", "len": 0.7, "thickness": 12, "x": 0.5, "y": 0.0, "yanchor": "bottom", "nticks": 6}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,72 +88,33 @@ def name_brdf(brdf: Brdf) -> str:
     return "Subsurface BRDF" if brdf.surface is None else "BRDF, rough surface included"
 
 
-def draw_brdf(brdf: Brdf) -> "Figure":
-    """The lobes of a BRDF, all on one scale, and its polar cuts.
+def choose_range(values: Array, quantity: str) -> tuple[float, float]:
+    """From where to where an axis or a colour scale goes: 0 to 180 for angles, as far below 0 as above where a quantity
+    may be negative, else from 0.
 
-    Raises SceneError where there are too few directions, MissingExtraError without matplotlib.
+    >>> choose_range(np.array([-1.0, 0.5, np.nan]), "f01"), choose_range(np.array([0.2, 0.5]), "f00")
+    ((-1.0, 1.0), (0.0, 0.5))
     """
-    check_directions(brdf.mu_o, brdf.phi)
-    chosen = spread(brdf.mu_i.size, MOST_LOBES)
-    whole = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2 + CHANGES_HEIGHT * bool(brdf.jacobian))
-    figure: Any = whole
-    if brdf.jacobian:
-        halves: Any = whole.subfigures(2, 1, height_ratios=(8.2, CHANGES_HEIGHT))
-        figure = halves[0]
-        draw_changes(halves[1], brdf, chosen)
-    lobes = [compute_lobe(brdf, place) for place in chosen]
-    scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
-    colours = make_lobe_colours(max(lobe.most_polarized for lobe in lobes))
-    for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
-        width = 0.88 / len(chosen)  # the colour bar keeps the right edge
-        left = 0.01 + width * column
-        axes: Any = figure.add_axes((left, 0.40, width, 0.48))
-        draw_lobe(axes, lobe, 1.0 / scale, colours)
-        words = f"$\\mu_i$ = {lobe.mu_i:.4g}  ({np.degrees(np.arccos(lobe.mu_i)):.0f}° from the normal)"
-        largest = f"largest $f_{{00}}$ = {lobe.radius.max():.3g} sr$^{{-1}}$"
-        axes.set_title(f"{words}\n{largest}", fontsize=11, color=INK)
-        below: Any = figure.add_axes((left + 0.03 * width, 0.05, 0.94 * width, 0.34), projection="polar")
-        _draw_cuts(below, brdf, place, scale, legend=column == 0)
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
-    bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
-    bar.ax.yaxis.set_major_locator(limit_ticks())
-    bar.ax.tick_params(labelsize=9)
-    words = f"{name_brdf(brdf)}: radius $f_{{00}}$, colour degree of linear polarization"
-    figure.suptitle(words, y=0.965, fontsize=14)
-    return whole
+    if quantity in ANGLES:
+        return 0.0, 180.0
+    largest = float(np.abs(np.nan_to_num(values)).max()) or 1.0  # where nothing is, any scale will do
+    return (-largest if quantity in SIGNED else 0.0), largest
 
 
-def draw_changes(figure: Any, brdf: Brdf, chosen: list[int]) -> None:
-    """Derivatives of f00 in the plane of incidence against the angle of exit, each over its largest, for the incident
-    directions ``chosen``."""
-    changes = dict(list((brdf.jacobian or {}).items())[:MOST_CHANGES])
-    panels = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
-    figure.subplots_adjust(left=0.07, right=0.98, top=0.86, bottom=0.3, wspace=0.08)
-    for dash, (name, values) in zip(cycle(("-", "--", ":")), changes.items(), strict=False):
-        shown = Brdf(values, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
-        cuts = [light_in_plane(shown, place, 0.0) for place in chosen]
-        largest = max(float(np.abs(light[:, 0]).max()) for _, light in cuts) or 1.0
-        for axes, (angle, light) in zip(panels, cuts, strict=True):
-            label = f"{name}: over {largest:.3g} sr$^{{-1}}$ a unit"
-            axes.plot(angle, light[:, 0] / largest, dash, linewidth=1.8, label=label)
-    for axes, place in zip(panels, chosen, strict=True):
-        axes.axhline(0.0, color=FAINT, linewidth=0.8)
-        axes.axvline(-np.degrees(np.arccos(brdf.mu_i[place])), color=INCIDENT, linewidth=1.0)
-        axes.set_xlim(-90, 90), axes.set_xticks(range(-90, 91, 30)), axes.tick_params(labelsize=8)
-        axes.set_xlabel("angle of exit in the plane of incidence [°]", fontsize=9)
-    title = "derivatives of $f_{00}$, each over its largest"
-    left_out = len(brdf.jacobian or {}) - len(changes)
-    figure.suptitle(title + (f" ({left_out} more are not drawn)" if left_out else ""), y=0.97, fontsize=11)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=2, fontsize=9, frameon=False)
+def label_quantity(quantity: str) -> str:
+    """With its unit.
 
-
-def spread(size: int, most: int) -> list[int]:
-    """At most so many indices, evenly over all.
-
-    >>> spread(9, 3), spread(2, 4)
-    ([0, 4, 8], [0, 1])
+    >>> label_quantity("f00"), label_quantity("reflectance factor")
+    ('f00 [sr⁻¹]', 'reflectance factor')
     """
-    return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
+    unit = unit_of(quantity)
+    return f"{quantity} [{unit}]" if unit else quantity
+
+
+def describe_incidence(brdf: Brdf, place: int) -> str:
+    """Where the light comes from, in words."""
+    mu = float(brdf.mu_i[place])
+    return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
 
 
 def make_lobe_colours(largest: float) -> Any:
@@ -273,137 +217,167 @@ def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str 
         axes.text(0.0, -0.6, mirrored, color=colour, fontsize=letters, ha="center", va="bottom")
 
 
-def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:
-    """f00 against the angle of exit: right of the vertical on the azimuth of the cut, left of it half a turn away."""
-    for phi, label, colour, style in CUTS:
-        angle, light = light_in_plane(brdf, place, phi)
-        cut = np.maximum(light[:, 0], 0.0)
-        axes.plot(np.radians(angle), cut, color=colour, linestyle=style, linewidth=1.8, label=label)
-    beams = [(-1.0, INCIDENT, "-", "incident light")]
-    beams += [(1.0, MIRRORED, "--", "mirrored beam, not in the curves")] if brdf.specular is not None else []
-    for side, colour, dash, label in beams:
-        angle = side * np.arccos(brdf.mu_i[place])
-        axes.plot([angle] * 2, [0.0, 1.05 * scale], color=colour, linestyle=dash, linewidth=1.4, label=label)
-    axes.set_theta_zero_location("N"), axes.set_theta_direction(-1)
-    axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0), axes.set_ylim(0.0, 1.05 * scale)
-    axes.set_thetagrids(range(-90, 91, 30), fontsize=8)
-    axes.set_rlabel_position(90.0), axes.tick_params(axis="y", labelsize=8)
-    axes.yaxis.set_major_locator(limit_ticks())
-    axes.grid(color=FAINT, linewidth=0.6)
-    axes.text(0.75, 0.11, "$f_{00}$  [sr$^{-1}$]", transform=axes.transAxes, fontsize=9, ha="center")
-    if legend:
-        axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=4, fontsize=9, frameon=False)
+def lobe(
+    brdf: Brdf,
+    place: int,
+    height: str = "f00",
+    colour: str = "degree of linear polarization",
+    stokes: Any = UNPOLARIZED,
+) -> Any:
+    """The BRDF as a body over the hemisphere of outgoing directions.
 
+    Light of the Stokes vector ``stokes`` comes in at ``mu_i[place]``, along the red arrow; what goes back as a beam is
+    the green one, its share in the line below the title, and in no lobe. The distance from the centre is the size of
+    the quantity ``height``, as a share of the largest, which the title tells; the colour is the quantity ``colour``
+    (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Between the given
+    directions splines run; the body ends at the last mu_o. Raises SceneError for an unknown quantity or place, or too
+    few directions, MissingExtraError without Plotly.
 
-def draw_field(field: Field) -> "Figure":
-    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth.
-
-    Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
+    >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
-    if not field.mu.size:
-        raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
-    columns = choose_field_columns(field)
-    depths = spread(field.tau.size, MOST_DEPTHS)
-    figure = make_figure(width=max(4.4 * len(columns), 6.4), height=6.6)
-    panels: Any = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
-    for column, (beam, azimuth, title) in zip(panels.T, columns, strict=True):
-        for order, depth in enumerate(depths):
-            draw_depth(column, beam, depth, azimuth, choose_depth_colour(order, len(depths)))
-        column[0].set_title(title, fontsize=11)
-        where = "" if field.index is None else ", in the medium of each depth"
-        column[1].set_xlabel(f"$\\mu$  (< 0 down, > 0 up{where})", fontsize=10)
-    panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
-    panels[1, 0].set_ylabel("degree of polarization", fontsize=10)
-    for panel in panels.flat:
-        panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
-        panel.axvline(0.0, color=FAINT, linewidth=1.0)
-        panel.set_ylim(bottom=0.0)
-    panels[0, 0].legend(fontsize=9, frameon=False)
-    common = f"$\\mu_0$ = {field.mu0:g}" if isinstance(field.mu0, float) else f"$\\phi$ = {field.phi[0]:g}°"
-    figure.suptitle(f"{name_field(field)}, {common}", fontsize=14)
-    figure.tight_layout()
-    return figure
+    import_plotly()
+    check_whole("place", place, 0, brdf.mu_i.size - 1)
+    meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), STEP) for name in (height, colour)]
+    theta, phi = meshes[0][0], meshes[0][1][:-1]  # the last spoke is the first
+    heights, colours = (
+        of_light(light[:, :-1], name) for (_, _, light), name in zip(meshes, (height, colour), strict=True)
+    )
+    size = np.nan_to_num(np.abs(heights))
+    largest = float(size.max())
+    solid = make_body(theta, phi, size / (largest or 1.0), colours, colour)
+    solid |= make_hover_text(theta, phi, heights, colours, height, colour)
+    unit, mu_i = unit_of(height), float(brdf.mu_i[place])
+    mirrored = describe_mirrored_beam(brdf, place, stokes)
+    scale_in_words = f"rim of the disc = {largest:.3g}{'' if unit == '°' else ' '}{unit}".rstrip()
+    return make_plotly_figure(
+        [
+            *make_ground_disc(),
+            solid,
+            *([make_angle_bar(colour)] if colour in ANGLES else []),
+            *make_ray(mu_i, f"incident light, μ<sub>i</sub> = {mu_i:.4g}"),
+            *(make_ray(mu_i, mirrored, goes_back=True) if mirrored else []),
+        ],
+        f"{name_brdf(brdf)}: distance from the centre {f'|{height}|' if height in SIGNED else height}",
+        "; ".join(filter(None, (describe_incidence(brdf, place), scale_in_words, mirrored))),
+        margin={"l": 0, "r": 0, "t": 84, "b": 0},
+        scene=SPACE,
+        showlegend=False,
+        uirevision="lobe",  # a new lobe is seen from where the last one was
+    )
 
 
-def name_field(field: Field) -> str:
-    """What a picture of a field shows: of light inside one medium, or in several."""
-    return "Subsurface radiance, diffuse light" if field.index is None else "Radiance, diffuse light, without beams"
+def make_body(theta: Array, phi: Array, radius: Array, colours: Array, colour: str) -> dict[str, Any]:
+    """The surface of ``radius`` (theta, phi), a mesh closed around the normal.
 
-
-def label_depth(field: Field, depth: int) -> str:
-    """A depth, and where light is refracted the index n of its medium."""
-    medium = "" if field.index is None else f", $n$ = {field.index[depth]:.4g}"
-    return f"$\\tau$ = {field.tau[depth]:g}{medium}"
-
-
-def choose_field_columns(field: Field) -> list[tuple[Field, int, str]]:
-    """What is drawn beside each other: fields of one beam, azimuths, and titles."""
-    if isinstance(field.mu0, float):
-        chosen = spread(field.phi.size, MOST_AZIMUTHS)
-        return [(field, azimuth, f"$\\phi$ = {field.phi[azimuth]:g}°") for azimuth in chosen]
-    beams = [field.beam(place) for place in spread(field.mu0.size, MOST_AZIMUTHS)]
-    return [(beam, 0, f"$\\mu_0$ = {beam.mu0:g}") for beam in beams]
-
-
-def choose_depth_colour(order: int, count: int) -> Any:
-    from matplotlib import colormaps
-
-    return colormaps[COLOURS](0.9 * order / max(count - 1, 1))
-
-
-def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
-    """One depth at one azimuth: the directions computed as marks where they are few, and smooth lines through them.
-
-    Down and up are separate lines, because the radiance may jump at the horizon.
+    Corners have their colours, and between them those of the screen run. So angles are coloured beforehand: from 179
+    degrees to 1 there must be no band of what lies between as numbers.
     """
-    label: str | None = label_depth(field, depth)
-    for side in (field.mu < 0.0, field.mu > 0.0):
-        if not side.any():
-            continue
-        mu, first = np.unique(field.mu[side], return_index=True)
-        given = field.stokes[depth, side, azimuth][first]
-        angle, light = between_angles(np.arccos(mu), given)
-        for panel, quantity in zip(panels, (find_intensity, find_degree_of_polarization), strict=True):
-            panel.plot(np.cos(angle), quantity(light), color=colour, linewidth=1.7, label=label)
-            if mu.size < FEW:
-                panel.plot(mu, quantity(given), color=colour, linestyle="none", marker="o", markersize=4)
-            label = None if panel is panels[0] else label
-        label = None
+    corner = np.arange(radius.size).reshape(radius.shape)
+    corners = make_triangles(np.append(corner, corner[:, :1], axis=1)).astype(np.int16)
+    points = (radius[..., None] * make_unit_vector_grid(theta, phi)).reshape(-1, 3).astype(np.float32)
+    shown = np.nan_to_num(colours.ravel())
+    cyclic = colour in ANGLES
+    return {
+        "type": "mesh3d",
+        **dict(zip("xyzijk", (*points.T, *corners.T), strict=True)),
+        **({"vertexcolor": list_cyclic_colours(shown)} if cyclic else {"intensity": shown.astype(np.float32)}),
+        **({} if cyclic else scale(shown, colour)),
+        "uid": "angles" if cyclic else "numbers",  # a body that is kept would keep the other's colours beneath
+        "lighting": FLAT if cyclic else SHINE,  # a hue in the shade is taken for another
+        "lightposition": {"x": -4e4, "y": -6e4, "z": 9e4},
+    }
 
 
-def find_intensity(stokes: Array) -> Array:
-    """I of Stokes vectors (..., 4)."""
-    return stokes[..., 0]
+def scale(values: Array, colour: str) -> dict[str, Any]:
+    """The colours of a quantity, and the bar that tells them."""
+    low, high = choose_range(values, colour)
+    shares = np.linspace(0.0, 1.0, 13)
+    turn = [list(pair) for pair in zip(shares.tolist(), list_cyclic_colours(180.0 * shares), strict=True)]
+    return {
+        "colorscale": turn if colour in ANGLES else DIVERGING if colour in SIGNED else SEQUENTIAL,
+        "cmin": low,
+        "cmax": high,
+        "colorbar": {"title": {"text": label_quantity(colour), "side": "top"}, **BAR},
+    }
 
 
-def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
-    """Reflectance against wavelength, a line an incident direction, and beside it f00 in the plane of incidence of the
-    first of them, a line a wavelength, where there are enough directions. Raises MissingExtraError without matplotlib.
+def list_cyclic_colours(angle: Array) -> list[str]:
+    """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb".
+
+    >>> first, last, between = list_cyclic_colours(np.array([0.0, 180.0, 90.0]))
+    >>> first == last, first == between
+    (True, False)
     """
-    figure = make_figure(width, height)
-    first, panels = spectrum[0], 2
-    try:
-        check_directions(first.mu_o, first.phi)
-    except SceneError:
-        panels = 1
-    left, *right = figure.subplots(1, panels, squeeze=False)[0].tolist()
-    places = spread(first.mu_i.size, MOST_LOBES)
-    marker = "o" if len(spectrum) < FEW else None
-    for order, place in enumerate(places):
-        style = {"color": choose_depth_colour(order, len(places)), "marker": marker, "markersize": 3}
-        label = f"μ incident = {first.mu_i[place]:.4g}"
-        left.plot(spectrum.wavelength_um, spectrum.reflectance[:, place], label=label, **style)
-        if first.specular is not None:
-            beams = [float(one.specular[place, 0, 0]) for one in spectrum if one.specular is not None]
-            left.plot(spectrum.wavelength_um, beams, linestyle="--", **style)
-    words = "reflectance" if first.specular is None else "diffuse reflectance; dashed: mirrored as a beam"
-    finish([left], (words,), "wavelength [µm]")
-    if right:
-        shown = spread(len(spectrum), MOST_DEPTHS)
-        for order, place in enumerate(shown):
-            angle, light = light_in_plane(spectrum[place], 0)
-            label, colour = f"{spectrum.wavelength_um[place]:.4g} µm", choose_depth_colour(order, len(shown))
-            right[0].plot(angle, light[:, 0], label=label, color=colour, linewidth=1.5)
-        finish(right, (f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}",), "angle of exit [°], forward > 0")
-    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.2 if height < 4.0 else 0.13, top=0.89, wspace=0.2)
-    return figure
+    colours = import_plotly().colors
+    circle = np.array(
+        [colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float
+    )  # its last is its first
+    place = (angle % 180.0) / 180.0 * (len(circle) - 1)
+    levels = [np.interp(place, np.arange(len(circle)), channel).round().astype(int).tolist() for channel in circle.T]
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in zip(*levels, strict=True)]
+
+
+def make_angle_bar(colour: str) -> dict[str, Any]:
+    """Nothing but the bar of colours that the corners of a body have by themselves."""
+    bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}
+    return make_space_trace(np.zeros((1, 3)), "markers", marker=bar)
+
+
+def make_hover_text(
+    theta: Array, phi: Array, heights: Array, colours: Array, height: str, colour: str
+) -> dict[str, Any]:
+    """What a point tells: its direction, and the quantities with their signs."""
+    cosine, azimuth = np.meshgrid(np.cos(np.radians(theta)), phi, indexing="ij")
+    told = np.stack([cosine, azimuth, heights, colours], axis=-1).reshape(-1, 4).astype(np.float32)
+    lines = [
+        "μ<sub>o</sub> = %{customdata[0]:.3f}, φ = %{customdata[1]:.0f}°",
+        f"{height} = %{{customdata[2]:.4g}} {unit_of(height)}",
+        f"{colour} = %{{customdata[3]:.4g}} {unit_of(colour)}",
+    ]
+    if height in SIGNED:
+        lines.append(f"(drawn: the absolute value of {height})")
+    return {"customdata": told, "hovertemplate": "<br>".join(dict.fromkeys(lines)) + "<extra></extra>"}
+
+
+def make_space_trace(points: Array, mode: str, **more: Any) -> dict[str, Any]:
+    """Lines, marks or text at points (n, 3)."""
+    return {"type": "scatter3d", **dict(zip("xyz", points.T, strict=True)), "mode": mode, "hoverinfo": "skip"} | more
+
+
+def make_ground_disc() -> list[dict[str, Any]]:
+    """The surface as a disc of radius 1, with its azimuths."""
+    rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 73))[0].astype(np.float32)
+    rim[:, 2] = 0.0
+    places = np.arange(74, dtype=np.int16)
+    disc = {
+        "type": "mesh3d",
+        **dict(zip("xyz", np.concatenate([np.zeros((1, 3)), rim]).T, strict=True)),
+        **dict(zip("ijk", (0 * places[:-2], places[1:-1], places[2:]), strict=True)),
+        "color": "#dfe3e8",
+        "opacity": 0.45,
+        "hoverinfo": "skip",
+    }
+    rims = [make_space_trace(radius * rim, "lines", line={"color": PALE, "width": 2}) for radius in (0.5, 1.0)]
+    words = ["φ = 0°<br>forward", "90°", "180°<br>back", "270°"]
+    return [disc, *rims, make_space_trace(1.16 * rim[:72:18], "text", text=words, textfont={"size": 12, "color": INK})]
+
+
+def make_ray(mu_i: float, told: str, goes_back: bool = False) -> list[dict[str, Any]]:
+    """The incident light, travelling down along phi = 0 to the centre, or the beam that goes back mirrored: a line
+    whose arrow lies outside the body, and what its points tell."""
+    sine = np.sqrt(1.0 - mu_i**2)
+    away = np.array([sine if goes_back else -sine, 0.0, mu_i])
+    tip, along, colour = (1.4, away, MIRRORED) if goes_back else (1.08, -away, INCIDENT)
+    hover = {"hoverinfo": None, "hovertemplate": f"{told}<extra></extra>"}
+    line = make_space_trace(np.outer([1.45, 0.0], away), "lines", line={"color": colour, "width": 6}, **hover)
+    head = {
+        "type": "cone",
+        **{axis: [value] for axis, value in zip("xyzuvw", (*(tip * away), *along), strict=True)},
+        "anchor": "tip",
+        "sizemode": "absolute",
+        "sizeref": 0.16,
+        "colorscale": [[0.0, colour], [1.0, colour]],
+        "showscale": False,
+        **hover,
+    }
+    return [line, head]

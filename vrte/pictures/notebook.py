@@ -3,26 +3,31 @@
 Nothing here raises: what cannot be drawn, for want of directions or of matplotlib, is a table alone.
 """
 
-import base64
 import html
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.polarization import find_degree_of_linear_polarization
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
-from vrte.pictures.figures import finish, make_figure
-from vrte.pictures.lobes import choose_depth_colour, draw_depth, draw_spectrum, name_brdf, name_field, spread
-from vrte.pictures.phase_pictures import draw_phase_matrix
-from vrte.pictures.plan_picture import draw_plan
+from vrte.pictures.describe import Axis, Picture, spread
+from vrte.pictures.figures import draw_picture
+from vrte.pictures.lobes import name_brdf
+from vrte.pictures.page import make_data_address
+from vrte.pictures.results import (
+    describe_brdf,
+    describe_field,
+    draw_phase_matrix,
+    draw_plan,
+    draw_spectrum,
+    name_field,
+)
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.results.over_hemisphere import check_directions, light_in_plane
+from vrte.results.over_hemisphere import check_directions
 from vrte.results.spectrum import Spectrum
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
@@ -31,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 7.2, 2.5  # of a picture [inches]
-MARGINS = {"left": 0.09, "right": 0.98, "bottom": 0.2, "top": 0.89, "wspace": 0.2}
 MOST_LAYERS = 20  # in the table of a scene
 MOST_LINES = 4  # incident directions or depths in it
 MOST_TERMS_DRAWN = 5000  # more take longer than anyone waits for a glance, and so do
@@ -70,13 +74,10 @@ def draw_field(field: Field) -> "Figure | None":
     if not field.mu.size:
         return None
     field = field if isinstance(field.mu0, float) else field.beam(0)
-    figure, panels = make_two_panels()
-    depths = spread(field.tau.size, MOST_LINES)
-    for order, depth in enumerate(depths):
-        draw_depth(panels, field, depth, 0, choose_depth_colour(order, len(depths)))
-    where = "" if field.index is None else " in the medium of each depth"
-    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ{where}, at φ = {field.phi[0]:g}°")
-    return figure
+    panels = describe_field(field, 0, spread(field.tau.size, MOST_LINES))
+    titles = f"I [W m⁻² sr⁻¹], φ = {field.phi[0]:g}°", "degree of polarization"
+    shown = [replace(one, y=Axis(low=0.0), title=title) for one, title in zip(panels, titles, strict=True)]
+    return draw_picture(Picture([shown], WIDTH, HEIGHT))
 
 
 def draw_brdf(brdf: Brdf) -> "Figure | None":
@@ -85,25 +86,7 @@ def draw_brdf(brdf: Brdf) -> "Figure | None":
     places = spread(brdf.mu_i.size, MOST_LINES)
     if len(places) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
         return None
-    figure, panels = make_two_panels()
-    for order, place in enumerate(places):
-        angle, light = light_in_plane(brdf, place, step_deg=1.0)
-        style = {"color": choose_depth_colour(order, len(places)), "linewidth": 1.5}
-        panels[0].plot(angle, light[:, 0], label=f"μ incident = {brdf.mu_i[place]:.4g}", **style)
-        panels[1].plot(angle, find_degree_of_linear_polarization(light), **style)
-        if brdf.specular is not None:
-            panels[0].axvline(np.degrees(np.arccos(brdf.mu_i[place])), linestyle=":", **style)
-    beam = "" if brdf.specular is None else "; dotted: mirrored beam, not in it"
-    finish(panels, (f"f00 [sr⁻¹]{beam}", "degree of linear polarization"), "angle of exit [°], forward > 0")
-    return figure
-
-
-def make_two_panels() -> tuple["Figure", Any]:
-    """A small figure, and its two halves."""
-    figure = make_figure(WIDTH, HEIGHT)
-    panels = figure.subplots(1, 2)
-    figure.subplots_adjust(**MARGINS)
-    return figure, panels
+    return draw_picture(Picture([describe_brdf(brdf, places)], WIDTH, HEIGHT))
 
 
 def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> "Figure | None":
@@ -236,7 +219,7 @@ def write_html_image(draw: Callable[[Any], "Figure | None"], thing: Any) -> str:
         drawn = b"" if figure is None else figure._repr_png_()
     except Exception:  # too few directions, no matplotlib, numbers that no axis takes
         drawn = b""
-    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(drawn).decode()}"><br>' if drawn else ""
+    return f'<img alt="" src="{make_data_address(drawn, "png")}"><br>' if drawn else ""
 
 
 def shorten_numbers(values: Array) -> str:

@@ -21,8 +21,9 @@ from vrte.basics.polarization import (
 from vrte.formats.atomic import write_atomically
 from vrte.formats.layers import describe_filling
 from vrte.formats.toml_table import read_share
+from vrte.pictures.describe import INK
 from vrte.pictures.figures import limit_ticks, make_figure, require_pictures
-from vrte.pictures.lobes import INK, compute_lobe, draw_lobe, make_lobe_colours
+from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.rendering import Rendering
 from vrte.render.setting import Setting
 

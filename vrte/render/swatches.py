@@ -16,8 +16,8 @@ from vrte.calls.brdf import brdf
 from vrte.calls.material import material
 from vrte.formats.materials import list_materials
 from vrte.formats.named import find_known_wavelengths
+from vrte.pictures.describe import INK
 from vrte.pictures.figures import make_figure
-from vrte.pictures.lobes import INK
 from vrte.render.colour import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
 from vrte.scene.boundary import Lambertian
 from vrte.scene.interface import Interface

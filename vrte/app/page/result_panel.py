@@ -9,7 +9,6 @@ import numpy as np
 from nicegui import ui
 
 from vrte.app import figures
-from vrte.app.figures.style import convert_to_dark
 from vrte.app.form.fields import parse_field_text
 from vrte.app.form.words import translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
@@ -19,6 +18,7 @@ from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.errors import Place, SceneError
+from vrte.pictures.interactive import convert_to_dark
 from vrte.pictures.lobes import describe_mirrored_beam
 from vrte.results.quantities import (
     DEGREE_LINEAR,

@@ -95,7 +95,7 @@ def make_colours_download(live: "Live", content: Content) -> tuple[str, bytes]:
     """Name and bytes of what the tab Appearance shows of the form's scene. Raises SceneError where it shows nothing, or
     not yet all."""
     from vrte.app.solving.appearance import Appeared, list_readings
-    from vrte.appearance.paint_page import write_table
+    from vrte.pictures.paint import write_table
 
     answer, asked = live.answer, live.answered
     if not isinstance(answer, Appeared) or answer.follows or asked is None or asked.content != content:

@@ -1,0 +1,229 @@
+"""A paint's page: one HTML file that opens without a network, one sheet of pictures, one table of all numbers."""
+
+import csv
+import html
+import io
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.appearance.appearance import COLOURS, VISUAL, Reading
+from vrte.appearance.geometries import MULTI_ANGLE, read_geometry
+from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
+from vrte.basics.errors import SceneError
+from vrte.formats.atomic import write_atomically
+from vrte.pictures.appearance import describe_coefficients, describe_hiding
+from vrte.pictures.describe import (
+    BLUE,
+    GREEN,
+    INCIDENT,
+    INK,
+    ORANGE,
+    Axis,
+    Curve,
+    Panel,
+    Picture,
+    Swatch,
+    Words,
+)
+from vrte.pictures.figures import draw_picture, save_figure
+from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CARDS = "#1b1b1b", "#e6e6e6"  # black, and Y of a card of 0.8 in sRGB
+WAVELENGTH = Axis("wavelength [µm]")
+SUFFIXES = ".html", ".png", ".csv"
+COLUMNS = "quantity", "geometry", "wavelength_um", "value", "unit", "definition", "standard"
+
+
+def describe_card(paint: Paint) -> Panel:
+    """A drawdown card: the film across black and white, its colours as a screen shows them."""
+    shown = list(paint.colours.items())[:2]
+    parts: list[Any] = []
+    for place, (name, colour) in enumerate(shown):
+        width = 1.0 / len(shown)
+        parts += [Swatch(CARDS[place], place * width, 0.0, width, 1.0)]
+        parts += [Swatch(colour.hex, place * width, 0.12, width, 0.76)]
+        gap = "" if colour.is_in_gamut else f"\nout of the screen's colours\nby {colour.gamut_gap:.1f} CIEDE2000"
+        words = f"{name}\n{colour.hex}\nL* {colour.L:.1f}  a* {colour.a:.1f}  b* {colour.b:.1f}{gap}"
+        parts.append(Words(words, (place + 0.5) * width, colour=INK if colour.L > 55.0 else "white"))
+    return Panel(parts, title="Drawdown card", bare=True)
+
+
+def describe_reflectance(paint: Paint) -> Panel:
+    """Reflectance factors over black, over white and semi-infinite, and all light of the panel as it lies."""
+    at, parts = paint.look.wavelength_um, []
+    if paint.hiding is not None:
+        seen = paint.hiding
+        for values, name, colour, dash in (
+            (seen.without_end, "semi-infinite", INK, ":"),
+            (seen.reflectance_over_white, "over white", ORANGE, "-"),
+            (seen.reflectance_over_black, "over black", BLUE, "-"),
+        ):
+            parts.append(Curve(at, values, f"{name}, {seen.geometry}", colour, dash))
+    else:
+        parts.append(Curve(at, paint.look.reflectance(VISUAL), f"as it lies, {VISUAL}", BLUE))
+    parts.append(Curve(at, paint.look.reflectance("8:di"), "as it lies, 8:di (SPIN)", GREEN, "--", width=1.2))
+    return Panel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0), "Reflectance")
+
+
+def describe_film(paint: Paint) -> Panel:
+    """Contrast ratio against thickness, with what counts as hidden."""
+    if paint.hiding is None:
+        return Panel([Words("no hiding curve: see the notes")], title="Hiding power", bare=True)
+    return replace(describe_hiding(paint.hiding)[0], title="Hiding power", letters=7.0)
+
+
+def describe_polar_cut(paint: Paint) -> Panel:
+    """pi times the BRDF in the plane of incidence: 1 is the perfect white diffuser's half circle of radius."""
+    angle, light = cut_lobe(paint.lobe)
+    factor = np.pi * np.maximum(light[:, 0], 0.0)
+    top = 1.08 * max(float(factor.max()), 1e-6)
+    parts = [Curve(angle, factor, "", BLUE)]
+    parts += [Curve([-LOBE_DEG] * 2, [0.0, top], "incident light", INCIDENT, width=1.2)]
+    if paint.lobe.specular is not None:
+        share = 100.0 * float(paint.lobe.specular[0, 0, 0])
+        words = f"mirrored beam, {share:.3g} %, not in the curve"
+        parts.append(Curve([LOBE_DEG] * 2, [0.0, top], words, GREEN, "--", width=1.2))
+    return Panel(parts, y=Axis("", 0.0, top), title=f"Light from {LOBE_DEG:g}°: π BRDF in its plane", polar="half")
+
+
+def describe_angles(paint: Paint) -> Panel:
+    """Y at the angles of multi-angle instruments, off the mirrored beam of light at 45 degrees."""
+    offs = [LOBE_DEG - float(read_geometry(name).angle_o or 0.0) for name in MULTI_ANGLE]
+    luminances = [paint.look.colour(name).Y for name in MULTI_ANGLE]
+    parts: list[Any] = [Curve(offs, luminances, "", BLUE, "-", "o")]
+    parts += [
+        Words(name.partition(":")[2], off, 0.05, size=7.0, of_data=True)
+        for off, name in zip(offs, MULTI_ANGLE, strict=True)
+    ]
+    above = Axis("Y (perfect white: 100)", 0.0, 1.15 * max(luminances))
+    return Panel(parts, Axis("degrees off the mirrored beam"), above, f"Multi-angle, light at {LOBE_DEG:g}°")
+
+
+def describe_polarization(paint: Paint) -> Panel:
+    """Degree of linear polarization in three geometries, of unpolarized light."""
+    seen = zip((VISUAL, MULTI_ANGLE[0], MULTI_ANGLE[-1]), (INK, BLUE, ORANGE), strict=True)
+    at, look = paint.look.wavelength_um, paint.look
+    parts = [Curve(at, 100.0 * look.polarization(name)[0], name, colour) for name, colour in seen]
+    return Panel(parts, WAVELENGTH, Axis("degree of linear polarization [%]", low=0.0), "Polarization")
+
+
+def describe_two_fluxes(paint: Paint) -> Panel:
+    """K and S against wavelength."""
+    title = "Kubelka-Munk inside the film"
+    if paint.two_fluxes is None:
+        return Panel([Words("no K and S: see the notes")], title=title, bare=True)
+    return replace(describe_coefficients(paint.two_fluxes), title=title)
+
+
+PANELS: tuple[Callable[[Paint], Panel], ...] = (
+    describe_card,
+    describe_reflectance,
+    describe_film,
+    describe_polar_cut,
+    describe_angles,
+    describe_polarization,
+    describe_two_fluxes,
+)
+
+
+def draw_sheet(paint: Paint) -> "Figure":
+    """All pictures on one sheet, with the main numbers. Raises MissingExtraError without matplotlib."""
+    numbers = [f"{name}: {value}" for name, value in paint.list_numbers() if not name.startswith("colour")]
+    wavelength = f"polar cut at {paint.lobe_um:g} µm, colours {paint.look.illuminant}/{paint.look.observer}°"
+    words = "\n".join([*paint.made_of, "", *numbers, "", wavelength])
+    panels = [*(describe(paint) for describe in PANELS), Panel([Words(words, 0.0, 0.98, align="left")], bare=True)]
+    return draw_picture(Picture([panels[:3], panels[3:6], panels[6:]], 14.4, 10.4, paint.title))
+
+
+def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
+    """Writes a page, a sheet of pictures or a table by the suffix, all of it or nothing. Raises SceneError for another
+    suffix, MissingExtraError without matplotlib, OSError."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise SceneError(f"the page {path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    if suffix == ".png":
+        save_figure(draw_sheet(paint), path)
+        return
+    text = make_paint_page(paint) if suffix == ".html" else write_table(paint.list_readings())
+    with write_atomically(path) as part:
+        part.write_text(text, encoding="utf-8", newline="")
+
+
+def write_table(readings: Iterable[Reading]) -> str:
+    """All numbers as CSV, one a row, digits enough to read them back."""
+    made = io.StringIO()
+    rows = csv.writer(made, lineterminator="\n")
+    rows.writerow(COLUMNS)
+    for one in readings:
+        at = "" if one.wavelength_um is None else repr(float(one.wavelength_um))
+        rows.writerow((one.quantity, one.geometry, at, repr(float(one.value)), one.unit, one.definition, one.standard))
+    return made.getvalue()
+
+
+def make_paint_page(paint: Paint) -> str:
+    """The whole page, without anything that is elsewhere."""
+    return make_page(paint.title, make_paint_body(paint))
+
+
+def make_paint_body(paint: Paint) -> str:
+    """What a browser or a notebook shows of the page."""
+    cells, images = [], []
+    for name, value in paint.list_numbers():
+        colour = paint.colours.get(name.removeprefix("colour "))
+        chip = "" if colour is None else f"<i class='chip' style='background:{colour.hex}'></i> "
+        gap = "" if colour is None or colour.is_in_gamut else ", which a screen shows cut off"
+        cells.append(f"<div><span>{html.escape(name)}{gap}</span><b>{chip}{html.escape(value)}</b></div>")
+    for describe in PANELS:
+        panel = describe(paint)
+        words = f"{panel.title}: {' '.join((describe.__doc__ or '').split())}"
+        images.append(f"<figure>{make_image(draw_picture(Picture([[panel]], 4.6, 3.3)), words)}</figure>")
+    readings = list(paint.list_readings())
+    single = [one for one in readings if one.wavelength_um is None and one.quantity.split()[0] not in COLOURS]
+    head = ("quantity", "geometry", "value", "unit", "definition", "standard")
+    rows = [(o.quantity, o.geometry, o.value, o.unit, o.definition, o.standard) for o in single
+            if not o.quantity.startswith(OF_FILMS)]  # those are in a picture  # fmt: skip
+    return make_body(
+        paint.title,
+        paint.made_of,
+        f"<div class='numbers'>{''.join(cells)}</div>",
+        make_section("Pictures", f"<div class='figures'>{''.join(images)}</div>"),
+        make_section("Colours", make_colours(paint)),
+        make_section("Numbers and what they mean", make_table(head, rows)),
+        f"<details><summary>Spectra, number by number</summary>{make_spectra(paint, readings)}</details>",
+        make_section("What to know of these numbers", f"<ul>{make_items(paint.notes)}</ul>"),
+    )
+
+
+def make_colours(paint: Paint) -> str:
+    """X, Y, Z, L*, a*, b*, C, h of the panel in every geometry, and of the film over the cards."""
+    named = [(name, paint.look.colour(name), "") for name in paint.look.reflectances]
+    if paint.hiding is not None:
+        named += [(paint.hiding.geometry, one, f"film {name}, ") for name, one in paint.colours.items()]
+    head = ("geometry", *"XYZ", "L*", "a*", "b*", "C*", "h°", "what is read", "standard")
+    rows = []
+    for name, colour, which in named:
+        known = read_geometry(name)
+        rows.append((name, *(getattr(colour, key) for key in COLOURS), which + known.definition, known.standard))
+    words = "X, Y, Z by ISO/CIE 11664-3, Y of the perfect white is 100; L*, a*, b*, C*, h by ISO/CIE 11664-4; "
+    words += f"illuminant {paint.look.illuminant}, {paint.look.observer} degree observer."
+    return f"{make_table(head, rows, '.2f')}<p>{words}</p>"
+
+
+def make_spectra(paint: Paint, readings: Iterable[Reading]) -> str:
+    """All readings at every wavelength, a column a wavelength."""
+    at = paint.look.wavelength_um.tolist()
+    rows: dict[tuple[str, ...], list[float]] = {}
+    for one in readings:
+        if one.wavelength_um is not None:
+            key = one.quantity, one.geometry, one.unit, one.definition, one.standard
+            rows.setdefault(key, []).append(one.value)
+    head = ("quantity", "geometry", "unit", "definition", "standard", *(f"{one:g} µm" for one in at))
+    return make_table(head, ((*key, *values) for key, values in rows.items() if len(values) == len(at)))
