@@ -187,7 +187,7 @@ def test_the_plan_draws_its_operations() -> None:
     facts = THINGS["plan"].as_dict()
     (panel,) = THINGS["plan"].plot().axes
     outlines = [np.asarray(area.get_xy()) for area in panel.patches]
-    drawn = sum(0.5 * abs(np.cross(one[:-1], one[1:]).sum()) for one in outlines)  # one order is 1 wide
+    drawn = sum(0.5 * abs((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) for x, y in (one.T for one in outlines))  # areas
     assert drawn == close_to(sum(block["operations"] for block in facts["blocks"]), rtol=1e-6, atol=0.0)
     assert set(sum_operations_by_order(facts)) == {block["algorithm"] for block in facts["blocks"]}
 
