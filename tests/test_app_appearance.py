@@ -6,8 +6,6 @@ import io
 import math
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,18 +15,18 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_app_solving import is_there, until
+from tests.test_app_solving import get_process, until
 from vrte.app import figures
 from vrte.app.form.content import START, get_value, put
 from vrte.app.form.sliders import STEPS, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
-from vrte.app.server.serve import leave_bench
-from vrte.app.solving import live as module
-from vrte.app.solving.appearance import Appeared, Question, Refused, Reply, Studio, Viewing
-from vrte.app.solving.bench import Benches
+from vrte.app.solving import worker_process
+from vrte.app.solving.appearance import Appeared, Question, Studio, Viewing
 from vrte.app.solving.downloads import make_colours_download
-from vrte.app.solving.live import Live
-from vrte.app.solving.live_worker import Inbox
+from vrte.app.solving.messages import Refused
+from vrte.app.solving.tab_session import TabSessions
+from vrte.app.solving.worker import Exchange, explain_failure
+from vrte.app.solving.worker_process import LiveQuery
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import find_hiding
@@ -50,6 +48,9 @@ DUST: dict[str, Any] = {
 }
 
 
+SEEN = Viewing()
+
+
 def change(content: dict[str, Any], *place: Any, to: Any) -> dict[str, Any]:
     found = copy.deepcopy(content)
     put(found, place, to)
@@ -60,30 +61,32 @@ def thicken(length_um: float) -> dict[str, Any]:
     return change(DUST, "layer", 1, "thickness_um", to=length_um)
 
 
-def answered(live: Live) -> Reply:
+def ask(live: LiveQuery, content: dict[str, Any], *how: Any) -> Any:
+    """The last answer to what a scene looks like."""
+    live.ask(Question(content, Path(), *how))
     until(lambda: not live.waits)
-    assert live.answer is not None
     return live.answer
 
 
-def appeared(live: Live) -> Appeared:
-    found = answered(live)
-    assert isinstance(found, Appeared), found
-    return found
+def work(studio: Studio, content: dict[str, Any], viewing: Viewing = SEEN, newer: int = 9) -> list[Any]:
+    """What is told of a scene in this process; there is a newer question after so many answers."""
+    told: list[Any] = []
+    told.append(explain_failure(studio.answer, Question(content, Path(), viewing),
+                                Exchange(told.append, lambda: len(told) >= newer)))  # fmt: skip
+    return told
 
 
 @pytest.fixture(scope="module")
-def shared() -> Iterator[Live]:
-    live = Live()
+def shared() -> Iterator[LiveQuery]:
+    live = LiveQuery()
     yield live
     live.close()
 
 
 @pytest.mark.slow
-def test_the_numbers_are_those_of_the_library(shared: Live) -> None:
+def test_the_numbers_are_those_of_the_library(shared: LiveQuery) -> None:
     viewing = Viewing(illuminant="A", observer=2, white=0.9)
-    shared.ask(DUST, Path(), viewing)
-    found = appeared(shared)
+    found = ask(shared, DUST, viewing)
     panel = make_panel(DUST, accuracy=1e-6)
     white = panel.put_over(vrte.Lambertian(0.9))
     solved = [one.solve(np.cos(np.radians([45.0, 8.0]))) for one in (panel.put_over(None), white)]
@@ -99,8 +102,7 @@ def test_the_numbers_are_those_of_the_library(shared: Live) -> None:
     assert found.apart == close_to(find_difference(*colours), rtol=1e-9, atol=0.0)
     assert 0.1 < found.contrast < 0.9
 
-    shared.ask(DUST, Path(), Viewing("A", 2, "8:di", 0.9), found.shares)
-    other = appeared(shared)
+    other = ask(shared, DUST, Viewing("A", 2, "8:di", 0.9), found.shares)
     assert_close(other.shares.over_white, solved[1].total_reflectance[:, 1], rtol=0.0, atol=1e-4)
     assert other.changed is not None
     now = find_colour(other.shares.wavelength_um, other.shares.over_white, "A", 2)
@@ -108,34 +110,18 @@ def test_the_numbers_are_those_of_the_library(shared: Live) -> None:
     assert other.before == (found.black, found.white)
 
 
-def test_a_coarse_answer_comes_first_where_particles_are_new() -> None:
-    told: list[Reply] = []
+def test_coarse_colours_come_first_and_gloss_and_hiding_last() -> None:
     studio = Studio()
     studio.pace = 1.0  # seconds a wavelength: as on a slow machine
-    studio.answer(Question(1, DUST, Path()), told.append, lambda: False)
-    coarse, colours, final = (one for one in told if isinstance(one, Appeared))
-    assert len(told) == 3
+    coarse, colours, final = work(studio, DUST, Viewing(white=0.9))
     assert [(one.coarse, one.follows) for one in (coarse, colours, final)] == [
         (True, True),
         (False, True),
         (False, False),
     ]
     assert (colours.shares, colours.black, colours.readings) == (final.shares, final.black, ())
-    assert find_difference_of(coarse, final) < 1.0
+    assert math.dist(*([one.white.numbers[name] for name in "Lab"] for one in (coarse, final))) < 1.0
     assert not np.array_equal(coarse.shares.over_black, final.shares.over_black)
-    told.clear()
-    studio.pace = 0.0
-    studio.answer(Question(2, thicken(1.1), Path()), told.append, lambda: False)
-    assert [one.number for one in told if isinstance(one, Appeared) and not one.follows] == [2]
-    assert len(studio.kinds) == 16  # at so many wavelengths, once
-
-
-def test_gloss_and_hiding_follow_the_colours_and_are_the_librarys() -> None:
-    told: list[Reply] = []
-    studio = Studio()
-    studio.answer(Question(1, DUST, Path(), Viewing(white=0.9)), told.append, lambda: False)
-    final = told[-1]
-    assert isinstance(final, Appeared)
     assert final.why_none == ()
     found = {(one.quantity, one.geometry): one.value for one in final.readings}
     panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, accuracy=1e-4)
@@ -144,34 +130,26 @@ def test_gloss_and_hiding_follow_the_colours_and_are_the_librarys() -> None:
     hiding = find_hiding(panel, white=0.9)
     assert found["hiding thickness", "45:0"] == close_to(hiding.hiding_length_um, rtol=5e-3, atol=0.0)
     assert found["spreading rate", "45:0"] == close_to(hiding.spreading_rate, rtol=5e-3, atol=0.0)
-    begun = len(told)
-    studio.answer(Question(2, DUST, Path(), Viewing(white=0.9)), told.append, lambda: False)
-    (again,) = told[begun:]  # all is remembered
-    assert isinstance(again, Appeared)
+    (again,) = work(studio, DUST, Viewing(white=0.9))  # all is remembered
     assert again.readings == final.readings
+    assert len(studio.kinds) == 16  # at so many wavelengths, once
+    studio.pace = 1.0
+    given_up = work(studio, thicken(1.1), newer=0)  # after the coarse answer
+    assert [one and one.coarse for one in given_up] == [True, None]
+    studio.pace = 0.0
+    given_up = work(studio, thicken(1.1), newer=1)  # no readings
+    assert [one and one.follows for one in given_up] == [True, None]
 
 
 def test_what_cannot_be_read_off_says_why() -> None:
-    told: list[Reply] = []
-    bare = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
-    Studio().answer(Question(1, bare, Path()), told.append, lambda: False)
-    final = told[-1]
-    assert isinstance(final, Appeared)
+    final = work(Studio(), change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}]))[-1]
     assert final.readings == ()
     assert [text.partition(":")[0] for text in final.why_none] == ["no gloss", "no hiding thickness"]
     assert "needs a surface" in final.why_none[0]
 
 
-def test_a_newer_question_ends_the_readings() -> None:
-    told: list[Reply] = []
-    studio = Studio()
-    studio.answer(Question(1, DUST, Path()), told.append, lambda: len(told) > 0)
-    assert [isinstance(one, Appeared) and one.follows for one in told] == [True]
-
-
-def test_colours_are_downloaded_once_they_are_of_the_forms_scene(shared: Live) -> None:
-    shared.ask(DUST, Path(), Viewing())
-    found = appeared(shared)
+def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(shared: LiveQuery) -> None:
+    found = ask(shared, DUST)
     assert shared.answered is shared.asked
     name, data = make_colours_download(shared, DUST)
     assert name == "colours.csv"
@@ -179,57 +157,32 @@ def test_colours_are_downloaded_once_they_are_of_the_forms_scene(shared: Live) -
     values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
     assert values["L over white", ""] == found.white.numbers["L"]
     assert values["contrast ratio", ""] == found.contrast
-    assert (
-        values["reflectance factor over black", repr(float(found.shares.wavelength_um[3]))]
-        == found.shares.over_black[3]
-    )
+    at, share = float(found.shares.wavelength_um[3]), found.shares.over_black[3]
+    assert values["reflectance factor over black", repr(at)] == share
     assert sum(row["quantity"] == "gloss" for row in rows) == 3
-    with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
-        make_colours_download(shared, thicken(2.0))
-    with pytest.raises(vrte.SceneError, match="there are no colours"):
-        make_colours_download(Live(), DUST)
-
-
-def find_difference_of(one: Appeared, other: Appeared) -> float:
-    """How far the colours over white are apart in L*, a*, b*."""
-    return math.dist(*([each.white.numbers[name] for name in "Lab"] for each in (one, other)))
-
-
-def test_an_old_question_is_given_up_after_its_coarse_answer() -> None:
-    told: list[Reply] = []
-    studio = Studio()
-    studio.pace = 1.0
-    studio.answer(Question(1, DUST, Path()), told.append, lambda: True)
-    assert [isinstance(one, Appeared) and one.coarse for one in told] == [True]
-    assert studio.found == {}
-
-
-def test_the_newest_question_is_taken() -> None:
-    inbox = Inbox()
-    for number in (1, 2, 3):
-        inbox.put(Question(number, {}, Path()))
-    assert inbox.take().number == 3
-    assert not inbox.has_newer()
+    for live, content in ((shared, thicken(2.0)), (LiveQuery(), DUST)):
+        with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
+            make_colours_download(live, content)
+    figure = figures.spectra(found.shares, found.shares, "45:0")
+    names = [trace.name for trace in figure.data]
+    assert names == ["over black", "over white", "over black, before", "over white, before"]
+    assert_close(figure.data[0].y, found.shares.over_black, rtol=1e-6, atol=0.0)
+    assert_close(figure.data[0].x, found.shares.wavelength_um, rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.slow
-def test_the_newest_position_of_a_slider_wins(shared: Live) -> None:
-    shared.ask(thicken(2.0), Path(), Viewing())
-    appeared(shared)
-    numbers = set()
+def test_the_newest_position_of_a_slider_wins(shared: LiveQuery) -> None:
+    ask(shared, thicken(2.0))
+    seen = set()
     for step in range(60):
-        shared.ask(thicken(3.0 + 0.1 * step), Path(), Viewing())
-        numbers.add(shared.answer.number if shared.answer else 0)
-    last = appeared(shared)
-    assert shared.asked is not None
-    assert last.number == shared.asked.number
-    assert len(numbers) < 30  # the others were passed over
-    shared.ask(thicken(8.9), Path(), Viewing())
-    assert not shared.waits  # nothing has changed
+        shared.ask(Question(thicken(3.0 + 0.1 * step), Path()))
+        seen.add(id(shared.answer.shares))
+    last = ask(shared, thicken(8.9))  # asked last already
+    assert shared.answered is shared.asked
+    assert len(seen) < 30  # the others were passed over
     expected = make_panel(thicken(8.9), accuracy=1e-6).put_over(None).solve(np.cos(np.radians([45.0, 8.0])))
-    assert_close(
-        last.shares.over_black, np.pi * expected.mueller[:, 0, 0, 0, 0, 0], rtol=0.0, atol=1e-4
-    )  # 1e-3 is promised
+    factor = np.pi * expected.mueller[:, 0, 0, 0, 0, 0]
+    assert_close(last.shares.over_black, factor, rtol=0.0, atol=1e-4)  # 1e-3 is promised
 
 
 @pytest.mark.parametrize(
@@ -241,105 +194,62 @@ def test_the_newest_position_of_a_slider_wins(shared: Live) -> None:
         (change(DUST, "particles", "dust", "index", to="main/../../../etc/passwd/x"), "index"),
     ],
 )
-def test_bad_content_is_a_sentence_and_the_process_lives_on(content: dict[str, Any], words: str, shared: Live) -> None:
-    shared.ask(content, Path(), Viewing())
-    found = answered(shared)
+def test_bad_content_is_a_sentence_and_the_process_lives_on(
+    content: dict[str, Any], words: str, shared: LiveQuery
+) -> None:
+    found = ask(shared, content)
     assert isinstance(found, Refused)
     assert words in found.message
     assert "Traceback" not in found.message
-    process = get_process(shared)
-    shared.ask(DUST, Path(), Viewing())
-    appeared(shared)
-    assert get_process(shared) is process
+    worker = shared.worker
+    assert isinstance(ask(shared, DUST), Appeared)
+    assert shared.worker is worker
 
 
-def get_process(live: Live) -> "subprocess.Popen[bytes]":
-    """Once there is one."""
-    until(lambda: live._warm is not None and live._warm.process is not None)
-    assert live._warm is not None
-    assert live._warm.process is not None
-    return live._warm.process
-
-
-def test_the_process_has_a_limit_of_memory(shared: Live) -> None:
-    shared.ask(DUST, Path(), Viewing())
-    appeared(shared)
-    limits = Path(f"/proc/{get_process(shared).pid}/limits").read_text().splitlines()
+def test_the_process_has_a_limit_of_memory(shared: LiveQuery) -> None:
+    ask(shared, DUST)
+    limits = Path(f"/proc/{get_process(shared.worker).pid}/limits").read_text().splitlines()
     (line,) = [line for line in limits if line.startswith("Max address space")]
     assert int(line.split()[3]) < 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def test_a_process_that_dies_is_a_sentence_and_the_next_question_starts_another() -> None:
-    live = Live()
-    live.ask(DUST, Path(), Viewing())
-    first = get_process(live)
-    os.kill(first.pid, signal.SIGKILL)
-    found = answered(live)
-    assert isinstance(found, Refused)
-    assert "ended by the system" in found.message
-    live.ask(thicken(3.0), Path(), Viewing())
-    assert live.waits
-    assert get_process(live).pid != first.pid
-    live.close()
-
-
-def test_a_question_that_does_not_end_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "STUCK", 0.2)
-    live = Live()
+def test_processes_die_make_room_and_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that dies is a sentence, and the next question starts another; one that is stuck makes room; one more than
+    there may be ends that of another tab."""
+    monkeypatch.setattr(worker_process, "STUCK", 0.2)
+    monkeypatch.setattr(worker_process, "MOST_LIVE", 1)
+    sessions = TabSessions()
+    one, other = sessions.of("one"), sessions.of("other")
     size = {"lognormal": {"median_um": 40.0, "sigma": 1.6}}
     large = change(change(DUST, "particles", "dust", "radius_um", to=None), "particles", "dust", "size", to=size)
-    live.ask(large, Path(), Viewing())
-    first = get_process(live)
-    live.ask(DUST, Path(), Viewing())
+    one.live.ask(Question(large, Path()))
+    first = get_process(one.live.worker)
+    os.kill(first.pid, signal.SIGKILL)
+    until(lambda: not one.live.waits)
+    assert "ended by the system" in one.live.answer.message
+    one.live.ask(Question(change(large, "host_index", to=1.4), Path()))
+    second = get_process(one.live.worker)
+    one.live.ask(Question(DUST, Path()))
 
-    def is_first_gone() -> bool:
-        live.refresh()
-        return first.poll() is not None
+    def is_second_gone() -> bool:
+        one.live.refresh()
+        return second.poll() is not None
 
-    until(is_first_gone)
-    assert live.waits
-    assert get_process(live) is not first
-    live.close()
-
-
-def test_processes_end_with_their_tab_and_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST_WARM", 1)
-    benches = Benches()
-    one, other = benches.of("one"), benches.of("other")
-    one.live.ask(DUST, Path(), Viewing())
-    first = get_process(one.live)
-    other.live.ask(DUST, Path(), Viewing())  # in place of the one not asked for longest
-    second = get_process(other.live)
-    until(lambda: first.poll() is not None)
+    until(is_second_gone)
+    assert one.live.waits
+    third = get_process(one.live.worker)
+    assert len({first.pid, second.pid, third.pid}) == 3
+    other.live.ask(Question(DUST, Path()))  # in place of the one not asked for longest
+    fourth = get_process(other.live.worker)
+    until(lambda: third.poll() is not None)
     assert not one.live.waits
     other.pages = 1
-    leave_bench(other)
-    until(lambda: second.poll() is not None)
-    one.live.ask(DUST, Path(), Viewing())  # the one that was left open
-    third = get_process(one.live)
-    benches.close()
-    until(lambda: third.poll() is not None)
-
-
-@pytest.mark.slow
-def test_no_process_is_left_when_the_server_is_killed() -> None:
-    code = (
-        "import sys, time; sys.path[:] = {path!r}\n"
-        "from tests.test_app_appearance import *\n"
-        "live = Live(); live.ask(DUST, Path(), Viewing())\n"
-        "print(get_process(live).pid, flush=True); time.sleep(60)"
-    )
-    path = [*sys.path, str(Path(__file__).parents[1])]
-    server = subprocess.Popen([sys.executable, "-c", code.format(path=path)], stdout=subprocess.PIPE, text=True)
-    try:
-        assert server.stdout is not None
-        child = int(server.stdout.readline())
-        assert is_there(child)
-    finally:
-        server.kill()
-        server.wait()
-        server.stdout.close()
-    until(lambda: not is_there(child), 10.0)
+    other.leave()
+    until(lambda: fourth.poll() is not None)
+    one.live.ask(Question(DUST, Path()))  # the one that was left open
+    fifth = get_process(one.live.worker)
+    sessions.close()
+    until(lambda: fifth.poll() is not None)
 
 
 @pytest.mark.parametrize("title", list_paint_starts())
@@ -365,13 +275,3 @@ def test_what_is_missing_is_said() -> None:
     assert "optical thickness" in explain_missing(START)
     assert "No layer here holds particles" in explain_missing({"layer": [{"phase": "rayleigh", "thickness": 1.0}]})
     assert explain_missing({"particles": {}, "layer": [{"particles": "gold", "thickness": math.inf}]}) == ""
-
-
-def test_spectra_are_drawn_with_those_before(shared: Live) -> None:
-    shared.ask(DUST, Path(), Viewing())
-    found = appeared(shared)
-    figure = figures.spectra(found.shares, found.shares, "45:0")
-    names = [trace.name for trace in figure.data]
-    assert names == ["over black", "over white", "over black, before", "over white, before"]
-    assert_close(figure.data[0].y, found.shares.over_black, rtol=1e-6, atol=0.0)
-    assert_close(figure.data[0].x, found.shares.wavelength_um, rtol=1e-6, atol=0.0)

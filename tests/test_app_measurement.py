@@ -14,15 +14,13 @@ from vrte.app import figures
 from vrte.app.form.content import START, Content
 from vrte.app.form.free_numbers import list_free_numbers, put_values, write_shares_out
 from vrte.app.page.measurement_panel import choose_free, find_places
-from vrte.app.server.serve import leave_bench
-from vrte.app.solving import fitting
-from vrte.app.solving.bench import Bench
-from vrte.app.solving.fitting import fit_scene
-from vrte.app.solving.live import COMPARER, Live
+from vrte.app.solving import measuring
 from vrte.app.solving.measured import describe_measured, list_shown
-from vrte.app.solving.measuring import Compared, Comparer, Comparison, is_measurement
-from vrte.app.solving.messages import Fit, Fitted, Progress, Step, keep_step
-from vrte.app.solving.questions import Refused
+from vrte.app.solving.measuring import Compared, Comparer, Comparison, fit_scene, is_measurement
+from vrte.app.solving.messages import Fit, Fitted, Progress, Refused, Step
+from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.worker import Exchange, explain_failure
+from vrte.app.solving.worker_process import LiveQuery
 from vrte.basics.errors import SceneError
 from vrte.fit.curves import COLOURS, NUMBERS, name_bars, split_curves
 
@@ -59,8 +57,10 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 def answer(content: Content | None, data: bytes, comparer: Comparer | None = None) -> list[Any]:
     told: list[Any] = []
-    (comparer or Comparer()).answer(Comparison(1, content, Path(), data, ".csv"), told.append, lambda: False)
-    return told
+    last = explain_failure(
+        (comparer or Comparer()).answer, Comparison(content, Path(), data, ".csv"), Exchange(told.append)
+    )
+    return [*told, last]
 
 
 def test_a_measurement_is_told_first_and_then_what_the_scene_shows(data: bytes) -> None:
@@ -202,12 +202,12 @@ def test_what_may_change_is_checked_before_a_fit(told: dict[str, Any], words: st
 
 
 def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting, "write_page", lambda found: b"a page")  # tests/test_fit.py has it; it takes a second
+    monkeypatch.setattr(measuring, "write_page", lambda found: b"a page")  # tests/test_fit.py has it; it takes a second
     told: list[Progress] = []
-    task = Fit(change(thickness=0.4), Path(), 1e9, data, ".csv", FREE)
+    task = Fit(change(thickness=0.4), Path(), data, ".csv", FREE)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = fit_scene(task, told.append, [])
+        found = fit_scene(task, Exchange(told.append))
     steps = [one for one in told if isinstance(one, Step)]
     assert len(steps) > 2
     assert steps[0].values == [0.4]
@@ -217,7 +217,7 @@ def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes, monkey
     assert 0.0 < found.errors[0] < 0.01
     assert found.page == b"a page"
     assert put_values(task.content, find_places(found)) == HAZE
-    kept = keep_step(task, steps[1], "it died")
+    kept = Fitted.of_step(task, steps[1], "it died")
     assert np.isnan(kept.errors).all()
     assert put_values(task.content, find_places(kept))["layer"][0]["thickness"] == float(f"{steps[1].values[0]:.6g}")
 
@@ -233,40 +233,38 @@ LONG = {  # some seconds a step
 @pytest.mark.slow
 def test_a_fit_is_stopped_with_the_best_so_far_and_one_that_dies_leaves_its_last_step(data: bytes) -> None:
     free = {"particles.dust.size.lognormal.median_um": {"start": 1.0, "low": 0.3, "high": 3.0}}
-    bench = Bench(LONG)
+    session = TabSession(LONG)
     for stops in (True, False):
-        bench.start_fit(Fit(LONG, Path(), 4e9, data, ".csv", free))
-        job = bench.fits
+        session.start_fit(Fit(LONG, Path(), data, ".csv", free))
+        job = session.fits
         assert job is not None
         until(lambda job=job: job.step is not None, 60.0)
         (job.stop if stops else job.cancel)()
         begin = time.monotonic()
         until(lambda job=job: job.ended, 60.0)
         assert time.monotonic() - begin < 10.0
-        bench.take_fit()
-        assert isinstance(bench.fitted, Fitted)
-        assert bool(np.isfinite(bench.fitted.errors).all()) == stops
-        assert any(("interrupted" if stops else "without errors") in note for note in bench.fitted.notes)
-    bench.close()
+        session.take_fit()
+        assert isinstance(session.fitted, Fitted)
+        assert bool(np.isfinite(session.fitted.errors).all()) == stops
+        assert any(("interrupted" if stops else "without errors") in note for note in session.fitted.notes)
+    session.close()
 
 
 @pytest.mark.slow
 def test_a_warm_process_answers_and_goes_with_its_tab(data: bytes) -> None:
-    live = Live(COMPARER)
-    live.put(Comparison(0, HAZE, Path(), data, ".csv"))
+    live = LiveQuery()
+    live.ask(Comparison(HAZE, Path(), data, ".csv"))
     until(lambda: not live.waits)
     assert isinstance(live.answer, Compared)
     assert_close(live.answer.predicted, live.answer.measured.value, rtol=1e-9, atol=0.0)
-    live.put(Comparison(0, HAZE, Path(), data, ".csv"))
+    live.ask(Comparison(HAZE, Path(), data, ".csv"))
     assert not live.waits  # nothing has changed
-    bench = Bench(HAZE, beside=live, pages=1)
-    assert live._warm is not None
-    process = live._warm.process
+    session = TabSession(HAZE, beside=live, pages=1)
+    assert live.worker is not None
+    process = live.worker.process
     assert process is not None
-    bench.start_fit(
-        Fit(LONG, Path(), 4e9, data, ".csv", {"layer[1].thickness": {"start": 3.0, "low": 1.0, "high": 9.0}})
-    )
-    fits = bench.fits
+    session.start_fit(Fit(LONG, Path(), data, ".csv", {"layer[1].thickness": {"start": 3.0, "low": 1.0, "high": 9.0}}))
+    fits = session.fits
     assert fits is not None
-    leave_bench(bench)
+    session.leave()
     until(lambda: process.poll() is not None and fits.ended)

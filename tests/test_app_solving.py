@@ -18,12 +18,12 @@ import pytest
 import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_content, write_link
-from vrte.app.server.serve import leave_bench
 from vrte.app.solving import downloads
-from vrte.app.solving.bench import MOST_TABS, Benches
-from vrte.app.solving.job import Job, explain_end
-from vrte.app.solving.messages import Adopt, Adopted, Outcome, Progress, Read, Solve
-from vrte.app.solving.worker import make_outcome, solve
+from vrte.app.solving.messages import Adopt, Adopted, Limits, Outcome, Progress, Read, Solve
+from vrte.app.solving.solve import make_outcome, solve
+from vrte.app.solving.tab_session import MOST_TABS, TabSessions
+from vrte.app.solving.worker import Exchange, Inbox
+from vrte.app.solving.worker_process import Job, WorkerProcess, explain_end
 from vrte.formats.scene_writer import write_toml
 
 from .helpers import assert_close, close_to
@@ -52,6 +52,14 @@ def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
         time.sleep(0.01)
 
 
+def get_process(worker: WorkerProcess | None) -> "subprocess.Popen[bytes]":
+    """Once there is one."""
+    assert worker is not None
+    until(lambda: worker.process is not None)
+    assert worker.process is not None
+    return worker.process
+
+
 def ended(job: Job) -> Job:
     until(lambda: job.ended)
     return job
@@ -60,9 +68,9 @@ def ended(job: Job) -> Job:
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
     shares = []
-    job = Job(Solve(copy.deepcopy(SMALL), Path(), ENOUGH))
+    job = Job(Solve(copy.deepcopy(SMALL), Path()))
     while not job.ended:
-        shares.append(job.share)
+        shares.append(job.fraction)
         time.sleep(0.001)
     assert job.message == ""
     assert isinstance(job.outcome, Outcome)
@@ -105,10 +113,10 @@ def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix:
 
 
 def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None:
-    job = ended(Job(Read(downloads.make_field_download(outcome, 0, ".nc")[1], ".nc", ENOUGH)))
+    job = ended(Job(Read(downloads.make_field_download(outcome, 0, ".nc")[1], ".nc")))
     assert isinstance(job.outcome, Outcome)
     np.testing.assert_array_equal(job.outcome.fields[0].stokes, outcome.fields[0].stokes)
-    job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc", ENOUGH)))
+    job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc")))
     assert job.outcome is None
     assert job.message.startswith("the file is not a NetCDF file")
 
@@ -128,15 +136,16 @@ def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None
     """Whatever it is that does so: the process has a limit of time."""
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
-        "from vrte.app.solving import worker\n"
+        "from vrte.app.solving import solve, worker\n"
         "def parse(data):\n"
         "    while True: pass\n"
-        "worker.parse_content, worker.LONGEST_READING = parse, 0.5\n"
+        "solve.parse_content = parse\n"
         "worker.main()"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
-        pickle.dump(Adopt(b"", Path(), frozenset()), process.stdin)
+        pickle.dump(Limits(1e9, 0.5), process.stdin)
+        pickle.dump((1, Adopt(b"", Path(), frozenset())), process.stdin)
         process.stdin.flush()
         assert process.wait(60) == -signal.SIGXCPU
     with tempfile.TemporaryFile() as said:
@@ -153,7 +162,7 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
         shape = file["mueller"].shape
         del file["mueller"]
         file.create_dataset("mueller", shape, "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
-    job = ended(Job(Read(upload.read_bytes(), ".nc", ENOUGH)))
+    job = ended(Job(Read(upload.read_bytes(), ".nc")))
     assert job.outcome is None
     assert job.message.startswith("the file is refused: its mueller lies in another file (external storage)")
 
@@ -190,19 +199,19 @@ def test_the_bar_is_not_full_while_something_is_solved() -> None:
     """Also over the other base, whose reflectance stands beside the scene's."""
     told: list[Progress] = []
     scene = SMALL | {"wavelength_um": 0.5}
-    solve(Solve(scene, Path(), ENOUGH), told.append)
+    solve(Solve(scene, Path()), Exchange(told.append))
     stages = list(dict.fromkeys(one.stage.partition(":")[0] for one in told))
     assert stages == ["particles", "BRDF", "BRDF over another base", "field inside"]
-    shares = [one.share for one in told]
+    shares = [one.fraction for one in told]
     assert shares == sorted(shares)
     assert max(shares) < 0.99
-    ends = [one.share for one in told if one.stage.endswith("adding up")]
+    ends = [one.fraction for one in told if one.stage.endswith("adding up")]
     assert ends == close_to([(place + 0.9) / 4.0 for place in (1, 2, 3)], rtol=0.0, atol=1e-12)
     assert "BRDF: Fourier orders, 1 of 7" in [one.stage for one in told]
 
 
 def test_a_cancelled_solve_ends_at_once() -> None:
-    job = Job(Solve(LONG, Path(), ENOUGH))
+    job = Job(Solve(LONG, Path()))
     until(lambda: "Fourier" in job.stage or job.ended)
     assert not job.ended, job.message
     start = time.monotonic()
@@ -213,10 +222,8 @@ def test_a_cancelled_solve_ends_at_once() -> None:
 
 
 def test_a_process_that_dies_is_a_sentence() -> None:
-    job = Job(Solve(LONG, Path(), ENOUGH))
-    until(lambda: job._process is not None)
-    assert job._process is not None
-    os.kill(job._process.pid, signal.SIGKILL)
+    job = Job(Solve(LONG, Path()))
+    os.kill(get_process(job.worker).pid, signal.SIGKILL)
     assert "ended by the system" in ended(job).message
 
 
@@ -228,7 +235,7 @@ def test_a_process_that_dies_is_a_sentence() -> None:
     ],
 )
 def test_what_shows_only_in_the_solve_is_a_sentence(change: form.Content, memory: float, words: str) -> None:
-    job = ended(Job(Solve(SMALL | {"wavelength_um": 0.5} | change, Path(), memory)))
+    job = ended(Job(Solve(SMALL | {"wavelength_um": 0.5} | change, Path()), memory))
     assert job.outcome is None
     assert words in job.message
 
@@ -238,9 +245,9 @@ def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
     code = (
         "import sys, time; sys.path[:] = {path!r}\n"
         "from tests.test_app_solving import *\n"
-        "job = Job(Solve(LONG, Path(), ENOUGH))\n"
+        "job = Job(Solve(LONG, Path()))\n"
         "until(lambda: 'Fourier' in job.stage)\n"
-        "print(job._process.pid, flush=True); time.sleep(60)"
+        "print(get_process(job.worker).pid, flush=True); time.sleep(60)"
     )
     root = Path(__file__).parents[1]
     server = subprocess.Popen(
@@ -264,39 +271,47 @@ def is_there(pid: int) -> bool:
         return False
 
 
+def test_the_newest_task_is_taken() -> None:
+    inbox = Inbox()
+    for number in (1, 2, 3):
+        inbox.put(number)
+    assert inbox.take() == 3
+    assert not inbox.has_newer()
+
+
 def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:
-    benches = Benches()
-    one, other = benches.of("one"), benches.of("other")
+    sessions = TabSessions()
+    one, other = sessions.of("one"), sessions.of("other")
     one.content["nodes"] = 5
     one.content["layer"][0]["thickness"] = 7.0
     one.view["place"] = 3
     assert "nodes" not in other.content
     assert other.content["layer"][0]["thickness"] == 100.0
     assert other.view == {}
-    assert benches.of("one") is one  # a reload
+    assert sessions.of("one") is one  # a reload
     assert "nodes" not in form.START
 
 
 def test_nobody_waits_for_what_a_closed_page_solves() -> None:
-    bench = Benches().of("tab")
-    bench.content = copy.deepcopy(LONG)
-    bench.pages = 2
-    bench.solve()
-    leave_bench(bench)
-    assert bench.busy
-    leave_bench(bench)
-    assert bench.job is not None
-    assert ended(bench.job).message == "cancelled"
+    session = TabSessions().of("tab")
+    session.content = copy.deepcopy(LONG)
+    session.pages = 2
+    session.start()
+    session.leave()
+    assert session.busy
+    session.leave()
+    assert session.job is not None
+    assert ended(session.job).message == "cancelled"
 
 
 def test_the_tabs_not_used_for_longest_are_forgotten_first() -> None:
-    benches = Benches()
-    first, second, *_ = [benches.of(name) for name in ("first", *(f"tab {k}" for k in range(1, MOST_TABS)))]
-    assert benches.of("first") is first
-    assert benches.of("tab 1") is second
+    sessions = TabSessions()
+    first, second, *_ = [sessions.of(name) for name in ("first", *(f"tab {k}" for k in range(1, MOST_TABS)))]
+    assert sessions.of("first") is first
+    assert sessions.of("tab 1") is second
     for k in range(MOST_TABS - 2):
-        benches.of(f"new {k}")
-    assert benches.of("first") is first
-    assert benches.of("tab 1") is second
-    benches.of("one more")
-    assert len(benches._benches) == MOST_TABS
+        sessions.of(f"new {k}")
+    assert sessions.of("first") is first
+    assert sessions.of("tab 1") is second
+    sessions.of("one more")
+    assert len(sessions._sessions) == MOST_TABS

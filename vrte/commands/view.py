@@ -49,32 +49,32 @@ def run(options: argparse.Namespace) -> None:
                 f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}", "view"
             )
         print(MEANING, flush=True)
-    benches = make_first_benches(options.file)
-    signal = serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
+    sessions = make_first_sessions(options.file)
+    signal = serve(sessions, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
     if signal == SIGTERM:
         sys.exit(128 + SIGTERM)
 
 
-def make_first_benches(path: Path | None) -> Any:
+def make_first_sessions(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result."""
     from vrte.app.form.files import adopt_and_tell
-    from vrte.app.solving.bench import Benches
-    from vrte.app.solving.worker import make_outcome
+    from vrte.app.solving.solve import make_outcome
+    from vrte.app.solving.tab_session import TabSessions
     from vrte.formats import load
     from vrte.formats.named import find_named_tables
     from vrte.formats.scene_file import read_content
 
     if path is None:
-        return Benches()
+        return TabSessions()
     try:
         if path.suffix.lower() == ".toml":
             content = read_content(path)
             content, told = adopt_and_tell(content, path.parent, frozenset(find_named_tables(content).values()))
             for text in told:
                 print(f"vrte view: {text}", file=sys.stderr)
-            return Benches(content, path.parent)
+            return TabSessions(content, path.parent)
         outcome = make_outcome(load(path))
-        return Benches(outcome.content, outcome=outcome)
+        return TabSessions(outcome.content, outcome=outcome)
     except SceneError as error:
         raise (error if str(error).startswith(str(path)) else error.behind(path)) from error
     except OSError as error:

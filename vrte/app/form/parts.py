@@ -26,6 +26,7 @@ class Said:
     words: str = ""
     message: str = ""
     place: Place = ()
+    follows = False  # as `vrte.app.solving.messages.Message` has it
 
 
 def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:

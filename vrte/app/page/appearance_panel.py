@@ -25,7 +25,7 @@ from vrte.app.solving.appearance import (
     Shade,
     Viewing,
 )
-from vrte.app.solving.bench import Bench
+from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place
 from vrte.formats.toml_table import read_share
 
@@ -43,14 +43,14 @@ class AppearancePanel:
 
     def __init__(
         self,
-        bench: Bench,
+        session: TabSession,
         write: Callable[[Place, float], None],
         fill: Callable[..., None],
         plot: Callable[[], Any],
         draw: Callable[[Any], None],
     ) -> None:
-        self.bench, self.write, self.fill, self.draw_figure = bench, write, fill, draw
-        self.view = bench.view
+        self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
+        self.view = session.view
         self.view.setdefault("viewing", Viewing())
         self.sliders: dict[Place, tuple[Slider, Any, Any]] = {}
         self.white: Any = None  # what stands above the slider of the white card
@@ -105,7 +105,7 @@ class AppearancePanel:
 
     def _draw_sliders(self) -> None:
         """One a number of the form; anew where there are others, or a number has left its slider's range."""
-        content = self.bench.content
+        content = self.session.content
         wanted = {slider.place: slider for slider in list_sliders(content)}
         values = {place: read_share(get_value(content, place)) or 0.0 for place in wanted}
         now = {place: slider for place, (slider, _, _) in self.sliders.items()}
@@ -151,34 +151,35 @@ class AppearancePanel:
 
     def keep(self) -> None:
         """What is shown is what later colours are compared with."""
-        answer = self.bench.live.answer
+        answer = self.session.live.answer
         if isinstance(answer, Appeared):
             self.view["before"] = answer.shares
             self.refresh()
 
     def end(self) -> None:
         """Whatever is being worked out."""
-        self.bench.live.close()
+        self.session.live.close()
         self.follow()
 
     # what follows
 
     def refresh(self) -> None:
         """Asks what the form's scene looks like, where that is not known yet."""
-        bench, live = self.bench, self.bench.live
-        unfit = explain_missing(bench.content)
-        self.missing = unfit or (f"The form waits: {bench.wrong[0]}" if bench.wrong else "")
+        session, live = self.session, self.session.live
+        unfit = explain_missing(session.content)
+        self.missing = unfit or (f"The form waits: {session.wrong[0]}" if session.wrong else "")
         self.bars.set_visibility(not unfit)
         self._draw_sliders()
         if not self.missing:
-            live.ask(bench.content, bench.shelf.folder, self.view["viewing"], self.view.get("before"))
+            question = session.content, session.uploads.folder, self.view["viewing"], self.view.get("before")
+            live.ask(Question(*question))
             self.timer.activate()
         self._show()
         self.follow()
 
     def follow(self) -> None:
         """Looks whether an answer has come."""
-        live = self.bench.live
+        live = self.session.live
         live.refresh()
         if live.answer is not self.shown:
             self._show()
@@ -190,9 +191,9 @@ class AppearancePanel:
 
     def _mark_old(self) -> None:
         """Greys what was worked out for another scene than the form's, or another way of looking at it."""
-        live = self.bench.live
+        live = self.session.live
         asked = live.answered if isinstance(live.answered, Question) else None
-        old = asked is None or (asked.content, asked.viewing) != (self.bench.content, self.view["viewing"])
+        old = asked is None or (asked.content, asked.viewing) != (self.session.content, self.view["viewing"])
         self.old.set_visibility(old)
         for part in (self.colours, self.answer):
             part.classes("vrte-old") if old else part.classes(remove="vrte-old")
@@ -202,9 +203,9 @@ class AppearancePanel:
 
     def _show(self) -> None:
         """The last answer, or why there is none."""
-        answer = self.shown = self.bench.live.answer
+        answer = self.shown = self.session.live.answer
         refused = "" if answer is None or isinstance(answer, Appeared) else answer.message
-        text = self.missing or translate_message(refused, self.bench.content)
+        text = self.missing or translate_message(refused, self.session.content)
         self.message.set_text(text)
         self.message.set_visibility(bool(text))
         self.progress.set_visibility(not self.missing)
@@ -244,7 +245,7 @@ class AppearancePanel:
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
         said = "; ".join([*notes, *answer.why_none, *answer.notes])
-        self.notes.set_text(translate_message(said, self.bench.content))
+        self.notes.set_text(translate_message(said, self.session.content))
         self.notes.set_visibility(bool(said))
         at = answer.shares.wavelength_um
         words = f"coarse: {COARSE}" if answer.coarse else f"{at.size}"

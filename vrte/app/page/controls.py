@@ -11,8 +11,8 @@ from vrte.app.form import content as form
 from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, parse_field_text, write_field_text
 from vrte.app.form.parts import name_part
 from vrte.app.page.pieces import add_menu_item, make_menu
-from vrte.app.solving.bench import Bench
-from vrte.app.solving.shelf import LARGEST_LIST, LARGEST_TABLE
+from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Choice, FilePath, Flag, Key, Numbers, Substance
 from vrte.formats.media import TABLE
@@ -25,10 +25,10 @@ LONG = 42  # of a choice, for which there is no room
 
 
 class Controls:
-    """Fields over the content of a bench; ``changed`` is called after each change."""
+    """Fields over the content of a session; ``changed`` is called after each change."""
 
-    def __init__(self, bench: Bench, changed: Callable[[], None]) -> None:
-        self.bench, self.changed = bench, changed
+    def __init__(self, session: TabSession, changed: Callable[[], None]) -> None:
+        self.session, self.changed = session, changed
         self.fields: dict[Place, Any] = {}
         self.sections: dict[Place, Any] = {}  # of each field
         self.section_now: Any = None
@@ -57,10 +57,10 @@ class Controls:
 
     def check(self) -> None:
         """Every message at its field; what belongs to none, below."""
-        bench = self.bench
+        session = self.session
         at_fields: dict[Place, str] = {}
         rest = []
-        for place, message in bench.find_problems().items():
+        for place, message in session.find_problems().items():
             around = [place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields]
             if around:
                 at_fields.setdefault(around[0], message)
@@ -72,18 +72,18 @@ class Controls:
                 self.sections[place].set_value(True)  # a message must be seen
         for place, label in self.words.items():
             part = place[:1] if place[0] == "base" else place[:3]
-            said = bench.said.get(name_part(bench.content, part))
+            said = session.said.get(name_part(session.content, part))
             label.set_text(said.words if said else "")
             label.set_visibility(bool(label.text))
         self.general.set_text("; ".join(rest))
         self.general.set_visibility(bool(rest))
         told: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
-        bench.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
+        session.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
         self.changed()
 
     def jump(self) -> None:
         """To the field that is wrong."""
-        place = self.bench.wrong[1] if self.bench.wrong else ()
+        place = self.session.wrong[1] if self.session.wrong else ()
         if place in self.fields:
             self.sections[place].set_value(True)
             ui.run_javascript(f"setTimeout(() => vrte.jump({self.fields[place].id}), 250)")
@@ -104,7 +104,7 @@ class Controls:
     @contextmanager
     def section(self, title: str, symbol: str, opened: bool = True) -> Iterator[None]:
         """A part of the form that opens and closes, and stays so when it is drawn anew."""
-        view = self.bench.view
+        view = self.session.view
         part = ui.expansion(title, icon=symbol, value=view.get(title, opened)).props("dense dense-toggle")
         part.classes("vrte-section w-full").on_value_change(lambda event: view.update({title: bool(event.value)}))
         self.section_now = part
@@ -128,13 +128,13 @@ class Controls:
 
     def _is_short(self, place: Place) -> bool:
         """Whether half of the form's width is enough for a field."""
-        key = find_key(place, self.bench.content)
+        key = find_key(place, self.session.content)
         text = isinstance(key, (Substance, FilePath, Choice, Flag, Numbers))
-        return not text and len(find_field(place, self.bench.content).label) <= SHORT
+        return not text and len(find_field(place, self.session.content).label) <= SHORT
 
     def key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """What a registry's key is entered by; ``chosen`` is called once there is a substance."""
-        content = self.bench.content
+        content = self.session.content
         key, about = find_key(place, content), find_field(place, content)
         value = form.get_value(content, place)
         put = partial(form.put, content, place)
@@ -160,7 +160,7 @@ class Controls:
 
     def field(self, *place: str | int, classes: str = "") -> Any:
         """A text that is read, put in its place and checked while somebody types."""
-        content = self.bench.content
+        content = self.session.content
         about = find_field(place, content)
 
         def typed(event: Any) -> None:
@@ -193,8 +193,8 @@ class Controls:
 
     def file(self, *place: str | int, key: FilePath) -> None:
         """A file that somebody chooses, and what was read from it."""
-        about = find_field(place, self.bench.content)
-        name = write_field_text(form.get_value(self.bench.content, place))
+        about = find_field(place, self.session.content)
+        name = write_field_text(form.get_value(self.session.content, place))
         found = ui.input(about.label, value=name).without_auto_validation().classes("vrte-field")
         found.props("outlined dense stack-label hide-bottom-space readonly")
         found.props.update(
@@ -203,7 +203,7 @@ class Controls:
         most = LARGEST_LIST if place[0] == "particles" else LARGEST_TABLE
         with found.add_slot("append"):
             if name and not key.needed:
-                make_icon("close", "without a file", partial(self.change, form.put, self.bench.content, place, None))
+                make_icon("close", "without a file", partial(self.change, form.put, self.session.content, place, None))
             self.ask_for_file(make_icon("upload_file", "choose a file"), place, key.suffixes, most)
         self.enter(place, found)
         self.words[place] = ui.label().classes("vrte-note")
@@ -229,13 +229,13 @@ class Controls:
         try:
             if size > most:
                 raise SceneError(f"{show_toml(name)} has {size / 1e6:.3g} MB, and at most {most / 1e6:g} MB are taken")
-            named = frozenset(find_named_tables(self.bench.content).values())
-            kept = self.bench.shelf.add(name, await event.file.read(), suffixes, most, named)
+            named = frozenset(find_named_tables(self.session.content).values())
+            kept = self.session.uploads.add(name, await event.file.read(), suffixes, most, named)
         except (SceneError, OSError) as error:
             self.refuse(str(error))
             return
         self.refused.pop(place, None)
-        form.put(self.bench.content, place, kept)
+        form.put(self.session.content, place, kept)
         self.draw()
 
     def refuse(self, why: str) -> None:
@@ -257,7 +257,7 @@ class Controls:
 
     def adder(self, text: str, add: Callable[[form.Content], Any]) -> None:
         """A button that adds something."""
-        button = ui.button(text, icon="add", on_click=lambda: self.change(add, self.bench.content))
+        button = ui.button(text, icon="add", on_click=lambda: self.change(add, self.session.content))
         button.props("flat dense no-caps size=sm color=primary")
 
     def complaint(self, *place: str | int) -> None:

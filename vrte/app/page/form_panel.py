@@ -31,7 +31,7 @@ class FormPanel(Controls):
             self.key("host_index")
 
     def _particles(self) -> None:
-        known = self.bench.content.get("particles", {})
+        known = self.session.content.get("particles", {})
         with self.section("Particles", "grain"):
             if not known:
                 ui.label("None: the layers name their phase functions.").classes("vrte-note")
@@ -41,7 +41,7 @@ class FormPanel(Controls):
             self.adder("add a kind of particle", kinds.add_kind)
 
     def _kind(self, name: str) -> None:
-        content = self.bench.content
+        content = self.session.content
         kind = content["particles"][name]
         with make_card_head():
             label = ui.input(value=name).props(f"dense borderless maxlength={kinds.LONGEST_NAME}")
@@ -71,7 +71,7 @@ class FormPanel(Controls):
 
     def _layers(self) -> None:
         with self.section("Layers, top first", "layers"):
-            for place in range(len(self.bench.content["layer"])):
+            for place in range(len(self.session.content["layer"])):
                 with ui.column().classes("vrte-card"):
                     self._layer(place)
             with make_row():
@@ -79,7 +79,7 @@ class FormPanel(Controls):
                 self.adder("add a surface or interface", layers.add_interface)
 
     def _layer(self, place: int) -> None:
-        content = self.bench.content
+        content = self.session.content
         layer, last = content["layer"][place], len(content["layer"]) - 1
         with make_card_head():
             ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
@@ -112,7 +112,7 @@ class FormPanel(Controls):
         self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
-        known = list(self.bench.content.get("particles", {}))
+        known = list(self.session.content.get("particles", {}))
         if medium == "particles":
             value = layer["particles"] if layer["particles"] in known else None
             put = partial(form.put, layer, ("particles",))
@@ -132,7 +132,7 @@ class FormPanel(Controls):
         geometric, held = layers.is_geometric(layer), medium in layers.HELD
         with make_row():
             self.field("layer", place, "thickness_um" if geometric else "thickness")
-            if held and medium != "volumes" and (geometric or layers.is_fraction_asked(self.bench.content, place)):
+            if held and medium != "volumes" and (geometric or layers.is_fraction_asked(self.session.content, place)):
                 self.field("layer", place, "volume_fraction")
         if held:
             self.switch("thickness in µm", geometric, partial(layers.set_geometric, layer))
@@ -142,7 +142,7 @@ class FormPanel(Controls):
             self.enter(("layer", place, "packing"), found)
 
     def _base(self) -> None:
-        content = self.bench.content
+        content = self.session.content
         with self.section("Base", "horizontal_rule"):
             kind = content.get("base", {}).get("kind", "black")
             names = {name: row.words for name, row in BASES.items()}
@@ -151,7 +151,7 @@ class FormPanel(Controls):
             self.complaint("base")
 
     def _directions(self) -> None:
-        content = self.bench.content
+        content = self.session.content
         with self.section("Directions of the BRDF", "explore", opened=False):
             ui.label(LIST_HINT).classes("vrte-note")
             degrees = form.is_in_degrees(content)
@@ -161,7 +161,7 @@ class FormPanel(Controls):
             self.field("brdf", "phi_deg")
 
     def _inside(self) -> None:
-        content = self.bench.content
+        content = self.session.content
 
         def set_field(wanted: bool) -> None:
             form.put(content, ("field",), copy.deepcopy(form.START["field"]) if wanted else None)
@@ -174,7 +174,7 @@ class FormPanel(Controls):
                     self.field("field", key)
 
     def _accuracy(self) -> None:
-        content = self.bench.content
+        content = self.session.content
         with self.section("Accuracy", "tune", opened=False):
             with make_row():
                 self.field("accuracy")

@@ -14,12 +14,10 @@ from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
 from vrte.app.form.free_numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
 from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
-from vrte.app.solving.bench import Bench
-from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.measured import HEADS, describe_measured, list_shown
 from vrte.app.solving.measuring import LARGEST_MEASUREMENT, SUFFIXES, Compared, Comparison
-from vrte.app.solving.messages import Fit, Fitted
-from vrte.app.solving.questions import Refused
+from vrte.app.solving.messages import Fit, Fitted, Refused
+from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import is_number, show_toml
 
@@ -41,14 +39,14 @@ class MeasurementPanel:
 
     def __init__(
         self,
-        bench: Bench,
+        session: TabSession,
         fill: Callable[[Content], None],
         hand_out: Callable[[str, bytes], None],
         plot: Callable[[], Any],
         draw: Callable[[Any], None],
     ) -> None:
-        self.bench, self.fill, self.hand_out, self.draw_figure = bench, fill, hand_out, draw
-        self.view = bench.view
+        self.session, self.fill, self.hand_out, self.draw_figure = session, fill, hand_out, draw
+        self.view = session.view
         self.view.setdefault("free", {})
         self.listed: list[FreeNumber] = []
         self.ends: dict[str, tuple[Any, Any, Any]] = {}  # of each number: its value now, from, to
@@ -98,7 +96,7 @@ class MeasurementPanel:
 
     def _draw_free(self) -> None:
         """A row for each number of the form; anew where there are others."""
-        before, self.listed = self.listed, list_free_numbers(self.bench.content)
+        before, self.listed = self.listed, list_free_numbers(self.session.content)
         if [(one.key, one.label) for one in self.listed] != [(one.key, one.label) for one in before] or not self.ends:
             self.free.clear()
             with self.free:
@@ -174,11 +172,11 @@ class MeasurementPanel:
 
     def begin(self) -> None:
         """Starts the fit; what keeps it from that is said."""
-        bench = self.bench
+        session = self.session
         try:
-            for message in bench.find_problems().values():
+            for message in session.find_problems().values():
                 raise SceneError(f"the form: {message}")
-            if not isinstance(bench.beside.answer, Compared) or "measurement" not in self.view:
+            if not isinstance(session.beside.answer, Compared) or "measurement" not in self.view:
                 raise SceneError("there is no measurement to fit to")
             free = choose_free(self.listed, self.view["free"])
         except SceneError as error:
@@ -187,29 +185,29 @@ class MeasurementPanel:
         self.failure.set_text("")
         self.view.pop("before_fit", None)
         _, data, suffix = self.view["measurement"]
-        content = write_shares_out(bench.content)
-        bench.start_fit(Fit(content, bench.shelf.folder, find_memory_share(), data, suffix, free))
+        content = write_shares_out(session.content)
+        session.start_fit(Fit(content, session.uploads.folder, data, suffix, free))
         self.view["stopped"] = False
         self.timer.activate()
         self.follow()
 
     def end(self) -> None:
         """The fit, with the best so far; once more, at once."""
-        if self.bench.fits is not None:
-            (self.bench.fits.cancel if self.view.get("stopped") else self.bench.fits.stop)()
+        if self.session.fits is not None:
+            (self.session.fits.cancel if self.view.get("stopped") else self.session.fits.stop)()
             self.view["stopped"] = True
             self.status.set_text("stopping")
 
     def use(self) -> None:
         """The values that were found go to the form; those of before can come back."""
-        fitted = self.bench.fitted
+        fitted = self.session.fitted
         try:
-            content = put_values(self.bench.content, find_places(fitted)) if fitted is not None else None
+            content = put_values(self.session.content, find_places(fitted)) if fitted is not None else None
         except SceneError as error:
             self.failure.set_text(str(error))
             return
         if content is not None:
-            self.view["before_fit"] = self.bench.content
+            self.view["before_fit"] = self.session.content
             self.fill(content)
 
     def go_back(self) -> None:
@@ -222,23 +220,25 @@ class MeasurementPanel:
 
     def refresh(self) -> None:
         """Asks what the form's scene shows beside the measurement, where that is not known yet."""
-        bench, given = self.bench, self.view.get("measurement")
+        session, given = self.session, self.view.get("measurement")
         self._draw_free()
         if given is not None:
-            content = None if bench.wrong else {k: v for k, v in bench.content.items() if k not in ("brdf", "field")}
-            bench.beside.put(Comparison(0, content, bench.shelf.folder, *given[1:]))
+            content = (
+                None if session.wrong else {k: v for k, v in session.content.items() if k not in ("brdf", "field")}
+            )
+            session.beside.ask(Comparison(content, session.uploads.folder, *given[1:]))
             self.timer.activate()
         self._show()
         self.follow()
 
     def follow(self) -> None:
         """Looks what has come: an answer, a step of the fit, its end."""
-        bench = self.bench
-        bench.beside.refresh()
+        session = self.session
+        session.beside.refresh()
         self._settle()
-        job, busy = bench.fits, bench.fits is not None and not bench.fits.ended
+        job, busy = session.fits, session.fits is not None and not session.fits.ended
         if not busy:
-            bench.take_fit()
+            session.take_fit()
         for element in (self.stop, self.spinner):
             element.set_visibility(busy)
         self.fit.set_enabled(not busy)
@@ -246,31 +246,31 @@ class MeasurementPanel:
             self.status.set_text(job.stage)
         elif not busy:
             self.status.set_text("")
-            if job is not None and bench.fitted is None and job.ended:
+            if job is not None and session.fitted is None and job.ended:
                 self.failure.set_text(job.message)
         self._show()
-        if not busy and not bench.beside.waits:
+        if not busy and not session.beside.waits:
             self.timer.deactivate()
 
     def _settle(self) -> None:
         """A new measurement was read, and takes the place of the one before; or it was not, and that one is back."""
-        answer, asked = self.bench.beside.answer, self.bench.beside.asked
-        if "kept" not in self.view or answer is None or asked is None or answer.number < asked.number:
+        answer = self.session.beside.answer
+        if "kept" not in self.view or self.session.beside.answered is None:
             return
         kept = self.view.pop("kept")
         if isinstance(answer, Refused):
             self.view |= {"refused": answer.message, "measurement": kept}
             self.refresh()
         else:
-            self.bench.end_fit()
+            self.session.end_fit()
             self.failure.set_text("")
 
     def _show(self) -> None:
         """The measurement and what is beside it, where that has changed; or why there is none."""
-        reply, given = self.bench.beside.answer, self.view.get("measurement")
+        reply, given = self.session.beside.answer, self.view.get("measurement")
         compared = reply if isinstance(reply, Compared) and given is not None else None
         refused = reply.message if isinstance(reply, Refused) and given is not None else ""
-        wrong = f"the form waits: {self.bench.wrong[0]}" if self.bench.wrong else ""
+        wrong = f"the form waits: {self.session.wrong[0]}" if self.session.wrong else ""
         beside = "; ".join(filter(None, (compared.message, *compared.notes))) if compared else ""
         text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
         self.message.set_text(text)
@@ -289,9 +289,9 @@ class MeasurementPanel:
         offered = list_shown(measured)
         if view.get("shown") not in offered:
             view["shown"] = offered[0]
-        job, fitted = self.bench.fits, self.bench.fitted
+        job, fitted = self.session.fits, self.session.fitted
         predicted, fine, source = compared.predicted, compared.fine, figures.SCENE
-        if fitted is not None and write_shares_out(self.bench.content) == fitted.content:
+        if fitted is not None and write_shares_out(self.session.content) == fitted.content:
             predicted, fine, source = fitted.predicted, None, OF_FIT
         elif job is not None and job.step is not None and fitted is None:
             predicted, fine, source = job.step.predicted, None, OF_STEP
@@ -312,7 +312,7 @@ class MeasurementPanel:
 
     def _write_result(self) -> None:
         """What the fit found, once."""
-        fitted = self.bench.fitted
+        fitted = self.session.fitted
         if self.back is not None:
             self.back.set_visibility("before_fit" in self.view)
         if fitted is self.written:
@@ -361,12 +361,12 @@ class MeasurementPanel:
 
     def download_page(self) -> None:
         """The page of the fit, a file that needs nothing else."""
-        if self.bench.fitted is not None:
-            self.hand_out("fit.html", self.bench.fitted.page)
+        if self.session.fitted is not None:
+            self.hand_out("fit.html", self.session.fitted.page)
 
     def download_scene(self) -> None:
         """The scene that fits best."""
-        fitted = self.bench.fitted
+        fitted = self.session.fitted
         if fitted is not None:
             content = put_values(fitted.content, find_places(fitted))
             self.hand_out("fitted.toml", write_content(content).encode())

@@ -21,10 +21,9 @@ from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
-from vrte.app.solving.bench import Bench
-from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.measuring import is_measurement
 from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
+from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
@@ -40,16 +39,16 @@ TOO_LARGE = (
 
 
 class Page:
-    """One tab's page over its bench."""
+    """One tab's page over its session."""
 
     start_outcome: Outcome | None = None  # of the start scene, solved once for all tabs
 
-    def __init__(self, bench: Bench, tidy: Callable[[], Any]) -> None:
+    def __init__(self, session: TabSession, tidy: Callable[[], Any]) -> None:
         """``tidy`` is called after a new result: old ones of others may have to go."""
-        self.bench, self.tidy = bench, tidy
+        self.session, self.tidy = session, tidy
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e", info="#1f4e79")
-        self.dark = ui.dark_mode(bool(bench.view.get("dark")))
+        self.dark = ui.dark_mode(bool(session.view.get("dark")))
         ui.on("vrte-theme", self.set_theme)
         ui.on("vrte-link", self.take_link)
         ui.on("vrte-carried", self.carried)
@@ -65,7 +64,7 @@ class Page:
                 )
                 self._solve_bar()
             with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
-                self.results = ResultPanel(bench, self.write_field, self.fill)
+                self.results = ResultPanel(session, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
         self._show_start()
@@ -74,10 +73,10 @@ class Page:
 
     def _show_start(self) -> None:
         """A first page shows something to turn."""
-        bench = self.bench
-        if bench.outcome is None and bench.job is None and bench.content == START:
+        session = self.session
+        if session.outcome is None and session.job is None and session.content == START:
             if Page.start_outcome is None:
-                bench.solve()
+                session.start()
             else:
                 self.take(Page.start_outcome)
 
@@ -110,22 +109,25 @@ class Page:
         return button.tooltip(tip)
 
     def _downloads(self) -> None:
-        bench, which = self.bench, lambda: self.bench.view["wavelength"]
+        session, which = self.session, lambda: self.session.view["wavelength"]
         for text, act in (
-            ("BRDF, NetCDF", lambda: self.hand_out(downloads.make_brdf_download, bench.outcome, ".nc")),
-            ("BRDF, CSV", lambda: self.hand_out(downloads.make_brdf_download, bench.outcome, ".csv")),
+            ("BRDF, NetCDF", lambda: self.hand_out(downloads.make_brdf_download, session.outcome, ".nc")),
+            ("BRDF, CSV", lambda: self.hand_out(downloads.make_brdf_download, session.outcome, ".csv")),
             (
                 "field inside, NetCDF",
-                lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".nc"),
+                lambda: self.hand_out(downloads.make_field_download, session.outcome, which(), ".nc"),
             ),
-            ("field inside, CSV", lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".csv")),
+            (
+                "field inside, CSV",
+                lambda: self.hand_out(downloads.make_field_download, session.outcome, which(), ".csv"),
+            ),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
             (
                 "colours, gloss and hiding of Appearance, CSV",
-                lambda: self.hand_out(downloads.make_colours_download, bench.live, bench.content),
+                lambda: self.hand_out(downloads.make_colours_download, session.live, session.content),
             ),
-            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content, bench.shelf)),
+            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, session.content, session.uploads)),
         ):
             add_menu_item(text, act)
 
@@ -137,7 +139,7 @@ class Page:
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
                 self.solve_button.props("no-caps unelevated").classes("grow vrte-go")
-                self.cancel_button = ui.button("Cancel", icon="stop", on_click=self.bench.cancel)
+                self.cancel_button = ui.button("Cancel", icon="stop", on_click=self.session.cancel)
                 self.cancel_button.props("no-caps outline color=negative")
             self.bar = ui.linear_progress(0, show_value=False).props('rounded size=6px aria-label="progress"')
             self.stage = ui.label().classes("vrte-note")
@@ -146,7 +148,7 @@ class Page:
     def _draw_form(self) -> None:
         self.form_area.clear()
         with self.form_area:
-            self.form = FormPanel(self.bench, self._follow_form)
+            self.form = FormPanel(self.session, self._follow_form)
 
     def write_field(self, place: Place, value: float) -> None:
         """A number into the form's field, as if it were typed there."""
@@ -161,42 +163,42 @@ class Page:
 
     def _mark(self) -> None:
         """Whether there is something to solve."""
-        wrong = self.bench.wrong
-        self.solve_button.set_enabled(wrong is None and not self.bench.busy)
+        wrong = self.session.wrong
+        self.solve_button.set_enabled(wrong is None and not self.session.busy)
         self.waits.set_visibility(wrong is not None)
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
-        if self.results.mark_stale() and not self.bench.busy:
+        if self.results.mark_stale() and not self.session.busy:
             self.said.set_text("")  # it was of another scene
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
-        wrong = self.bench.find_problems()
+        wrong = self.session.find_problems()
         if wrong:
             self.failure.set_text("; ".join(wrong.values()))
             return
-        if not self.bench.busy:
+        if not self.session.busy:
             self.said.set_text("Solving.")
-            self.bench.solve()
+            self.session.start()
             self.follow()
 
     def follow(self) -> None:
         """Looks how far the job is, and takes what it brought."""
-        if self.bench.has_looked():
+        if self.session.has_looked():
             self.form.check()
-        job, busy = self.bench.job, self.bench.busy
+        job, busy = self.session.job, self.session.busy
         for element in (self.cancel_button, self.bar, self.stage):
             element.set_visibility(busy)
         if busy and job is not None:
-            self.bar.set_value(round(job.share, 3))
+            self.bar.set_value(round(job.fraction, 3))
             self.stage.set_text(job.stage)
             self.failure.set_visibility(False)
-        elif job is not None and not busy and job is not self.bench.taken:
-            self.bench.taken = job
-            self.failure.set_text(translate_message(job.message, self.bench.content))
+        elif job is not None and not busy and job is not self.session.taken:
+            self.session.taken = job
+            self.failure.set_text(translate_message(job.message, self.session.content))
             self.said.set_text("")
             self.take(job.outcome)
-            job.outcome = None  # the bench has it, or the browser
+            job.outcome = None  # the session has it, or the browser
         if not busy:
             self.failure.set_visibility(bool(self.failure.text))
         self._mark()
@@ -206,12 +208,12 @@ class Page:
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
         elif isinstance(outcome, Outcome):
-            self.bench.outcome = outcome
+            self.session.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = copy.deepcopy(outcome.content)
+                self.session.content = copy.deepcopy(outcome.content)
                 self._draw_form()
-            if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
+            if not outcome.brdfs and self.session.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
             self.results.refresh()
             if outcome.brdfs:
@@ -233,11 +235,11 @@ class Page:
             data = await event.file.read()
             if suffix == ".toml":
                 await self.adopt(data)
-            elif is_measurement(data, suffix, wanted=self.bench.view["tab"] == "measurement"):
+            elif is_measurement(data, suffix, wanted=self.session.view["tab"] == "measurement"):
                 self.results.tabs.set_value("measurement")
                 self.results.measurement.take(name, data)
             elif suffix in SUFFIXES:
-                self.bench.start(Read(data, suffix, find_memory_share()))
+                self.session.start(Read(data, suffix))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
         except SceneError as error:
@@ -245,12 +247,12 @@ class Page:
 
     async def adopt(self, given: bytes | str) -> None:
         """A stranger's scene into the form, read by a process of its own. Raises SceneError."""
-        job = self.bench.adopt(given)
+        job = self.session.adopt(given)
         while not job.ended:
             await asyncio.sleep(LOOK_EVERY)
         if isinstance(job.outcome, Adopted):
-            self.fill(job.outcome.content, job.outcome.told)
-        elif job is self.bench.adopts:  # no newer one came
+            self.fill(job.outcome.content, job.outcome.notes)
+        elif job is self.session.adopts:  # no newer one came
             raise SceneError(job.message)
 
     def complain(self, text: str) -> None:
@@ -268,7 +270,7 @@ class Page:
 
     def fill(self, content: Content, told: tuple[str, ...] = ()) -> None:
         """The form with another scene, and what was filled in."""
-        self.bench.content = content
+        self.session.content = content
         self._draw_form()
         if told:
             ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
@@ -276,16 +278,16 @@ class Page:
     def begin(self, content: Content) -> None:
         """With a scene of the gallery, solved at once."""
         self.fill(content)
-        self.bench.cancel()
-        self.bench.solve()
+        self.session.cancel()
+        self.session.start()
         self.follow()
 
     def set_theme(self, event: Any) -> None:
         """What this browser shows, as it says: light or dark."""
         dark = isinstance(event.args, dict) and event.args.get("dark") is True
         self.dark.set_value(dark)
-        if dark != bool(self.bench.view.get("dark")):
-            self.bench.view["dark"] = dark
+        if dark != bool(self.session.view.get("dark")):
+            self.session.view["dark"] = dark
             self.results.draw()
 
     def keep_camera(self, event: Any) -> None:
@@ -293,24 +295,24 @@ class Page:
         given = event.args if isinstance(event.args, dict) else {}
         sides = {name: given.get(name) for name in ("eye", "center", "up")}
         if all(isinstance(side, dict) and all(is_number(side.get(axis)) for axis in "xyz") for side in sides.values()):
-            self.bench.view["camera"] = {
+            self.session.view["camera"] = {
                 name: {axis: float(side[axis]) for axis in "xyz"} for name, side in sides.items() if side
             }
 
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
         try:
-            text = files.write_link(self.bench.content)
+            text = files.write_link(self.session.content)
         except SceneError as error:
             self.complain(str(error))
             return
-        self.bench.view["link"] = text
+        self.session.view["link"] = text
         ui.run_javascript(f"vrte.carry({json.dumps(text)})")
 
     def carried(self, event: Any) -> None:
         """Whether the browser has put it on the clipboard."""
         copied = "It is copied." if event.args is True else "Copy it from there."
-        names = ", ".join(dict.fromkeys(find_named_tables(self.bench.content).values()))
+        names = ", ".join(dict.fromkeys(find_named_tables(self.session.content).values()))
         without = f" It cannot carry {names}: whoever opens it puts that in." if names else ""
         others = "Others put what stands from # on behind the address that their own `vrte view` has printed."
         text = f"The address of this page carries the scene now. {copied} {others}{without}"
@@ -319,9 +321,9 @@ class Page:
     async def take_link(self, event: Any) -> None:
         """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
         text = event.args
-        if not isinstance(text, str) or text == self.bench.view.get("link"):
+        if not isinstance(text, str) or text == self.session.view.get("link"):
             return
-        self.bench.view["link"] = text
+        self.session.view["link"] = text
         try:
             await self.adopt(text)
         except SceneError as error:
@@ -329,7 +331,7 @@ class Page:
 
     def picture(self) -> None:
         """What the figure of the open tab looks like now, drawn by the browser."""
-        tab = self.bench.view["tab"]
+        tab = self.session.view["tab"]
         if not self.results.has_figure():
             self.complain("there is no figure to download: solve a scene, and open the tab of a figure")
             return
@@ -338,13 +340,13 @@ class Page:
 
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""
-        bench = self.bench
+        session = self.session
         try:
-            for message in bench.find_problems().values():
+            for message in session.find_problems().values():
                 raise SceneError(message)
-            wavelengths = downloads.choose_tensor_wavelengths(bench.content)
+            wavelengths = downloads.choose_tensor_wavelengths(session.content)
         except SceneError as error:
             self.complain(str(error))
             return
         self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
-        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share(), wavelengths))
+        session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))

@@ -14,9 +14,9 @@ from vrte.app.form.words import translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
-from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.reflectance import Reflectances
+from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
 from vrte.pictures.interactive import convert_to_dark
 from vrte.pictures.lobes import describe_mirrored_beam
@@ -91,12 +91,12 @@ NO_PLAN = "No plan here: a result file has none, nor have methods other than dis
 
 
 class ResultPanel:
-    """Figures of a bench's outcome; the one of the open tab is drawn, the others when they are looked at. ``write``
+    """Figures of a session's outcome; the one of the open tab is drawn, the others when they are looked at. ``write``
     puts a number into a field of the form, ``fill`` another scene."""
 
-    def __init__(self, bench: Bench, write: Callable[[Place, float], None], fill: Callable[..., None]) -> None:
-        self.bench, self.write, self.fill = bench, write, fill
-        self.view = bench.view
+    def __init__(self, session: TabSession, write: Callable[[Place, float], None], fill: Callable[..., None]) -> None:
+        self.session, self.write, self.fill = session, write, fill
+        self.view = session.view
         self.view.update(VIEW | self.view)
         self.plots: dict[str, Any] = {}
         self.areas: dict[str, Any] = {}
@@ -167,12 +167,12 @@ class ResultPanel:
 
     def _appearance(self) -> None:
         plot, draw = partial(self._plot, "appearance"), partial(self._draw, "appearance")
-        self.appearance = AppearancePanel(self.bench, self.write, self.fill, plot, draw)
+        self.appearance = AppearancePanel(self.session, self.write, self.fill, plot, draw)
 
     def _measurement(self) -> None:
         plot, draw = partial(self._plot, "measurement"), partial(self._draw, "measurement")
         self.measurement = MeasurementPanel(
-            self.bench, self.fill, lambda name, data: ui.download.content(data, name), plot, draw
+            self.session, self.fill, lambda name, data: ui.download.content(data, name), plot, draw
         )
 
     def _inside(self) -> None:
@@ -209,8 +209,8 @@ class ResultPanel:
         """A choice, and the figure that follows from it."""
         if value != self.view.get(key):
             self.view[key] = value
-            if key == "place" and self.bench.outcome and self.bench.outcome.brdfs:
-                self.view["mu_i"] = float(self.bench.outcome.brdfs[0].mu_i[value])
+            if key == "place" and self.session.outcome and self.session.outcome.brdfs:
+                self.view["mu_i"] = float(self.session.outcome.brdfs[0].mu_i[value])
             self.draw()
 
     def set_light(self, name: str) -> None:
@@ -243,7 +243,7 @@ class ResultPanel:
 
     def refresh(self) -> None:
         """After a new outcome: the sliders' ends, then the figure."""
-        outcome = self.bench.outcome
+        outcome = self.session.outcome
         angles = outcome.brdfs[0].mu_i.size if outcome and outcome.brdfs else 0
         count = outcome.count if outcome else 0
         if outcome and angles:  # light from where it came from before, as nearly as there is
@@ -260,7 +260,7 @@ class ResultPanel:
 
     def draw(self) -> None:
         """The open tab."""
-        tab, outcome = self.view["tab"], self.bench.outcome
+        tab, outcome = self.view["tab"], self.session.outcome
         live = tab in LIVE
         for name, area in self.areas.items():
             area.set_visibility(name == tab and (live or outcome is not None))
@@ -283,7 +283,7 @@ class ResultPanel:
         live = tab in LIVE
         self.mark_stale()
         said = "; ".join(outcome.notes) if outcome and not live else ""
-        self.notes.set_text(translate_message(said, self.bench.content))
+        self.notes.set_text(translate_message(said, self.session.content))
         self.notes.set_visibility(bool(self.notes.text))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         self.incidence.set_visibility(with_angle)
@@ -353,9 +353,9 @@ class ResultPanel:
 
     def mark_stale(self) -> bool:
         """Says where the figure shows another scene than the form; whether it does."""
-        outcome = self.bench.outcome
-        changed = outcome is not None and outcome.content != self.bench.content
-        solving = self.bench.busy and type(self.bench.job and self.bench.job.task) is Solve
+        outcome = self.session.outcome
+        changed = outcome is not None and outcome.content != self.session.content
+        solving = self.session.busy and type(self.session.job and self.session.job.task) is Solve
         self.stale.set_text(SOLVING if solving else CHANGED if outcome and outcome.content else OF_FILE)
         self.stale.set_visibility(changed and self.view["tab"] not in LIVE)
         return changed

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 
-from vrte.app.solving.bench import Bench, Benches
+from vrte.app.solving.tab_session import TabSessions
 from vrte.basics.errors import SceneError
 
 RECONNECT = 60.0  # seconds that a page without a connection is kept
@@ -20,7 +20,7 @@ ICON = (
 )
 
 
-def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> int:
+def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> int:
     """Runs until Ctrl-C or TERM, and returns the signal's number; ``port`` 0 takes a free one; ``browser``: opens the
     page.
 
@@ -41,7 +41,7 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
 
         @ui.page("/")
         async def index() -> None:
-            await build(benches)
+            await build(sessions)
 
         ui.run_with(
             around,
@@ -59,7 +59,7 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
                     threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
             def ended() -> None:
-                benches.close()
+                sessions.close()
                 say("vrte view: ended")
 
             server = Server(guard, begun)
@@ -78,7 +78,7 @@ def make_opening_page(address: str) -> Iterator[Path]:
         yield page
 
 
-async def build(benches: Benches) -> None:
+async def build(sessions: TabSessions) -> None:
     """The page of a tab: which one it is, the browser says once it is connected."""
     from nicegui import ui
 
@@ -89,17 +89,10 @@ async def build(benches: Benches) -> None:
     tab = client.tab_id
     if tab is None:  # gone again
         return
-    bench = benches.of(tab)
-    bench.pages += 1
-    client.on_delete(lambda: leave_bench(bench))
-    Page(bench, lambda: benches.of(tab))
-
-
-def leave_bench(bench: Bench) -> None:
-    """A page has gone for good: nobody waits for what it solves, unless its tab has another."""
-    bench.pages -= 1
-    if bench.pages == 0:
-        bench.rest()
+    session = sessions.of(tab)
+    session.pages += 1
+    client.on_delete(session.leave)
+    Page(session, lambda: sessions.of(tab))
 
 
 @contextmanager

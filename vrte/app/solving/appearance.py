@@ -4,18 +4,17 @@ they rest, its gloss and how thick it has to be to hide what is below."""
 import pickle
 import re
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vrte.app.solving.questions import NewerError, Refused, explain_failure
+from vrte.app.solving.messages import Message, Task
+from vrte.app.solving.worker import MOST_NOTES, Exchange
 from vrte.appearance.appearance import Reading
-from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import find_hiding_film, prepare_drawdown
@@ -31,7 +30,7 @@ ACCURACY = 1e-3  # of a reflectance: 0.1 % of the white, below what is seen
 COARSE = 6  # wavelengths of the first answer
 PATIENCE = 0.3  # seconds: where all wavelengths take longer, a coarse answer comes first
 TARGET = 0.98  # contrast ratio that counts as hidden
-MOST_KINDS, MOST_SPECTRA, MOST_NOTES = 1000, 8, 30  # particles at one wavelength, and so on, that are remembered
+MOST_KINDS, MOST_SPECTRA = 1000, 8  # particles at one wavelength, and spectra, that are remembered
 LEFT_OUT = ("accuracy", "base", "brdf", "field", "method", "nodes", "render", "settings", "wavelength_um")
 GEOMETRIES = {"45:0": "45/0, without gloss", "8:di": "d/8 SCI, with what is mirrored"}
 ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
@@ -59,11 +58,10 @@ class Shares:
 
 
 @dataclass(frozen=True)
-class Question:
-    """What a scene looks like: the form's content, where its tables lie, how it is looked at, and what it is compared
-    with; questions are counted by ``number``."""
+class Question(Task):
+    """What a scene looks like: the form's content, where its tables lie, how it is looked at, and the spectra that it
+    is compared with."""
 
-    number: int
     content: dict[str, Any]
     folder: Path
     viewing: Viewing = Viewing()
@@ -96,31 +94,25 @@ def convert_per_cent(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Appeared:
+class Appeared(Message):
     """The answer: colours over black and over white, and their ``contrast``, Y over black / Y over white; ``apart``,
     CIEDE2000 between the two, and ``changed``, those from the colours before; ``readings``, of gloss and hiding, and
     ``why_none`` of those that there are not. ``coarse``: of few wavelengths; ``follows``: a better answer does."""
 
-    number: int
-    coarse: bool
-    follows: bool
     viewing: Viewing
     shares: Shares
     black: Shade
     white: Shade
     contrast: float
     apart: float
+    coarse: bool = False
+    follows: bool = False
     before: tuple[Shade, Shade] | None = None
     changed: tuple[float, float] | None = None
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
     readings: tuple[Reading, ...] = ()
     why_none: tuple[str, ...] = ()
-
-
-Reply = Appeared | Refused
-Tell = Callable[[Reply], None]
-Caught = Sequence[warnings.WarningMessage]
 
 
 class Studio:
@@ -134,32 +126,17 @@ class Studio:
         self.nodes: dict[str, Any] = {}
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
-    def answer(self, question: Question, tell: Tell, is_old: Callable[[], bool]) -> None:
-        """Tells an answer, a coarse one before where that takes long; none once the question ``is_old``."""
-
-        def work() -> None:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always", UserWarning)
-                self._answer(question, tell, is_old, caught)
-
-        with suppress(NewerError):
-            if message := explain_failure(work, question.folder):
-                tell(Refused(question.number, message))
-
-    def _answer(self, question: Question, tell: Tell, is_old: Callable[[], bool], caught: Caught) -> None:
+    def answer(self, question: Question, exchange: Exchange) -> Appeared:
+        """Colours, gloss and hiding; colours alone are told first, before them coarse ones where they take long."""
         begin = time.perf_counter()
+        import_colour_science()
         content = {key: value for key, value in question.content.items() if key not in LEFT_OUT}
         key = pickle.dumps((content, question.folder, question.viewing.white))
 
-        def check(*_: Any) -> None:
-            if is_old():
-                raise NewerError
-
-        def report(found: dict[str, Shares], coarse: bool = False, **more: Any) -> None:
-            notes = self._collect_notes(content, caught)
-            shown = found[question.viewing.geometry]
-            told = describe(question, shown, coarse, time.perf_counter() - begin, notes)
-            tell(replace(told, **more))
+        def describe(found: dict[str, Shares], **more: Any) -> Appeared:
+            notes = self._collect_notes(content, exchange.notes(LongSolveWarning))
+            seconds = time.perf_counter() - begin
+            return describe_spectra(question, found[question.viewing.geometry], seconds=seconds, notes=notes, **more)
 
         both = self.found.pop(key, None)
         is_new = both is None
@@ -169,27 +146,27 @@ class Studio:
             panel = self._make(content, question.folder, some)
             made = time.perf_counter() - begin
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                few = self._solve(
-                    panel, question.viewing.white, self.nodes or panel.put_over(None).choose_quadrature(MU_I)
-                )
-                report({name: spread_over(one, at) for name, one in few.items()}, coarse=True, follows=True)
-            panel = self._make(content, question.folder, at, check)
+                nodes = self.nodes or panel.put_over(None).choose_quadrature(MU_I)
+                few = self._solve(panel, question.viewing.white, nodes)
+                few = {name: spread_over(one, at) for name, one in few.items()}
+                exchange.tell(describe(few, coarse=True, follows=True))
+            panel = self._make(content, question.folder, at, exchange.check)
             begun = time.perf_counter()
             self.nodes = panel.put_over(None).choose_quadrature(MU_I)
-            both = self._solve(panel, question.viewing.white, self.nodes, check)
+            both = self._solve(panel, question.viewing.white, self.nodes, exchange.check)
             self.pace = (time.perf_counter() - begun) / at.size
         self.found[key] = both
         forget_oldest(self.found, MOST_SPECTRA)
         forget_oldest(self.kinds, MOST_KINDS)
         seen = pickle.dumps((content, question.folder, question.viewing))
         if seen not in self.read:
-            report(both, follows=True)
-            panel = self._make(content, question.folder, both["45:0"].wavelength_um, check)
+            exchange.tell(describe(both, follows=True))
+            panel = self._make(content, question.folder, both["45:0"].wavelength_um, exchange.check)
             nodes = self.nodes if is_new else panel.put_over(None).choose_quadrature(MU_I)
-            self.read[seen] = read_off(make_panel(panel, **nodes), question.viewing, check)
+            self.read[seen] = read_off(make_panel(panel, **nodes), question.viewing, exchange.check)
             forget_oldest(self.read, MOST_SPECTRA)
         readings, why_none = self.read[seen]
-        report(both, readings=readings, why_none=why_none)
+        return describe(both, readings=readings, why_none=why_none)
 
     def _make(self, content: dict[str, Any], folder: Path, at: Array, progress: Progress | None = None) -> Panel:
         """The scene at wavelengths (n,), of particles that are known as far as they are."""
@@ -213,14 +190,13 @@ class Studio:
         at = panel.wavelength_um
         return {name: Shares(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
-    def _collect_notes(self, content: dict[str, Any], caught: Caught) -> tuple[str, ...]:
+    def _collect_notes(self, content: dict[str, Any], warned: tuple[str, ...]) -> tuple[str, ...]:
         """What the library warns of: of layers now, of particles as they were made."""
-        said = [str(one.message) for one in caught if not issubclass(one.category, LongSolveWarning)]
         key = pickle.dumps(content.get("particles"))
-        of_particles = [text for text in said if not text.startswith("layer")]
+        of_particles = [text for text in warned if not text.startswith("layer")]
         self.warned[key] = tuple(dict.fromkeys((*self.warned.pop(key, ()), *of_particles)))
         forget_oldest(self.warned, MOST_SPECTRA)
-        return tuple(dict.fromkeys((*said, *self.warned[key])))[:MOST_NOTES]
+        return tuple(dict.fromkeys((*warned, *self.warned[key])))[:MOST_NOTES]
 
 
 def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
@@ -282,20 +258,17 @@ def list_readings(answer: Appeared) -> Iterator[Reading]:
     yield from answer.readings
 
 
-def describe(question: Question, shares: Shares, coarse: bool, seconds: float, notes: tuple[str, ...]) -> Appeared:
+def describe_spectra(question: Question, shares: Shares, **more: Any) -> Appeared:
     """The colours of spectra, and what they differ by."""
     viewing = question.viewing
     black, white = find_colours(shares, viewing)
-    before, changed = None, None
     if question.before is not None:
         then = find_colours(question.before, viewing)
-        before = Shade.of(then[0]), Shade.of(then[1])
-        changed = find_difference(black, then[0]), find_difference(white, then[1])
+        more["before"] = Shade.of(then[0]), Shade.of(then[1])
+        more["changed"] = find_difference(black, then[0]), find_difference(white, then[1])
     contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
     apart = find_difference(black, white)
-    shades = Shade.of(black), Shade.of(white)
-    found = Appeared(question.number, coarse, False, viewing, shares, *shades, contrast, apart, before, changed)
-    return replace(found, seconds=seconds, notes=notes)
+    return Appeared(viewing, shares, Shade.of(black), Shade.of(white), contrast, apart, **more)
 
 
 def find_colours(shares: Shares, viewing: Viewing) -> tuple[Colour, Colour]:

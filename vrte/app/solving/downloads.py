@@ -12,14 +12,14 @@ import numpy as np
 from vrte.app.form.content import Content, list_page_wavelengths
 from vrte.app.form.files import write_content
 from vrte.app.solving.messages import Outcome
-from vrte.app.solving.shelf import Shelf
+from vrte.app.solving.uploads import Uploads
 from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
 from vrte.formats.named import find_named_tables
 
 if TYPE_CHECKING:
-    from vrte.app.solving.live import Live
+    from vrte.app.solving.worker_process import LiveQuery
 
 TENSOR_UM = 0.45, 0.5, 0.55, 0.6, 0.65
 
@@ -48,18 +48,18 @@ def make_field_download(outcome: Outcome | None, which: int, suffix: str) -> tup
     return f"field{suffix}", collect_bytes(f"field{suffix}", lambda path: save(field, path))
 
 
-def make_scene_download(content: Content, shelf: Shelf) -> tuple[str, bytes]:
+def make_scene_download(content: Content, uploads: Uploads) -> tuple[str, bytes]:
     """Name and bytes of the scene, in an archive with the files that it names. Raises SceneError where the wavelengths
     are none, OSError where a file has gone."""
     scene = write_content(content)
-    names = sorted(set(list_beside(content)) & shelf.names)
+    names = sorted(set(list_beside(content)) & uploads.names)
     if not names:
         return "scene.toml", scene.encode()
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("scene.toml", scene)
         for name in names:
-            archive.writestr(name, (shelf.folder / name).read_bytes())
+            archive.writestr(name, (uploads.folder / name).read_bytes())
     return "scene.zip", packed.getvalue()
 
 
@@ -91,7 +91,7 @@ def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
     return tuple(found)
 
 
-def make_colours_download(live: "Live", content: Content) -> tuple[str, bytes]:
+def make_colours_download(live: "LiveQuery", content: Content) -> tuple[str, bytes]:
     """Name and bytes of what the tab Appearance shows of the form's scene. Raises SceneError where it shows nothing, or
     not yet all."""
     from vrte.app.solving.appearance import Appeared, list_readings

@@ -1,35 +1,35 @@
-"""A measurement beside what the form's scene shows at the same places, worked out anew as somebody changes the form."""
+"""A measurement beside what the form's scene shows at the same places, and the form's numbers fitted to it."""
 
 import tempfile
 import time
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
+from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.measured import refine_curves
-from vrte.app.solving.questions import Refused, explain_failure
+from vrte.app.solving.messages import Fit, Fitted, Message, Progress, Refused, Step, Task
+from vrte.app.solving.worker import MOST_NOTES, Exchange, explain_failure
 from vrte.basics.arrays import Array
-from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError
+from vrte.fit import run as least_squares
 from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
+from vrte.fit.result import Fit as Result
 
 LARGEST_MEASUREMENT = 2_000_000  # bytes: 20 000 rows or more
 MOST_POINTS = 20_000  # rows that the page shows and fits
 SUFFIXES = (".csv", ".nc")
-MOST_NOTES = 30
 FIRST = 100_000  # bytes of a file in which its columns are named
 RESULT = "# vrte result"  # what files of results begin with, behind their checksum
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Task):
     """A question: a measurement's file, its bytes, and the form's content to be beside it, None while that is wrong."""
 
-    number: int
     content: Content | None
     folder: Path
     data: bytes
@@ -37,11 +37,10 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class Compared(Message):
     """The answer: what was measured, what the scene shows there, ``predicted`` (n,), and at more places, ``fine``; or
     ``message``, why it does not. Without a scene these are empty; ``follows``: another answer does."""
 
-    number: int
     measured: Measurement
     follows: bool = False
     predicted: Array | None = None
@@ -57,34 +56,26 @@ class Comparer:
     def __init__(self) -> None:
         self.read: tuple[bytes, Measurement] | None = None
 
-    def answer(self, question: Comparison, tell: Callable[[Any], None], is_old: Callable[[], bool]) -> None:
-        """Tells an answer; a new measurement at once, before the scene is solved."""
-        number, begin = question.number, time.perf_counter()
+    def answer(self, question: Comparison, exchange: Exchange) -> Message:
+        """A new measurement is told at once, before the scene is solved."""
+        begin = time.perf_counter()
+        if self.read is None or self.read[0] != question.data:
+            self.read = question.data, read_bytes(question.data, question.suffix)
+            exchange.tell(Compared(self.read[1], follows=True))
+        exchange.check()
+        measured = self.read[1]
+        found = explain_failure(partial(self._compare, measured), question, Exchange(exchange.tell))
+        if isinstance(found, Compared):
+            return replace(found, seconds=time.perf_counter() - begin)
+        return Compared(measured, message=found.message if isinstance(found, Refused) else "")
 
-        def read() -> None:
-            if self.read is None or self.read[0] != question.data:
-                self.read = question.data, read_bytes(question.data, question.suffix)
-                tell(Compared(number, self.read[1], follows=True))
-
-        if message := explain_failure(read, question.folder):
-            tell(Refused(number, message))
-        if message or self.read is None or is_old():
-            return
-        measured, found = self.read[1], list[Compared]()
-
-        def compare() -> None:
-            if question.content is None:
-                return
-            content, notes = choose_wavelength(question.content, measured)
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always", UserWarning)
-                predicted, fine = predict_rows(measured, content, question.folder)
-            notes += tuple(str(one.message) for one in caught if not issubclass(one.category, LongSolveWarning))
-            seconds, notes = time.perf_counter() - begin, tuple(dict.fromkeys(notes))[:MOST_NOTES]
-            found.append(Compared(number, measured, False, predicted, fine, "", seconds, notes))
-
-        message = explain_failure(compare, question.folder)
-        tell(found[0] if found else Compared(number, measured, message=message))
+    def _compare(self, measured: Measurement, question: Comparison, exchange: Exchange) -> Compared:
+        if question.content is None:
+            return Compared(measured)
+        content, notes = choose_wavelength(question.content, measured)
+        predicted, fine = predict_rows(measured, content, question.folder)
+        notes += exchange.notes(LongSolveWarning)
+        return Compared(measured, predicted=predicted, fine=fine, notes=tuple(dict.fromkeys(notes))[:MOST_NOTES])
 
 
 def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
@@ -140,3 +131,44 @@ def predict_rows(
     columns = {name: np.concatenate([getattr(measured, name), getattr(more, name)]) for name in COLUMNS}
     both = Measurement(**{**columns, "sigma": None}).predict(content, folder=folder)
     return both[: len(measured)], (more, both[len(measured) :])
+
+
+def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
+    """What a fit finds, each step told. Raises SceneError, KeyboardInterrupt before the first step."""
+    exchange.tell(Progress(0.0, "reading the measurement"))
+    measured = read_bytes(task.data, task.suffix)
+    content, notes = choose_wavelength(task.content, measured)
+    fraction = 0.0
+
+    def progress(done: int, total: int) -> None:
+        nonlocal fraction
+        fraction = done / max(total, 1)
+
+    def watch(step: least_squares.Step) -> None:
+        stage = f"step {step.step}: χ² = {step.chi2:.5g}"
+        exchange.tell(Step(fraction, stage, np.array([*step.values.values()]), step.chi2, np.array(step.predicted)))
+
+    exchange.tell(Progress(0.0, "the scene as it is, and how it changes with each number"))
+    found = least_squares.fit(measured, content, task.free, folder=task.folder, progress=progress, watch=watch)
+    exchange.tell(Progress(1.0, "the page of the fit"))
+    notes = (*notes, *found.notes, *exchange.notes(IndistinguishableWarning, LongSolveWarning))  # the first is told
+    return Fitted(
+        task.content,
+        tuple(found.names),
+        np.array(found.values),
+        np.array(found.errors),
+        np.array(found.correlations),
+        found.chi2,
+        np.array(found.predicted),
+        found.blind_spots,
+        write_page(found),
+        tuple(dict.fromkeys(notes))[:MOST_NOTES],
+    )
+
+
+def write_page(found: Result) -> bytes:
+    """The page of a fit, b"" where what draws it is not installed."""
+    try:
+        return collect_bytes("fit.html", found.page)
+    except MissingExtraError:
+        return b""

@@ -1,4 +1,4 @@
-"""What the viewer and the process that solves for it tell each other, one pickle after another."""
+"""What the viewer and its worker processes tell each other: tasks one way, messages the other (`worker_process`)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,24 @@ from vrte.results.spectrum import Spectrum
 
 
 @dataclass(frozen=True)
-class Solve:
-    """A scene to solve: the form's content, where its tables of coefficients lie, and how much memory it may take."""
+class Limits:
+    """What a process may take: bytes of memory, and seconds of work, 0: any."""
+
+    memory_bytes: float
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something for a worker process to answer."""
+
+
+@dataclass(frozen=True)
+class Solve(Task):
+    """A scene to solve: the form's content, and the folder of its tables."""
 
     content: dict[str, Any]
     folder: Path
-    memory_bytes: float
 
 
 @dataclass(frozen=True)
@@ -30,34 +42,6 @@ class Tensor(Solve):
     """The same for the directions of Mitsuba's tensor file, and the wavelengths [um] that it gets."""
 
     wavelengths_um: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Read:
-    """A result file to read, its bytes: whatever is in them harms that process alone."""
-
-    data: bytes
-    suffix: str
-    memory_bytes: float
-
-
-@dataclass(frozen=True)
-class Adopt:
-    """A scene to be taken into the form: the bytes of its file, or the text of a link, which are a stranger's; and the
-    ``names`` of the tables in ``folder`` that it may name."""
-
-    given: bytes | str
-    folder: Path
-    names: frozenset[str]
-    memory_bytes: float = 5e8
-
-
-@dataclass(frozen=True)
-class Adopted:
-    """The ``content`` that the form gets, and a sentence for each part that was filled in."""
-
-    content: dict[str, Any]
-    told: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -77,11 +61,44 @@ class Fit(Solve):
 
 
 @dataclass(frozen=True)
-class Progress:
+class Read(Task):
+    """A result file to read, its bytes: whatever is in them harms that process alone."""
+
+    data: bytes
+    suffix: str
+
+
+@dataclass(frozen=True)
+class Adopt(Task):
+    """A scene to be taken into the form: the bytes of its file, or the text of a link, which are a stranger's; and the
+    ``names`` of the tables in ``folder`` that it may name."""
+
+    given: bytes | str
+    folder: Path
+    names: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Message:
+    """What a worker process says to a task; ``follows``: it goes on."""
+
+    follows = False
+
+
+@dataclass(frozen=True)
+class Refused(Message):
+    """Why there is no answer, in a sentence."""
+
+    message: str
+
+
+@dataclass(frozen=True)
+class Progress(Message):
     """How far it is, from 0 to 1, and with what."""
 
-    share: float
+    fraction: float
     stage: str
+    follows = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +110,16 @@ class Step(Progress):
     predicted: Array
 
 
+@dataclass(frozen=True)
+class Adopted(Message):
+    """The ``content`` that the form gets, and a sentence for each part that was filled in."""
+
+    content: dict[str, Any]
+    notes: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class Fitted(Message):
     """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where nothing tells them,
     correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell; a page of all
     of it, b"" without; and what else is to be known."""
@@ -110,9 +135,17 @@ class Fitted:
     page: bytes = b""
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def of_step(cls, task: Fit, step: Step, why: str) -> "Fitted":
+        """What is left of a fit that ended without a result: its last step, without errors."""
+        n = len(task.free)
+        unknown = np.full(n, np.nan), np.full((n, n), np.nan)
+        notes = (f"{why}: these are the values of the last step, without errors",)
+        return cls(task.content, (*task.free,), step.values, *unknown, step.chi2, step.predicted, notes=notes)
+
 
 @dataclass(frozen=True)
-class Written:
+class Written(Message):
     """A file to be downloaded."""
 
     name: str
@@ -137,7 +170,7 @@ class Inside:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Message):
     """Everything there is to see. ``content`` is the scene as solved, None where a result file was read; ``brdfs`` and
     ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown;
     ``opened``: from a file; ``reflectances`` of the BRDFs."""
@@ -170,13 +203,4 @@ class Outcome:
         return self.brdfs[0] if self.brdfs else None
 
 
-Task = Solve | Read | Adopt
-Answer = Outcome | Written | Said | Fitted | Adopted | str  # in one sentence, why there is none
-
-
-def keep_step(task: Fit, step: Step, why: str) -> Fitted:
-    """What is left of a fit that ended without a result: its last step, without errors."""
-    n = len(task.free)
-    unknown = np.full(n, np.nan), np.full((n, n), np.nan)
-    notes = (f"{why}: these are the values of the last step, without errors",)
-    return Fitted(task.content, (*task.free,), step.values, *unknown, step.chi2, step.predicted, notes=notes)
+Answer = Outcome | Written | Said | Fitted | Adopted

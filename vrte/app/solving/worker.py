@@ -1,323 +1,145 @@
-"""The process that solves for the viewer: one task in, its progress and its outcome out, then it ends.
+"""The process that answers the viewer's tasks: of those that wait the newest, each by progress and one answer.
 
-Also in the middle of a solve it ends when its input does, so that none is left when the viewer is gone.
+It ends when its input does, also in the middle of a solve, so that none is left when the viewer is gone.
 """
 
 import _thread
 import os
 import pickle
 import sys
-import tempfile
 import threading
 import warnings
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from vrte.app.form.content import (
-    Content,
-    choose_keywords,
-    is_interface,
-    list_page_wavelengths,
-    name_layers,
-    select_wavelength,
-)
-from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
-from vrte.app.form.parts import Said, select_part
-from vrte.app.solving.downloads import collect_bytes
-from vrte.app.solving.messages import (
-    Adopt,
-    Adopted,
-    Answer,
-    Fit,
-    Inside,
-    Look,
-    Outcome,
-    Planned,
-    Progress,
-    Read,
-    Solve,
-    Task,
-    Tensor,
-    Written,
-)
-from vrte.app.solving.reflectance import collect_reflectances, replace_base
+from vrte.app.solving.messages import Limits, Message, Refused, Task
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.basics.limits import limit_memory, limit_time
-from vrte.calls.brdf import brdf
-from vrte.calls.plan import plan
-from vrte.calls.radiance import radiance
-from vrte.calls.spectrum import spectrum
-from vrte.formats import load
-from vrte.formats.layers import describe_filling
-from vrte.formats.particle_sources import make_particles
-from vrte.formats.scene_file import SceneFile, make_scene_file
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import parse_toml
-from vrte.optics.angle_tables import describe_expansion
-from vrte.optics.particles import Particles
-from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request.how import AUTO, EXACT
-from vrte.results.brdf import Brdf
-from vrte.results.field import Field, require_one_beam
-from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
-from vrte.scene.scene import Scene
 
-Tell = Callable[[Progress], None]
-MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
-LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
-LONGEST_READING = 10.0  # seconds of work that a scene of a stranger may take
+MOST_NOTES = 30  # sentences about one answer
+ANSWERERS = {  # by the name of a task: a function, or a class of which one answers all such tasks
+    "Solve": "solve.solve",
+    "Tensor": "solve.write_tensor",
+    "Read": "solve.read",
+    "Adopt": "solve.adopt",
+    "Look": "solve.look_at_part",
+    "Fit": "measuring.fit_scene",
+    "Comparison": "measuring.Comparer",
+    "Question": "appearance.Studio",
+}
+SENTENCES = SceneError, AccuracyError, DeviceError, MissingExtraError, OSError  # errors that are sentences already
+
+
+class NewerError(Exception):
+    """There is a newer task."""
+
+
+class Exchange:
+    """What an answer is worked out with: ``tell`` messages that come before it, ``check`` whether it is still wanted,
+    and the ``notes`` that the library has warned of."""
+
+    def __init__(self, tell: Callable[[Message], None], is_old: Callable[[], bool] = lambda: False) -> None:
+        self.tell, self.is_old = tell, is_old
+        self.caught: Sequence[warnings.WarningMessage] = ()
+
+    def check(self, *_: Any) -> None:
+        """Raises NewerError where a newer task waits."""
+        if self.is_old():
+            raise NewerError
+
+    def notes(self, *silent: type[Warning]) -> tuple[str, ...]:
+        """Warnings so far, each once, but those ``silent``."""
+        told = [str(one.message) for one in self.caught if not issubclass(one.category, silent)]
+        return tuple(dict.fromkeys(told))[:MOST_NOTES]
+
+
+class Inbox:
+    """The newest of what came in; what nobody took in time is gone."""
+
+    def __init__(self) -> None:
+        self._newest: list[Any] = []
+        self._changed = threading.Condition()
+
+    def put(self, given: Any) -> None:
+        """In place of what waits."""
+        with self._changed:
+            self._newest = [given]
+            self._changed.notify()
+
+    def take(self) -> Any:
+        """The newest, once there is one."""
+        with self._changed:
+            self._changed.wait_for(self.has_newer)
+            return self._newest.pop()
+
+    def has_newer(self) -> bool:
+        """Whether something waits."""
+        return bool(self._newest)
+
+    def fill(self) -> None:
+        """From standard input; None interrupts the process as Ctrl-C does, its end ends it."""
+        try:
+            while True:
+                given = pickle.load(sys.stdin.buffer)
+                if given is None:
+                    _thread.interrupt_main()
+                else:
+                    self.put(given)
+        finally:
+            os._exit(1)
 
 
 def main() -> None:
-    """Reads a task, answers, ends."""
-    output = open_output()
-    task: Task = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=end_with_input, daemon=True).start()
-    limit_memory(task.memory_bytes)
-    if isinstance(task, Adopt):
-        limit_time(LONGEST_READING)
-    lock = threading.Lock()
-
-    def tell(message: Progress | Answer) -> None:
-        with lock:
-            pickle.dump(message, output, protocol=pickle.HIGHEST_PROTOCOL)
-            output.flush()
-
-    tell(answer(task, tell))
-    os._exit(0)  # at once: nothing is left to do, and threads of the linear algebra may be waiting
-
-
-def open_output() -> IO[bytes]:
-    """Standard output for messages alone; what anything prints goes to standard error from now on."""
+    """Reads its limits, then answers tasks until its input ends."""
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    return output
+    os.dup2(2, 1)  # what anything prints goes to standard error
+    limits: Limits = pickle.load(sys.stdin.buffer)
+    limit_memory(limits.memory_bytes)
+    if limits.seconds:
+        limit_time(limits.seconds)
+    inbox, lock = Inbox(), threading.Lock()
+    answerers: dict[type[Task], Callable[[Any, Exchange], Message]] = {}
+    threading.Thread(target=inbox.fill, daemon=True).start()
+    while True:
+        number, task = inbox.take()
+
+        def tell(message: Message, number: int = number) -> None:
+            with lock:
+                pickle.dump((number, message), output, protocol=pickle.HIGHEST_PROTOCOL)
+                output.flush()
+
+        kind = type(task)
+        answerers[kind] = answerers.get(kind) or make_answerer(kind)
+        if (answer := explain_failure(answerers[kind], task, Exchange(tell, inbox.has_newer))) is not None:
+            tell(answer)
 
 
-def end_with_input() -> None:
-    """Ends the process when nobody waits for it any more; whatever comes before interrupts it, as Ctrl-C does."""
-    while sys.stdin.buffer.read(1):
-        _thread.interrupt_main()
-    os._exit(1)
+def make_answerer(kind: type[Task]) -> Callable[[Any, Exchange], Message]:
+    """What answers tasks of a kind, imported for the first."""
+    module, _, name = ANSWERERS[kind.__name__].partition(".")
+    found = getattr(import_module(f"vrte.app.solving.{module}"), name)
+    answerer: Callable[[Any, Exchange], Message] = found().answer if isinstance(found, type) else found
+    return answerer
 
 
-def answer(task: Task, tell: Tell) -> Answer:
-    """What comes of a task; any error is a sentence."""
+def explain_failure(work: Callable[[Any, Exchange], Message], task: Any, exchange: Exchange) -> Message | None:
+    """What comes of a task; any error is a sentence, and None comes of what is no longer wanted."""
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as exchange.caught:
             warnings.simplefilter("always", UserWarning)
-            if isinstance(task, Tensor):
-                return write_tensor(task, tell)
-            if isinstance(task, Adopt):
-                given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
-                return Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))
-            if isinstance(task, Look):
-                return add_warnings(look_at_part(task), caught)
-            if isinstance(task, Fit):
-                from vrte.app.solving.fitting import fit_scene
-
-                return fit_scene(task, tell, caught)
-            found = solve(task, tell) if isinstance(task, Solve) else read(task)
-    except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
-        return put_in_one_line(str(error), 1000)
+            return work(task, exchange)
+    except NewerError:
+        return None
+    except SENTENCES as error:
+        folder = getattr(task, "folder", Path())  # where it lies is nobody's business
+        text = str(error).replace(f"{folder}{os.sep}", "") if folder.is_absolute() else str(error)
+        return Refused(put_in_one_line(text, 1000))
     except MemoryError:
-        return "not enough memory for this scene: fewer directions, nodes or wavelengths need less"
+        return Refused("not enough memory for this scene: smaller particles, fewer directions or nodes need less")
     except KeyboardInterrupt:
-        return "stopped before there was anything to keep"
+        return Refused("stopped before there was anything to keep")
     except Exception as error:  # never seen; a page must not wait for ever
-        return put_in_one_line(f"{type(error).__name__}: {error}", 1000)
-    notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))
-    return replace(found, notes=tuple(notes)[:MOST_NAMED])
-
-
-def solve(task: Solve, tell: Tell) -> Outcome:
-    """The BRDF at every wavelength, and the field where it is asked for."""
-    content = task.content
-    wavelengths, text = list_page_wavelengths(content), write_toml(content)
-    with_field = "field" in content
-    stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
-    count = len(wavelengths) * len(stages)
-
-    def begin(stage: str, which: int) -> Callable[[int, int], None]:
-        """Progress within one stage of one wavelength: what remains after its last Fourier order takes time, too."""
-        step = which * len(stages) + stages.index(stage)
-        where = f" at {wavelengths[which]:g} µm" if len(wavelengths) > 1 else ""
-        tell(Progress(step / count, f"{stage}{where}"))
-
-        def progress(done: int, total: int) -> None:
-            words = f"Fourier orders, {done} of {total}" if done < total else "adding up"
-            tell(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
-
-        return progress
-
-    brdfs: list[Brdf] = []
-    fields: list[Field] = []
-    inside: list[Inside] = []
-    others: list[Brdf] = []
-    names, planned = ("", ""), None
-    for which, wavelength in enumerate(wavelengths):
-        begin("particles", which)
-        known: list[Particles] = []
-        file = make_scene_file(
-            select_wavelength(content, wavelength), "brdf", task.folder, partial(keep_particles, known)
-        )
-        inside.append(describe_inside(content, file.scene))
-        keywords = choose_keywords(file)
-        with file.located():
-            planned = planned or make_plan_message(file, keywords)
-            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
-        elsewhere, names = replace_base(file.scene)
-        if elsewhere is not None:  # its reflectance is wanted alone
-            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
-            others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
-        if with_field:
-            again = iter(known)  # the same particles are asked for in the same order
-            file = make_scene_file(
-                select_wavelength(content, wavelength), "field", task.folder, lambda *_, again=again: next(again)
-            )
-            with file.located():
-                fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
-    return Outcome(
-        content,
-        tuple(wavelengths) if content.get("wavelength_um") is not None else (),
-        tuple(add_scene_text(one, text) for one in brdfs),
-        tuple(add_scene_text(one, text) for one in fields),
-        tuple(inside),
-        planned,
-        reflectances=collect_reflectances(wavelengths, brdfs, others, names),
-    )
-
-
-def add_warnings(said: Said, caught: list[warnings.WarningMessage]) -> Said:
-    """What is said of a part, with what the library warns of."""
-    warned = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))
-    return replace(said, words="; ".join([said.words, *warned])[:MOST_WORDS])
-
-
-def keep_particles(known: list[Particles], source: str, given: dict[str, Any]) -> Particles:
-    """Particles as `make_particles` makes them, kept in a list, too."""
-    known.append(make_particles(source, given))
-    return known[-1]
-
-
-def look_at_part(task: Look) -> Said:
-    """What a part is that is made from a file, at the first and the last wavelength."""
-    wavelengths = list_page_wavelengths(task.content)
-    words = []
-    for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
-        alone = select_wavelength(select_part(task.content, task.place), wavelength)
-        try:
-            scene = make_scene_file(alone, "brdf", task.folder).scene
-        except SceneError as error:
-            text = str(error).replace(f"{task.folder}{os.sep}", "")  # where it lies is nobody's business
-            return Said(message=put_in_one_line(text, 1000), place=error.place or task.place)
-        made: Any = scene.base if task.place[0] == "base" else scene.layers[int(task.place[1])].phase_matrix
-        words.append(describe_part(made))
-    return Said("; ".join(dict.fromkeys(words)))
-
-
-def describe_part(made: Any) -> str:
-    """A phase matrix or a base that came from a file, in words.
-
-    >>> import vrte
-    >>> describe_part(vrte.rayleigh())
-    'g 0, 3 terms, polarizing'
-    """
-    if not isinstance(made, PhaseMatrix):
-        return str(made)
-    if made.expansion is None:
-        return made.in_words
-    return "; ".join(f"{name}: {words}" for name, words in describe_expansion(made).items())
-
-
-def describe_inside(content: Content, scene: Scene) -> Inside:
-    """What the layers hold, in words, and their phase matrices, without the clear ones that a scene puts between
-    interfaces.
-
-    >>> import vrte
-    >>> fog = vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
-    >>> scene = Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33), fog])
-    >>> describe_inside({"layer": [{"interface": {}}, {"interface": {}}, {"phase": "rayleigh"}]}, scene).names
-    ('layer 3: rayleigh',)
-    """
-    tables = content["layer"]
-    called = zip(name_layers(tables), tables, strict=True)
-    names = [f"{name}: {describe_filling(one)}" for name, one in called if not is_interface(one)]
-    added = len(scene.layers) - len(names)
-    matrices = []
-    for layer in scene.layers:
-        if added and layer.thickness == layer.albedo == 0.0 and layer.phase_matrix.terms == 1:
-            added -= 1
-        else:
-            matrices.append(layer.phase_matrix)
-    return Inside(tuple(names), tuple(matrices))
-
-
-def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
-    """The plan of the BRDF; only discrete ordinates have one."""
-    if keywords.get("method", EXACT) not in (EXACT, AUTO):
-        return None
-    made = plan("brdf", file.scene, **keywords)
-    facts = made.as_dict()
-    parts = list(facts["parts"].values()) if "parts" in facts else [facts]
-    left_out = dict.fromkeys(text for part in parts for text in part["left_out"].values())
-    return Planned(str(made), tuple(left_out), tuple(dict.fromkeys(text for part in parts for text in part["shared"])))
-
-
-def read(task: Read) -> Outcome:
-    """A result file, through a folder of its own."""
-    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
-        path = Path(folder) / f"result{task.suffix}"
-        path.write_bytes(task.data)
-        try:
-            found = load(path)
-        except SceneError as error:
-            raise SceneError(str(error).replace(str(path), "the file")) from error
-    return make_outcome(found)
-
-
-def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
-    """A result as something to see."""
-    if isinstance(found, Spectrum):
-        wavelengths = found.wavelength_um.tolist()
-        content, shares = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
-        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=shares)
-    content = recover_scene(found)
-    if isinstance(found, Brdf):
-        return Outcome(content, brdfs=(found,), opened=True, reflectances=collect_reflectances((), (found,)))
-    require_one_beam(found)
-    return Outcome(content, fields=(found,), opened=True)
-
-
-def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
-    """The content of the scene file that a result tells of, where it does and the page can take it."""
-    text = result.diagnostics.get(SCENE)
-    if not isinstance(text, str):
-        return None
-    try:
-        content = parse_toml(text)
-        if wavelengths:
-            content["wavelength_um"] = wavelengths
-        return adopt_content(content)
-    except SceneError:
-        return None
-
-
-def write_tensor(task: Tensor, tell: Tell) -> Written:
-    """Mitsuba's file, solved for the directions that it needs."""
-    from vrte.formats.measured_polarized import directions, write_mitsuba
-
-    stage = "BRDF at the directions of the tensor"
-    found = spectrum(
-        task.content,
-        task.wavelengths_um,
-        lambda done, total: tell(Progress(0.9 * done / max(total, 1), stage)),
-        task.folder,
-        **directions(),
-    )
-    tell(Progress(0.9, "writing the tensor"))
-    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+        return Refused(put_in_one_line(f"{type(error).__name__}: {error}", 1000))

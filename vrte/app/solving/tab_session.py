@@ -10,10 +10,9 @@ from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said, list_parts, name_part
 from vrte.app.form.words import translate_message
-from vrte.app.solving.job import Job, find_memory_share
-from vrte.app.solving.live import COMPARER, Live
-from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task, keep_step
-from vrte.app.solving.shelf import Shelf
+from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task
+from vrte.app.solving.uploads import Uploads
+from vrte.app.solving.worker_process import Job, LiveQuery
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
 
@@ -23,16 +22,17 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 
 
 @dataclass
-class Bench:
-    """A tab's: the form's ``content``, which may name the tables of its ``shelf``, the ``job`` that runs, the last
-    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, the first
-    field that is ``wrong``: its message, and its place; and what has been ``said`` of parts that are made from files,
-    of which ``looked`` is the one that a job ``looks`` at; ``adopts`` reads a stranger's scene; ``live`` answers what
-    it looks like, ``beside`` what it shows beside a measurement, to which a job ``fits`` it; ``fitted`` is what that
-    found."""
+class TabSession:
+    """A tab's: the form's ``content``, which may name the tables of its ``uploads``; the ``job`` that runs, the last
+    ``outcome`` and the job that it was ``taken`` of; ``view``, what it looks at, and how many ``pages`` look; the first
+    field that is ``wrong``: its message, and its place.
+
+    ``said`` is of parts that are made from files, of which ``looked`` is the one that a job ``looks`` at; ``adopts``
+    reads a stranger's scene; ``live`` answers what the scene looks like, ``beside`` what it shows beside a measurement,
+    to which a job ``fits`` it; ``fitted`` is what that found."""
 
     content: Content
-    shelf: Shelf = field(default_factory=Shelf)
+    uploads: Uploads = field(default_factory=Uploads)
     outcome: Outcome | None = None
     job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
@@ -42,8 +42,8 @@ class Bench:
     said: dict[str, Said] = field(default_factory=dict)
     looks: Job | None = None
     adopts: Job | None = None
-    live: Live = field(default_factory=Live)
-    beside: Live = field(default_factory=lambda: Live(COMPARER))
+    live: LiveQuery = field(default_factory=LiveQuery)
+    beside: LiveQuery = field(default_factory=LiveQuery)
     fits: Job | None = None
     fitted: Fitted | None = None
     looked: tuple[str, Place] = ("", ())
@@ -53,25 +53,20 @@ class Bench:
         """Whether something runs."""
         return self.job is not None and not self.job.ended
 
-    def solve(self) -> None:
-        """Starts to solve what the form says now."""
-        self.start(Solve(copy.deepcopy(self.content), self.shelf.folder, find_memory_share()))
-
-    def start(self, task: Task) -> None:
-        """A task in place of the one that runs."""
+    def start(self, task: Task | None = None) -> None:
+        """A task, or to solve what the form says now, in place of the one that runs."""
         self.cancel()
-        self.job = Job(task)
+        self.job = Job(task or Solve(copy.deepcopy(self.content), self.uploads.folder))
 
     def adopt(self, given: bytes | str) -> Job:
         """Starts to read a scene from a file's bytes or a link's text, in place of the one that is being read."""
-        if self.adopts is not None:
-            self.adopts.cancel()
-        self.adopts = Job(Adopt(given, self.shelf.folder, self.shelf.names))
+        end(self.adopts)
+        self.adopts = Job(Adopt(given, self.uploads.folder, self.uploads.names))
         return self.adopts
 
     def cancel(self) -> None:
-        if self.job is not None:
-            self.job.cancel()
+        """Ends the job that runs."""
+        end(self.job)
 
     def start_fit(self, task: Fit) -> None:
         """A fit in place of the one that runs, beside whatever is solved."""
@@ -80,8 +75,7 @@ class Bench:
 
     def end_fit(self) -> None:
         """Ends the fit, and forgets what it found."""
-        if self.fits is not None:
-            self.fits.cancel()
+        end(self.fits)
         self.fits = self.fitted = None
 
     def take_fit(self) -> None:
@@ -92,26 +86,29 @@ class Bench:
         if isinstance(job.outcome, Fitted):
             self.fitted = job.outcome
         elif job.step is not None and isinstance(job.task, Fit):
-            self.fitted = keep_step(job.task, job.step, job.message)
+            self.fitted = Fitted.of_step(job.task, job.step, job.message)
+
+    def leave(self) -> None:
+        """A page has gone for good: nobody waits for what it solves, unless the tab has another."""
+        self.pages -= 1
+        if self.pages == 0:
+            self.rest()
 
     def rest(self) -> None:
         """Ends what nobody waits for."""
-        self.cancel()
-        if self.adopts is not None:
-            self.adopts.cancel()
-        if self.fits is not None:
-            self.fits.cancel()
+        for job in (self.job, self.adopts, self.fits):
+            end(job)
         self.live.close()
         self.beside.close()
 
     def find_problems(self) -> dict[Place, str]:
         """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
-        found = find_problems(self.content, self.shelf.folder, self.shelf.names, self.said)
-        places = list_parts(self.content, self.shelf.names)
+        found = find_problems(self.content, self.uploads.folder, self.uploads.names, self.said)
+        places = list_parts(self.content, self.uploads.names)
         unknown = next((place for place in places if name_part(self.content, place) not in self.said), None)
         if unknown is not None and self.looks is None:
-            task = Look(copy.deepcopy(self.content), self.shelf.folder, find_memory_share(), unknown)
-            self.looks, self.looked = Job(task), (name_part(self.content, unknown), unknown)
+            self.looks = Job(Look(copy.deepcopy(self.content), self.uploads.folder, unknown))
+            self.looked = name_part(self.content, unknown), unknown
         return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
@@ -128,38 +125,43 @@ class Bench:
 
     def close(self) -> None:
         """Ends whatever runs, and removes its files."""
-        if self.looks is not None:
-            self.looks.cancel()
+        end(self.looks)
         self.rest()
-        self.shelf.close()
+        self.uploads.close()
 
 
-class Benches:
+def end(job: Job | None) -> None:
+    """Ends a job, where there is one."""
+    if job is not None:
+        job.cancel()
+
+
+class TabSessions:
     """All tabs. ``content`` and ``outcome`` are what a new one begins with; tables lie in ``folder``."""
 
     def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome | None = None) -> None:
         self._first = content or START
         self._folder, self._outcome = folder, outcome
         self._tables = frozenset(find_named_tables(self._first).values())
-        self._benches: dict[str, Bench] = {}
+        self._sessions: dict[str, TabSession] = {}
         self._lock = threading.Lock()
 
-    def of(self, tab: str) -> Bench:
-        """The bench of a tab, a new one where there is none."""
+    def of(self, tab: str) -> TabSession:
+        """The session of a tab, a new one where there is none."""
         with self._lock:
-            bench = self._benches.pop(tab, None) or Bench(
-                copy.deepcopy(self._first), Shelf(self._folder, self._tables), self._outcome
+            session = self._sessions.pop(tab, None) or TabSession(
+                copy.deepcopy(self._first), Uploads(self._folder, self._tables), self._outcome
             )
-            self._benches[tab] = bench  # the last used is the last
-            while len(self._benches) > 1 and (len(self._benches) > MOST_TABS or self._bytes() > MOST_BYTES):
-                self._benches.pop(next(iter(self._benches))).close()
-            return bench
+            self._sessions[tab] = session  # the last used is the last
+            while len(self._sessions) > 1 and (len(self._sessions) > MOST_TABS or self._bytes() > MOST_BYTES):
+                self._sessions.pop(next(iter(self._sessions))).close()
+            return session
 
     def _bytes(self) -> float:
-        return sum(bench.outcome.size for bench in self._benches.values() if bench.outcome is not None)
+        return sum(session.outcome.size for session in self._sessions.values() if session.outcome is not None)
 
     def close(self) -> None:
         """Ends whatever runs."""
         with self._lock:
-            for bench in self._benches.values():
-                bench.close()
+            for session in self._sessions.values():
+                session.close()

@@ -17,11 +17,11 @@ from vrte.formats.toml_table import show_toml
 
 LARGEST_TABLE = 60_000_000  # bytes of a file from which a phase matrix or a base is made, in a process of its own
 LARGEST_LIST = 500_000  # of one that every check of the form reads: n and k, sizes
-MOST_TABLES, LARGEST_SHELF = 20, 150_000_000  # files that a tab may put in, and bytes of all of them
+MOST_TABLES, LARGEST_UPLOADS = 20, 150_000_000  # files that a tab may put in, and bytes of all of them
 LONGEST_STEM = 40  # characters of a name before its suffix
 
 
-class Shelf:
+class Uploads:
     """The ``names`` of the tables that a tab's scene may name, in ``folder``; those put in are in ``own``, with their
     bytes' number."""
 
@@ -70,10 +70,10 @@ class Shelf:
             self.names -= {name}
             del self.own[name]
         if not self._has_room(size):
-            raise SceneError(f"a page takes at most {MOST_TABLES} files, {LARGEST_SHELF / 1e6:g} MB in all")
+            raise SceneError(f"a page takes at most {MOST_TABLES} files, {LARGEST_UPLOADS / 1e6:g} MB in all")
 
     def _has_room(self, size: int) -> bool:
-        return len(self.own) < MOST_TABLES and sum(self.own.values()) + size <= LARGEST_SHELF
+        return len(self.own) < MOST_TABLES and sum(self.own.values()) + size <= LARGEST_UPLOADS
 
     def _move_in(self) -> None:
         """A folder of its own, once, with the tables that there have been: by the same names, which may lead upward."""

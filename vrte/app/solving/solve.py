@@ -1,0 +1,249 @@
+"""Tasks of the viewer that are answered once: a scene is solved, a result, a part or a stranger's scene is read."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vrte.app.form.content import (
+    Content,
+    choose_keywords,
+    is_interface,
+    list_page_wavelengths,
+    name_layers,
+    select_wavelength,
+)
+from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
+from vrte.app.form.parts import Said, select_part
+from vrte.app.solving.downloads import collect_bytes
+from vrte.app.solving.messages import (
+    Adopt,
+    Adopted,
+    Inside,
+    Look,
+    Outcome,
+    Planned,
+    Progress,
+    Read,
+    Solve,
+    Tensor,
+    Written,
+)
+from vrte.app.solving.reflectance import collect_reflectances, replace_base
+from vrte.app.solving.worker import Exchange
+from vrte.basics.arrays import put_in_one_line
+from vrte.basics.errors import SceneError
+from vrte.calls.brdf import brdf
+from vrte.calls.plan import plan
+from vrte.calls.radiance import radiance
+from vrte.calls.spectrum import spectrum
+from vrte.formats import load
+from vrte.formats.layers import describe_filling
+from vrte.formats.particle_sources import make_particles
+from vrte.formats.scene_file import SceneFile, make_scene_file
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import parse_toml
+from vrte.optics.angle_tables import describe_expansion
+from vrte.optics.particles import Particles
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.request.how import AUTO, EXACT
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field, require_one_beam
+from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
+from vrte.scene.scene import Scene
+
+MOST_WORDS = 1500  # characters about a part
+LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
+
+
+def solve(task: Solve, exchange: Exchange) -> Outcome:
+    """The BRDF at every wavelength, and the field where it is asked for."""
+    content = task.content
+    wavelengths, text = list_page_wavelengths(content), write_toml(content)
+    with_field = "field" in content
+    stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
+    count = len(wavelengths) * len(stages)
+
+    def begin(stage: str, which: int) -> Callable[[int, int], None]:
+        """Progress within one stage of one wavelength: what remains after its last Fourier order takes time, too."""
+        step = which * len(stages) + stages.index(stage)
+        where = f" at {wavelengths[which]:g} µm" if len(wavelengths) > 1 else ""
+        exchange.tell(Progress(step / count, f"{stage}{where}"))
+
+        def progress(done: int, total: int) -> None:
+            words = f"Fourier orders, {done} of {total}" if done < total else "adding up"
+            exchange.tell(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
+
+        return progress
+
+    brdfs: list[Brdf] = []
+    fields: list[Field] = []
+    inside: list[Inside] = []
+    others: list[Brdf] = []
+    names, planned = ("", ""), None
+    for which, wavelength in enumerate(wavelengths):
+        begin("particles", which)
+        known: list[Particles] = []
+        file = make_scene_file(
+            select_wavelength(content, wavelength), "brdf", task.folder, partial(keep_particles, known)
+        )
+        inside.append(describe_inside(content, file.scene))
+        keywords = choose_keywords(file)
+        with file.located():
+            planned = planned or make_plan_message(file, keywords)
+            brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
+        elsewhere, names = replace_base(file.scene)
+        if elsewhere is not None:  # its reflectance is wanted alone
+            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
+            others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
+        if with_field:
+            again = iter(known)  # the same particles are asked for in the same order
+            file = make_scene_file(
+                select_wavelength(content, wavelength), "field", task.folder, lambda *_, again=again: next(again)
+            )
+            with file.located():
+                fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
+    return Outcome(
+        content,
+        tuple(wavelengths) if content.get("wavelength_um") is not None else (),
+        tuple(add_scene_text(one, text) for one in brdfs),
+        tuple(add_scene_text(one, text) for one in fields),
+        tuple(inside),
+        planned,
+        notes=exchange.notes(),
+        reflectances=collect_reflectances(wavelengths, brdfs, others, names),
+    )
+
+
+def keep_particles(known: list[Particles], source: str, given: dict[str, Any]) -> Particles:
+    """Particles as `make_particles` makes them, kept in a list, too."""
+    known.append(make_particles(source, given))
+    return known[-1]
+
+
+def look_at_part(task: Look, exchange: Exchange) -> Said:
+    """What a part is that is made from a file, at the first and the last wavelength."""
+    wavelengths = list_page_wavelengths(task.content)
+    words = []
+    for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
+        alone = select_wavelength(select_part(task.content, task.place), wavelength)
+        try:
+            scene = make_scene_file(alone, "brdf", task.folder).scene
+        except SceneError as error:
+            text = str(error).replace(f"{task.folder}{os.sep}", "")  # where it lies is nobody's business
+            return Said(message=put_in_one_line(text, 1000), place=error.place or task.place)
+        made: Any = scene.base if task.place[0] == "base" else scene.layers[int(task.place[1])].phase_matrix
+        words.append(describe_part(made))
+    return Said("; ".join(dict.fromkeys((*words, *exchange.notes())))[:MOST_WORDS])
+
+
+def describe_part(made: Any) -> str:
+    """A phase matrix or a base that came from a file, in words.
+
+    >>> import vrte
+    >>> describe_part(vrte.rayleigh())
+    'g 0, 3 terms, polarizing'
+    """
+    if not isinstance(made, PhaseMatrix):
+        return str(made)
+    if made.expansion is None:
+        return made.in_words
+    return "; ".join(f"{name}: {words}" for name, words in describe_expansion(made).items())
+
+
+def describe_inside(content: Content, scene: Scene) -> Inside:
+    """What the layers hold, in words, and their phase matrices, without the clear ones that a scene puts between
+    interfaces.
+
+    >>> import vrte
+    >>> fog = vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
+    >>> scene = Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33), fog])
+    >>> describe_inside({"layer": [{"interface": {}}, {"interface": {}}, {"phase": "rayleigh"}]}, scene).names
+    ('layer 3: rayleigh',)
+    """
+    tables = content["layer"]
+    called = zip(name_layers(tables), tables, strict=True)
+    names = [f"{name}: {describe_filling(one)}" for name, one in called if not is_interface(one)]
+    added = len(scene.layers) - len(names)
+    matrices = []
+    for layer in scene.layers:
+        if added and layer.thickness == layer.albedo == 0.0 and layer.phase_matrix.terms == 1:
+            added -= 1
+        else:
+            matrices.append(layer.phase_matrix)
+    return Inside(tuple(names), tuple(matrices))
+
+
+def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
+    """The plan of the BRDF; only discrete ordinates have one."""
+    if keywords.get("method", EXACT) not in (EXACT, AUTO):
+        return None
+    made = plan("brdf", file.scene, **keywords)
+    facts = made.as_dict()
+    parts = list(facts["parts"].values()) if "parts" in facts else [facts]
+    left_out = dict.fromkeys(text for part in parts for text in part["left_out"].values())
+    return Planned(str(made), tuple(left_out), tuple(dict.fromkeys(text for part in parts for text in part["shared"])))
+
+
+def read(task: Read, exchange: Exchange) -> Outcome:
+    """A result file, through a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
+        path = Path(folder) / f"result{task.suffix}"
+        path.write_bytes(task.data)
+        try:
+            found = load(path)
+        except SceneError as error:
+            raise SceneError(str(error).replace(str(path), "the file")) from error
+    return replace(make_outcome(found), notes=exchange.notes())
+
+
+def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
+    """A result as something to see."""
+    if isinstance(found, Spectrum):
+        wavelengths = found.wavelength_um.tolist()
+        content, shares = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
+        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=shares)
+    content = recover_scene(found)
+    if isinstance(found, Brdf):
+        return Outcome(content, brdfs=(found,), opened=True, reflectances=collect_reflectances((), (found,)))
+    require_one_beam(found)
+    return Outcome(content, fields=(found,), opened=True)
+
+
+def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
+    """The content of the scene file that a result tells of, where it does and the page can take it."""
+    text = result.diagnostics.get(SCENE)
+    if not isinstance(text, str):
+        return None
+    try:
+        content = parse_toml(text)
+        if wavelengths:
+            content["wavelength_um"] = wavelengths
+        return adopt_content(content)
+    except SceneError:
+        return None
+
+
+def write_tensor(task: Tensor, exchange: Exchange) -> Written:
+    """Mitsuba's file, solved for the directions that it needs."""
+    from vrte.formats.measured_polarized import directions, write_mitsuba
+
+    stage = "BRDF at the directions of the tensor"
+    found = spectrum(
+        task.content,
+        task.wavelengths_um,
+        lambda done, total: exchange.tell(Progress(0.9 * done / max(total, 1), stage)),
+        task.folder,
+        **directions(),
+    )
+    exchange.tell(Progress(0.9, "writing the tensor"))
+    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+
+
+def adopt(task: Adopt, exchange: Exchange) -> Adopted:
+    """A stranger's scene as the form takes it."""
+    given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
+    return Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))

@@ -1,0 +1,273 @@
+"""Worker processes seen from the viewer: whatever becomes of one, the server goes on.
+
+The protocol is one for all: the process reads `Limits`, then tasks as (number, task), or None to be interrupted; it
+answers (number, message), any number of messages that say ``follows`` and one that does not (`worker`).
+"""
+
+import copy
+import pickle
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import IO, Any
+
+from vrte.app.solving.messages import Adopt, Answer, Limits, Look, Progress, Refused, Step, Task
+from vrte.basics.memory import find_available_bytes
+
+START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
+AT_ONCE = 2  # solves; others wait
+SOLVE_PLACES = threading.BoundedSemaphore(AT_ONCE)
+READ_PLACES = threading.BoundedSemaphore(AT_ONCE)  # for tasks that only read a file or a scene
+LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
+PATIENCE = 5.0  # seconds that a process gets to end
+LONGEST_READING, READING_BYTES = 10.0, 5e8  # seconds of work and memory for reading a stranger's scene
+MOST_LIVE = 3  # processes of live queries of all tabs; the one not asked for longest ends when one more is needed
+STUCK = 4.0  # seconds that a task waits behind an older one before it gets a process of its own
+
+
+def find_memory_share() -> float:
+    """Bytes that a solve may take."""
+    return LARGEST_SHARE * find_available_bytes() / AT_ONCE
+
+
+class WorkerProcess:
+    """A process that answers tasks, of those that wait the newest. ``hear`` gets each message with its task's number;
+    a `Refused` says why the process has ended, unless it was killed. It starts once there is one of ``places``."""
+
+    def __init__(self, hear: Callable[["WorkerProcess", int, Any], None], limits: Limits, places: Any = None) -> None:
+        self.process: subprocess.Popen[bytes] | None = None
+        self.started = self.ended = False
+        self._hear, self._limits, self._places = hear, limits, places
+        self._waiting: list[Any] = []  # what is still to be sent: at most one task
+        self._asked = self._answered = 0  # numbers of tasks
+        self._waits_since: float | None = None  # behind an older task
+        self._changed = threading.Condition()
+        threading.Thread(target=self._run, name="vrte-view-worker", daemon=True).start()
+
+    def ask(self, number: int, task: Task) -> None:
+        """A task in place of the one that waits."""
+        with self._changed:
+            if self._asked > self._answered:
+                self._waits_since = self._waits_since or time.monotonic()
+            self._waiting, self._asked = [(number, task)], number
+            self._changed.notify_all()
+
+    def interrupt(self) -> bool:
+        """Asks for the best so far, as Ctrl-C does; False where no task has been sent."""
+        with self._changed:
+            if self._waiting or not self.started:
+                return False
+            self._waiting = [None]
+            self._changed.notify_all()
+            return True
+
+    def is_stuck(self) -> bool:
+        """Whether an older task does not make room for the newest."""
+        since = self._waits_since
+        return since is not None and time.monotonic() - since > STUCK
+
+    def kill(self) -> None:
+        """Ends it at once, however deep it is in a compiled loop."""
+        with self._changed:
+            self.ended = True
+            if self.process is not None:
+                self.process.kill()
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        """Waits for a place, starts the process and hears it until it ends."""
+        while self._places is not None and not self._places.acquire(timeout=0.1):
+            if self.ended:
+                return
+        try:
+            with tempfile.TemporaryFile() as complaints:
+                why = self._follow(complaints)
+        except Exception as error:  # a page must not wait for ever
+            why = f"the process that solves could not be followed: {type(error).__name__}: {error}"
+        finally:
+            if self._places is not None:
+                self._places.release()
+        with self._changed:
+            killed, self.ended = self.ended, True
+            self._changed.notify_all()
+        if not killed:
+            self._hear(self, self._asked, Refused(why))
+
+    def _follow(self, complaints: IO[bytes]) -> str:
+        """Starts the process and hears it; why it has ended."""
+        with self._changed:
+            if self.ended:
+                return ""
+            self.process = process = subprocess.Popen(
+                [sys.executable, "-c", START.format(path=sys.path)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=complaints,
+                start_new_session=True,  # Ctrl-C reaches its parent alone
+            )
+        threading.Thread(target=self._send, args=(process.stdin,), name="vrte-view-send", daemon=True).start()
+        assert process.stdout is not None
+        try:
+            with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has gone: its code says why
+                while not self.ended:
+                    self._take(*pickle.load(process.stdout))
+        finally:
+            end_process(process)
+        return explain_end(process.returncode, complaints)
+
+    def _take(self, number: int, message: Any) -> None:
+        with self._changed:
+            if self._waits_since is not None:  # it goes on: to the newest task, or nearer to it
+                self._waits_since = None if number == self._asked else time.monotonic()
+            if not message.follows:
+                self._answered = number
+        self._hear(self, number, message)
+
+    def _send(self, stdin: IO[bytes]) -> None:
+        """Hands tasks over, aside: a page must not wait until they are read."""
+        with suppress(OSError, ValueError):  # it has gone, or its pipe is closed
+            pickle.dump(self._limits, stdin)
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self.ended or self._waiting)
+                    if self.ended:
+                        return
+                    task = self._waiting.pop()
+                pickle.dump(task, stdin)
+                stdin.flush()
+                self.started = True
+
+
+def end_process(process: "subprocess.Popen[bytes]") -> None:
+    """Closes its pipes, and waits for its end, but not long."""
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):  # it may have gone before it read all
+            if stream is not None:
+                stream.close()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(PATIENCE)
+    process.kill()  # nothing, where it has ended
+    process.wait()
+
+
+def explain_end(code: int, complaints: IO[bytes]) -> str:
+    """Why a process went without an answer."""
+    complaints.seek(0)
+    lines = [line.strip() for line in complaints.read().decode(errors="replace").split("\n") if line.strip()]
+    whys = {-9: "been ended by the system, which it does when memory is short", -24: "taken too long, and was ended"}
+    why = whys.get(code, f"ended with code {code}")
+    return f"the process of this task has {why}{f': {lines[-1][:300]}' if lines else ''}"
+
+
+class Job:
+    """One task in a process of its own. What it says may be read at any time; ``ended`` is the last thing to change.
+
+    ``fraction`` from 0 to 1 and ``stage`` tell how far it is, ``step`` where a fit is; at the end there is an
+    ``outcome``, or a ``message`` that says why not.
+    """
+
+    def __init__(self, task: Task, memory_bytes: float | None = None) -> None:
+        self.task = task
+        self.fraction, self.stage = 0.0, "waiting for other solves to end"
+        self.step: Step | None = None
+        self.outcome: Answer | None = None
+        self.message, self.ended = "", False
+        self._lock = threading.Lock()
+        adopts = isinstance(task, Adopt)
+        limits = Limits(memory_bytes or (READING_BYTES if adopts else find_memory_share()), adopts * LONGEST_READING)
+        places = READ_PLACES if isinstance(task, (Look, Adopt)) else SOLVE_PLACES
+        self.worker = WorkerProcess(self._hear, limits, places)
+        self.worker.ask(1, task)
+
+    def cancel(self) -> None:
+        """Ends it at once."""
+        self._end(None, "cancelled")
+
+    def stop(self) -> None:
+        """Asks for the best so far, of a fit; ends it where it has not begun."""
+        if not self.worker.interrupt():
+            self.cancel()
+
+    def _end(self, outcome: Answer | None, message: str = "") -> None:
+        with self._lock:
+            if not self.ended:
+                self.outcome, self.message, self.ended = outcome, message, True
+        self.worker.kill()
+
+    def _hear(self, worker: WorkerProcess, number: int, message: Any) -> None:
+        if isinstance(message, Refused):
+            self._end(None, message.message)
+        elif not isinstance(message, Progress):
+            self._end(message)
+        elif not self.ended:
+            self.fraction, self.stage = message.fraction, message.stage
+            self.step = message if isinstance(message, Step) else self.step
+
+
+class LiveQuery:
+    """Questions of one tab to a process that stays; the newest wins. ``answer`` is the last that came, to the question
+    of the number ``_answered``; ``asked`` is the last question, ``answered`` the one of the answer, None where it is
+    not the last."""
+
+    _in_use: list["LiveQuery"] = []  # noqa: RUF012 - of the whole server: those with a process, the last asked last
+    _lock = threading.Lock()
+
+    def __init__(self) -> None:
+        self.answer: Any = None
+        self.asked: Any = None
+        self.worker: WorkerProcess | None = None
+        self._asked = self._answered = 0  # numbers of questions
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is to come."""
+        is_open = self.asked is not None and self.worker is not None
+        return is_open and (self.answer is None or self._answered < self._asked or self.answer.follows)
+
+    @property
+    def answered(self) -> Any:
+        """The question that the answer is to, None where another was asked since."""
+        return self.asked if self.answer is not None and self._answered == self._asked else None
+
+    def ask(self, question: Any) -> None:
+        """A question in place of the one that waits; nothing where it was asked last."""
+        if question != self.asked:
+            own = copy.deepcopy(question.content)  # the page changes it
+            self._asked, self.asked = self._asked + 1, replace(question, content=own)
+            self._put()
+
+    def refresh(self) -> None:
+        """Gives the question another process where an older one does not make room for it."""
+        if self.worker is not None and self.worker.is_stuck():
+            self.worker.kill()
+            self._put()
+
+    def close(self) -> None:
+        """Ends the process; the next question starts another, also the one that it leaves open."""
+        if self.waits:
+            self.asked = None
+        with LiveQuery._lock:
+            if self in LiveQuery._in_use:
+                LiveQuery._in_use.remove(self)
+        if self.worker is not None:
+            self.worker.kill()
+            self.worker = None
+
+    def _put(self) -> None:
+        with LiveQuery._lock:
+            LiveQuery._in_use[:] = [one for one in LiveQuery._in_use if one is not self] + [self]
+            others = LiveQuery._in_use[:-MOST_LIVE]
+        for other in others:
+            other.close()
+        if self.worker is None or self.worker.ended:
+            self.worker = WorkerProcess(self._hear, Limits(find_memory_share() / MOST_LIVE))
+        self.worker.ask(self._asked, self.asked)
+
+    def _hear(self, worker: WorkerProcess, number: int, message: Any) -> None:
+        if worker is self.worker:
+            self.answer, self._answered = message, number
