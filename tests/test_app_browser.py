@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vrte.app.solving.shelf import LARGEST_TABLE
+from vrte.app.solving.uploads import LARGEST_TABLE
 
 import vrte
 from tests.viewer_server import viewer
