@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vrte.appearance.colours import Colour, estimate_error, find_colour, find_difference, weigh_wavelengths
-from vrte.appearance.lights import OBSERVERS, find_white, import_colour_science, list_illuminants
+from vrte.appearance.colours import (
+    OBSERVERS,
+    Colour,
+    estimate_error,
+    find_colour,
+    find_difference,
+    find_white,
+    import_colour_science,
+    list_illuminants,
+    weigh_wavelengths,
+)
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError, SceneError
 

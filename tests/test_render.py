@@ -14,7 +14,7 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.appearance.lights import OBSERVERS, import_colour_science
+from vrte.appearance.colours import OBSERVERS, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.render import colour, rendering

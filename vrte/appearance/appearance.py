@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.colours import Colour, check_light, find_colour, find_difference
 from vrte.appearance.geometries import (
     PORT_DEG,
     STANDARD_GEOMETRIES,
@@ -16,7 +16,6 @@ from vrte.appearance.geometries import (
 )
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import BLACK, TARGET, WHITE, Hiding, find_hiding
-from vrte.appearance.lights import check_light
 from vrte.appearance.panel import Panel, make_panel
 from vrte.appearance.two_flux_fit import KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, show_value

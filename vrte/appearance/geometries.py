@@ -58,6 +58,11 @@ class Geometry:
     excluded: bool = False
 
     @property
+    def words(self) -> str:
+        """The geometry in a sentence."""
+        return f"the geometry {self.name!r}"
+
+    @property
     def definition(self) -> str:
         """The quantity that is read, in words."""
         if self.angle_i is None:
@@ -65,13 +70,8 @@ class Geometry:
         if self.angle_o is None:
             without = "without what goes out of the specular port" if self.excluded else "the mirrored beam included"
             return f"hemispherical reflectance of light at {self.angle_i:g} degrees, {without}"
-        side = (
-            ""
-            if self.angle_o == 0.0
-            else ", on the side of the mirrored beam"
-            if self.angle_o > 0.0
-            else ", on the side of the light"
-        )
+        sides = ", on the side of the light", "", ", on the side of the mirrored beam"
+        side = sides[1 + int(np.sign(self.angle_o))]
         return f"reflectance factor, light at {self.angle_i:g} degrees, seen at {abs(self.angle_o):g} degrees{side}"
 
     @property
@@ -169,7 +169,7 @@ def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 
     known = read_geometry(geometry)
     if known.angle_o is None:
         raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
-    found: Array = np.pi * pick_matrices(spectrum, known) @ np.asarray(stokes, float)
+    found: Array = np.pi * np.stack([pick_matrix(one, known) for one in spectrum]) @ np.asarray(stokes, float)
     return found
 
 
@@ -193,7 +193,7 @@ def find_reflectance(
     if known.angle_o is not None:
         return find_light(spectrum, known)[:, 0]
     mu_i = known.directions[0]
-    incident = [find_place("mu_i", spectrum.mu_i, mu, known) for mu in mu_i]
+    incident = [find_place("mu_i", spectrum.mu_i, mu, known.words) for mu in mu_i]
     total = spectrum.total_reflectance[:, incident]
     if known.angle_i is None:
         found: Array = 2.0 * total @ (hemisphere(NODES)[1] * mu_i)
@@ -215,7 +215,7 @@ def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, po
     """
     check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
     assert geometry.angle_i is not None
-    place = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry)
+    place = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry.words)
     port, mu = Round(port_deg), brdf.mu_i[place]
     seen = project_solid_angle(port, geometry.angle_i)
     inside, mirrored = float(pick_matrix(brdf, geometry)[0, 0]), 0.0
@@ -225,27 +225,22 @@ def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, po
     return float((brdf.reflectance[place] - inside * seen - mirrored) / (1.0 - seen / np.pi))
 
 
-def pick_matrices(spectrum: Spectrum, geometry: Geometry) -> Array:
-    """Mueller matrices (wavelength, 4, 4) [1/sr] of a geometry's one pair of directions."""
-    return np.stack([pick_matrix(one, geometry) for one in spectrum])
-
-
 def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:
-    """The same at one wavelength."""
+    """The Mueller matrix (4, 4) [1/sr] of a geometry's one pair of directions."""
     mu_i, mu_o, phi = (float(values[0]) for values in geometry.directions)
-    i, o = find_place("mu_i", brdf.mu_i, mu_i, geometry), find_place("mu_o", brdf.mu_o, mu_o, geometry)
-    turned = find_place("phi", brdf.phi, phi, geometry) if mu_o < 1.0 else 0
+    i, o = (find_place(name, getattr(brdf, name), mu, geometry.words) for name, mu in (("mu_i", mu_i), ("mu_o", mu_o)))
+    turned = find_place("phi", brdf.phi, phi, geometry.words) if mu_o < 1.0 else 0
     found: Array = brdf.mueller[i, o, turned]
     return found
 
 
-def find_place(name: str, values: Array, wanted: float, geometry: Geometry) -> int:
-    """Where a direction of a geometry is among those of a BRDF. Raises SceneError where it is not."""
+def find_place(name: str, values: Array, wanted: float, reading: str) -> int:
+    """The index of a direction that a reading takes among those of a BRDF. Raises SceneError where it is missing."""
     place = int(np.abs(values - wanted).argmin())
     if abs(values[place] - wanted) > SAME * (360.0 if name == "phi" else 1.0):
         raise SceneError(
-            f"the geometry {geometry.name!r} needs {name} = {wanted:.10g}, and the nearest that was solved for is "
-            f"{values[place]:.10g}: ask for it, or give the scene in place of its spectrum"
+            f"{reading} needs {name} = {wanted:.10g}, and the nearest that was solved for is {values[place]:.10g}: ask "
+            "for it, or give the scene in place of its spectrum"
         )
     return place
 

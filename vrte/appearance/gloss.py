@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.apertures import Rectangular, collect_mirrored, project_solid_angle
-from vrte.appearance.lights import weigh_wavelengths
+from vrte.appearance.colours import weigh_wavelengths
+from vrte.appearance.geometries import find_place
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
@@ -33,7 +34,6 @@ NEEDS_SURFACE = "gloss needs a surface: put an interface between air and the med
 LEAST_BEAM = 1e-6  # share of light that counts as mirrored where there is no surface
 SIMPSON, TRAPEZE = (np.outer(one, one) for one in (np.array([1, 4, 1]) / 6.0, np.array([1, 2, 1]) / 4.0))
 MOST_UNEVEN = 0.01  # of the gloss: what both rules may differ by
-SAME = 1e-9  # directions
 
 
 def find_glosses(
@@ -129,8 +129,10 @@ def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tupl
     receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
     glass = collect_mirrored(BLACK_GLASS, mu, receptor)
     mu_o, phi = list_rims(angle_deg)
-    (place,) = find_places("mu_i", brdf.mu_i, [mu], angle_deg)
-    rows, columns = find_places("mu_o", brdf.mu_o, mu_o, angle_deg), find_places("phi", brdf.phi, phi, angle_deg)
+    reading = f"gloss at {angle_deg:g} degrees"
+    place = find_place("mu_i", brdf.mu_i, mu, reading)
+    rows = [find_place("mu_o", brdf.mu_o, one, reading) for one in mu_o.tolist()]
+    columns = [find_place("phi", brdf.phi, one, reading) for one in phi.tolist()]
     light = brdf.mueller[place, rows][:, columns, 0, 0]  # (in the plane, across)
     mirrored = 0.0 if brdf.specular is None else float(brdf.specular[place, 0, 0]) / glass
     if surface is not None and not surface.is_smooth:
@@ -141,15 +143,3 @@ def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tupl
         float((rule * light[:, [1, 0, 1]] * cosines).sum() / (rule * cosines).sum()) for rule in (SIMPSON, TRAPEZE)
     )
     return mirrored, fine * seen, abs(fine - coarse) * seen
-
-
-def find_places(name: str, values: Array, wanted: Iterable[float], angle_deg: float) -> list[int]:
-    """Where directions are among those solved for. Raises SceneError."""
-    found = [int(np.abs(values - one).argmin()) for one in wanted]
-    for place, one in zip(found, wanted, strict=True):
-        if abs(values[place] - one) > SAME * max(1.0, abs(one)):
-            words = (
-                f"of the spectrum must have {one:.10g} for the gloss at {angle_deg:g} degrees (list_gloss_directions)"
-            )
-            raise SceneError.of(name, words)
-    return found

@@ -266,6 +266,12 @@ class Hiding:
         return self.over_even_bases.reflect(self.white)
 
     @property
+    def reflectances(self) -> dict[str, Array]:
+        """Reflectance factors (n,) over black, over white and without end, by these words."""
+        over = {"over black": self.reflectance_over_black, "over white": self.reflectance_over_white}
+        return {**over, "without end": self.without_end}
+
+    @property
     def contrast_ratio(self) -> float:
         """Y over black over Y over white, of the film itself: ISO 6504-3; ASTM D2805 over white of 0.80."""
         return self.compare_cards(self.black, self.white)

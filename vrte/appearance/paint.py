@@ -11,11 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.appearance.appearance import Appearance, Reading, appearance
-from vrte.appearance.colours import Colour, find_colour
+from vrte.appearance.appearance import COLOURS, Appearance, Reading, appearance
+from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import WHITE, Hiding, find_hiding
-from vrte.appearance.lights import weigh_wavelengths
 from vrte.appearance.panel import Panel, find_wavelengths, make_panel, read_source
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, check_number
@@ -97,14 +96,8 @@ class Paint:
         """
         if self.hiding is None:
             return {"as it lies": self.look.colour()}
-        seen = self.hiding
-        some = {
-            "over black": seen.reflectance_over_black,
-            "over white": seen.reflectance_over_white,
-            "without end": seen.without_end,
-        }
-        light = self.look.illuminant, self.look.observer
-        return {name: find_colour(self.look.wavelength_um, values, *light) for name, values in some.items()}
+        at, light = self.look.wavelength_um, (self.look.illuminant, self.look.observer)
+        return {name: find_colour(at, values, *light) for name, values in self.hiding.reflectances.items()}
 
     def list_numbers(self) -> Iterator[tuple[str, str]]:
         """What a data sheet has, as words.
@@ -145,31 +138,26 @@ class Paint:
         'reflectance factor'
         """
         yield from self.look.list_readings()
-        at = self.look.wavelength_um.round(9).tolist()
         for angle, gloss in self.glosses.items():
             definition = "specular gloss, 100 of polished black glass of index 1.567"
             yield Reading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523")
         if self.hiding is not None:
             yield from list_hiding_readings(self.hiding)
+            light = f"{self.look.illuminant}, {self.look.observer} degree observer"
             for name, colour in self.colours.items():
-                for quantity in "XYZLabCh":
-                    unit, seen = "degree" if quantity == "h" else "1", self.hiding.geometry
-                    standard = "ISO/CIE 11664-3" if quantity in "XYZ" else "ISO/CIE 11664-4"
-                    light = f"{self.look.illuminant}, {self.look.observer} degree observer"
-                    yield Reading(f"{quantity} {name}", seen, None, getattr(colour, quantity), unit, light, standard)
+                for quantity, standard in COLOURS.items():
+                    value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
+                    yield Reading(f"{quantity} {name}", self.hiding.geometry, None, value, unit, light, standard)
         if self.two_fluxes is not None:
             found, source = self.two_fluxes, "Kubelka and Munk 1931; Saunderson 1942"
-            rows = (
-                ("K", found.K, found.unit, "absorption of two fluxes, of even light inside the film"),
-                ("S", found.S, found.unit, "scattering of two fluxes, of even light inside the film"),
-            )
-            for name, values, unit, definition in rows:
-                for wavelength, value in zip(at, values.tolist(), strict=True):
-                    yield Reading(name, found.geometry.name, wavelength, value, unit, definition, source)
+            for name, values, what in (("K", found.K, "absorption"), ("S", found.S, "scattering")):
+                words = f"{what} of two fluxes, of even light inside the film"
+                for at, value in zip(self.look.wavelength_um.round(9).tolist(), values.tolist(), strict=True):
+                    yield Reading(name, found.geometry.name, at, value, found.unit, words, source)
         for angle, light in zip(*cut_lobe(self.lobe), strict=True):
-            definition = "BRDF of unpolarized light in the plane of incidence, without the mirrored beam"
+            words = "BRDF of unpolarized light in the plane of incidence, without the mirrored beam"
             name = f"{LOBE_DEG:g}:{angle:g}"
-            yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", definition, "Nicodemus 1977")
+            yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", words, "Nicodemus 1977")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the page, its pictures or its numbers to a file, all of it or nothing.
@@ -332,36 +320,31 @@ def solve_lobe(panel: Panel, place: int, progress: Progress | None = None) -> Br
 
 
 def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
-    """Contrast ratio, opacity, the thickness that hides, and reflectance factors over the cards and without end."""
-    seen, black, white = hiding.geometry, hiding.black, hiding.white
-    cards = f"Y over a black card ({black:g}) over Y over a white one ({white:g})"
-    ratio, standard = "ISO 6504-3; ASTM D2805", "ISO 6504-1; ASTM D2805"
-    yield Reading("contrast ratio", seen, None, hiding.contrast_ratio, "1", cards, ratio)
-    yield Reading("opacity", seen, None, hiding.opacity, "1", "Y over black over Y without end", "ISO 2471")
-    words = "Y over black over Y over white of 0.89"
-    yield Reading(
-        "paper opacity", seen, None, hiding.paper_opacity, "1", words, "TAPPI T 425 (there 15:di, A, 2 degrees)"
-    )
-    words = "Y of the film without end, where the perfect white has 1"
-    yield Reading("luminance without end", seen, None, hiding.luminance_without_end, "1", words, "ISO/CIE 11664-3")
-    length, times, rate = hiding.hiding_length_um, hiding.hiding_times, hiding.spreading_rate
-    words = f"dry film whose contrast ratio is {hiding.target:g}"
-    if times is not None:
-        yield Reading("hiding thickness over this film's", seen, None, times, "1", words, standard)
-    if length is not None and rate is not None:
-        yield Reading("hiding thickness", seen, None, length, "um", words, standard)
-        yield Reading("spreading rate", seen, None, rate, "m2/l", "area that a litre of it hides", standard)
-    at = hiding.wavelength_um.tolist()
-    for name, values in (
-        ("over black", hiding.reflectance_over_black),
-        ("over white", hiding.reflectance_over_white),
-        ("without end", hiding.without_end),
-    ):
-        for wavelength, value in zip(at, values.tolist(), strict=True):
-            words = f"of the film {name}, where the perfect white diffuser has 1"
+    """Contrast ratio, opacity, the hiding thickness, and reflectance factors over the cards and semi-infinite."""
+    seen, length, times = hiding.geometry, hiding.hiding_length_um, hiding.hiding_times
+    cards = f"Y over a black card ({hiding.black:g}) over Y over a white one ({hiding.white:g})"
+    white = "Y of the semi-infinite film, where the perfect white has 1"
+    thick = f"dry film whose contrast ratio is {hiding.target:g}"
+    ratio, thickness = "ISO 6504-3; ASTM D2805", "ISO 6504-1; ASTM D2805"
+    paper = "TAPPI T 425 (there 15:di, A, 2 degrees)"
+    rows = (
+        ("contrast ratio", hiding.contrast_ratio, "1", cards, ratio),
+        ("opacity", hiding.opacity, "1", "Y over black over Y of the semi-infinite film", "ISO 2471"),
+        ("paper opacity", hiding.paper_opacity, "1", "Y over black over Y over white of 0.89", paper),
+        ("luminance without end", hiding.luminance_without_end, "1", white, "ISO/CIE 11664-3"),
+        ("hiding thickness over this film's", times, "1", thick, thickness),
+        ("hiding thickness", length, "um", thick, thickness),
+        ("spreading rate", hiding.spreading_rate, "m2/l", "area that a litre of it hides", thickness),
+    )  # fmt: skip
+    for name, single, unit, words, standard in rows:
+        if single is not None:
+            yield Reading(name, seen, None, single, unit, words, standard)
+    for name, values in hiding.reflectances.items():
+        words = f"of the film {name}, where the perfect white diffuser has 1"
+        for wavelength, value in zip(hiding.wavelength_um.tolist(), values.tolist(), strict=True):
             yield Reading(f"reflectance factor {name}", seen, wavelength, value, "1", words, "CIE 15")
-    for times, value in zip(hiding.times, hiding.contrast_ratios.tolist(), strict=True):
-        film = f"{times:.6g} x film" if hiding.length_um is None else f"{times * hiding.length_um:.6g} um"
+    for one, value in zip(hiding.times.tolist(), hiding.contrast_ratios.tolist(), strict=True):
+        film = f"{one:.6g} x film" if hiding.length_um is None else f"{one * hiding.length_um:.6g} um"
         yield Reading(OF_FILMS + film, seen, None, value, "1", cards, ratio)
 
 

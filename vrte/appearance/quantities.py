@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
 from vrte.appearance.geometries import find_reflectance, read_geometry, solve_geometry
-from vrte.appearance.gloss import find_glosses
+from vrte.appearance.gloss import RECEPTORS, find_glosses
 from vrte.appearance.hiding import Drawdown, divide_luminances, find_hiding_film, fix_nodes
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number
@@ -68,9 +68,18 @@ class Readings:
         spectrum = solve_geometry(panel, self.conditions.geometry)
         return find_reflectance(spectrum, self.conditions.geometry, panel.surface)
 
+    def find_luminance(self, reflectance: Array) -> float:
+        """Y of reflectance factors (wavelength,), 1 for the perfect white."""
+        return float(self.weights @ reflectance)
+
+    @cached_property
+    def weights(self) -> Array:
+        """What Y takes of the reflectance at each wavelength (wavelength,)."""
+        return weigh_wavelengths(self.panel.wavelength_um, self.conditions.illuminant, self.conditions.observer)[1]
+
     @cached_property
     def reflectance(self) -> Array:
-        """Of the panel as it is (wavelength,)."""
+        """Reflectance factors of the panel over its own base (wavelength,)."""
         return self.measure(self.panel)
 
     @cached_property
@@ -84,52 +93,43 @@ class Readings:
         """The panel with the nodes that its film takes over both cards."""
         return fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
 
-    def put_over(self, albedo: float) -> Array:
-        """Reflectance factors of the film over a card (wavelength,)."""
-        return self.measure(self.film.put_over(Lambertian(albedo)))
-
     @cached_property
     def bare(self) -> Array:
-        """Over nothing that sends light back (wavelength,)."""
-        return self.put_over(0.0)
+        """Reflectance factors of the film over a black base (wavelength,)."""
+        return self.measure(self.film.put_over(Lambertian(0.0)))
 
     @cached_property
     def over_black(self) -> Array:
-        """Over the black card (wavelength,)."""
-        return self.put_over(self.conditions.black) if self.conditions.black else self.bare
+        """Reflectance factors of the film over the black card (wavelength,)."""
+        black = self.conditions.black
+        return self.measure(self.film.put_over(Lambertian(black))) if black else self.bare
 
     @cached_property
     def over_white(self) -> Array:
-        """Over the white card (wavelength,)."""
-        return self.put_over(self.conditions.white)
+        """Reflectance factors of the film over the white card (wavelength,)."""
+        return self.measure(self.film.put_over(Lambertian(self.conditions.white)))
 
     @cached_property
     def without_end(self) -> Array:
-        """Of so much of the film that nothing below is seen (wavelength,)."""
+        """Reflectance factors of the semi-infinite film (wavelength,)."""
         return self.measure(self.film.scale_film(np.inf))
-
-    def find_luminance(self, reflectance: Array) -> float:
-        """Y of reflectance factors (wavelength,), 1 for the perfect white."""
-        light = self.conditions.illuminant, self.conditions.observer
-        return float(weigh_wavelengths(self.panel.wavelength_um, *light)[1] @ reflectance)
 
     @cached_property
     def luminances(self) -> tuple[float, float]:
-        """Y over black and white."""
+        """Y over the black and the white card."""
         return self.find_luminance(self.over_black), self.find_luminance(self.over_white)
 
     @cached_property
     def hiding_length_um(self) -> float:
-        """How thick a film has the contrast ratio ``target`` [um]; inf where none has. Raises SceneError."""
+        """The thickness [um] of a film whose contrast ratio is ``target``; inf where none has it. Raises SceneError."""
         known = self.panel.length_um
         if known is None or not 0.0 < known < np.inf:
             words = "is given optically" if known is None else f"is {known:g} um thick"
             raise SceneError(
                 f"how thick a film hides is asked for in um, and it {words}: give it a thickness_um above 0"
             )
-        seen, light = self.conditions, (self.conditions.illuminant, self.conditions.observer)
-        weights = weigh_wavelengths(self.panel.wavelength_um, *light)[1]
-        drawdown = Drawdown(self.film, read_geometry(seen.geometry), (seen.black, seen.white), weights)
+        seen = self.conditions
+        drawdown = Drawdown(self.film, read_geometry(seen.geometry), (seen.black, seen.white), self.weights)
         drawdown.found[1.0] = self.luminances
         times, _ = find_hiding_film(drawdown, seen.target, self.find_luminance(self.without_end))
         return float("inf") if times is None else times * known
@@ -137,7 +137,7 @@ class Readings:
     @cached_property
     def glosses(self) -> dict[float, float]:
         """Gloss by the angle, of all angles asked for, which one solve is for."""
-        return find_glosses(self.panel, [angle for angle in GLOSS_ANGLES if name_gloss(angle) in self.names])
+        return find_glosses(self.panel, [angle for angle in RECEPTORS if f"gloss_{angle:g}" in self.names])
 
 
 @dataclass(frozen=True)
@@ -156,17 +156,8 @@ class Quantity:
     dims: tuple[str, ...] = ()
 
 
-PARTS = {
-    "panel": 1,
-    "nodes": 1,
-    "bare": 1,
-    "black": 1,
-    "white": 1,
-    "without_end": 1,
-    "search": 10,
-    "gloss": 4,
-}  # panels solved
-GLOSS_ANGLES = (20.0, 60.0, 85.0)
+# panels solved for each part of a reading
+PARTS = {"panel": 1, "nodes": 1, "bare": 1, "black": 1, "white": 1, "without_end": 1, "search": 10, "gloss": 4}
 LOOK = ("geometry",)
 SEEN = (*LOOK, "illuminant", "observer")
 CARDS = ("black", "white")
@@ -175,58 +166,46 @@ HIDES = ("nodes", *CARDS, "without_end", "search")
 SPECTRUM = ("wavelength_um",)
 
 
-def make_colour_row(name: str, long_name: str, units: str = "1") -> Quantity:
-    """A number of the panel's colour."""
-    return Quantity(long_name, lambda readings: getattr(readings.colour, name), SEEN, ("panel",), units)
-
-
-def name_gloss(angle_deg: float) -> str:
-    """A gloss as tables call it.
-
-    >>> name_gloss(60.0)
-    'gloss_60'
-    """
-    return f"gloss_{angle_deg:g}"
+def read_by_name(name: str) -> Callable[[Readings], float | Array]:
+    """What finds a quantity that is an attribute of the readings, or of their colour."""
+    return lambda seen: getattr(seen, name) if hasattr(Readings, name) else getattr(seen.colour, name)
 
 
 def make_gloss_row(angle_deg: float) -> Quantity:
     """Gloss at one angle."""
-    told = f"specular gloss at {angle_deg:g} degrees, gloss units (ISO 2813)"
-    return Quantity(told, lambda seen: seen.glosses[angle_deg], (), ("gloss",))
+    words = f"specular gloss at {angle_deg:g} degrees, gloss units (ISO 2813)"
+    return Quantity(words, lambda seen: seen.glosses[angle_deg], (), ("gloss",))
 
 
+COLOURS = {
+    **{name: f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100" for name in "XYZ"},
+    "L": "CIELAB lightness L* (ISO/CIE 11664-4)",
+    "a": "CIELAB a*, from green to red (ISO/CIE 11664-4)",
+    "b": "CIELAB b*, from blue to yellow (ISO/CIE 11664-4)",
+    "C": "CIELAB chroma C*ab (ISO/CIE 11664-4)",
+    "h": "CIELAB hue angle h_ab (ISO/CIE 11664-4)",
+}
+SPECTRA = {  # attribute of the readings, words, conditions and parts
+    "reflectance": ("reflectance", "reflectance factor", (), ("panel",)),
+    "reflectance_over_black": (
+        "over_black", "reflectance factor of the film over the black card", ("black",), ("nodes", "black"),
+    ),
+    "reflectance_over_white": (
+        "over_white", "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
+    ),
+    "reflectance_without_end": (
+        "without_end", "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
+    ),
+}  # fmt: skip
 QUANTITIES: dict[str, Quantity] = {
     **{
-        name: make_colour_row(name, f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100")
-        for name in "XYZ"
+        name: Quantity(words, read_by_name(name), SEEN, ("panel",), "degree" if name == "h" else "1")
+        for name, words in COLOURS.items()
     },
-    "L": make_colour_row("L", "CIELAB lightness L* (ISO/CIE 11664-4)"),
-    "a": make_colour_row("a", "CIELAB a*, from green to red (ISO/CIE 11664-4)"),
-    "b": make_colour_row("b", "CIELAB b*, from blue to yellow (ISO/CIE 11664-4)"),
-    "C": make_colour_row("C", "CIELAB chroma C*ab (ISO/CIE 11664-4)"),
-    "h": make_colour_row("h", "CIELAB hue angle h_ab (ISO/CIE 11664-4)", "degree"),
-    "reflectance": Quantity("reflectance factor", lambda seen: seen.reflectance, LOOK, ("panel",), dims=SPECTRUM),
-    "reflectance_over_black": Quantity(
-        "reflectance factor of the film over the black card",
-        lambda seen: seen.over_black,
-        (*LOOK, "black"),
-        ("nodes", "black"),
-        dims=SPECTRUM,
-    ),
-    "reflectance_over_white": Quantity(
-        "reflectance factor of the film over the white card",
-        lambda seen: seen.over_white,
-        (*LOOK, "white"),
-        ("nodes", "white"),
-        dims=SPECTRUM,
-    ),
-    "reflectance_without_end": Quantity(
-        "reflectance factor of the film without end",
-        lambda seen: seen.without_end,
-        (*LOOK, *FILM),
-        ("nodes", "without_end"),
-        dims=SPECTRUM,
-    ),
+    **{
+        name: Quantity(words, read_by_name(attribute), (*LOOK, *more), parts, dims=SPECTRUM)
+        for name, (attribute, words, more, parts) in SPECTRA.items()
+    },
     "contrast_ratio": Quantity(
         "contrast ratio, Y over black over Y over white (ISO 6504-3)",
         lambda seen: float(divide_luminances(*seen.luminances)),
@@ -234,7 +213,7 @@ QUANTITIES: dict[str, Quantity] = {
         ("nodes", *CARDS),
     ),
     "opacity": Quantity(
-        "opacity, Y over nothing over Y of the film without end (ISO 2471)",
+        "opacity, Y over a black base over Y of the semi-infinite film (ISO 2471)",
         lambda seen: float(divide_luminances(seen.find_luminance(seen.bare), seen.find_luminance(seen.without_end))),
         (*SEEN, *FILM),
         ("nodes", "bare", "without_end"),
@@ -253,7 +232,7 @@ QUANTITIES: dict[str, Quantity] = {
         HIDES,
         "m2 l-1",
     ),
-    **{name_gloss(angle): make_gloss_row(angle) for angle in GLOSS_ANGLES},
+    **{f"gloss_{angle:g}": make_gloss_row(angle) for angle in RECEPTORS},
 }
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vrte.appearance.colours import check_light
 from vrte.appearance.geometries import read_geometry
-from vrte.appearance.lights import check_light
 from vrte.basics.arrays import Array, check_list, check_numbers, settle_array, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import LOOK, QUANTITIES, Quantity

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vrte.appearance.lights import find_white, weigh_wavelengths
+from vrte.appearance.colours import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
 from vrte.results.quantities import MUELLER
 

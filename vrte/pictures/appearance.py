@@ -1,19 +1,16 @@
-"""What is read off a panel, as figures: hiding power, Kubelka and Munk's two fluxes, gloss against roughness."""
+"""What is read off a panel, as figures: hiding power, Kubelka and Munk's two fluxes."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.appearance.gloss import RECEPTORS, find_surface_gloss
 from vrte.appearance.hiding import Hiding
 from vrte.appearance.two_flux_fit import BACKGROUNDS, KubelkaMunk, TwoFluxErrors
-from vrte.basics.arrays import check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.pictures.describe import BLUE, GREEN, INK, ORANGE, RED, Axis, Curve, Line, Panel, Picture, Words
 from vrte.pictures.figures import draw_picture, find_log_ticks
-from vrte.scene.interface import DISTRIBUTIONS, LEAST_ROUGHNESS, Interface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,8 +19,6 @@ FINE = 200  # points of a smooth curve
 DASHES = "--", "-"  # over black, over white
 LEAST_ABSORPTION = 1e-9  # of the largest S: a K below it is rounding
 SEEN = 0.5  # CIEDE2000 that is hardly seen side by side
-ROUGHEST = 1.0
-GLOSS_COLOURS = {20.0: BLUE, 60.0: GREEN, 85.0: ORANGE}
 
 
 def describe_hiding(hiding: Hiding) -> tuple[Panel, Panel]:
@@ -128,25 +123,3 @@ def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> "Figure":
     fourth = replace(describe_coefficients(found, with_diffusion=True), title="K and S, and those of diffusion")
     title = f"{found.panel.title or 'Kubelka and Munk'}, read {found.geometry.name}"
     return draw_picture(Picture([[first, third], [second, fourth]], 10.0, 6.4, title, heights=(3.0, 2.0)))
-
-
-def draw_gloss(index: float = 1.5, count: int = 25, shadowing: bool = True) -> "Figure":
-    """Gloss units at 20, 60 and 85 degrees of a surface over black, for alpha from 0.01 to 1 and both kinds of facets;
-    dots at the left edge are the smooth surface.
-
-    >>> len(draw_gloss(count=2).axes[0].lines)
-    9
-    """
-    alphas = np.geomspace(LEAST_ROUGHNESS, ROUGHEST, check_whole("count", count, 2, 1000))
-    parts = []
-    for angle in RECEPTORS:
-        colour = GLOSS_COLOURS[angle]
-        for kind, dash in zip(DISTRIBUTIONS, ("-", "--"), strict=True):
-            rough = [Interface(1.0, index, alpha, kind, shadowing) for alpha in alphas]  # type: ignore[arg-type]
-            glosses = [find_surface_gloss(surface, angle) for surface in rough]
-            parts.append(Curve(alphas, glosses, f"{angle:g}°, {kind}", colour, dash))
-        smooth = [find_surface_gloss(Interface(1.0, index), angle)]
-        parts.append(Curve([0.85 * LEAST_ROUGHNESS], smooth, "", colour, "", "o"))
-    above = Axis("gloss units of the surface alone", 0.005, 150.0, log=10.0)
-    panel = Panel(parts, Axis("roughness alpha", log=10.0), above, f"Index {index:g}, over black", letters=8.0)
-    return draw_picture(Picture([[panel]], 6.4, 4.0))

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.appearance.colours import encode_srgb
-from vrte.appearance.lights import combine_with_observer, import_colour_science, spread_weights
+from vrte.appearance.colours import combine_with_observer, encode_srgb, import_colour_science, spread_weights
 from vrte.basics.arrays import Array
 
 FEWEST, MOST = 9, 31  # wavelengths, where their number is given

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.appearance.lights import import_colour_science
+from vrte.appearance.colours import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour

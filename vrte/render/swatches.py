@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.appearance.lights import import_colour_science
+from vrte.appearance.colours import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
 from vrte.calls.material import material
