@@ -47,16 +47,12 @@ from bench.study import (
     write_text,
 )
 from vrte.basics.arrays import Array
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError, AccuracyWarning, LongSolveWarning, SceneError
-from vrte.basics.running import count_usable_cpus, run_interruptible, start_run
+from vrte.basics.running import count_usable_cpus
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import add_options
-from vrte.discrete_ordinates.execution.engines.cpu import solve_orders
-from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.routes import OTHER
-from vrte.discrete_ordinates.planning.choice import choose_algorithms
 from vrte.request.how import FINEST, OPTIONS
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -140,10 +136,8 @@ def restore_case(case: Case, table: Table) -> Case:
 
 
 LOBE_ORDERS = 136  # beyond, the lobe's orders are below 1e-17 of the first
-WHOLE_UP_TO = 4.0  # seconds that all Fourier orders may be expected to take
 SECOND_DIRECTION = 0.35  # incident beside the sun, for reciprocity
 EVERYTHING: dict[str, Any] = {"accuracy": FINEST, "truncation": "none"}
-FEW = 3  # orders 0, 1, 2 where not all can be had
 
 
 @dataclass(frozen=True)
@@ -152,22 +146,6 @@ class Options:
 
     algorithm: str = "auto"
     threads: int | None = None
-
-
-def is_whole(case: Case) -> bool:
-    """Whether all Fourier orders are solved, from a rough estimate of the time they take on two cores; under surfaces
-    they always are.
-
-    >>> from bench.cases import Slab
-    >>> is_whole(Case("small", 8, (Slab("rayleigh", 1.0, 1.0),)))
-    True
-    """
-    return bool(case.media) or estimate_seconds(case, min(case.terms, 2 * case.nodes)) <= WHOLE_UP_TO
-
-
-def estimate_seconds(case: Case, orders: int) -> float:
-    """Roughly, on two cores."""
-    return 1e-9 * orders * len(case.slabs) * (4 * case.nodes) ** 3
 
 
 def make_azimuths(case: Case) -> Array:
@@ -203,43 +181,6 @@ def solve_brdf(case: Case, options: Options, phi: Array, illuminate: str = "top"
     return brdf(case.scene, **directions, **EVERYTHING, nodes=case.nodes, **how)
 
 
-@dataclass(frozen=True, eq=False)
-class FewOrders:
-    """The lowest Fourier orders of multiply scattered light, the fluxes, and the algorithm they are from.
-
-    kernels (order, n_tau, 2, 4, n_mu, 4): radiance for a unit beam along each of the two incident directions, for
-    each of the four Stokes parameters; flux_up, flux_down (n_tau, 2, 4).
-    """
-
-    kernels: Array
-    flux_up: Array
-    flux_down: Array
-    algorithm: str
-
-
-def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | None) -> FewOrders:
-    """Orders 0, 1 and 2 alone, by the solver's own stages."""
-    mu = np.concatenate([case.mu[case.mu > 0.0], case.mu[case.mu < 0.0]])
-    run = start_run(threads)
-
-    def work() -> FewOrders:
-        with keep_to_one_thread():
-            problem = discretise_scene(
-                scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes
-            )
-            orders = np.arange(min(FEW, int(problem.terms.max())), dtype=np.int32)
-            name = choose_algorithms(algorithm, problem, np.ones(1), FINEST)[0][1].name
-            for each in (name, OTHER[name]):
-                _, found, doubts = solve_orders(problem, scene.below, orders, each, run, FINEST)
-                if found is not None and not doubts:
-                    break
-            else:
-                raise AccuracyError(f"neither algorithm can vouch for Fourier order {min(doubts)}")
-        return FewOrders(found.kernels, found.flux_up, found.flux_down, each)
-
-    return run_interruptible(run, work)
-
-
 def cut_layers_otherwise(case: Case) -> Scene:
     """The same scene with its layers cut otherwise: identical neighbours joined, or the described slab in two."""
     if case.layering == "identical-neighbours":
@@ -261,7 +202,6 @@ UNIT = 2.0**-53  # the last place of a number near 1, relative
 NOTHING = 1e-290  # light fainter than this, for a beam of 1 W m-2, is none
 SIGN = np.array([1.0, 1.0, 1.0, -1.0])  # Q of the reciprocity relation
 MIRROR = np.array([1.0, 1.0, -1.0, -1.0])  # D of the mirror symmetry
-SPLIT_UP_TO = 10.0  # seconds that a second solve of few orders may be expected to take
 
 
 @dataclass(frozen=True)
@@ -285,7 +225,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Examined:
-    """The checks of a case, its c, and the oracle's part in it:"yes" or why there is none."""
+    """The checks of a case, its c, and the oracle's part in it: "yes" or why there is none."""
 
     checks: list[Check]
     c: float
@@ -299,15 +239,11 @@ def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> Ex
     case = case if answer is None else answer.case
     c = max(answer.c.values()) if answer is not None else estimate_c(case)
     limit = max(TARGET, 10.0 * c)
-    if is_whole(case):
-        checks = [*check_all_orders(case, answer, options, limit)]
-    else:
-        checks = [*check_few_orders(case, options, limit)]
-    return Examined(checks, c, "yes" if answer is not None else str(oracle))
+    return Examined([*check_case(case, answer, options, limit)], c, "yes" if answer is not None else str(oracle))
 
 
-def check_all_orders(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
-    """Every check there is, on all Fourier orders."""
+def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
+    """Every check there is."""
     phi = make_azimuths(case)
     few = choose_few_azimuths(phi)
     field = solve_field(case, case.scene, phi, options.algorithm, options.threads)
@@ -366,39 +302,6 @@ def check_other_algorithm(
         return
     yield Check("both algorithms", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit, counts)
     yield Check("both algorithms, fluxes", measure_flux_gap(other, field), limit, counts)
-
-
-def check_few_orders(case: Case, options: Options, limit: float) -> Iterator[Check]:
-    """What can be said from a few Fourier orders of multiply scattered light."""
-    found = solve_few_orders(case, case.scene, options.algorithm, options.threads)
-    yield check_finite(found.kernels, found.flux_up, found.flux_down)
-    if estimate_seconds(case, FEW) <= SPLIT_UP_TO:
-        other = solve_few_orders(case, cut_layers_otherwise(case), options.algorithm, options.threads)
-        yield from compare_few_orders(case, "layer cut otherwise", other, found, limit, True)
-        other = solve_few_orders(case, case.scene, OTHER[found.algorithm], options.threads)
-        if other.algorithm != found.algorithm:  # the one asked for vouches for its answer
-            yield from compare_few_orders(case, "both algorithms", other, found, limit, not case.is_thin)
-    for beam, mu0 in enumerate((case.mu0, SECOND_DIRECTION)):
-        direct = mu0 * np.exp(-case.tau / mu0)
-        yield from check_energy(
-            case, found.flux_down[:, beam, 0] + direct - found.flux_up[:, beam, 0], mu0, f" {beam + 1}"
-        )
-    yield Check("reciprocity", measure_order_reciprocity_gap(case, found), limit)
-
-
-def compare_few_orders(
-    case: Case, name: str, other: FewOrders, found: FewOrders, limit: float, counts: bool
-) -> Iterator[Check]:
-    """Two answers, depth by depth: radiance over the largest there, no less than the mean; fluxes over all light."""
-    sun = np.array([case.mu0, SECOND_DIRECTION])
-    beam = sun * np.exp(-case.tau[:, None] / sun)
-    diffuse = np.abs(found.flux_up[..., 0]) + np.abs(found.flux_down[..., 0])
-    kernels, others = (np.moveaxis(each.kernels, 1, 0) for each in (found, other))  # the depth first
-    size = np.maximum(np.abs(kernels[..., 0]).max(axis=(1, 2, 3, 4)), diffuse.max(axis=1) / math.pi)
-    gap = np.abs(others - kernels).max(axis=(1, 2, 3, 4, 5))
-    yield Check(name, find_largest(gap / np.maximum(size, NOTHING)), limit, counts)
-    gap = np.maximum(np.abs(other.flux_up - found.flux_up), np.abs(other.flux_down - found.flux_down)).max(axis=(1, 2))
-    yield Check(f"{name}, fluxes", find_largest(gap / np.maximum((diffuse + beam).max(axis=1), NOTHING)), limit, counts)
 
 
 def estimate_c(case: Case) -> float:
@@ -552,20 +455,6 @@ def measure_pairwise_gap(f: Array, other: Array, size: Array) -> float:
     return find_largest(gap / np.maximum(np.maximum(size[:, None], size), NOTHING))
 
 
-def measure_order_reciprocity_gap(case: Case, found: FewOrders) -> float:
-    """The same for each order of multiply scattered light at the top: K/mu0 = D Q (K/mu0)^T Q D."""
-    up = case.mu[case.mu > 0.0].tolist()
-    into = np.array([case.mu0, SECOND_DIRECTION])
-    places = [up.index(mu) for mu in into]
-    # (order, a, column, b, row) -> (a, b, order, row, column)
-    f = (found.kernels[:, 0] / into[:, None, None, None]).transpose(1, 3, 0, 4, 2)
-    pairs = f[:, places]
-    flip = SIGN * MIRROR
-    mean = np.abs(found.flux_up[0, :, 0]) / (math.pi * into)
-    size = np.maximum(np.abs(f[:, : len(up)]).max(axis=(1, 2, 3, 4)), mean)
-    return measure_pairwise_gap(pairs, flip[:, None] * pairs.transpose(1, 0, 2, 4, 3) * flip, size)
-
-
 def measure_mirror_gap(brdf: Brdf) -> float:
     """f(-phi) = D f(phi) D at 45 and 315 degrees, relative to the largest element for each incident direction."""
     f, other = brdf.mueller[:, :, 1], MIRROR[:, None] * brdf.mueller[:, :, 3] * MIRROR
@@ -632,7 +521,7 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
 class Record:
     """What became of a case: its checks, or ``trouble`` where there was no answer; ``c``, ``oracle`` as in `Examined`.
 
-    ``seconds`` of wall time; ``whole``, whether all Fourier orders were solved; ``pile``, "" where nothing refracts.
+    ``seconds`` of wall time; ``pile``, "" where nothing refracts.
     """
 
     name: str
@@ -642,7 +531,6 @@ class Record:
     layering: str
     nodes: int
     reason: str
-    whole: bool
     seconds: float
     oracle: str = "none"
     c: float = 0.0
@@ -751,7 +639,6 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
         reason=case.reason,
         pile=case.pile,
         index=case.index,
-        whole=is_whole(case),
         seconds=time.perf_counter() - start,
         fingerprint=mark,
         **found,
@@ -870,9 +757,7 @@ def list_corner_cells(record: Record) -> list[str]:
 
 def write_page(records: Sequence[Record], folder: Path, settings: str) -> list[Path]:
     """stability.md in the folder, beside stability_cases.csv, where the records are already. Raises OSError."""
-    partial = sum(not record.whole for record in records)
-    few = f", {partial} of them in Fourier orders 0 to 2 only" if partial else ""
-    scenes = f"{len(records)} scenes{few}, {math.fsum(record.seconds for record in records):.0f} s"
+    scenes = f"{len(records)} scenes, {math.fsum(record.seconds for record in records):.0f} s"
     facts = make_markdown_list([*list_run_facts(settings), scenes])
     write_text(folder / PAGE, "\n".join(["# Stability: the last run\n", facts, *list_blocks(records)]).rstrip() + "\n")
     return [folder / PAGE, folder / LOG]

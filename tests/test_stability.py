@@ -158,13 +158,6 @@ def test_a_case_is_examined_in_full() -> None:
     assert white["reflectance of 1"].value < 1e-13
 
 
-def test_few_orders_where_all_would_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stability, "WHOLE_UP_TO", 0.0)
-    found = checked(replace(SMALL, slabs=(Slab("glass-x1", 1.0, 1.0),), base_kind="lobe"))
-    assert {"energy 1", "energy 2", "reciprocity", "both algorithms, fluxes"} <= set(found)
-    assert all(check.holds for check in found.values())
-
-
 def spoiled(kind: str) -> Any:
     """`solve_field` with something wrong in its answer."""
     right = stability.solve_field
