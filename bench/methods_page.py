@@ -8,7 +8,6 @@ import html
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -53,25 +52,18 @@ def find_pareto_front(rows: Sequence[Row]) -> list[Row]:
     ['0', '1']
     """
     found: list[Row] = []
-    for row in sorted(list_candidates(rows), key=lambda row: (row.seconds, row.worst)):
+    for row in sorted(
+        (row for row in rows if row.is_measured and not row.is_peer), key=lambda row: (row.seconds, row.worst)
+    ):
         if row.worst < (found[-1].worst if found else math.inf):  # NaN is no better than anything
             found.append(row)
     return found
 
 
-def list_candidates(rows: Sequence[Row]) -> list[Row]:
-    """What can be advised: runs of vrte that were measured."""
-    return [row for row in rows if row.is_measured and not row.is_peer]
-
-
 def find_quickest_candidate(rows: Sequence[Row], target: float) -> Row | None:
     """The run of vrte of least time whose error of every Stokes parameter is at most the target; None without one."""
-    return find_quickest(list_candidates(rows), target)
-
-
-def find_quickest(rows: Sequence[Row], target: float) -> Row | None:
-    """The one of least time that reaches the target."""
-    return min((row for row in rows if row.worst <= target), key=lambda row: row.seconds, default=None)
+    good = (row for row in rows if row.is_measured and not row.is_peer and row.worst <= target)
+    return min(good, key=lambda row: row.seconds, default=None)
 
 
 def find_reference_uncertainty(rows: Sequence[Row]) -> float:
@@ -81,11 +73,9 @@ def find_reference_uncertainty(rows: Sequence[Row]) -> float:
 
 def advise_on_target(rows: Sequence[Row], target: float) -> str:
     """What to take for one target."""
-    if find_reference_uncertainty(rows) > target:
-        return (
-            f"for {target:.0e} nothing can be told (the reference is known to {find_reference_uncertainty(rows):.0e})"
-        )
-    row = find_quickest_candidate(rows, target)
+    row, within = find_quickest_candidate(rows, target), find_reference_uncertainty(rows)
+    if within > target:
+        return f"for {target:.0e} nothing can be told (the reference is known to {within:.0e})"
     if row is None:
         return f"for {target:.0e} take none of these"
     return f"for {target:.0e} take {row.curve} with {row.setting} ({say_run_time(row.seconds)}, error {row.worst:.0e})"
@@ -101,17 +91,12 @@ def compare_with_peers(rows: Sequence[Row], target: float) -> str:
     """How each peer that reaches the target stands to what would be advised; empty where none does."""
     ours, texts = find_quickest_candidate(rows, target), []
     for name, some in group_rows((row for row in rows if row.is_peer and row.is_measured), "curve").items():
-        found = find_quickest(some, target)
+        good = [row for row in some if row.worst <= target]
+        found = min(good, key=lambda row: row.seconds, default=None)
         if found is not None and find_reference_uncertainty(rows) <= target:
             beside = f", {found.seconds / ours.seconds:.2g} times as long" if ours else ""
             texts.append(f"{name} with {found.setting} takes {say_run_time(found.seconds)}{beside}")
     return f"Beside vrte, for {target:.0e}: {'; '.join(texts)}." if texts else ""
-
-
-def find_refusals(rows: Sequence[Row]) -> dict[str, str]:
-    """Why each curve that was refused throughout was, by its name."""
-    curves = group_rows(rows, "curve").items()
-    return {name: some[0].status for name, some in curves if all(row.status.startswith(REFUSED) for row in some)}
 
 
 def say_run_time(seconds: float) -> str:
@@ -126,31 +111,17 @@ def say_run_time(seconds: float) -> str:
     return f"{seconds / 1e-6:.0f} us"
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Of one scene: whether the run of auto was good enough, whether the quickest of the others that were is of the
-    same method, and the run's time over that one's."""
-
-    scene: str
-    is_adequate: bool
-    is_quickest_method: bool
-    ratio: float
-
-
-def judge_choice(rows: Sequence[Row], target: float) -> Choice | None:
-    """Of a scene's rows; None where auto was not run, the reference is not known so well, or no other run will do."""
-    setting = f"accuracy {target:.0e}".replace("e-0", "e-")
-    runs = [row for row in rows if row.curve == AUTO and row.setting == setting and row.is_measured]
-    best = find_quickest_candidate([row for row in rows if row.curve != AUTO and row.method in METHODS], target)
-    if not runs or best is None or find_reference_uncertainty(rows) > target:
-        return None
-    (run,) = runs
-    return Choice(run.scene, run.worst <= target, run.method == best.method, run.seconds / best.seconds)
-
-
-def judge_choices(rows: Sequence[Row], target: float) -> list[Choice]:
-    """Of all scenes of which something can be said."""
-    return [each for some in group_rows(rows).values() if (each := judge_choice(some, target)) is not None]
+def judge_choices(rows: Sequence[Row], target: float) -> list[tuple[str, bool, bool, float]]:
+    """Of each scene of which something can be said: its name, whether the run of auto was good enough, whether the
+    quickest of the others that were is of the same method, and the run's time over that one's."""
+    found, setting = [], f"accuracy {target:.0e}".replace("e-0", "e-")
+    for scene, some in group_rows(rows).items():
+        runs = [row for row in some if row.curve == AUTO and row.setting == setting and row.is_measured]
+        best = find_quickest_candidate([row for row in some if row.curve != AUTO and row.method in METHODS], target)
+        if runs and best is not None and find_reference_uncertainty(some) <= target:
+            run = runs[0]
+            found.append((scene, run.worst <= target, run.method == best.method, run.seconds / best.seconds))
+    return found
 
 
 def advise_overall(rows: Sequence[Row]) -> str:
@@ -158,7 +129,7 @@ def advise_overall(rows: Sequence[Row]) -> str:
     found = [each for target in TARGETS for each in judge_choices(rows, target)]
     if not found:
         return ""
-    good, ratio = sum(each.is_adequate for each in found), median(each.ratio for each in found)
+    good, ratio = sum(each[1] for each in found), median(each[3] for each in found)
     return (
         f'Take method="auto" with the accuracy that is wanted: good enough in {good} of {len(found)} runs, in '
         f"{ratio:.2g} times (median) the time of the quickest run that was, whatever its method and setting."
@@ -166,31 +137,16 @@ def advise_overall(rows: Sequence[Row]) -> str:
 
 
 def make_score_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """A line of the table for each accuracy that auto was asked for, nothing without any."""
+    """How well auto chose: a line of HEADER for each accuracy that it was asked for, nothing without any."""
     lines = list[tuple[str, ...]]()
     for exponent in EXPONENTS:
         found = judge_choices(rows, float(f"1e-{exponent}"))
         if found:
-            worst = max(found, key=lambda each: each.ratio)
-            counts = (
-                len(found),
-                sum(e.is_adequate for e in found),
-                sum(e.is_adequate and e.is_quickest_method for e in found),
-            )
-            ratios = f"{median(each.ratio for each in found):.2g}", f"{worst.ratio:.2g} ({worst.scene})"
-            lines.append((f"1e-{exponent}", *map(str, counts), *ratios))
+            good = [is_same for _, is_adequate, is_same, _ in found if is_adequate]
+            scene, _, _, ratio = max(found, key=lambda each: each[3])
+            counts = f"{len(found)}", f"{len(good)}", f"{sum(good)}", f"{median(each[3] for each in found):.2g}"
+            lines.append((f"1e-{exponent}", *counts, f"{ratio:.2g} ({scene})"))
     return lines
-
-
-def make_score_markdown(rows: Sequence[Row]) -> str:
-    """The table for docs/explanation/methods.md."""
-    return make_markdown_table(HEADER, make_score_rows(rows))
-
-
-def make_score_html(rows: Sequence[Row]) -> str:
-    """The section of the page, empty without runs of auto."""
-    lines = make_score_rows(rows)
-    return f'<h2>How well method="auto" chose</h2>\n{make_html_table(HEADER, lines)}' if lines else ""
 
 
 PAGE = "methods.html"
@@ -283,16 +239,6 @@ def choose_colour(rows: Sequence[Row]) -> str:
     return PEER_COLOURS[list(PEERS).index(method)] if rows[0].is_peer else COLOURS[method]
 
 
-def choose_boldness(rows: Sequence[Row]) -> float:
-    """Of a curve's lines and markers."""
-    return BOLD if find_curve_method(rows[0]) == AUTO else 1.0
-
-
-def raise_to_smallest(error: float) -> float:
-    """Where an error is drawn."""
-    return max(error, SMALLEST)
-
-
 def make_hover_text(row: Row) -> str:
     """What a point tells."""
     rms, energy = show_two_digits(row.i_rms), show_two_digits(row.energy)
@@ -333,7 +279,7 @@ def make_scene_figure(rows: Sequence[Row], places: dict[str, int]) -> dict[str, 
 def make_reference_line(within: float) -> dict[str, Any]:
     """Across the figure, where errors cannot be told from the reference's; none where that is not known."""
     line = {"color": "black", "width": 1, "dash": "dot"}
-    place = raise_to_smallest(within) if math.isfinite(within) else 1.0
+    place = max(within, SMALLEST) if math.isfinite(within) else 1.0
     ends = {"x0": 0.0, "x1": 1.0, "y0": place, "y1": place}
     return {"type": "line", "xref": "paper", "line": line, "visible": math.isfinite(within), **ends}
 
@@ -341,7 +287,7 @@ def make_reference_line(within: float) -> dict[str, Any]:
 def list_heights(rows: Sequence[Row], field: str) -> list[float | None]:
     """Of one measure; None where it is not known."""
     values = [getattr(row, field) for row in rows]
-    return [None if math.isnan(value) else raise_to_smallest(value) for value in values]
+    return [None if math.isnan(value) else max(value, SMALLEST) for value in values]
 
 
 def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
@@ -351,7 +297,7 @@ def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, A
     if place is None:
         line = {"color": FAINT, "width": 9, "shape": "hv"}
         return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
-    colour, bold = choose_colour(rows), choose_boldness(rows)
+    colour, bold = choose_colour(rows), (BOLD if rows[0].curve == AUTO else 1.0)
     spread = {
         "type": "data",
         "symmetric": False,
@@ -372,7 +318,7 @@ def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, A
 
 def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
     """The page: what was measured, what to take for how much, and a figure a scene."""
-    scenes, places = group_rows(rows), assign_markers(rows)
+    scenes, places, score = group_rows(rows), assign_markers(rows), make_score_rows(rows)
     figures = {make_file_stem(name): make_scene_figure(some, places) for name, some in scenes.items()}
     data = json.dumps(figures).replace("</", "<\\/")
     facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in circumstances)
@@ -381,7 +327,7 @@ def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
             f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>",
             f"<p><b>{html.escape(advise_overall(rows))}</b></p>",
-            make_score_html(rows),
+            f'<h2>How well method="auto" chose</h2>\n{make_html_table(HEADER, score)}' if score else "",
             f"<h2>The quickest run of each scene</h2>\n{make_summary_table(scenes)}",
             f"<h2>How it was measured</h2>\n<ul>{facts}</ul>\n<p>{LEGEND}</p>",
             *(make_scene_section(name, some) for name, some in scenes.items()),
@@ -392,26 +338,25 @@ def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
 
 
 def make_summary_table(scenes: dict[str, list[Row]]) -> str:
-    """Scenes down, targets across."""
-    lines = [
-        [f'<a href="#s-{make_file_stem(name)}">{html.escape(name)}</a>', f"{find_reference_uncertainty(rows):.0e}"]
-        + [html.escape(advise_briefly(rows, target)) for target in TARGETS]
-        for name, rows in scenes.items()
-    ]
+    """Scenes down, targets across: what to take."""
+    lines = []
+    for name, rows in scenes.items():
+        within = find_reference_uncertainty(rows)
+        lines.append([f'<a href="#s-{make_file_stem(name)}">{html.escape(name)}</a>', f"{within:.0e}"])
+        for target in TARGETS:
+            row = find_quickest_candidate(rows, target)
+            text = "none" if row is None else f"{row.curve}: {row.setting}, {say_run_time(row.seconds)}"
+            lines[-1].append("reference not known so well" if within > target else html.escape(text))
     return make_html_table(["scene", "reference within", *(f"{target:.0e}" for target in TARGETS)], lines)
-
-
-def advise_briefly(rows: Sequence[Row], target: float) -> str:
-    """What to take, for a cell."""
-    row = find_quickest_candidate(rows, target)
-    if find_reference_uncertainty(rows) > target:
-        return "reference not known so well"
-    return "none" if row is None else f"{row.curve}: {row.setting}, {say_run_time(row.seconds)}"
 
 
 def make_scene_section(name: str, rows: Sequence[Row]) -> str:
     """A scene: what it is, what to take, the figure, and which methods do not take it."""
-    refused = "".join(f"<li>{html.escape(f'{curve}: {why}')}</li>" for curve, why in find_refusals(rows).items())
+    refused = "".join(
+        f"<li>{html.escape(f'{curve}: {some[0].status}')}</li>"
+        for curve, some in group_rows(rows, "curve").items()
+        if all(row.status.startswith(REFUSED) for row in some)
+    )
     more = f"<details><summary>Does not take it</summary><ul>{refused}</ul></details>" if refused else ""
     return (
         f'<h2 id="s-{make_file_stem(name)}">{html.escape(name)}</h2>\n<p>{html.escape(find_case(name).words)}; '
@@ -429,11 +374,11 @@ def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) ->
     figure = Figure(figsize=(9.0, 5.2), layout="constrained")
     panel: Any = figure.subplots()
     best = find_pareto_front(rows)
-    x, y = [row.seconds for row in best], [raise_to_smallest(row.worst) for row in best]
+    x, y = [row.seconds for row in best], [max(row.worst, SMALLEST) for row in best]
     panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
     # auto above the others, and first in the legend
     for curve, some in group_by_curve(rows).items():
-        place, bold = places[curve], choose_boldness(some)
+        place, bold = places[curve], BOLD if some[0].curve == AUTO else 1.0
         style: dict[str, Any] = {
             "color": choose_colour(some),
             "marker": MARKERS[place % len(MARKERS)],
@@ -442,12 +387,12 @@ def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) ->
         style["linestyle"] = "--" if some[0].is_peer else "-"
         times = [row.seconds for row in some]
         spread = [[row.seconds - row.least for row in some], [row.greatest - row.seconds for row in some]]
-        heights_ = [raise_to_smallest(row.worst) for row in some]
+        heights_ = [max(row.worst, SMALLEST) for row in some]
         style |= {"linewidth": 0.9 * bold, "markersize": 4 * bold**0.5, "elinewidth": 0.5}
         panel.errorbar(times, heights_, xerr=spread, label=curve, **style)
     within = find_reference_uncertainty(rows)
     panel.axhline(
-        raise_to_smallest(within), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}"
+        max(within, SMALLEST), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}"
     )
     beside = "largest error of I, Q, U, V over the largest I"
     finish_panel(panel, f"{name}: {find_case(name).words}", "seconds on one thread", beside)
@@ -462,7 +407,8 @@ def describe_report(rows: Sequence[Row]) -> str:
         lines.append(f"{name} (reference known to {find_reference_uncertainty(some):.0e})")
         lines += [f"  {advise_on_target(some, target)}" for target in TARGETS]
         lines += [f"  {text}" for text in list_peer_comparisons(some)]
-    lines += make_score_markdown(rows).splitlines() if make_score_rows(rows) else []
+    if score := make_score_rows(rows):
+        lines += make_markdown_table(HEADER, score).splitlines()
     return "\n".join(f"  {line}" for line in [*lines, describe_peers()] if line)
 
 

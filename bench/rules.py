@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.methods import CASES, EXPONENTS, PHI, Case, Row, find_case, group_rows
-from bench.methods_page import TARGETS, find_quickest_candidate, find_reference_uncertainty, make_score_markdown
-from bench.study import Records
+from bench.methods_page import HEADER, TARGETS, find_quickest_candidate, find_reference_uncertainty, make_score_rows
+from bench.study import Records, make_markdown_table
 from vrte.calls.plan import make_request
 from vrte.methods.auto import find_rule
 from vrte.methods.auto.rules import RULES, Rule
@@ -109,7 +109,11 @@ def main(path: Path) -> int:
     rows = read_report_rows(path)
     wrong = find_disagreements(rows)
     print("Rules taken on the scenes of the report:", describe_rule_use(), sep="\n")
-    print(make_score_markdown(rows) if any(row.curve == AUTO for row in rows) else "No runs of auto in this report.")
+    print(
+        make_markdown_table(HEADER, make_score_rows(rows))
+        if any(row.curve == AUTO for row in rows)
+        else "No runs of auto in this report."
+    )
     print("\n".join(wrong) or "The table agrees with the report.")
     return int(bool(wrong))
 
