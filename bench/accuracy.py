@@ -1,12 +1,12 @@
 """Requested against achieved accuracy, scene by scene: `python -m bench.accuracy -o FOLDER`.
 
-Every scene is asked for every accuracy, and compared with a reference of its own. ``--fewest`` adds to errors.csv in
-the folder the errors of more and more nodes of the scenes that it has not, which the choice of nodes is judged by.
+Every scene is asked for every accuracy, and compared with a reference of its own. Beside what is chosen stands the
+fewest nodes that hold, from the folder's errors.csv: `docs/scripts/fewest_nodes.py` makes it.
 """
 
 import csv
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -241,38 +241,9 @@ def compute_median_slack(outcomes: Sequence[Outcome]) -> float:
     return float(np.median(saved)) if saved else float("nan")
 
 
-FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time
-BELOW = 3e-10  # errors that are not followed further
 TABLE = "errors.csv"
 
 Errors = dict[int, float]
-
-
-def list_nodes_to_try(most: int) -> Iterator[int]:
-    """Nodes to try, ascending.
-
-    >>> list(list_nodes_to_try(10)), max(list_nodes_to_try(100))
-    ([4, 5, 6, 7, 8, 9], 96)
-    """
-    nodes = FIRST
-    while nodes < most:
-        yield nodes
-        nodes = max(nodes + 1, round(GROWTH * nodes))
-
-
-def measure_node_errors(case: Probe) -> Errors:
-    """The error of more and more nodes, until it is as small as the reference's, infinite where they are refused."""
-    right, uncertain = solve_references(case, given=False)
-    errors: Errors = {}
-    for nodes in list_nodes_to_try(case.more[0]):
-        try:
-            found = answer_probe(case, CONTINUOUS, nodes)
-            errors[nodes] = max(measure_difference(found, one) for one in right)
-        except AccuracyError:
-            errors[nodes] = float("inf")
-        if max(list(errors.values())[-2:]) < max(BELOW, 2.0 * uncertain):
-            break
-    return errors
 
 
 def find_fewest_that_hold(errors: Errors, requested: float) -> int:
@@ -424,24 +395,9 @@ def draw_figure(outcomes: Sequence[Outcome]) -> "Figure":
 
 def measure_accuracy(options: Any) -> None:
     """The study that the command line asks for."""
-    if options.fewest:
-        options.output.mkdir(parents=True, exist_ok=True)
-        add_missing_errors(options.output / TABLE)
-        return
     require_pictures()
     names = [name for name in PROBES if not options.quick or name.startswith(QUICK)]
     carry_out(make_study(names, step=3 if options.quick else 1), options.output)
-
-
-def add_missing_errors(path: Path) -> None:
-    """The errors of more and more nodes of every scene that the file has not."""
-    table = read_errors(path)
-    for name in PROBES:
-        if name not in table:
-            table[name] = measure_node_errors(PROBES[name])
-            rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
-            write_rows(path, ("scene", "nodes", "error"), rows)
-            print(f"{name}: to {max(table[name])} nodes", flush=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -450,10 +406,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "accuracy",
         "requested against achieved accuracy of seventeen scenes",
         ("python -m bench.accuracy --quick", "a few small scenes, every third request"),
-        ("python -m bench.accuracy --fewest -o docs/explanation/accuracy", "errors of more and more nodes instead"),
+        ("python -m bench.accuracy -o docs/explanation/accuracy", "the page's table and picture"),
     )
     add_study(command, "a few small scenes, every third request", fresh=False)
-    command.add_argument("--fewest", action="store_true", help="adds to errors.csv the scenes that it has not: minutes")
     return run_command(command, measure_accuracy, arguments)
 
 
