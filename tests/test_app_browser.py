@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vrte.app.solving.uploads import LARGEST_TABLE
 
 import vrte
 from tests.viewer_server import viewer
 from vrte.app.form.content import START
 from vrte.app.form.files import write_link
+from vrte.app.solving.uploads import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
