@@ -11,10 +11,10 @@ import pytest
 
 import vrte
 from tests.test_app_solving import ended
-from vrte.app.form import layers
+from vrte.app.form import content as form
+from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content, set_base
 from vrte.app.form.files import adopt_and_tell
-from vrte.app.form.parts import WAITS
 from vrte.app.solving import uploads as limits
 from vrte.app.solving.downloads import make_scene_download
 from vrte.app.solving.messages import Outcome, Solve
@@ -217,7 +217,7 @@ def test_files_go_with_their_tab() -> None:
 
 def test_a_file_to_be_chosen_is_asked_for_at_its_field() -> None:
     content: Content = {**START, "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 1.0}]}
-    layers.set_medium(content, 0, "coefficients")
+    form.set_medium(content, 0, "coefficients")
     assert TabSession(content).find_problems() == {
         ("layer", 0, "phase"): "layer 1: table of coefficients needs a file (.csv)"
     }

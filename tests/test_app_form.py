@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vrte
-from vrte.app.form import checks, kinds, layers
+from vrte.app.form import checks
 from vrte.app.form import content as form
 from vrte.app.form.fields import find_field, list_places, parse_field_text, write_field_text
 from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, begin_with_material, write_content
@@ -197,23 +197,23 @@ def test_depths_are_checked_only_where_the_thickness_is_known() -> None:
     content = fresh()
     content["field"]["tau"] = [50.0]
     for geometric, wrong in ((True, []), (False, ["field.tau"])):
-        layers.set_geometric(content["layer"][0], geometric)
+        form.set_geometric(content["layer"][0], geometric)
         assert list(problems(content)) == wrong
 
 
 def test_layers_are_added_moved_and_removed() -> None:
     content = fresh(layer=[{"phase": "isotropic", "albedo": 0.5, "thickness": math.inf}])
-    layers.add_layer(content)
+    form.add_layer(content)
     assert [layer["thickness"] for layer in content["layer"]] == [1.0, 1.0]
     content["layer"][1]["albedo"] = 0.9
-    layers.move_layer(content, 1, -1), layers.move_layer(content, 0, -1), layers.move_layer(content, 1, 1)
+    form.move_layer(content, 1, -1), form.move_layer(content, 0, -1), form.move_layer(content, 1, 1)
     assert [layer["albedo"] for layer in content["layer"]] == [0.9, 0.5]
-    layers.remove_layer(content, 0), layers.remove_layer(content, 0)
+    form.remove_layer(content, 0), form.remove_layer(content, 0)
     assert [layer["albedo"] for layer in content["layer"]] == [0.5]
-    while len(content["layer"]) < layers.MOST_LAYERS:
-        layers.add_layer(content)
+    while len(content["layer"]) < form.MOST_LAYERS:
+        form.add_layer(content)
     with pytest.raises(vrte.SceneError, match="at most 30 layers"):
-        layers.add_layer(content)
+        form.add_layer(content)
 
 
 def needs_file(row: Any) -> bool:
@@ -222,15 +222,15 @@ def needs_file(row: Any) -> bool:
 
 def test_every_choice_is_right_from_the_start() -> None:
     content = fresh()
-    kinds.add_kind(content)
+    form.add_kind(content)
     layer = content["layer"][0]
-    for medium in [*(name for name in layers.MEDIA if name != "coefficients"), "particles"]:
-        layers.set_medium(content, 0, medium)
+    for medium in [*(name for name in form.MEDIA if name != "coefficients"), "particles"]:
+        form.set_medium(content, 0, medium)
         expected = {f"layer[1].phase.{medium}"} if medium in PHASES and needs_file(PHASES[medium]) else set()
-        assert (layers.get_medium(layer), set(problems(content))) == (medium, expected)
+        assert (form.get_medium(layer), set(problems(content))) == (medium, expected)
     for medium in ("volumes", "particles", "clear", "volumes", "mixture"):
-        layers.set_geometric(layer, medium != "particles")
-        layers.set_medium(content, 0, medium)
+        form.set_geometric(layer, medium != "particles")
+        form.set_medium(content, 0, medium)
         assert problems(content) == {}
 
 
@@ -238,17 +238,17 @@ def test_every_choice_is_right_from_the_start() -> None:
 def test_every_source_and_size_is_right_from_the_start(source: str) -> None:
     content = fresh()
     kind = content["particles"]["gold"]
-    kinds.set_source(kind, source)
-    assert (kinds.get_source(kind), problems(content)) == (source, {})
-    for mode in kinds.SIZE_MODES if SOURCES[source].sized else ():
-        kinds.set_size_mode(kind, mode)
-        places = kinds.list_size_places(mode)
+    form.set_source(kind, source)
+    assert (form.get_source(kind), problems(content)) == (source, {})
+    for mode in form.SIZE_MODES if SOURCES[source].sized else ():
+        form.set_size_mode(kind, mode)
+        places = form.list_size_places(mode)
         wanted = [place for place in places if mode in SIZES and needs_file(SIZES[mode])]
         expected = {show_place(("particles", "gold", *place)) for place in wanted}
-        assert (kinds.get_size_mode(kind), set(problems(content))) == (mode, expected)
+        assert (form.get_size_mode(kind), set(problems(content))) == (mode, expected)
         assert all(find_field(("particles", "gold", *place), content).label for place in places)
-    kinds.set_size_mode(kind, "radius")
-    kinds.set_source(kind, "spheres")
+    form.set_size_mode(kind, "radius")
+    form.set_source(kind, "spheres")
     assert kind.keys() == {"index", "radius_um"}
     assert problems(content) == {}
 
@@ -284,45 +284,45 @@ def test_close_particles_get_the_volume_fraction_that_they_need(packing: str) ->
     content = fresh(host_index=1.5)
     layer = content["layer"][0]
     for medium in ("particles", "volumes", "mixture"):
-        layers.set_medium(content, 0, medium)
-        layers.set_packing(layer, packing)
+        form.set_medium(content, 0, medium)
+        form.set_packing(layer, packing)
         assert problems(content) == {}
         for geometric in (True, False):
-            layers.set_geometric(layer, geometric)
+            form.set_geometric(layer, geometric)
             assert problems(content) == {}
     asked = packing != "independent"
     assert ("packing" in layer, "volume_fraction" in layer) == (asked, asked)
-    assert layers.is_fraction_asked(content, 0) is asked
-    layers.set_packing(layer, "independent")
+    assert form.is_fraction_asked(content, 0) is asked
+    form.set_packing(layer, "independent")
     assert not {"packing", "volume_fraction"} & layer.keys()
 
 
 def test_a_medium_that_absorbs_is_asked_for_its_fraction() -> None:
     content = fresh(host_index=[1.5, 0.001])
     assert list(problems(content)) == ["layer[1].volume_fraction"]
-    assert layers.is_fraction_asked(content, 0)
+    assert form.is_fraction_asked(content, 0)
     content["layer"][0]["volume_fraction"] = "10 %"
     assert problems(content) == {}
-    assert not layers.is_geometric(content["layer"][0])
+    assert not form.is_geometric(content["layer"][0])
 
 
 def test_a_clear_layer_is_of_what_lies_around_it() -> None:
     content = fresh()
-    layers.add_interface(content)
+    form.add_interface(content)
     content["layer"][0]["interface"]["below"] = "water"
-    layers.set_medium(content, 1, "clear")
+    form.set_medium(content, 1, "clear")
     assert content["layer"][1] == {"thickness_um": 50.0, "host_index": "water"}
     assert problems(content) == {}
     content["layer"][1]["host_index"] = [1.333, "x"]
     assert list(problems(content)) == ["layer[2].host_index"]
-    layers.set_medium(content, 1, "particles")
+    form.set_medium(content, 1, "particles")
     assert "host_index" not in content["layer"][1]
 
 
 def test_a_field_that_is_right_alone_but_not_with_others_hides_no_message() -> None:
     content = fresh(nodes=0)
     kind = content["particles"]["gold"]
-    kinds.set_source(kind, "coated-spheres")
+    form.set_source(kind, "coated-spheres")
     kind.pop("core_ratio")
     kind["core_radius_um"] = 7.0
     found = problems(content)
@@ -332,7 +332,7 @@ def test_a_field_that_is_right_alone_but_not_with_others_hides_no_message() -> N
 
 def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     content = fresh(host_index=1.4)
-    layers.add_interface(content), layers.add_interface(content)
+    form.add_interface(content), form.add_interface(content)
     assert [layer.get("interface") for layer in content["layer"]] == [
         {"above": 1.0, "below": 1.4},
         None,
@@ -341,35 +341,35 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
     for place in (0, 2):
         surface = content["layer"][place]["interface"]
-        layers.set_rough(surface, True)
-        assert layers.is_rough(surface)
+        form.set_rough(surface, True)
+        assert form.is_rough(surface)
         surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
         assert problems(content) == {}
         assert tomllib.loads(write_content(content)) == content
-        layers.set_rough(surface, False)
+        form.set_rough(surface, False)
         assert surface.keys() == {"above", "below"}
-    layers.add_layer(content)
+    form.add_layer(content)
     assert content["layer"][3] == content["layer"][1]  # like the last that holds something
     for _ in range(2):
-        layers.remove_layer(content, 1)
-    layers.remove_layer(content, 1)
+        form.remove_layer(content, 1)
+    form.remove_layer(content, 1)
     assert len(content["layer"]) == 1
     assert problems(content) == {}  # an interface by itself
-    layers.add_layer(content)
+    form.add_layer(content)
     assert problems(content) == {}
 
 
 def test_a_first_surface_brings_its_binder() -> None:
     content = fresh()
-    layers.add_interface(content)
+    form.add_interface(content)
     assert content["host_index"] == 1.5
     assert problems(content) == {}
     content["host_index"] = 1.4
     assert problems(content) == {"layer[2]": "layer 2 has the refractive index 1.4, and the interface above it has 1.5"}
     content["particles"]["gold"]["host_index"] = 1.5
     assert problems(content) == {}
-    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * layers.MOST_LAYERS
-    for add in (layers.add_interface, layers.add_layer):
+    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
+    for add in (form.add_interface, form.add_layer):
         with pytest.raises(vrte.SceneError, match="at most 30 layers"):
             add(content)
 
@@ -386,8 +386,8 @@ def test_a_first_surface_brings_its_binder() -> None:
 )
 def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: str, words: str) -> None:
     content = fresh(nodes=0)
-    layers.add_interface(content)
-    layers.set_rough(content["layer"][0]["interface"], True)
+    form.add_interface(content)
+    form.set_rough(content["layer"][0]["interface"], True)
     form.put(content, ("layer", 0, "interface", key), parse_field_text(text))
     found = problems(content)
     assert list(found) == ["nodes", f"layer[1].interface.{key}"]  # and the others all the same
@@ -409,18 +409,18 @@ def test_mirrors_and_facets_are_bases(kind: str) -> None:
 
 def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
     content = fresh()
-    other = kinds.add_kind(content)
+    other = form.add_kind(content)
     content["layer"] = [{"particles": {"gold": 1.0, other: 2.0}, "thickness": 1.0}]
     name = "</script><b>../../x"
-    kinds.rename_kind(content, "gold", name)
+    form.rename_kind(content, "gold", name)
     assert list(content["layer"][0]["particles"]) == [name, other]
     assert problems(content) == {}
     assert tomllib.loads(write_content(content)) == content
     for bad in ("", "x" * 61, other, "\ud800"):
         with pytest.raises(vrte.SceneError):
-            kinds.rename_kind(content, name, bad)
+            form.rename_kind(content, name, bad)
     with pytest.raises(vrte.SceneError, match="layer 1 holds it"):
-        kinds.remove_kind(content, other)
+        form.remove_kind(content, other)
 
 
 def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
@@ -463,7 +463,7 @@ def test_a_range_of_wavelengths_is_taken() -> None:
 def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
     content = fresh()
     for mode, size in (("diameter", {"diameter_um": 1.2}), ("radius", {"radius_um": 0.6})):
-        kinds.set_size_mode(content["particles"]["gold"], mode)
+        form.set_size_mode(content["particles"]["gold"], mode)
         assert content["particles"]["gold"] == {"index": "gold", **size}
     form.set_degrees(content, True)
     assert form.is_in_degrees(content)
@@ -471,9 +471,9 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
     assert content["field"]["angle0_deg"] == 53.1301
     assert problems(content) == {}
     content["brdf"]["angle_i_deg"], content["field"]["angle0_deg"] = [90], -1
-    kinds.set_size_mode(content["particles"]["gold"], "diameter")
+    form.set_size_mode(content["particles"]["gold"], "diameter")
     content["particles"]["gold"]["diameter_um"] = -1
-    layers.set_medium(content, 0, "volumes")
+    form.set_medium(content, 0, "volumes")
     content["layer"][0]["volume_fractions"]["gold"] = "200 %"
     expected = "brdf.angle_i_deg field.angle0_deg particles.gold.diameter_um layer[1].volume_fractions.gold"
     assert set(problems(content)) == set(expected.split())
@@ -485,18 +485,18 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
 
 def test_a_card_is_called_after_its_substance_until_it_is_renamed() -> None:
     content = fresh()
-    name = kinds.add_kind(content)
+    name = form.add_kind(content)
     for index, called in (("gold", "gold-2"), ("main/Ag/Johnson", "Ag"), ("copper", "flakes")):
         kind = content["particles"][name]
         before, kind["index"] = kind["index"], index
         if called == "flakes":  # by hand
-            kinds.rename_kind(content, name, called)
+            form.rename_kind(content, name, called)
             name = called
-        kinds.name_after(content, name, before)
+        form.name_after(content, name, before)
         assert list(content["particles"]) == ["gold", called]
         name = called
     content["particles"]["gold"]["index"] = [1.5, 0.0]
-    kinds.name_after(content, "gold", "gold")  # numbers are no name
+    form.name_after(content, "gold", "gold")  # numbers are no name
     assert list(content["particles"]) == ["gold", "flakes"]
 
 

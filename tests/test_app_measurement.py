@@ -15,8 +15,15 @@ from vrte.app.form.content import START, Content
 from vrte.app.form.free_numbers import list_free_numbers, put_values, write_shares_out
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.solving import measuring
-from vrte.app.solving.measured import describe_measured, list_shown
-from vrte.app.solving.measuring import Compared, Comparer, Comparison, fit_scene, is_measurement
+from vrte.app.solving.measuring import (
+    Compared,
+    Comparer,
+    Comparison,
+    describe_measured,
+    fit_scene,
+    is_measurement,
+    list_shown,
+)
 from vrte.app.solving.messages import Fit, Fitted, Progress, Refused, Step
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Exchange, explain_failure

@@ -18,7 +18,8 @@ import pytest
 
 from tests.viewer_server import started, viewer
 from vrte import cli
-from vrte.app.server import connections, guard
+from vrte.app.server import guard
+from vrte.app.server import serve as connections
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.server.serve import bind_socket, make_opening_page
 
@@ -299,7 +300,7 @@ def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code
     [(signal.SIGINT, 130, "vrte: error: interrupted\n"), (signal.SIGTERM, 143, "vrte: error: terminated\n")],
 )
 def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: int, told: str) -> None:
-    for module in ("vrte.app.server.guard", "starlette", "nicegui", "nicegui.ui", "vrte.app.server.connections"):
+    for module in ("vrte.app.server.guard", "starlette", "nicegui", "nicegui.ui", "vrte.app.server.serve"):
         process = started(python=("-X", "importtime"), stdout=subprocess.DEVNULL)
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")

@@ -9,7 +9,6 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form import kinds
 from vrte.app.form.checks import check_tables, find_problems
 from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables, list_materials
@@ -232,22 +231,22 @@ def test_kept_optics_tell_shells_apart() -> None:
 def test_the_form_turns_spheres_into_coated_ones_and_measured_sizes() -> None:
     content = make_scene({"index": "gold", "radius_um": 0.2})
     kind = content["particles"]["one"]
-    kinds.set_source(kind, "coated-spheres")
+    form.set_source(kind, "coated-spheres")
     assert kind == {
         "source": "coated-spheres", "core": "rutile", "shell": "silica", "core_ratio": 0.8, "radius_um": 0.2
     }  # fmt: skip
     assert find_problems(content) == {}
     for mode in ("tabulated", "tabulated, diameters"):
-        kinds.set_size_mode(kind, mode)
-        assert kinds.get_size_mode(kind) == mode
+        form.set_size_mode(kind, mode)
+        assert form.get_size_mode(kind) == mode
         assert find_problems(content) == {}
     form.put(content, ("particles", "one", "shell_um"), 0.05)
     assert "exactly one of core_radius_um, shell_um and core_ratio" in str(find_problems(content))
     content["particles"]["kind-1"] = content["particles"].pop("one")
     content["layer"][0]["particles"] = "kind-1"
-    kinds.name_after(content, "kind-1", None)
+    form.name_after(content, "kind-1", None)
     assert list(content["particles"]) == ["rutile"]
-    kinds.set_source(content["particles"]["rutile"], "spheres")
+    form.set_source(content["particles"]["rutile"], "spheres")
     assert "shell" not in content["particles"]["rutile"]
 
 
@@ -260,7 +259,7 @@ def test_what_the_form_holds_is_a_scene_file() -> None:
 
 def test_the_form_shows_the_file_that_is_there() -> None:
     kind = {"index": "gold", "size": {"table": "sizes.csv"}}
-    assert kinds.get_size_mode(kind) == "table"
+    assert form.get_size_mode(kind) == "table"
     content = make_scene(kind)
     assert find_named_tables(content) == {("particles", "one", "size", "table"): "sizes.csv"}
     check_tables(content, frozenset({"sizes.csv"}))

@@ -1,24 +1,29 @@
-"""What is wrong with a scene, in the library's words and in milliseconds, by the field that it is about."""
+"""What is wrong with a scene, in the library's words and in milliseconds, by the field that it is about.
+
+Parts that are made from files, a phase matrix or a base, are read in a process of their own, once each: the checks put
+something simple in their place."""
 
 import copy
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vrte.app.form.content import (
+    MOST_KINDS,
+    MOST_LAYERS,
     Content,
     choose_keywords,
     count_of,
+    get_value,
+    is_geometric,
     list_page_wavelengths,
     put,
     select_wavelength,
 )
 from vrte.app.form.fields import find_field
-from vrte.app.form.kinds import MOST_KINDS
-from vrte.app.form.layers import MOST_LAYERS, is_geometric
-from vrte.app.form.parts import Said, list_messages, list_parts, replace_parts
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
 from vrte.formats.keys import FilePath
@@ -27,6 +32,76 @@ from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import ANGLES, make_scene_file
 from vrte.formats.toml_table import is_number, show_place, show_toml
 from vrte.optics.phase_matrix import MOST_TERMS, count_henyey_greenstein_terms
+
+WAITS = "the file is being read"
+PLAIN_LAYER: Content = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
+PLAIN_BASE: Content = {"kind": "lambertian", "albedo": 0.5}
+
+
+@dataclass(frozen=True)
+class Said:
+    """What there is to say of a part that is made from a file: ``words`` about it, or a ``message`` about a place."""
+
+    words: str = ""
+    message: str = ""
+    place: Place = ()
+    follows = False  # as `vrte.app.solving.messages.Message` has it
+
+
+def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:
+    """The parts that are made from files of such names.
+
+    >>> layers = [{"phase": "isotropic"}, {"phase": "fog.csv", "albedo": 1.0, "thickness": 1.0}]
+    >>> list(list_parts({"layer": layers}, {"fog.csv"}))
+    [('layer', 1, 'phase')]
+    """
+    for place, key, value in list_keys(content):
+        aside = place[0] == "base" or place[2:3] == ("phase",)
+        if aside and isinstance(key, FilePath) and isinstance(value, str) and value in names:
+            yield place[:1] if place[0] == "base" else place[:3]
+
+
+def select_part(content: Content, place: Place) -> Content:
+    """A scene of that part alone, whose messages are about the same places."""
+    layers = [dict(PLAIN_LAYER) for _ in content["layer"]]
+    base: Content = {"kind": "black"}
+    if place[0] == "base":
+        base = content["base"]
+    else:
+        layer = content["layer"][place[1]]
+        layers[int(place[1])] |= {key: layer[key] for key in ("phase", "tolerance") if key in layer}
+    found = {"layer": layers, "base": base, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
+    return found | {key: content[key] for key in ("wavelength_um",) if key in content}
+
+
+def name_part(content: Content, place: Place) -> str:
+    """All that decides what comes of a part; a file never changes under its name."""
+    layer = get_value(content, place[:-1]) if place[0] == "layer" else {}
+    return repr((get_value(content, place), layer.get("tolerance"), content.get("wavelength_um")))
+
+
+def replace_parts(content: Content, places: Collection[Place]) -> Content:
+    """The same content with something simple in place of those parts."""
+    found = copy.deepcopy(content)
+    for place in places:
+        if place[0] == "base":
+            found["base"] = dict(PLAIN_BASE)
+        else:
+            layer: Any = found["layer"][place[1]]
+            layer["phase"] = PLAIN_LAYER["phase"]
+            layer.pop("tolerance", None)
+    return found
+
+
+def list_messages(content: Content, places: Collection[Place], said: Mapping[str, Said]) -> Iterator[tuple[Place, str]]:
+    """What is wrong with parts, or that they are still being read."""
+    for place in places:
+        found = said.get(name_part(content, place))
+        if found is None:
+            yield place, f"{show_place(place)}: {WAITS}"
+        elif found.message:
+            yield found.place, found.message
+
 
 MOST_DIRECTIONS = 10_000
 LARGEST_RESULT = 2e8  # bytes
@@ -89,11 +164,7 @@ def repair_field(content: Content, place: Place) -> None:
 
 
 def find_card(place: Place) -> Place:
-    """The layer, the kind of particles or the base that a place is in.
-
-    >>> find_card(("layer", 0, "interface", "above")), find_card(("base", "albedo"))
-    (('layer', 0), ('base',))
-    """
+    """The layer, the kind of particles or the base that a place is in."""
     return place[: 1 if place[0] == "base" else 2]
 
 
@@ -127,11 +198,7 @@ def check_at(content: Content, folder: Path) -> None:
 
 def keep_one_term(layer: Any) -> Any:
     """The layer with one term of a Henyey-Greenstein phase function that may have all of its own: to add up 1e5 of
-    them takes two seconds.
-
-    >>> keep_one_term({"phase": {"henyey_greenstein": 0.9}})
-    {'phase': {'henyey_greenstein': 0.9, 'terms': 1}}
-    """
+    them takes two seconds."""
     phase = layer.get("phase") if isinstance(layer, dict) else None
     g: Any = phase.get("henyey_greenstein") if isinstance(phase, dict) else None
     if phase is None or not is_number(g):

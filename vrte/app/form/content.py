@@ -1,14 +1,24 @@
 """The content of a scene file as a form changes it: a plain dict, in which a field is named by its place."""
 
+import copy
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.bases import BASES
-from vrte.formats.keys import Key, make_start
+from vrte.formats.bases import BASES, FACETS, ROUGHNESS
+from vrte.formats.keys import Key, Substance, make_start
+from vrte.formats.layers import FILLINGS, THICKNESS_KEYS
+from vrte.formats.particle_sources import SOURCES, SPHERES
+from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed_wavelengths
-from vrte.formats.toml_table import is_number
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.sizes import DIAMETERS, ONE, SIZE_KEYS, SIZES
+from vrte.formats.toml_table import is_number, show_key
+from vrte.optics.crowding import INDEPENDENT
+from vrte.optics.refractive_index import MATERIALS
 from vrte.results.spectrum import check_ascending
 
 Content = dict[str, Any]
@@ -58,11 +68,7 @@ def is_interface(layer: Content) -> bool:
 
 
 def name_layers(layers: list[Content]) -> list[str]:
-    """What layers are called, counted as messages about a file do it.
-
-    >>> name_layers([{"interface": {}}, {"phase": "rayleigh"}])
-    ['interface', 'layer 2']
-    """
+    """What layers are called, counted as messages about a file do it."""
     return ["interface" if is_interface(layer) else f"layer {place}" for place, layer in enumerate(layers, 1)]
 
 
@@ -78,11 +84,7 @@ def set_base(content: Content, kind: str) -> None:
 
 
 def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key]) -> Content:
-    """Those values of a table that mean the same among other keys.
-
-    >>> keep_values({"index": 1.5}, BASES["mirror"].keys, BASES["facets"].keys)
-    {'index': 1.5}
-    """
+    """Those values of a table that mean the same among other keys."""
     return {name: table[name] for name, key in keys.items() if name in table and known.get(name) == key}
 
 
@@ -103,11 +105,7 @@ def set_degrees(content: Content, degrees: bool) -> None:
 
 
 def convert_angles(value: Any, degrees: bool) -> Any:
-    """Cosines as degrees, or degrees as cosines; what is neither stays.
-
-    >>> convert_angles([0.5, 1.0], True), convert_angles({"start": 60, "stop": 0, "count": 3}, False)
-    ([60.0, 0.0], {'start': 0.5, 'stop': 1.0, 'count': 3})
-    """
+    """Cosines as degrees, or degrees as cosines; what is neither stays."""
     if isinstance(value, list):
         return [convert_angles(one, degrees) for one in value]
     if isinstance(value, dict):
@@ -160,3 +158,331 @@ def choose_keywords(file: SceneFile) -> Content:
         bottom = min(file.scene.thickness, DEEPEST)
         found["tau"] = [bottom * step / 4.0 for step in range(5)]
     return found
+
+
+MOST_KINDS = 12  # that a page shows
+LONGEST_NAME = 60  # of a kind
+NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # names that a card gets by itself
+
+
+def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
+    """How a size can be told: in words, and what it begins with."""
+    yield "radius", ("one radius", {"radius_um": ONE["radius_um"].start})
+    yield "diameter", ("one diameter", {"diameter_um": ONE["diameter_um"].start})
+    for name, row in SIZES.items():
+        start = make_start(row.keys)
+        if name in row.keys:
+            yield name, (row.words, {"size": start})
+            continue
+        yield name, (f"{row.words} radii", {"size": {name: dict(start)}})
+        doubled = {DIAMETERS[key]: double(start.pop(key)) for key in list(start) if key in DIAMETERS}
+        if doubled:
+            yield f"{name}, diameters", (f"{row.words} diameters", {"size": {name: doubled | start}})
+
+
+def double(value: Any) -> Any:
+    """Twice a number, or each of a list."""
+    return [2.0 * one for one in value] if isinstance(value, list) else 2.0 * value
+
+
+SIZE_MODES: dict[str, tuple[str, Content]] = dict(list_size_modes())
+
+
+def add_kind(content: Content) -> str:
+    """One more kind of particle; its name. Raises SceneError where there are as many as a page shows."""
+    kinds = content.setdefault("particles", {})
+    if len(kinds) >= MOST_KINDS:
+        raise SceneError(f"particles: the page shows at most {MOST_KINDS} kinds; `vrte brdf` takes more")
+    name = next(name for k in range(1, MOST_KINDS + 2) if (name := f"kind-{k}") not in kinds)
+    kinds[name] = {"index": "rutile", "radius_um": 0.2}
+    return name
+
+
+def remove_kind(content: Content, name: str) -> None:
+    """Raises SceneError where a layer holds it."""
+    for called, layer in zip(name_layers(content["layer"]), content["layer"], strict=True):
+        held = layer.get("volume_fractions", layer.get("particles", ()))
+        if name == held or (isinstance(held, dict) and name in held):
+            raise SceneError(f"particles.{show_key(name)}: {called} holds it; fill that with something else first")
+    content.get("particles", {}).pop(name, None)
+
+
+def rename_kind(content: Content, old: str, new: str) -> None:
+    """In the layers, too. Raises SceneError for an empty or a long name, or one that another kind has."""
+    new = new.strip()
+    if new == old:
+        return
+    if not 0 < len(new) <= LONGEST_NAME:
+        raise SceneError(f"particles: a name must have 1 to {LONGEST_NAME} characters, not {len(new)}")
+    write_toml({new: 1})
+    if new in content["particles"]:
+        raise SceneError(f"particles.{show_key(new)}: there is another kind of that name")
+
+    def renamed(held: Any) -> Any:
+        if isinstance(held, dict):
+            return {new if name == old else name: value for name, value in held.items()}
+        return new if held == old else held
+
+    content["particles"] = renamed(content["particles"])
+    for layer in content["layer"]:
+        layer.update({key: renamed(layer[key]) for key in ("particles", "volume_fractions") if key in layer})
+
+
+def name_of_substance(index: Any) -> str:
+    """What a kind of this substance is called, "" where that says nothing."""
+    if not isinstance(index, str) or index in MATERIALS:
+        return index if isinstance(index, str) else ""
+    parts = index.split("/")
+    return parts[1] if len(parts) == 3 and all(parts) else ""
+
+
+def get_substance(kind: Content) -> Any:
+    """What particles of a kind consist of, of several substances the first."""
+    keys = SOURCES[get_source(kind)].keys
+    return next((kind.get(name) for name, key in keys.items() if isinstance(key, Substance)), None)
+
+
+def name_after(content: Content, name: str, before: Any) -> None:
+    """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
+    index = get_substance(content["particles"][name])
+    wanted, first = name_of_substance(index), name_of_substance(before)
+    by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
+    if not wanted or not by_itself or index == before:
+        return
+    others = content["particles"].keys() - {name}
+    free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
+    rename_kind(content, name, next(one for one in free if one not in others))
+
+
+def get_source(kind: Content) -> str:
+    """Where particles of a kind come from, one of SOURCES."""
+    source = kind.get("source", SPHERES)
+    return source if source in SOURCES else SPHERES
+
+
+def set_source(kind: Content, source: str) -> None:
+    """Another source; what both know of stays."""
+    before, row = SOURCES[get_source(kind)], SOURCES[source]
+    kept = keep_values(kind, before.keys, row.keys)
+    kept |= {key: kind[key] for key in ("host_index", *(SIZE_KEYS if row.sized else ())) if key in kind}
+    kind.clear()
+    kind.update({} if source == SPHERES else {"source": source})
+    kind.update(make_start(row.keys) | kept)
+    if row.sized and not any(key in kind for key in SIZE_KEYS):
+        kind.update(copy.deepcopy(SIZE_MODES["radius"][1]))
+
+
+def get_size_mode(kind: Content) -> str:
+    """How a kind's size is told, one of SIZE_MODES."""
+    size = kind.get("size")
+    if not isinstance(size, dict):
+        return "diameter" if "diameter_um" in kind else "radius"
+    name = next((one for one in SIZES if one in size), next(iter(SIZES)))
+    by_diameter = any(place[-1] in DIAMETERS.values() for place in list_places(size.get(name), name))
+    return f"{name}, diameters" if by_diameter else name
+
+
+def list_size_places(mode: str) -> list[tuple[str, ...]]:
+    """Where a kind of particle has its size, told in one of SIZE_MODES.
+
+    >>> list_size_places("gamma, diameters"), list_size_places("radius")
+    ([('size', 'gamma', 'd_eff_um'), ('size', 'gamma', 'v_eff')], [('radius_um',)])
+    """
+    name, _, diameters = mode.partition(", ")
+    if name not in SIZES:
+        return [(f"{name}_um",)]
+    keys = SIZES[name].keys
+    above = ("size",) if name in keys else ("size", name)
+    return [(*above, DIAMETERS.get(key, key) if diameters else key) for key in keys]
+
+
+def set_size_mode(kind: Content, mode: str) -> None:
+    """Another way to tell the size; between radius and diameter it stays as it is."""
+    before = get_size_mode(kind)
+    if mode == before:
+        return
+    told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
+    kind.update(copy.deepcopy(SIZE_MODES[mode][1]))
+    size: Any = told.get(f"{before}_um")
+    if mode in ("radius", "diameter") and is_number(size):
+        kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
+
+
+MOST_LAYERS = 30  # that a page shows
+MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the phase function that it begins with
+    "particles": ("particles of one kind", None),
+    "mixture": ("a mixture, by number", None),
+    "volumes": ("a mixture, by volume", None),
+    **{name: (row.words, row.start or name) for name, row in PHASES.items()},
+    "coefficients": ("a table of coefficients", ""),
+    "clear": ("nothing: clear or tinted", None),
+}
+HELD = ("particles", "mixture", "volumes")  # particles, in these ways
+SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
+LENGTH, FRACTION, OPTICAL = 50.0, 0.05, 10.0  # that a layer begins with: um, of the volume, optical thickness
+
+
+def add_layer(content: Content) -> None:
+    """One more at the bottom, like the last, with an end. Raises SceneError where there are as many as a page shows."""
+    layers = make_room(content)
+    filled = [layer for layer in layers if not is_interface(layer)]
+    layers.append(copy.deepcopy(filled[-1] if filled else {"phase": "isotropic", "albedo": 0.99, "thickness": 10.0}))
+
+
+def check_room(content: Content) -> None:
+    """Raises SceneError where there are as many layers as a page shows."""
+    if len(content["layer"]) >= MOST_LAYERS:
+        raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
+
+
+def make_room(content: Content) -> list[Content]:
+    """The layers, where one more may stand below them. Raises SceneError as `check_room` does."""
+    check_room(content)
+    layers: list[Content] = content["layer"]
+    if layers[-1].get("thickness") == math.inf:
+        layers[-1]["thickness"] = 1.0
+    return layers
+
+
+def add_interface(content: Content) -> None:
+    """Air above the pile, or below it where its top is an interface. Raises SceneError as `add_layer` does."""
+    index: Any = content.get("host_index")
+    if index is None:
+        index = 1.5
+        if content.get("particles"):
+            content["host_index"] = index  # that of the binder between its surface and the next
+    if not is_interface(content["layer"][0]):
+        check_room(content)
+        content["layer"].insert(0, {"interface": {"above": 1.0, "below": index}})
+        return
+    layers = make_room(content)
+    last = next(layer["interface"] for layer in reversed(layers) if is_interface(layer))
+    above = last.get("below", index)
+    layers.append({"interface": {"above": above, "below": index if above == 1.0 else 1.0}})
+
+
+def is_rough(table: Content) -> bool:
+    """Whether an interface or a base consists of facets."""
+    return table.get("roughness", 0) != 0
+
+
+def set_rough(table: Content, rough: bool) -> None:
+    """Facets, or a smooth surface, which has no distribution of slopes."""
+    if rough:
+        table.setdefault("roughness", ROUGHNESS)
+        return
+    for key in FACETS:
+        table.pop(key, None)
+
+
+def remove_layer(content: Content, place: int) -> None:
+    """All but the last one that is left."""
+    if len(content["layer"]) > 1:
+        del content["layer"][place]
+
+
+def move_layer(content: Content, place: int, by: int) -> None:
+    """Up (-1) or down (1), as far as there is room."""
+    layers, target = content["layer"], place + by
+    if 0 <= target < len(layers):
+        layers[place], layers[target] = layers[target], layers[place]
+
+
+def get_medium(layer: Content) -> str:
+    """What fills a layer, one of MEDIA."""
+    phase = layer.get("phase")
+    if isinstance(phase, dict):
+        return next((name for name in PHASES if name in phase), "isotropic")
+    if phase is not None:
+        return phase if phase in PHASES else "coefficients"
+    if not any(key in layer for key in FILLINGS):
+        return "clear"
+    several = "mixture" if isinstance(layer.get("particles"), dict) else "particles"
+    return "volumes" if "volume_fractions" in layer else several
+
+
+def set_medium(content: Content, place: int, medium: str) -> None:
+    """Fills a layer with something else; its thickness stays where it can."""
+    layer = content["layer"][place]
+    if medium == get_medium(layer):
+        return
+    geometric, phase = is_geometric(layer), MEDIA[medium][1]
+    if get_medium(layer) == "clear":
+        layer.pop("host_index", None)  # which it consisted of
+    for key in (*FILLINGS, "tolerance"):
+        layer.pop(key, None)
+    if medium not in HELD:
+        layer.pop("packing", None)
+        set_geometric(layer, medium == "clear")
+    if phase is not None:
+        layer["phase"] = copy.deepcopy(phase)
+        layer.setdefault("albedo", 0.99)
+        return
+    layer.pop("albedo", None)
+    if medium == "clear":
+        layer.pop("volume_fraction", None)
+        layer.setdefault("host_index", find_index_above(content, place))
+        return
+    kinds = list(content.get("particles", {})) or [add_kind(content)]
+    if medium == "volumes":
+        layer["volume_fractions"] = dict.fromkeys(kinds[:2], FRACTION)
+        layer.pop("volume_fraction", None)
+    else:
+        layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
+        if geometric or is_fraction_needed(layer):
+            layer.setdefault("volume_fraction", FRACTION)
+
+
+def find_index_above(content: Content, place: int) -> Any:
+    """The refractive index of the medium in which a layer lies: below the last interface above it, or the file's."""
+    above = [layer["interface"].get("below") for layer in content["layer"][:place] if is_interface(layer)]
+    return copy.deepcopy((above or [content.get("host_index", 1.0)])[-1])
+
+
+def is_geometric(layer: Content) -> bool:
+    """Whether a layer's thickness is given in micrometres."""
+    return "thickness_um" in layer or ("volume_fraction" in layer and "thickness" not in layer)
+
+
+def set_geometric(layer: Content, geometric: bool) -> None:
+    """Thickness in micrometres with a volume fraction, or optical."""
+    if geometric == is_geometric(layer):
+        return
+    for key in THICKNESS_KEYS:
+        layer.pop(key, None)
+    layer.update({"thickness_um": LENGTH} if geometric else {"thickness": OPTICAL})
+    if "volume_fractions" not in layer and (geometric or is_fraction_needed(layer)):
+        layer["volume_fraction"] = FRACTION
+
+
+def is_fraction_needed(layer: Content) -> bool:
+    """Whether particles of a layer of a given optical thickness scatter otherwise where they are closer."""
+    return layer.get("packing", INDEPENDENT) != INDEPENDENT
+
+
+def is_fraction_asked(content: Content, place: int) -> bool:
+    """The same, or they lie in a medium that may absorb; which it is said to be at its volume fraction's field."""
+    layer, kinds = content["layer"][place], content.get("particles", {})
+    held = layer.get("particles", ())
+    around = [kinds.get(name, {}) for name in ((held,) if isinstance(held, str) else held)]
+    media = [one.get("host_index", 1.0) for one in (content, layer, *around)]
+    clear = all(isinstance(one, (int, float)) for one in media)
+    return is_fraction_needed(layer) or "volume_fraction" in layer or not clear
+
+
+def has_medium(content: Content, place: int) -> bool:
+    """Whether there is something to say of the medium of a layer."""
+    layer = content["layer"][place]
+    return "host_index" in layer or get_medium(layer) == "clear" or any(map(is_interface, content["layer"]))
+
+
+def set_packing(layer: Content, packing: str) -> None:
+    """How particles that are close to each other are reckoned with; what needs their volume fraction gets one."""
+    if packing == INDEPENDENT:
+        layer.pop("packing", None)
+        if not is_geometric(layer):
+            layer.pop("volume_fraction", None)
+        return
+    layer["packing"] = packing
+    if "volume_fractions" not in layer:
+        layer.setdefault("volume_fraction", FRACTION)

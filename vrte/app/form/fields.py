@@ -1,5 +1,7 @@
-"""Every field of the form, declared once: what stands above and below it, and what no check objects to in its place."""
+"""Every field of the form, declared once: what stands above and below it, what no check objects to in its place; and
+the library's messages in these words."""
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,7 +10,7 @@ from typing import Any
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import SUBSTANCE_HINT, FilePath, Key
-from vrte.formats.media import TABLE
+from vrte.formats.media import ONE_WAVELENGTH, TABLE
 from vrte.formats.named import MEDIUM, SIDES
 from vrte.formats.particle_sources import SOURCES, SPHERES
 from vrte.formats.phases import PHASES
@@ -143,13 +145,7 @@ def list_places(table: Any, *place: str) -> Iterator[Place]:
 
 
 def parse_field_text(text: str) -> Any:
-    """What a field's text means: a number, numbers with commas, start:stop:count, otherwise itself; None if empty.
-
-    >>> parse_field_text("0.64"), parse_field_text("1.5, 0.01"), parse_field_text("gold"), parse_field_text(" ")
-    (0.64, [1.5, 0.01], 'gold', None)
-    >>> parse_field_text("0.05:1:20")
-    {'start': 0.05, 'stop': 1, 'count': 20}
-    """
+    """What a field's text means: a number, numbers with commas, start:stop:count, otherwise itself; None if empty."""
     text = text.strip()
     parts = [part.strip() for part in re.split("[,:]", text)]
     if len(text) > LONGEST_TEXT or not all(NUMBER.fullmatch(part) for part in parts):
@@ -161,12 +157,7 @@ def parse_field_text(text: str) -> Any:
 
 
 def write_field_text(value: Any) -> str:
-    """A field's text, which `parse_field_text` reads.
-
-    >>> say = write_field_text
-    >>> say({"start": 0.05, "stop": 1.0, "count": 20}), say([1.5, 0.01]), say(None)
-    ('0.05:1:20', '1.5, 0.01', '')
-    """
+    """A field's text, which `parse_field_text` reads."""
     if value is None:
         return ""
     if isinstance(value, dict):
@@ -174,3 +165,53 @@ def write_field_text(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(write_field_text, value))
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+
+
+KEY = r'(?:\.(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"))'
+KEYS = re.compile(
+    rf"(?<![\w.'\"\[])(?:layer\[\d+\]{KEY}*|(?:particles|base|brdf|field){KEY}+|wavelength_um\b{KEY}*|host_index\b)"
+)
+FIRST = re.compile(r"(?:nodes|accuracy)\b")  # words that are also said otherwise
+STEP = re.compile(r'\[(\d+)\]|"((?:[^"\\]|\\.)*)"|[A-Za-z0-9_-]+')
+HALF = re.compile(r"half of it, \w+ must")  # of a diameter: the argument is a radius
+WAVELENGTHS = "wavelengths [µm]: one, several with commas, or start:stop:count"
+
+
+def translate_message(message: str, content: dict[str, Any]) -> str:
+    """A message with the form's words for the keys of a scene file.
+
+    >>> content = {"particles": {"fool's gold": {"diameter_um": 0.2}}, "layer": [{"thickness": -1}]}
+    >>> translate_message("layer[1].thickness = -1: must be above 0", content)
+    'layer 1: optical thickness = -1: must be above 0'
+    >>> translate_message('particles."fool\\'s gold".diameter_um: half of it', content)
+    "fool's gold: diameter [µm]: half of it"
+    """
+    first = FIRST.match(message)
+    if first:
+        message = name_place((first[0],), content) + message[first.end() :]
+    message = HALF.sub("half of it must", message.replace(ONE_WAVELENGTH, WAVELENGTHS))
+    return KEYS.sub(lambda found: name_place(read_place(found[0]), content), message)
+
+
+def read_place(key: str) -> Place:
+    """The place that a dotted key names."""
+    return tuple(
+        int(step[1]) - 1 if step[1] else json.loads(step[0]) if step[2] is not None else step[0]
+        for step in STEP.finditer(key)
+    )
+
+
+def name_place(place: Place, content: Any) -> str:
+    """What the form calls a place: the card that it is on, and the field."""
+    on = ""
+    if len(place) > 1 and place[0] in ("layer", "particles"):
+        on = f"layer {place[1] + 1}" if isinstance(place[1], int) else str(place[1])
+    rest = place[2:] if on else place[1:]
+    for end in range(len(place), 0, -1):  # the start of a range is on its field
+        try:
+            label = find_field(place[:end], content).label.format(place[end - 1])
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # the content has changed since
+            label = ""
+        if label:
+            return f"{on}: {label}" if on else label
+    return ": ".join(filter(None, [on or str(place[0]), " ".join(str(one).replace("_", " ") for one in rest)]))

@@ -9,10 +9,9 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from vrte.app.form.checks import check, find_card, repair_field
+from vrte.app.form.checks import check, find_card, list_parts, repair_field, replace_parts
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import find_field, write_field_text
-from vrte.app.form.parts import list_parts, replace_parts
 from vrte.basics.errors import SceneError
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
 from vrte.formats.named import find_named_tables
@@ -62,12 +61,7 @@ def adopt_and_tell(
 
 
 def begin_with_material(material: ReadyMaterial | ReadyPaint) -> Content:
-    """A scene of a ready material or paint, with all its numbers.
-
-    >>> from vrte.formats.materials import list_materials
-    >>> begin_with_material(list_materials()["chalk"])["particles"]["chalk: calcite"]["index"]
-    'calcite'
-    """
+    """A scene of a ready material or paint, with all its numbers."""
     light = {"wavelength_um": GREEN_UM, "brdf": copy.deepcopy(START["brdf"])}
     return adopt_content(light | material.content)
 
@@ -120,11 +114,7 @@ def write_content(content: Content) -> str:
 
 
 def write_link(content: Content) -> str:
-    """A scene's content as the end of an address, behind "#scene=". Raises SceneError where it is too long.
-
-    >>> read_link(write_link({"nodes": 8}))
-    {'nodes': 8}
-    """
+    """A scene's content as the end of an address, behind "#scene=". Raises SceneError where it is too long."""
     packed = base64.urlsafe_b64encode(zlib.compress(write_toml(content).encode(), 9)).decode().rstrip("=")
     if len(packed) > LONGEST_LINK:
         raise SceneError(

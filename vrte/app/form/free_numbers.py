@@ -37,14 +37,7 @@ class FreeNumber:
 
 
 def list_free_numbers(content: Content) -> list[FreeNumber]:
-    """Those of layers, particles, media and base, in this order.
-
-    >>> layer = {"particles": "dust", "thickness_um": 60.0, "volume_fraction": "15 %"}
-    >>> content = {"particles": {"dust": {"index": [1.5, 0.01], "radius_um": 0.2}}, "layer": [layer]}
-    >>> [one.key for one in list_free_numbers(content)]  # doctest: +NORMALIZE_WHITESPACE
-    ['layer[1].thickness_um', 'layer[1].volume_fraction', 'particles.dust.index[1]', 'particles.dust.index[2]',
-     'particles.dust.radius_um']
-    """
+    """Those of layers, particles, media and base, in this order."""
     return [
         FreeNumber(place, join_place(place), name_number(content, place), value, *suggest_limits(place, value))
         for part in PARTS
@@ -77,11 +70,7 @@ def is_index(content: Content, place: Place) -> bool:
 
 
 def is_pair_member(place: Place) -> bool:
-    """Whether a place is that of n or of k, within an index.
-
-    >>> is_pair_member(("particles", "dust", "index", 1)), is_pair_member(("layer", 0))
-    (True, False)
-    """
+    """Whether a place is that of n or of k, within an index."""
     return isinstance(place[-1], int) and len(place) > 1 and place != ("layer", place[-1])
 
 
@@ -145,11 +134,7 @@ def suggest_limits(place: Place, value: float) -> tuple[float, float]:
 
 
 def write_shares_out(content: Content) -> Content:
-    """The same content with shares in per cent as numbers, which alone a fit can change.
-
-    >>> write_shares_out({"layer": [{"volume_fraction": "5 %"}]})["layer"]
-    [{'volume_fraction': 0.05}]
-    """
+    """The same content with shares in per cent as numbers, which alone a fit can change."""
     found = copy.deepcopy(content)
     for free in list_free_numbers(content):
         if isinstance(get_value(content, free.place), str):

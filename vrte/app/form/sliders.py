@@ -4,10 +4,18 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from vrte.app.form.content import Content, get_value, is_interface, name_layers
+from vrte.app.form.content import (
+    HELD,
+    Content,
+    get_medium,
+    get_size_mode,
+    get_value,
+    is_geometric,
+    is_interface,
+    list_size_places,
+    name_layers,
+)
 from vrte.app.form.fields import find_field
-from vrte.app.form.kinds import get_size_mode, list_size_places
-from vrte.app.form.layers import HELD, get_medium, is_geometric
 from vrte.basics.errors import Place
 from vrte.formats.toml_table import read_share
 
@@ -47,13 +55,7 @@ class Slider:
 
 
 def list_sliders(content: Content) -> list[Slider]:
-    """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes.
-
-    >>> layer = {"particles": "rutile", "thickness_um": 60.0, "volume_fraction": "15 %"}
-    >>> content = {"particles": {"rutile": {"index": "rutile", "diameter_um": 0.25}}, "layer": [layer]}
-    >>> [one.label for one in list_sliders(content)]
-    ['thickness [µm]', 'volume fraction', 'rutile: diameter [µm]']
-    """
+    """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes."""
     found = []
     for place, low, high in list_places(content):
         value = read_share(get_value(content, place))
@@ -100,11 +102,7 @@ def name_slider(content: Content, place: Place) -> str:
 
 
 def explain_missing(content: Content) -> str:
-    """Why a scene has no appearance, and how it gets one; "" where it has.
-
-    >>> explain_missing({"layer": [{"particles": "gold", "thickness": 5.0}]})[:72]
-    'Layer 1 has an optical thickness, which would be the same at every wavel'
-    """
+    """Why a scene has no appearance, and how it gets one; "" where it has."""
     filled = list(list_filled(content))
     if not filled:
         return f"No layer here holds particles, whose colour this would be: fill one with particles, or {CHOOSE}."

@@ -9,10 +9,10 @@ from nicegui import ui
 
 from vrte.app import figures
 from vrte.app.form.content import get_value
+from vrte.app.form.fields import translate_message
 from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders
-from vrte.app.form.words import translate_message
+from vrte.app.page.controls import add_menu_item, add_table_row, make_menu, select
 from vrte.app.page.gallery import list_paint_starts
-from vrte.app.page.pieces import add_menu_item, add_table_row, make_menu, select
 from vrte.app.solving.appearance import (
     ACCURACY,
     COARSE,

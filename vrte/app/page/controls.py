@@ -1,4 +1,4 @@
-"""What the form is made of: sections, fields, choices, boxes and files; every message stands where it belongs."""
+"""What the page is made of: headings, tables, menus, and the form's sections, fields, choices, boxes and files."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -8,9 +8,8 @@ from typing import Any
 from nicegui import ui
 
 from vrte.app.form import content as form
+from vrte.app.form.checks import name_part
 from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, parse_field_text, write_field_text
-from vrte.app.form.parts import name_part
-from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
@@ -19,6 +18,48 @@ from vrte.formats.media import TABLE
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import show_toml
 from vrte.optics.refractive_index import MATERIALS
+
+
+def add_heading(text: str) -> None:
+    ui.label(text).classes("vrte-heading").props("role=heading aria-level=3")
+
+
+def add_table_row(tag: str, cells: list[str]) -> list[Any]:
+    """A row of labels; an empty cell heads nothing."""
+    labels = []
+    with ui.element("tr"):
+        for text in cells:
+            with ui.element(tag if text else "td"):
+                labels.append(ui.label(text))
+    return labels
+
+
+def add_bullets(title: str, lines: tuple[str, ...]) -> None:
+    """A heading and its lines, nothing without any."""
+    if lines:
+        add_heading(title)
+        with ui.element("ul").classes("vrte-list"):
+            for line in lines:
+                with ui.element("li"):
+                    ui.label(line)
+
+
+def make_menu() -> Any:
+    """A menu that closes when something is chosen."""
+    return ui.menu().props("auto-close")
+
+
+def add_menu_item(text: str, act: Callable[[], Any] | None = None) -> Any:
+    """Something to choose in a menu."""
+    return ui.menu_item(text, act).props("role=menuitem")
+
+
+def select(options: Any, value: Any, label: str, act: Callable[[Any], None], width: int = 260) -> Any:
+    """One of several."""
+    found = ui.select(options, value=value, label=label, on_change=lambda event: act(event.value))
+    found.props("outlined dense options-dense stack-label").style(f"width: {width}px")
+    return found.classes("vrte-field vrte-fixed")
+
 
 SHORT = 24  # characters of a label in half of the form
 LONG = 42  # of a choice, for which there is no room
@@ -287,10 +328,7 @@ class Complaint:
 
 
 def find_flag(key: Key, ticked: bool, usual: bool) -> bool | None:
-    """What a box puts in: nothing where it is as ``usual``, without.
-
-    >>> find_flag(Flag("shadows", needed=False), False, False)
-    """
+    """What a box puts in: nothing where it is as ``usual``, without."""
     return ticked if ticked != usual or key.needed or key.start is not None else None
 
 

@@ -6,7 +6,6 @@ from functools import partial
 from nicegui import ui
 
 from vrte.app.form import content as form
-from vrte.app.form import kinds, layers
 from vrte.app.page.controls import Controls, make_card_head, make_icon, make_row
 from vrte.formats.bases import BASES, FACETS
 from vrte.formats.particle_sources import SOURCES
@@ -38,33 +37,33 @@ class FormPanel(Controls):
             for name in known:
                 with ui.column().classes("vrte-card"):
                     self._kind(name)
-            self.adder("add a kind of particle", kinds.add_kind)
+            self.adder("add a kind of particle", form.add_kind)
 
     def _kind(self, name: str) -> None:
         content = self.session.content
         kind = content["particles"][name]
         with make_card_head():
-            label = ui.input(value=name).props(f"dense borderless maxlength={kinds.LONGEST_NAME}")
+            label = ui.input(value=name).props(f"dense borderless maxlength={form.LONGEST_NAME}")
             label.props('aria-label="name of the kind"').classes("vrte-name grow").tooltip("the name of this kind")
-            label.on("change", lambda: self.change(kinds.rename_kind, content, name, str(label.value)))
-            make_icon("close", "remove this kind", lambda: self.change(kinds.remove_kind, content, name))
-        before = kinds.get_substance(kind)
+            label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
+            make_icon("close", "remove this kind", lambda: self.change(form.remove_kind, content, name))
+        before = form.get_substance(kind)
 
         def name_after() -> None:
             """Once it is typed or chosen; a card that has its name by hand keeps it."""
-            kinds.name_after(content, name, before)
+            form.name_after(content, name, before)
             if name not in content["particles"]:
                 self.draw()
 
-        source = kinds.get_source(kind)
+        source = form.get_source(kind)
         names = {one: row.words for one, row in SOURCES.items()}
-        self.enter(("particles", name, "source"), self.choice(names, source, "what", partial(kinds.set_source, kind)))
+        self.enter(("particles", name, "source"), self.choice(names, source, "what", partial(form.set_source, kind)))
         self.keys((("particles", name, key) for key in SOURCES[source].keys), name_after)
         if SOURCES[source].sized:
-            mode = kinds.get_size_mode(kind)
-            names = {one: words for one, (words, _) in kinds.SIZE_MODES.items()}
-            self.choice(names, mode, "size", partial(kinds.set_size_mode, kind))
-            self.keys(("particles", name, *below) for below in kinds.list_size_places(mode))
+            mode = form.get_size_mode(kind)
+            names = {one: words for one, (words, _) in form.SIZE_MODES.items()}
+            self.choice(names, mode, "size", partial(form.set_size_mode, kind))
+            self.keys(("particles", name, *below) for below in form.list_size_places(mode))
         if "host_index" in kind or any(map(form.is_interface, content["layer"])):
             self.key("particles", name, "host_index")
         self.complaint("particles", name)
@@ -75,8 +74,8 @@ class FormPanel(Controls):
                 with ui.column().classes("vrte-card"):
                     self._layer(place)
             with make_row():
-                self.adder("add a layer", layers.add_layer)
-                self.adder("add a surface or interface", layers.add_interface)
+                self.adder("add a layer", form.add_layer)
+                self.adder("add a surface or interface", form.add_interface)
 
     def _layer(self, place: int) -> None:
         content = self.session.content
@@ -84,9 +83,9 @@ class FormPanel(Controls):
         with make_card_head():
             ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
             for symbol, tip, act, possible in (
-                ("arrow_upward", "up", partial(layers.move_layer, content, place, -1), place > 0),
-                ("arrow_downward", "down", partial(layers.move_layer, content, place, 1), place < last),
-                ("close", "remove this layer", partial(layers.remove_layer, content, place), last > 0),
+                ("arrow_upward", "up", partial(form.move_layer, content, place, -1), place > 0),
+                ("arrow_downward", "down", partial(form.move_layer, content, place, 1), place < last),
+                ("close", "remove this layer", partial(form.remove_layer, content, place), last > 0),
             ):
                 make_icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
         if form.is_interface(layer):
@@ -95,20 +94,20 @@ class FormPanel(Controls):
                     self.key("layer", place, "interface", key)
             self._surface(layer["interface"], place)
         else:
-            medium = layers.get_medium(layer)
-            names = {name: words for name, (words, _) in layers.MEDIA.items()}
-            self.choice(names, medium, "filled with", partial(layers.set_medium, content, place))
+            medium = form.get_medium(layer)
+            names = {name: words for name, (words, _) in form.MEDIA.items()}
+            self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
             self._medium(place, layer, medium)
             self._thickness(place, layer, medium)
-            if layers.has_medium(content, place):
+            if form.has_medium(content, place):
                 self.key("layer", place, "host_index")
         self.complaint("layer", place)
 
     def _surface(self, table: form.Content, place: int) -> None:
         """Whether the surface of an interface is smooth, and if not its facets."""
-        rough = layers.is_rough(table)
-        names, now = layers.SURFACES, "rough" if rough else "smooth"
-        self.choice(names, now, "surface", lambda chosen: layers.set_rough(table, chosen == "rough"))
+        rough = form.is_rough(table)
+        names, now = form.SURFACES, "rough" if rough else "smooth"
+        self.choice(names, now, "surface", lambda chosen: form.set_rough(table, chosen == "rough"))
         self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
@@ -129,16 +128,16 @@ class FormPanel(Controls):
             self.keys([*(("layer", place, "phase", key) for key in PHASES[medium].keys), ("layer", place, "albedo")])
 
     def _thickness(self, place: int, layer: form.Content, medium: str) -> None:
-        geometric, held = layers.is_geometric(layer), medium in layers.HELD
+        geometric, held = form.is_geometric(layer), medium in form.HELD
         with make_row():
             self.field("layer", place, "thickness_um" if geometric else "thickness")
-            if held and medium != "volumes" and (geometric or layers.is_fraction_asked(self.session.content, place)):
+            if held and medium != "volumes" and (geometric or form.is_fraction_asked(self.session.content, place)):
                 self.field("layer", place, "volume_fraction")
         if held:
-            self.switch("thickness in µm", geometric, partial(layers.set_geometric, layer))
+            self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
             packing = layer.get("packing", INDEPENDENT)
             names = {name: name for name in PACKINGS}
-            found = self.choice(names, packing, "close particles scatter", partial(layers.set_packing, layer))
+            found = self.choice(names, packing, "close particles scatter", partial(form.set_packing, layer))
             self.enter(("layer", place, "packing"), found)
 
     def _base(self) -> None:

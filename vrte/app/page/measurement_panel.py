@@ -13,9 +13,16 @@ from vrte.app.form.content import Content
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
 from vrte.app.form.free_numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
-from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
-from vrte.app.solving.measured import HEADS, describe_measured, list_shown
-from vrte.app.solving.measuring import LARGEST_MEASUREMENT, SUFFIXES, Compared, Comparison
+from vrte.app.page.controls import add_bullets, add_heading, add_table_row, select
+from vrte.app.solving.measuring import (
+    HEADS,
+    LARGEST_MEASUREMENT,
+    SUFFIXES,
+    Compared,
+    Comparison,
+    describe_measured,
+    list_shown,
+)
 from vrte.app.solving.messages import Fit, Fitted, Refused
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import SceneError

@@ -11,13 +11,12 @@ from nicegui import ui
 
 from vrte import __version__
 from vrte.app.form import files
+from vrte.app.form.checks import Said
 from vrte.app.form.content import START, Content
-from vrte.app.form.fields import write_field_text
-from vrte.app.form.parts import Said
-from vrte.app.form.words import translate_message
+from vrte.app.form.fields import translate_message, write_field_text
+from vrte.app.page.controls import add_menu_item, make_menu
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
-from vrte.app.page.pieces import add_menu_item, make_menu
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads

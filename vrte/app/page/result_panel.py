@@ -9,11 +9,10 @@ import numpy as np
 from nicegui import ui
 
 from vrte.app import figures
-from vrte.app.form.fields import parse_field_text
-from vrte.app.form.words import translate_message
+from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
+from vrte.app.page.controls import add_bullets, add_heading, add_table_row, select
 from vrte.app.page.measurement_panel import MeasurementPanel
-from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
 from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.reflectance import Reflectances
 from vrte.app.solving.tab_session import TabSession

@@ -75,11 +75,7 @@ def list_beside(content: Content) -> list[str]:
 
 def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
     """The five wavelengths [um] of Mitsuba's tensor: the form's where these are five, else five from its first to its
-    last, or those of the visible where it has one. Raises SceneError where they are none.
-
-    >>> choose_tensor_wavelengths({"wavelength_um": [0.4, 0.5, 0.6, 0.8]})
-    (0.4, 0.5, 0.6, 0.7, 0.8)
-    """
+    last, or those of the visible where it has one. Raises SceneError where they are none."""
     given = list_page_wavelengths(content)
     if len(given) < 2:
         return TENSOR_UM

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.app.form.parts import Said
+from vrte.app.form.checks import Said
 from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from vrte.app.form.checks import Said, select_part
 from vrte.app.form.content import (
     Content,
     choose_keywords,
@@ -17,7 +18,6 @@ from vrte.app.form.content import (
     select_wavelength,
 )
 from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
-from vrte.app.form.parts import Said, select_part
 from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import (
     Adopt,

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.checks import find_problems
+from vrte.app.form.checks import Said, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
-from vrte.app.form.parts import Said, list_parts, name_part
-from vrte.app.form.words import translate_message
+from vrte.app.form.fields import translate_message
 from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task
 from vrte.app.solving.uploads import Uploads
 from vrte.app.solving.worker_process import Job, LiveQuery

@@ -94,11 +94,7 @@ class Uploads:
 
 
 def split_name(given: str, suffixes: tuple[str, ...]) -> tuple[str, str]:
-    """A file's name in letters, digits and dashes, and its suffix. Raises SceneError.
-
-    >>> split_name("Titanium white (1).CSV", (".csv",))
-    ('Titanium-white-1', '.csv')
-    """
+    """A file's name in letters, digits and dashes, and its suffix. Raises SceneError."""
     found = next((suffix for suffix in suffixes if given.lower().endswith(suffix)), "")
     if not found or re.search(r"[/\\\0]", given):
         raise SceneError(f"{show_toml(given)} is no plain name of a file that ends in {' or '.join(suffixes)}")
