@@ -18,7 +18,7 @@ import vrte
 from tests.test_app_solving import get_process, until
 from vrte.app import figures
 from vrte.app.form.content import START, get_value, put
-from vrte.app.form.sliders import STEPS, explain_missing, list_sliders
+from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving import worker_process
 from vrte.app.solving.appearance import Appeared, Question, Studio, Viewing

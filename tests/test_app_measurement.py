@@ -12,7 +12,7 @@ import vrte
 from tests.test_app_solving import until
 from vrte.app import figures
 from vrte.app.form.content import START, Content
-from vrte.app.form.free_numbers import list_free_numbers, put_values, write_shares_out
+from vrte.app.form.numbers import list_free_numbers, put_values, write_shares_out
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import (

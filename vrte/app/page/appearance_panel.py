@@ -10,8 +10,8 @@ from nicegui import ui
 from vrte.app import figures
 from vrte.app.form.content import get_value
 from vrte.app.form.fields import translate_message
-from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders
-from vrte.app.page.controls import add_menu_item, add_table_row, make_menu, select
+from vrte.app.form.numbers import STEPS, Slider, explain_missing, list_sliders
+from vrte.app.page.controls import add_menu_item, add_message, add_table_row, make_menu, select
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving.appearance import (
     ACCURACY,
@@ -66,7 +66,7 @@ class AppearancePanel:
                 ("illuminant", ILLUMINANTS, 175), ("observer", OBSERVERS, 130), ("geometry", GEOMETRIES, 255),
             ):  # fmt: skip
                 select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
-        self.message = ui.label().classes("vrte-warning w-full mt-2").props("role=status")
+        self.message = add_message("vrte-warning w-full mt-2", "status")
         with ui.row().classes("w-full gap-x-4 gap-y-1 items-center pt-2 relative vrte-now") as self.colours:
             self._lay_out_colours()
         self.bars = ui.element("div").classes("vrte-bars")
@@ -84,7 +84,7 @@ class AppearancePanel:
 
     def _lay_out(self, plot: Callable[[], Any]) -> None:
         """What stands below the sliders: notes, the figure and the table of numbers, empty."""
-        self.gaps, self.notes = ui.label().classes("vrte-note"), ui.label().classes("vrte-warning w-full")
+        self.gaps, self.notes = add_message("vrte-note"), add_message("vrte-warning w-full")
         with ui.element("div").classes("vrte-look"):
             with ui.column().classes("gap-0 no-wrap vrte-spectra"):
                 plot()
@@ -99,7 +99,7 @@ class AppearancePanel:
             self.old = ui.label("for the previous setting").classes("vrte-warning vrte-mark").props("role=status")
         with ui.column().classes("gap-0"):
             self.contrast = ui.label().classes("vrte-heading")
-            self.apart, self.changed, self.gloss, self.hiding = (ui.label().classes("vrte-note") for _ in range(4))
+            self.apart, self.changed, self.gloss, self.hiding = (add_message("vrte-note") for _ in range(4))
             keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
             keep.props("flat dense no-caps size=sm color=primary")
 
@@ -113,8 +113,16 @@ class AppearancePanel:
         if self.white is None or not same or not all(now[place].reaches(value) for place, value in values.items()):
             self.bars.clear()
             with self.bars:
-                self.sliders = {place: (one, *self._add_bar(one)) for place, one in wanted.items()}
-                self.white, bar = make_bar("albedo of the white card", *WHITES, 0.01, self.set_white)
+                self.sliders = {
+                    place: (one, *make_bar(one.label, 0, STEPS, 1, partial(self.move, place)))
+                    for place, one in wanted.items()
+                }
+                self.white, bar = make_bar(
+                    "albedo of the white card",
+                    *WHITES,
+                    0.01,
+                    lambda albedo: self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1])),
+                )
                 bar.set_value(self.view["viewing"].white)
         for place, (slider, text, bar) in self.sliders.items():
             text.set_text(f"{slider.label}: {values[place]:.3g}")
@@ -122,9 +130,6 @@ class AppearancePanel:
             if place != self.moved:
                 bar.set_value(slider.find_step(values[place]))
         self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
-
-    def _add_bar(self, slider: Slider) -> tuple[Any, Any]:
-        return make_bar(slider.label, 0, STEPS, 1, partial(self.move, slider.place))
 
     # what somebody does
 
@@ -144,10 +149,6 @@ class AppearancePanel:
             self.moved = place
             self.write(place, self.sliders[place][0].find_value(step))
             self.moved = None
-
-    def set_white(self, albedo: float) -> None:
-        """Puts the film over a white card of another albedo."""
-        self.look("white", round(min(max(albedo, WHITES[0]), WHITES[1]), 2))
 
     def keep(self) -> None:
         """What is shown is what later colours are compared with."""
@@ -207,7 +208,6 @@ class AppearancePanel:
         refused = "" if answer is None or isinstance(answer, Appeared) else answer.message
         text = self.missing or translate_message(refused, self.session.content)
         self.message.set_text(text)
-        self.message.set_visibility(bool(text))
         self.progress.set_visibility(not self.missing)
         for part in (self.colours, self.answer):
             part.set_visibility(isinstance(answer, Appeared) and not text)
@@ -246,7 +246,6 @@ class AppearancePanel:
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
         said = "; ".join([*notes, *answer.why_none, *answer.notes])
         self.notes.set_text(translate_message(said, self.session.content))
-        self.notes.set_visibility(bool(said))
         at = answer.shares.wavelength_um
         words = f"coarse: {COARSE}" if answer.coarse else f"{at.size}"
         more = "" if answer.coarse or not answer.follows else "; gloss and hiding thickness are being worked out"

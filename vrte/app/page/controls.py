@@ -34,6 +34,12 @@ def add_table_row(tag: str, cells: list[str]) -> list[Any]:
     return labels
 
 
+def add_message(classes: str, role: str = "") -> Any:
+    """A label that is there while it has a text."""
+    label = ui.label().classes(classes).props(f"role={role}" if role else "")
+    return label.bind_visibility_from(label, "text", backward=bool)
+
+
 def add_bullets(title: str, lines: tuple[str, ...]) -> None:
     """A heading and its lines, nothing without any."""
     if lines:
@@ -70,14 +76,13 @@ class Controls:
 
     def __init__(self, session: TabSession, changed: Callable[[], None]) -> None:
         self.session, self.changed = session, changed
-        self.fields: dict[Place, Any] = {}
-        self.sections: dict[Place, Any] = {}  # of each field
+        self.fields: dict[Place, tuple[Any, Any]] = {}  # each with its section
         self.section_now: Any = None
         self.words: dict[Place, Any] = {}  # about files that were read
         self.asked: tuple[Place, tuple[str, ...], int] = ((), (), 0)  # where the next file goes, what it may be
         self.refused: dict[Place, str] = {}  # files, and why
         self.body = ui.column().classes("w-full gap-0 no-wrap")
-        self.general = ui.label().classes("vrte-error px-4 pb-1")
+        self.general = add_message("vrte-error px-4 pb-1")
         self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_TABLE, on_upload=self.take_file)
         self.upload.on_rejected(lambda: self.refuse(f"the file has more than {LARGEST_TABLE / 1e6:g} MB"))
         self.upload.classes("hidden")
@@ -85,8 +90,8 @@ class Controls:
 
     def draw(self) -> None:
         """Everything anew, after what is there has changed."""
-        for known in (self.fields, self.sections, self.words):
-            known.clear()
+        self.fields.clear()
+        self.words.clear()
         self.body.clear()
         with self.body:
             self.lay_out()
@@ -107,17 +112,19 @@ class Controls:
                 at_fields.setdefault(around[0], message)
             else:
                 rest.append(message)
-        for place, field in self.fields.items():
-            field.error = self.refused.get(place) or at_fields.get(place)
-            if field.error:
-                self.sections[place].set_value(True)  # a message must be seen
+        for place, (field, section) in self.fields.items():
+            wrong = self.refused.get(place) or at_fields.get(place, "")
+            if isinstance(field, ui.label):
+                field.set_text(wrong)
+            else:
+                field.error = wrong or None
+            if wrong:
+                section.set_value(True)  # a message must be seen
         for place, label in self.words.items():
             part = place[:1] if place[0] == "base" else place[:3]
             said = session.said.get(name_part(session.content, part))
             label.set_text(said.words if said else "")
-            label.set_visibility(bool(label.text))
         self.general.set_text("; ".join(rest))
-        self.general.set_visibility(bool(rest))
         told: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
         session.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
         self.changed()
@@ -126,8 +133,9 @@ class Controls:
         """To the field that is wrong."""
         place = self.session.wrong[1] if self.session.wrong else ()
         if place in self.fields:
-            self.sections[place].set_value(True)
-            ui.run_javascript(f"setTimeout(() => vrte.jump({self.fields[place].id}), 250)")
+            field, section = self.fields[place]
+            section.set_value(True)
+            ui.run_javascript(f"setTimeout(() => vrte.jump({field.id}), 250)")
 
     def change(self, action: Callable[..., Any], *arguments: Any) -> None:
         """Something other than a field's text: done, then all is drawn anew; what cannot be done is told."""
@@ -247,7 +255,7 @@ class Controls:
                 make_icon("close", "without a file", partial(self.change, form.put, self.session.content, place, None))
             self.ask_for_file(make_icon("upload_file", "choose a file"), place, key.suffixes, most)
         self.enter(place, found)
-        self.words[place] = ui.label().classes("vrte-note")
+        self.words[place] = add_message("vrte-note")
 
     def ask_for_file(self, button: Any, place: Place, suffixes: tuple[str, ...], most: int) -> None:
         """A click on the button lets somebody choose a file for a place."""
@@ -303,28 +311,11 @@ class Controls:
 
     def complaint(self, *place: str | int) -> None:
         """Where messages about a whole table are shown."""
-        self.enter(place, Complaint())
+        self.enter(place, add_message("vrte-error"))
 
     def enter(self, place: Place, field: Any) -> None:
         """A field, or what stands for one, where messages about it find it."""
-        self.fields[place], self.sections[place] = field, self.section_now
-
-
-class Complaint:
-    """A line that is there when something is wrong."""
-
-    def __init__(self) -> None:
-        self.label = ui.label().classes("vrte-error")
-        self.id, self.error = self.label.id, None
-
-    @property
-    def error(self) -> str | None:
-        return self.label.text or None
-
-    @error.setter
-    def error(self, message: str | None) -> None:
-        self.label.set_text(message or "")
-        self.label.set_visibility(bool(message))
+        self.fields[place] = field, self.section_now
 
 
 def find_flag(key: Key, ticked: bool, usual: bool) -> bool | None:

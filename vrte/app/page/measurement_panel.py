@@ -12,8 +12,8 @@ from vrte.app import figures
 from vrte.app.form.content import Content
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
-from vrte.app.form.free_numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
-from vrte.app.page.controls import add_bullets, add_heading, add_table_row, select
+from vrte.app.form.numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
+from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
 from vrte.app.solving.measuring import (
     HEADS,
     LARGEST_MEASUREMENT,
@@ -34,25 +34,22 @@ NOTHING = (
     "is known of theta_i_deg, theta_o_deg, phi_deg, wavelength_um and sigma; or NetCDF."
 )
 TOO_LARGE = f"a measurement must be a file of at most {LARGEST_MEASUREMENT / 1e6:g} MB, {' or '.join(SUFFIXES)}"
-FREE_HEADS = ("may change", "now", "from", "to")
-FOUND_HEADS = ("number", "began at", "fits best", "± one sigma")
 OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
 DIGITS = 6
 
 
 class MeasurementPanel:
-    """A measurement, the form's scene beside it, and the fit. ``fill`` gives the form another scene, ``hand_out`` the
-    browser a file; ``plot`` makes an empty figure, ``draw`` fills it."""
+    """A measurement, the form's scene beside it, and the fit. ``fill`` gives the form another scene; ``plot`` makes an
+    empty figure, ``draw`` fills it."""
 
     def __init__(
         self,
         session: TabSession,
         fill: Callable[[Content], None],
-        hand_out: Callable[[str, bytes], None],
         plot: Callable[[], Any],
         draw: Callable[[Any], None],
     ) -> None:
-        self.session, self.fill, self.hand_out, self.draw_figure = session, fill, hand_out, draw
+        self.session, self.fill, self.draw_figure = session, fill, draw
         self.view = session.view
         self.view.setdefault("free", {})
         self.listed: list[FreeNumber] = []
@@ -61,7 +58,7 @@ class MeasurementPanel:
         self.written: Fitted | None = None  # of which the result is shown
         self.back: Any = None  # the button to the values before
         self._add_upload()
-        self.message = ui.label().classes("vrte-warning w-full mt-2").props("role=status")
+        self.message = add_message("vrte-warning w-full mt-2", "status")
         self.nothing = ui.label(NOTHING).classes("vrte-empty")
         with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
             with ui.element("div").classes("w-full overflow-auto mt-2"):
@@ -99,7 +96,7 @@ class MeasurementPanel:
             self.stop.tooltip("keeps the best so far; once more: the last step, at once")
             self.spinner = ui.spinner(size="16px")
             self.status = ui.label().classes("vrte-note").props("role=status aria-live=polite")
-        self.failure = ui.label().classes("vrte-error vrte-narrow").props("role=alert")
+        self.failure = add_message("vrte-error vrte-narrow", "alert")
 
     def _draw_free(self) -> None:
         """A row for each number of the form; anew where there are others."""
@@ -107,7 +104,7 @@ class MeasurementPanel:
         if [(one.key, one.label) for one in self.listed] != [(one.key, one.label) for one in before] or not self.ends:
             self.free.clear()
             with self.free:
-                add_table_row("th", [*FREE_HEADS])
+                add_table_row("th", ["may change", "now", "from", "to"])
                 self.ends = {one.key: self._add_row(one) for one in self.listed}
         for one in self.listed:
             now, *fields = self.ends[one.key]
@@ -124,13 +121,13 @@ class MeasurementPanel:
         with ui.element("tr"):
             with ui.element("td"):
                 box = ui.checkbox(one.label, value=bool(told.get("free"))).props("dense size=sm").tooltip(one.key)
-                box.on_value_change(lambda event: self.tell(one.key, "free", bool(event.value)))
+                box.on_value_change(partial(self.tell, one.key, "free"))
             with ui.element("td"):
                 now = ui.label()
             for side, words in (("low", "from"), ("high", "to")):
                 with ui.element("td"):
                     field = ui.input(value=write_field_text(told.get(side)))
-                    field.on_value_change(partial(self.tell_end, one.key, side)).without_auto_validation()
+                    field.on_value_change(partial(self.tell, one.key, side)).without_auto_validation()
                     field.props("outlined dense hide-bottom-space debounce=120 maxlength=40").classes("vrte-end")
                     field.props["aria-label"] = f"{one.label}, {words}"
                     fields.append(field)
@@ -166,16 +163,13 @@ class MeasurementPanel:
             self.view["shown"] = shown
             self._show()
 
-    def tell(self, key: str, side: str, value: Any) -> None:
-        """Whether a number may change, or how far; None: as far as it is suggested."""
+    def tell(self, key: str, side: str, event: Any) -> None:
+        """Whether a number may change, or how far, as it is typed; as far as it is suggested where nothing is."""
+        value = event.value if side == "free" else parse_field_text(str(event.value or ""))
         told = self.view["free"].setdefault(key, {})
         told[side] = value
         if value is None:
             del told[side]
-
-    def tell_end(self, key: str, side: str, event: Any) -> None:
-        """How far a number may go, as it is typed."""
-        self.tell(key, side, parse_field_text(str(event.value or "")))
 
     def begin(self) -> None:
         """Starts the fit; what keeps it from that is said."""
@@ -281,7 +275,6 @@ class MeasurementPanel:
         beside = "; ".join(filter(None, (compared.message, *compared.notes))) if compared else ""
         text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
         self.message.set_text(text)
-        self.message.set_visibility(bool(text))
         self.nothing.set_visibility(given is None)
         self.name.set_text(given[0] if given else "")
         self.answer.set_visibility(compared is not None)
@@ -334,7 +327,7 @@ class MeasurementPanel:
         with self.result:
             add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
             with ui.element("table").classes("vrte-table vrte-columns"):
-                add_table_row("th", [*FOUND_HEADS])
+                add_table_row("th", ["number", "began at", "fits best", "± one sigma"])
                 for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True):
                     told = f"{error:.2g}" if np.isfinite(error) else "not told"
                     add_table_row("td", [labels[name].label, write_digits(labels[name].start), f"{value:.6g}", told])
@@ -343,11 +336,12 @@ class MeasurementPanel:
                 use.props("no-caps unelevated").classes("vrte-go px-3")
                 self.back = ui.button("Back to those before", icon="undo", on_click=self.go_back)
                 self.back.props("no-caps flat dense").set_visibility("before_fit" in self.view)
-                if fitted.page:
-                    page = ui.button("Page of the fit", icon="download", on_click=self.download_page)
-                    page.props("no-caps flat dense")
-                scene = ui.button("Fitted scene, TOML", icon="download", on_click=self.download_scene)
-                scene.props("no-caps flat dense")
+                scene = write_content(put_values(fitted.content, find_places(fitted))).encode()
+                files = {"Page of the fit": ("fit.html", fitted.page), "Fitted scene, TOML": ("fitted.toml", scene)}
+                for text, (name, data) in files.items():
+                    if data:
+                        hand_out = partial(ui.download.content, data, name)
+                        ui.button(text, icon="download", on_click=hand_out).props("no-caps flat dense")
         with self.details:
             if len(fitted.names) > 1 and np.isfinite(fitted.correlations).any():
                 self._write_correlations(fitted, [labels[name].label for name in fitted.names])
@@ -365,18 +359,6 @@ class MeasurementPanel:
             add_table_row("th", ["", *(str(place) for place in range(1, len(labels) + 1))])
             for place, (label, row) in enumerate(zip(labels, fitted.correlations, strict=True), 1):
                 add_table_row("td", [f"{place}  {label}", *(f"{value:.3f}" for value in row[:place])])
-
-    def download_page(self) -> None:
-        """The page of the fit, a file that needs nothing else."""
-        if self.session.fitted is not None:
-            self.hand_out("fit.html", self.session.fitted.page)
-
-    def download_scene(self) -> None:
-        """The scene that fits best."""
-        fitted = self.session.fitted
-        if fitted is not None:
-            content = put_values(fitted.content, find_places(fitted))
-            self.hand_out("fitted.toml", write_content(content).encode())
 
 
 def choose_free(listed: list[FreeNumber], told: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:

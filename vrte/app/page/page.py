@@ -14,7 +14,7 @@ from vrte.app.form import files
 from vrte.app.form.checks import Said
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
-from vrte.app.page.controls import add_menu_item, make_menu
+from vrte.app.page.controls import add_menu_item, add_message, make_menu
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
 from vrte.app.page.result_panel import ResultPanel
@@ -108,31 +108,31 @@ class Page:
         return button.tooltip(tip)
 
     def _downloads(self) -> None:
-        session, which = self.session, lambda: self.session.view["wavelength"]
+        session, out = self.session, self.hand_out
         for text, act in (
-            ("BRDF, NetCDF", lambda: self.hand_out(downloads.make_brdf_download, session.outcome, ".nc")),
-            ("BRDF, CSV", lambda: self.hand_out(downloads.make_brdf_download, session.outcome, ".csv")),
+            ("BRDF, NetCDF", lambda: out(downloads.make_brdf_download, session.outcome, ".nc")),
+            ("BRDF, CSV", lambda: out(downloads.make_brdf_download, session.outcome, ".csv")),
             (
                 "field inside, NetCDF",
-                lambda: self.hand_out(downloads.make_field_download, session.outcome, which(), ".nc"),
+                lambda: out(downloads.make_field_download, session.outcome, session.view["wavelength"], ".nc"),
             ),
             (
                 "field inside, CSV",
-                lambda: self.hand_out(downloads.make_field_download, session.outcome, which(), ".csv"),
+                lambda: out(downloads.make_field_download, session.outcome, session.view["wavelength"], ".csv"),
             ),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
             (
                 "colours, gloss and hiding of Appearance, CSV",
-                lambda: self.hand_out(downloads.make_colours_download, session.live, session.content),
+                lambda: out(downloads.make_colours_download, session.live, session.content),
             ),
-            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, session.content, session.uploads)),
+            ("scene, TOML", lambda: out(downloads.make_scene_download, session.content, session.uploads)),
         ):
             add_menu_item(text, act)
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
-            self.failure = ui.label().classes("vrte-error").props("role=alert")
+            self.failure = add_message("vrte-error", "alert")
             self.waits = ui.button(icon="arrow_upward", on_click=lambda: self.form.jump())
             self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
@@ -151,7 +151,7 @@ class Page:
 
     def write_field(self, place: Place, value: float) -> None:
         """A number into the form's field, as if it were typed there."""
-        self.form.fields[place].set_value(write_field_text(value))
+        self.form.fields[place][0].set_value(write_field_text(value))
 
     def _follow_form(self) -> None:
         """After every change of the form."""
@@ -191,15 +191,13 @@ class Page:
         if busy and job is not None:
             self.bar.set_value(round(job.fraction, 3))
             self.stage.set_text(job.stage)
-            self.failure.set_visibility(False)
+            self.failure.set_text("")
         elif job is not None and not busy and job is not self.session.taken:
             self.session.taken = job
             self.failure.set_text(translate_message(job.message, self.session.content))
             self.said.set_text("")
             self.take(job.outcome)
             job.outcome = None  # the session has it, or the browser
-        if not busy:
-            self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
     def take(self, outcome: Outcome | Written | Said | Fitted | Adopted | None) -> None:

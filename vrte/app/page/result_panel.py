@@ -11,7 +11,7 @@ from nicegui import ui
 from vrte.app import figures
 from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
-from vrte.app.page.controls import add_bullets, add_heading, add_table_row, select
+from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.reflectance import Reflectances
@@ -104,9 +104,9 @@ class ResultPanel:
         self._tabs()
         with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto").props("tabindex=0"):
             self.stale = ui.label(CHANGED).classes("vrte-warning w-full mt-2").props("role=status")
-            self.notes = ui.label().classes("vrte-warning w-full mt-2")
+            self.notes = add_message("vrte-warning w-full mt-2")
             self._controls()
-            self.message = ui.label(NOTHING).classes("vrte-empty")
+            self.message = add_message("vrte-empty")
             for name in TABS:
                 self.areas[name] = ui.column().classes("w-full grow gap-0 no-wrap")
                 with self.areas[name]:
@@ -165,14 +165,12 @@ class ResultPanel:
         self.shares = ui.column().classes("w-full gap-2 pb-4")
 
     def _appearance(self) -> None:
-        plot, draw = partial(self._plot, "appearance"), partial(self._draw, "appearance")
-        self.appearance = AppearancePanel(self.session, self.write, self.fill, plot, draw)
+        figure = partial(self._plot, "appearance"), partial(self._draw, "appearance")
+        self.appearance = AppearancePanel(self.session, self.write, self.fill, *figure)
 
     def _measurement(self) -> None:
-        plot, draw = partial(self._plot, "measurement"), partial(self._draw, "measurement")
-        self.measurement = MeasurementPanel(
-            self.session, self.fill, lambda name, data: ui.download.content(data, name), plot, draw
-        )
+        figure = partial(self._plot, "measurement"), partial(self._draw, "measurement")
+        self.measurement = MeasurementPanel(self.session, self.fill, *figure)
 
     def _inside(self) -> None:
         with ui.row().classes("w-full items-center gap-3 pt-2"):
@@ -274,7 +272,6 @@ class ResultPanel:
             self.areas[tab].set_visibility(False)
             text = str(error)
         self.message.set_text(text)
-        self.message.set_visibility(bool(text))
 
     def _tell(self, outcome: Outcome | None) -> None:
         """Beside the sliders, and which of them there are."""
@@ -283,7 +280,6 @@ class ResultPanel:
         self.mark_stale()
         said = "; ".join(outcome.notes) if outcome and not live else ""
         self.notes.set_text(translate_message(said, self.session.content))
-        self.notes.set_visibility(bool(self.notes.text))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         self.incidence.set_visibility(with_angle)
         self.light.set_visibility(with_angle and tab != "reflectance")

@@ -81,7 +81,7 @@ class Comparer:
 
 
 def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
-    """Whether a file is a measurement, not a result: by its columns, or where that is ``wanted`` and it is no result."""
+    """Whether a file is a measurement, not a result: by its columns, or if that is ``wanted`` and it is no result."""
     lines = [line.strip() for line in data[:FIRST].split(b"\n")]
     if suffix != ".csv" or any(line.startswith(RESULT.encode()) for line in lines[:2]):
         return wanted and suffix == ".nc"

@@ -1,4 +1,4 @@
-"""The numbers of the form that a fit may change: their keys as in sweeps, their words, and how far they may go."""
+"""The numbers of the form that a fit may change, and those under sliders: their keys as in sweeps, words and limits."""
 
 import copy
 import math
@@ -6,7 +6,18 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vrte.app.form.content import Content, get_value, name_layers, put
+from vrte.app.form.content import (
+    HELD,
+    Content,
+    get_medium,
+    get_size_mode,
+    get_value,
+    is_geometric,
+    is_interface,
+    list_size_places,
+    name_layers,
+    put,
+)
 from vrte.app.form.fields import find_field, find_key
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
@@ -22,6 +33,10 @@ SIZES = 4.0  # so many times smaller or larger any other number may get
 LEAST_ABSORPTION = 0.1  # up to which k may go, however small it is
 SUBSTANCE = "substance"  # the label of an index's field
 DIGITS = 6  # of a value that goes to the form
+STEPS = 200  # of a slider, by equal factors from end to end
+MOST_SLIDERS = 12  # that the page shows
+LENGTHS_UM, FRACTIONS = (1.0, 300.0), (0.001, 0.6)
+CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 
 @dataclass(frozen=True)
@@ -91,7 +106,7 @@ def join_place(place: Place) -> str:
     return "".join(plain).removeprefix(".")
 
 
-def name_number(content: Content, place: Place) -> str:
+def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
     """What it is called: of which layer or kind of particles, and as its field says.
 
     >>> name_number({"layer": [{"phase": "rayleigh"}]}, ("layer", 0, "thickness"))
@@ -104,9 +119,8 @@ def name_number(content: Content, place: Place) -> str:
     elif label == SUBSTANCE:
         label = "refractive index"
     if place[0] == "layer":
-        return (
-            f"{name_layers(content['layer'])[int(place[1])]}: {label.replace(': of the volume', ': volume fraction')}"
-        )
+        on = f"{name_layers(content['layer'])[int(place[1])]}: " if with_layer else ""
+        return on + label.replace(": of the volume", ": volume fraction")
     return f"{place[1]}: {label}" if place[0] == "particles" else label
 
 
@@ -150,3 +164,75 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
             raise SceneError(f"the form has no number {join_place(place)} any more: it has changed since the fit")
         put(found, place, float(f"{value:.{DIGITS}g}"))
     return found
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number > 0 at a place of the form, from ``low`` to ``high``, by equal factors.
+
+    >>> slider = Slider(("layer", 0, "thickness_um"), "thickness [µm]", 1.0, 100.0)
+    >>> slider.find_value(100), slider.find_step(10.0)
+    (10.0, 100)
+    """
+
+    place: Place
+    label: str
+    low: float
+    high: float
+
+    def find_value(self, step: float) -> float:
+        """The number at a step, to three digits."""
+        share = min(max(step, 0.0), STEPS) / STEPS
+        return float(f"{self.low * (self.high / self.low) ** share:.3g}")
+
+    def find_step(self, value: float) -> int:
+        """The step next to a number within the ends."""
+        return round(STEPS * math.log(value / self.low) / math.log(self.high / self.low))
+
+    def reaches(self, value: float) -> bool:
+        """Whether a number lies between the ends, but for what rounding takes."""
+        return 0.99 * self.low <= value <= 1.01 * self.high
+
+
+def list_sliders(content: Content) -> list[Slider]:
+    """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes."""
+    filled = [place for place, _ in list_filled(content)]
+    ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
+    sizes: dict[Place, tuple[float, float]] = {}
+    for number, layer in list_filled(content):
+        ends["layer", number, "thickness_um"] = LENGTHS_UM
+        ends["layer", number, "volume_fraction"] = FRACTIONS
+        held = layer.get("volume_fractions", layer.get("particles", ()))
+        for name in [held] if isinstance(held, str) else held:
+            ends["layer", number, "volume_fractions", name] = FRACTIONS
+            if name in content.get("particles", {}):
+                sizes["particles", name, *list_size_places(get_size_mode(content["particles"][name]))[0]] = 0.0, 0.0
+    found = []
+    for place, (low, high) in (ends | sizes).items():
+        value = read_share(get_value(content, place))
+        if value is not None and 0.0 < value < math.inf:
+            low, high = min(low or value / SIZES, value), max(high or value * SIZES, value)
+            found.append(Slider(place, name_number(content, place, len(filled) > 1), low, high))
+    return found[:MOST_SLIDERS]
+
+
+def list_filled(content: Content) -> Iterator[tuple[int, Content]]:
+    """The layers that hold particles, with their places."""
+    for place, layer in enumerate(content["layer"]):
+        if not is_interface(layer) and get_medium(layer) in HELD:
+            yield place, layer
+
+
+def explain_missing(content: Content) -> str:
+    """Why a scene has no appearance, and how it gets one; "" where it has."""
+    filled = list(list_filled(content))
+    if not filled:
+        return f"No layer here holds particles, whose colour this would be: fill one with particles, or {CHOOSE}."
+    names = name_layers(content["layer"])
+    for place, layer in filled:
+        if not is_geometric(layer) and layer.get("thickness") != math.inf:
+            return (
+                f"{names[place].capitalize()} has an optical thickness, which would be the same at every wavelength: "
+                f'tick "thickness in µm" in the form and give its volume fraction, or {CHOOSE}.'
+            )
+    return ""
