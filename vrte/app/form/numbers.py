@@ -202,7 +202,7 @@ def list_sliders(content: Content) -> list[Slider]:
     for number, layer in list_filled(content):
         ends["layer", number, "thickness_um"] = LENGTHS_UM
         ends["layer", number, "volume_fraction"] = FRACTIONS
-        held = layer.get("volume_fractions", layer.get("particles", ()))
+        held: Any = layer.get("volume_fractions", layer.get("particles", ()))
         for name in [held] if isinstance(held, str) else held:
             ends["layer", number, "volume_fractions", name] = FRACTIONS
             if name in content.get("particles", {}):
