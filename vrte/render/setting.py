@@ -13,12 +13,7 @@ from vrte.calls.spectrum import spectrum
 from vrte.formats.named import find_known_wavelengths, list_materials
 from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import check_particles
-from vrte.formats.scene_file import (
-    FILE_KEYS,
-    make_scene_file,
-    read_content,
-    read_listed_wavelengths,
-)
+from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content, read_listed_wavelengths
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
@@ -115,11 +110,12 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
     for place, path in enumerate(paths):
         try:
             content = read_content(path)
-            table = _read_render_table(content)
-            ours = _read_common_keys(table)
-            materials.append(
-                _make_material(path, content, table, count, shapes[place % len(shapes)] if shapes else None)
-            )
+            keys = (*OWN, *(field.name for field in fields(Setting)))
+            file = Table((), content, FILE_KEYS)
+            table = file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
+            ours = _read_common(table)
+            shape = shapes[place % len(shapes)] if shapes else None
+            materials.append(_make_material(path, content, table, count, shape))
         except SceneError as error:
             raise error.behind(path) from error
         except OSError as error:
@@ -139,22 +135,13 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
     return materials, setting
 
 
-def _read_render_table(content: dict[str, Any]) -> Table:
-    file = Table((), content, FILE_KEYS)
-    keys = (*OWN, *(field.name for field in fields(Setting)))
-    return file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
-
-
-def _read_common_keys(table: Table) -> dict[str, Any]:
-    """The setting's keys that are there."""
-    found: dict[str, Any] = {}
+def _read_common(table: Table) -> dict[str, Any]:
+    """The keys of a setting that the table [render] has."""
+    found: dict[str, Any] = {key: _read_number(table, key) for key in RANGES if key in table and key not in OWN}
     if "sky" in table:
         found["sky"] = table.choice("sky", KINDS)
     if "size_px" in table:
         found["size_px"] = table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)
-    for key in RANGES:
-        if key in table and key not in OWN:
-            found[key] = _read_number(table, key)
     return found
 
 
@@ -196,36 +183,31 @@ def _read_object(path: Path, table: Table, given: str | None) -> tuple[str, floa
     return shape, _read_number(table, "turn_deg")
 
 
-def _make_material(
-    path: Path, content: dict[str, Any], table: Table, count: int | None, given_shape: str | None
-) -> Material:
+def _make_material(path: Path, content: dict[str, Any], table: Table, count: int | None, shape: str | None) -> Material:
+    """The material of a scene file."""
     title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
     if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
         raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
-    chosen = _read_own_wavelengths(content, table) if count is None else None
-    note = ""
-    if chosen is None:
-        few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
-        chosen, note = _choose_equal_steps(path, content, count or few)
+    chosen, note = _choose_wavelengths(path, content, table, count)
     without = {key: value for key, value in expand_content(content, path.parent).items() if key != "render"}
-    return Material(path, title, without, chosen, note, *_read_object(path, table, given_shape))
+    return Material(path, title, without, chosen, note, *_read_object(path, table, shape))
 
 
-def _read_own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
-    """Those that [render] lists; without a word there, those of a scene file for a spectrum."""
-    if "wavelengths" in table and "wavelengths_um" in table:
+def _choose_wavelengths(path: Path, content: dict[str, Any], table: Table, count: int | None) -> tuple[Array, str]:
+    """Wavelengths [um]: ``count`` in equal steps, or those that [render] or the file lists, or as many as it says in
+    equal steps, over the visible as far as the tables of substances go; and a note where these end before."""
+    if "wavelengths" in table and "wavelengths_um" in table and count is None:
         raise table.unfit("at most one of wavelengths and wavelengths_um")
-    if "wavelengths_um" in table:
+    if "wavelengths_um" in table and count is None:
         found = np.array(table.numbers("wavelengths_um"))
         if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
             raise table.wrong("wavelengths_um", f"must be 1 to {MOST} ascending wavelengths in micrometres")
-        return found
-    listed = None if "wavelengths" in table else read_listed_wavelengths(content)
-    return check_ascending(listed) if listed and len(listed) <= MOST else None
-
-
-def _choose_equal_steps(path: Path, content: dict[str, Any], count: int) -> tuple[Array, str]:
-    """Over the light that is seen, as far as the substances' tables go, and what to say where that is not all of it."""
+        return found, ""
+    listed = None if count is not None or "wavelengths" in table else read_listed_wavelengths(content)
+    if listed and len(listed) <= MOST:
+        return check_ascending(listed), ""
+    if count is None:
+        count = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
     low, high, substance = find_known_wavelengths(content, path.parent)
     if low >= TO_UM or high <= FROM_UM:
         raise SceneError(

@@ -48,13 +48,8 @@ class Body:
 
 def make_body(corners: Array, triangles: Any) -> Body:
     """A body with the normals that its own triangles give it, by their angles at each corner."""
-    sides = corners[triangles] - corners[np.roll(triangles, -1, axis=1)]
-    across, sides = normalize(np.cross(sides[:, 0], sides[:, 1])), normalize(sides)
-    angles = np.arccos(np.clip(-(sides * np.roll(sides, 1, axis=1)).sum(axis=2), -1.0, 1.0))
-    normals = np.zeros_like(corners)
-    for place in range(3):
-        np.add.at(normals, triangles[:, place], angles[:, place, None] * across)
-    return Body(corners, normalize(normals), triangles)
+    mesh = import_extra("trimesh", *NEEDED).Trimesh(corners, triangles, process=False)
+    return Body(corners, np.array(mesh.vertex_normals), triangles)
 
 
 def join_rings(rings: Array, around: bool) -> Body:
@@ -77,7 +72,7 @@ def join_rings(rings: Array, around: bool) -> Body:
 
 
 def _make_turn(count: int) -> Array:
-    """Equal steps of one turn [rad]."""
+    """So many equal steps of one turn [rad]."""
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 

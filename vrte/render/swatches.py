@@ -92,14 +92,11 @@ def draw_swatches(swatches: Sequence[Swatch]) -> "Figure":
     for panel in panels[len(swatches) :]:
         panel.set_axis_off()
     for panel, swatch in zip(panels, swatches, strict=False):
-        low, high = 400.0, 700.0
-        middle = 0.5 * (low + high)
-        for rgb, left, right in zip(swatch.rgb, (low, middle), (middle, high), strict=True):
-            panel.axvspan(left, right, color=tuple(rgb), linewidth=0)
-        light = "white" if swatch.xyz[0][1] < DARK else INK
-        for values, style in zip(swatch.reflectances, ("-", ":"), strict=True):
-            panel.plot(1e3 * swatch.wavelengths_um, values, color=light, linewidth=1.2, linestyle=style, alpha=0.85)
-        panel.set(xlim=(low, high), ylim=(0.0, 1.03), xticks=(400, 500, 600, 700), yticks=(0.0, 0.5, 1.0))
+        ink = "white" if swatch.xyz[0][1] < DARK else INK
+        for rgb, values, left, style in zip(swatch.rgb, swatch.reflectances, (400.0, 550.0), ("-", ":"), strict=True):
+            panel.axvspan(left, left + 150.0, color=tuple(rgb), linewidth=0)
+            panel.plot(1e3 * swatch.wavelengths_um, values, color=ink, linewidth=1.2, linestyle=style, alpha=0.85)
+        panel.set(xlim=(400.0, 700.0), ylim=(0.0, 1.03), xticks=(400, 500, 600, 700), yticks=(0.0, 0.5, 1.0))
         panel.tick_params(labelsize=7, colors=INK, length=2)
         panel.set_title(swatch.title, fontsize=9, color=INK)
     note = (
