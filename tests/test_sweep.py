@@ -1,8 +1,10 @@
-"""Sweeps: files, axes, tables, and what is computed once."""
+"""Sweeps: files, axes, tables of BRDFs and fields, engines, and what is computed once or together."""
 
 import copy
+import http.client
 import itertools
 import json
+import logging
 import os
 import shutil
 import signal
@@ -12,52 +14,57 @@ import threading
 import time
 import types
 import warnings
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import xarray
 
 import vrte
 from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
+from vrte.calls import alike
+from vrte.formats import phases
 from vrte.formats.particle_sources import make_particles
-from vrte.sweep import optics, store
+from vrte.optics import phase_matrix
+from vrte.request.request import make_brdf_request
+from vrte.sweep import chunks, dask_engine, optics, store
 from vrte.sweep.engines import Cores
 from vrte.sweep.run import SweepWarning
+from vrte.sweep.store import describe_sweep_results
 from vrte.sweep.table import Grid, cut_grid
 from vrte.sweep.template import read_sweep
 
 from .helpers import assert_close
 
+SAME = 1e-12  # of the largest element of a scene
+BRDF_ARRAYS = ("mueller", "reflectance", "direct_transmittance")
+MU, PHI = [0.2, 0.6, 1.0], [0.0, 70.0, 180.0]
+RAYLEIGH: dict[str, Any] = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
+GOLD = {"gold": {"index": "gold", "radius_um": 0.05}}
 POWDER = """
 nodes = 4
 wavelength_um = 0.64
-[particles.gold]
-index = "gold"
-radius_um = 0.05
-[particles.glass]
-index = [1.5, 0.0]
-radius_um = 0.05
-[[layer]]
-particles = { gold = 0.5, glass = 0.5 }
-thickness = 1.0
-[base]
-kind = "lambertian"
-albedo = 0.2
-[brdf]
-mu_i = [0.6, 1.0]
-mu_o = [0.3, 0.8]
-phi_deg = [0, 90, 180]
+particles.gold = { index = "gold", radius_um = 0.05 }
+particles.glass = { index = [1.5, 0.0], radius_um = 0.05 }
+layer = [{ particles = { gold = 0.5, glass = 0.5 }, thickness = 1.0 }]
+base = { kind = "lambertian", albedo = 0.2 }
+brdf = { mu_i = [0.6, 1.0], mu_o = [0.3, 0.8], phi_deg = [0, 90, 180] }
+[axes]
 """
 AXES = """
-[axes]
 wavelength_um = [0.5, 0.64]
 radius = { key = "particles.gold.radius_um", start = 0.02, stop = 0.08, count = 2, spacing = "log" }
 share = { key = "layer[1].particles.gold", values = [0, 0.25, 1] }
 "base.albedo" = { start = 0, stop = 1, count = 2 }
 """
+DEPTHS = [0.2, 1.0, 3.0, 9.0]
+BEAMS = {"mu0": [0.6, 1.0], "mu": [-0.5, 0.5, 1.0], "phi_deg": [0, 90], "tau": [0, 0.1], "stokes": [1, 0.5, 0, 0.1]}
+FLUXES = {"mu0": 0.6, "mu": [], "tau": [0, 0.1]}
 
 
 @pytest.fixture
@@ -69,8 +76,62 @@ def file(tmp_path: Path) -> Path:
 
 def simple(axes: dict[str, Any], **more: Any) -> dict[str, Any]:
     """A sweep of one Rayleigh layer, a millisecond a scene."""
-    layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
-    return {"nodes": 3, "layer": [layer], "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0]}, "axes": axes} | more
+    return {"nodes": 3, "layer": [dict(RAYLEIGH)], "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0]}, "axes": axes} | more
+
+
+def fields(field: dict[str, Any] = BEAMS, **more: Any) -> dict[str, Any]:
+    """Fields of Rayleigh layers of several depths."""
+    axes = {"depth": {"key": "layer[1].thickness", "values": DEPTHS}}
+    return {"nodes": 4, "layer": [RAYLEIGH], "field": field, "axes": axes} | more
+
+
+def powder(**more: Any) -> dict[str, Any]:
+    """Gold spheres over a floor, thin, thick and semi-infinite, on few nodes and on as many as it takes."""
+    return {
+        "wavelength_um": 0.5,
+        "particles": GOLD,
+        "layer": [{"particles": "gold", "thickness": 1.0}],
+        "base": {"kind": "lambertian", "albedo": 0.5},
+        "brdf": {"mu_i": [0.4, 1.0], "mu_o": [0.2, 0.5, 0.9], "phi_deg": PHI},
+        "axes": {
+            "wavelength_um": [0.45, 0.6],
+            "depth": {"key": "layer[1].thickness", "values": [0.1, 10, np.inf]},
+            "radius": {"key": "particles.gold.radius_um", "values": [0.05, 0.2]},
+        },
+    } | more
+
+
+def stacks(depths: list[float], **more: Any) -> dict[str, Any]:
+    """Two layers over a floor; no light reaches what lies below a semi-infinite one, and it is solved by itself."""
+    layers = [RAYLEIGH, {"phase": "isotropic", "albedo": 0.8, "thickness": 0.8}]
+    axes = {"depth": {"key": "layer[2].thickness", "values": depths}, "layer[1].albedo": [0.0, 0.7, 1.0]}
+    asked = {"nodes": 6, "truncation": "none", "brdf": {"mu_i": MU, "mu_o": MU, "phi_deg": PHI}}
+    floor = {"kind": "lambertian", "albedo": 0.2}
+    return asked | {"layer": layers, "base": floor, "axes": axes | {"base.albedo": [0.0, 0.4]}} | more
+
+
+def gap(one: Any, other: Any) -> float:
+    """The largest difference of two tables, of the largest element of each scene."""
+    assert one.error.equals(other.error)
+    there = one.error.values == ""
+    assert there.any()
+    gaps = []
+    for name in BRDF_ARRAYS:
+        first, second = (table[name].values[there].reshape(int(there.sum()), -1) for table in (one, other))
+        gaps.append((np.abs(second - first).max(axis=1) / np.maximum(np.abs(first).max(axis=1), 1e-290)).max())
+    return float(max(gaps))
+
+
+class StoppedError(Exception):
+    """What a test interrupts a sweep with."""
+
+
+def stop_after(scenes: int) -> Any:
+    def progress(done: int, total: int) -> None:
+        if done >= scenes:
+            raise StoppedError
+
+    return progress
 
 
 def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
@@ -93,31 +154,33 @@ def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
     assert json.loads(table.attrs["sweep"])["axes"]["radius"]["key"] == "particles.gold.radius_um"
 
 
-def test_zarr_netcdf_and_memory_hold_the_same(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["brdf", "field"])
+def test_zarr_netcdf_and_memory_hold_the_same(kind: str, tmp_path: Path) -> None:
     axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1, np.inf]}, "layer[1].albedo": [0.5, 1.0]}
-    given = simple(axes)
+    given = simple(axes) if kind == "brdf" else fields()
     memory = vrte.sweep(given)
     for name in ("table.zarr", "table.nc"):
         with vrte.sweep(given, tmp_path / name, chunk=2) as table:
-            assert table.load().equals(memory)
+            assert table.load().identical(memory.assign_attrs(table.attrs))
     assert {path.name for path in tmp_path.iterdir()} == {"table.zarr", "table.nc"}
-    # as anybody opens them
-    with xarray.open_dataset(tmp_path / "table.nc", engine="h5netcdf") as plain:
-        np.testing.assert_array_equal(plain.mueller, memory.mueller)
-        assert plain.mueller.attrs["units"] == "sr-1"
+    array = "mueller" if kind == "brdf" else "stokes"
+    with xarray.open_dataset(tmp_path / "table.nc", engine="h5netcdf") as plain:  # as anybody opens them
+        np.testing.assert_array_equal(plain[array], memory[array])
     plain = xarray.open_zarr(tmp_path / "table.zarr", chunks=None)
-    np.testing.assert_array_equal(plain.mueller.sel(stokes_out="I", stokes_in="Q"), memory.mueller[..., 0, 1])
+    assert plain[array].attrs["units"] == memory[array].attrs["units"] != ""
+    if kind == "brdf":
+        np.testing.assert_array_equal(plain.mueller.sel(stokes_out="I", stokes_in="Q"), memory.mueller[..., 0, 1])
 
 
 def test_axes_that_go_together_make_a_list() -> None:
-    axes = {
-        "depth": {"key": "layer[1].thickness", "values": [0.1, 1.0, 2.0], "along": "sample"},
-        "albedo": {"key": "layer[1].albedo", "values": [0.3, 0.6, 1.0], "along": "sample"},
+    axes: dict[str, Any] = {
+        "depth": {"key": "layer[1].thickness", "values": [0.1, 1.0, 2.0]},
+        "albedo": {"key": "layer[1].albedo", "values": [0.3, 0.6, 1.0]},
     }
-    table = vrte.sweep(simple(axes))
+    table = vrte.sweep(simple({name: {**axis, "along": "sample"} for name, axis in axes.items()}))
     assert dict(table.reflectance.sizes) == {"sample": 3, "mu_i": 1}
     assert table.depth.dims == table.albedo.dims == ("sample",)
-    grid = vrte.sweep(simple({name: {k: v for k, v in axis.items() if k != "along"} for name, axis in axes.items()}))
+    grid = vrte.sweep(simple(axes))
     for place in range(3):
         np.testing.assert_array_equal(table.mueller[place], grid.mueller[place, place])
 
@@ -140,136 +203,215 @@ def test_transmission_and_sizes_and_phases_are_swept(tmp_path: Path) -> None:
         "nodes": [3, 4],
     }
     dust = {"index": [1.5, 0.0], "size": {"lognormal": {"median_um": 0.05, "sigma": 1.2}}}
-    layers = [
-        {"particles": "dust", "thickness": 1.0},
-        {"phase": {"henyey_greenstein": 0.1, "terms": 6}, "albedo": 0.9, "thickness": 0.5},
-    ]
-    given = {
-        "wavelength_um": 0.6,
-        "nodes": 3,
-        "particles": {"dust": dust},
-        "layer": layers,
-        "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0], "transmission": True},
-    }
-    table = vrte.sweep({**given, "axes": axes})
+    below = {"phase": {"henyey_greenstein": 0.1, "terms": 6}, "albedo": 0.9, "thickness": 0.5}
+    layers = [{"particles": "dust", "thickness": 1.0}, below]
+    asked = {"mu_i": 0.6, "mu_o": [0.5, 1.0], "transmission": True}
+    table = vrte.sweep(simple(axes, wavelength_um=0.6, particles={"dust": dust}, layer=layers, brdf=asked))
     assert not (table.error != "").any()
     particles = vrte.spheres((1.5, 0.1), size=vrte.Lognormal(0.05, 1.5), wavelength_um=0.6)
-    below = vrte.Layer(vrte.henyey_greenstein(0.5, 6), 0.9, 0.5)
-    alone = vrte.brdf(vrte.Scene([vrte.Layer.of(particles, 1.0), below]), 0.6, [0.5, 1.0], nodes=4, transmission=True)
+    scene = vrte.Scene([vrte.Layer.of(particles, 1.0), vrte.Layer(vrte.henyey_greenstein(0.5, 6), 0.9, 0.5)])
+    alone = vrte.brdf(scene, 0.6, [0.5, 1.0], nodes=4, transmission=True)
     here = table.sel(sigma=1.5, absorption=0.1, g=0.5, nodes=4)
     assert alone.transmission is not None
     assert_close(here.mueller, alone.mueller, rtol=0.0, atol=1e-13)
     assert_close(here.transmission, alone.transmission, rtol=0.0, atol=1e-13)
 
 
-ALBEDO = "layer[1].albedo"
+@pytest.mark.parametrize("side", ["top", "bottom"])
+@pytest.mark.parametrize("field", [BEAMS, FLUXES], ids=["Stokes vectors", "fluxes alone"])
+def test_each_scene_has_its_field(field: dict[str, Any], side: str) -> None:
+    table = vrte.sweep(fields(field, illuminate=side), workers=1)
+    for place, depth in enumerate(DEPTHS):
+        scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, depth)])
+        asked = {name.removesuffix("_deg"): values for name, values in field.items()}
+        alone = vrte.radiance(scene, nodes=4, illuminate=side, **asked | {"mu0": np.atleast_1d(field["mu0"])})
+        names = ("flux_up", "flux_down", "direct", *(("stokes",) if field["mu"] else ()))
+        assert set(table.data_vars) == {*names, "incident_stokes", "error"}
+        for name in names:
+            np.testing.assert_array_equal(table[name].values[place], getattr(alone, name))
+        np.testing.assert_array_equal(table.incident_stokes, alone.incident_stokes)
+
+
+def test_a_depth_below_one_of_the_scenes_is_that_scenes_error() -> None:
+    with pytest.warns(UserWarning, match="1 of 4 scenes failed; the first said: field.tau must lie between 0 and"):
+        table = vrte.sweep(fields(BEAMS | {"tau": 0.5}))
+    assert (table.error != "").values.tolist() == [True, False, False, False]
+
+
+BRDF = {"mu_i": [0.5, 1.0], "mu_o": [0.5, 1.0]}
+SURFACE_FIELD = {"field": {"mu0": [0.6, 1.0], "mu": [-0.5, 0.5], "tau": [0.0, 0.5]}}
+LIGHT, PLAIN = {"stokes", "flux_up", "flux_down", "direct"}, set(BRDF_ARRAYS)
+SPECULAR = {"specular", "specular_reflectance", "total_reflectance"}
+GLOSSY, ROUGH = {"layer[1].interface.below": [1.0, 1.33, 1.5]}, {"layer[1].interface.roughness": [0.1, 0.2]}
+DEPTH, MIRROR = {"layer[1].thickness": [0.5, 1.0]}, {"layer": [RAYLEIGH], "base": {"kind": "mirror", "index": 1.5}}
+FACETS = {"layer": [RAYLEIGH], "base": {"kind": "facets", "index": 1.34, "roughness": 0.1}}
+
+
+def glossy(axes: dict[str, Any], interface: Any = None, **more: Any) -> dict[str, Any]:
+    """A Rayleigh layer under an interface."""
+    stack = [{"interface": {"above": 1.0, "below": 1.5} if interface is None else interface}, RAYLEIGH]
+    return {"nodes": 8, "layer": stack, **({} if "field" in more else {"brdf": BRDF}), **more, "axes": axes}
 
 
 @pytest.mark.parametrize(
-    ("axes", "words"),
+    ("content", "names"),
     [
-        ({}, "axes is missing"),
-        ({"layer[2].thickness": [1.0]}, "axes.layer[2].thickness: the scene has no layer[2].thickness"),
-        ({"layer[0].thickness": [1.0]}, "is no key of a scene"),
-        ({"layer[1].phase": [1.0]}, 'layer[1].phase is "rayleigh", and only a number can be changed'),
-        ({"layer[1].thicknes": [1.0]}, "unknown key; did you mean 'thickness'?"),
-        ({"layer[1].albedo": [0.5, 1.5]}, "axes.layer[1].albedo, value 2: layer[1].albedo must be between 0 and 1"),
-        ({"brdf.mu_i": [0.5]}, "is the same for all scenes of a table"),
-        ({"mu_o": {"key": "layer[1].albedo", "values": [0.5]}}, "this name is taken by the table itself"),
-        ({"a/b": {"key": "layer[1].albedo", "values": [0.5]}}, "cannot be the name of a coordinate"),
+        (glossy(GLOSSY), PLAIN | SPECULAR),
+        (glossy(ROUGH), PLAIN | {"surface"}),
+        (glossy({"layer[1].interface.roughness": [0.0, 0.1]}), PLAIN | SPECULAR | {"surface"}),
         (
-            {"a\\b": {"key": "layer[1].albedo", "values": [0.5]}},
-            "cannot be the name of a coordinate: no /, no \\ and no",
+            glossy(GLOSSY, brdf=BRDF | {"transmission": True}),
+            PLAIN | SPECULAR | {"transmission", "specular_transmission"},
         ),
-        ({"a": {"key": "layer[1].albedo", "values": []}}, "must be a list of numbers"),
-        ({"a": {"key": "layer[1].albedo", "values": [True]}}, "must be a list of numbers"),
-        ({"a": {"key": "layer[1].albedo"}}, "needs either values or start, stop and count"),
-        ({"a": {"key": "layer[1].albedo", "start": 0, "stop": 1}}, "axes.a.count: is missing"),
-        ({"a": {"key": ALBEDO, "start": 0, "stop": 1, "count": 2, "spacing": "log"}}, "start and stop above"),
-        ({"a": {"key": "layer[1].albedo", "vlues": [1]}}, "did you mean 'values'?"),
-        ({"layer[1].albedo": [0.5], "a": {"key": "layer[1].albedo", "values": [0.5]}}, "two of them change the same"),
-        (
-            {ALBEDO: {"values": [0.5], "along": "s"}, "layer[1].thickness": {"values": [1, 2], "along": "s"}},
-            "must have the same number of values",
-        ),
-        ({"wavelength_um": {"start": 0.4, "stop": 0.7, "count": 10**6}, "nodes": list(range(2, 2000))}, "are too many"),
+        (glossy(DEPTH, **MIRROR), PLAIN | SPECULAR),
+        (glossy({"base.index": [1.4, 1.5]}, **MIRROR), PLAIN | SPECULAR),
+        (glossy(DEPTH, layer=[RAYLEIGH]), PLAIN),
+        (glossy({"base.roughness": [0.1, 0.2]}, **FACETS), PLAIN),
+        (glossy(DEPTH, layer=[RAYLEIGH], **SURFACE_FIELD), LIGHT),
+        (glossy(GLOSSY, **SURFACE_FIELD), LIGHT | {"direct_up", "index"}),
     ],
 )
-def test_bad_axes_end_in_a_sentence(axes: dict[str, Any], words: str) -> None:
+def test_a_table_has_what_its_scenes_may_have(content: dict[str, Any], names: set[str]) -> None:
+    assert set(describe_sweep_results(read_sweep(content)).variables) == names
+
+
+ALBEDO = "layer[1].albedo"
+REFUSED = [
+    (simple({}), "axes is missing"),
+    (simple({"layer[2].thickness": [1.0]}), "axes.layer[2].thickness: the scene has no layer[2].thickness"),
+    (simple({"layer[0].thickness": [1.0]}), "is no key of a scene"),
+    (simple({"layer[1].phase": [1.0]}), 'layer[1].phase is "rayleigh", and only a number can be changed'),
+    (simple({"layer[1].thicknes": [1.0]}), "unknown key; did you mean 'thickness'?"),
+    (simple({ALBEDO: [0.5, 1.5]}), "axes.layer[1].albedo, value 2: layer[1].albedo must be between 0 and 1"),
+    (simple({"brdf.mu_i": [0.5]}), "is the same for all scenes of a table"),
+    (simple({"mu_o": {"key": ALBEDO, "values": [0.5]}}), "this name is taken by the table itself"),
+    (simple({"a/b": {"key": ALBEDO, "values": [0.5]}}), "cannot be the name of a coordinate"),
+    (simple({"a\\b": {"key": ALBEDO, "values": [0.5]}}), "cannot be the name of a coordinate: no /, no \\ and no"),
+    (simple({"a": {"key": ALBEDO, "values": []}}), "must be a list of numbers"),
+    (simple({"a": {"key": ALBEDO, "values": [True]}}), "must be a list of numbers"),
+    (simple({"a": {"key": ALBEDO}}), "needs either values or start, stop and count"),
+    (simple({"a": {"key": ALBEDO, "start": 0, "stop": 1}}), "axes.a.count: is missing"),
+    (simple({"a": {"key": ALBEDO, "start": 0, "stop": 1, "count": 2, "spacing": "log"}}), "start and stop above"),
+    (simple({"a": {"key": ALBEDO, "vlues": [1]}}), "did you mean 'values'?"),
+    (simple({ALBEDO: [0.5], "a": {"key": ALBEDO, "values": [0.5]}}), "two of them change the same"),
+    (
+        simple({ALBEDO: {"values": [0.5], "along": "s"}, "layer[1].thickness": {"values": [1, 2], "along": "s"}}),
+        "must have the same number of values",
+    ),
+    (
+        simple({"wavelength_um": {"start": 0.4, "stop": 0.7, "count": 10**6}, "nodes": list(range(2, 2000))}),
+        "are too many",
+    ),
+    (fields(axes={"stokes": {"key": ALBEDO, "values": [0.5]}}), "this name is taken by the table itself"),
+    (fields({"mu0": 0.6}), "field.mu is missing: all scenes of a table share their directions"),
+    ({name: one for name, one in fields().items() if name != "field"}, "brdf is missing"),
+    (simple({ALBEDO: [0.5]}, method="two-stream"), "a sweep is made by 'discrete-ordinates' alone"),
+    (glossy({"layer[1].interface.below": [1.5, 20.0]}), "value 2: layer[1].interface.below must be"),
+    (glossy({"layer[1].interface.roughness": [0.1, 0.001]}), "layer[1].interface.roughness must be 0"),
+    (glossy(GLOSSY, {"above": 1.0, "below": "water"}), 'is "water", and only a number can be changed'),
+    (glossy({"base.index": [1.5, -1.0]}, **MIRROR), "value 2: base.index must be"),
+    (glossy({"specular": {"key": "layer[2].thickness", "values": [1.0]}}), "is taken by the table itself"),
+    (
+        glossy(GLOSSY, layer=[{"interface": {"above": 1.0, "below": 1.5}}, RAYLEIGH | {"thickness": "x"}]),
+        "layer[2].thickness",
+    ),
+]
+
+
+@pytest.mark.parametrize(("content", "words"), REFUSED, ids=[words[:40] for _, words in REFUSED])
+def test_bad_sweeps_end_in_a_sentence_before_anything_is_computed(content: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError) as caught:
-        read_sweep(simple(axes))
+        read_sweep(content)
     assert words in str(caught.value)
 
 
-def test_options_that_do_not_fit() -> None:
-    given = simple({"layer[1].albedo": [0.5, 1.0]})
-    for how, words in (
+def test_media_that_do_not_fit_are_told_before_anything_is_computed() -> None:
+    particles = {"particles": {"glass": {"index": 1.7, "radius_um": 0.1}}, "wavelength_um": 0.55, "host_index": 1.33}
+    layers = [{"interface": {"above": 1.0, "below": 1.33}}, {"particles": "glass", "thickness": 1.0}]
+    with pytest.raises(SceneError, match=r"value 2: .*has the refractive index 1\.33, and the interface .* 1\.5"):
+        read_sweep(glossy({"layer[1].interface.below": [1.33, 1.5]}, layer=layers, **particles))
+    together = {
+        "below": {"key": "layer[1].interface.below", "values": [1.33, 1.5], "along": "binder"},
+        "host": {"key": "host_index", "values": [1.33, 1.5], "along": "binder"},
+    }
+    assert read_sweep(glossy(together, layer=layers, **particles)).dimensions == {"binder": 2}
+
+
+def test_an_axis_may_have_any_name_that_its_table_has_not() -> None:
+    table = vrte.sweep(simple({"specular": {"key": "layer[1].thickness", "values": [0.5, 1.0]}}), workers=1)
+    assert np.diff(table.reflectance.isel(mu_i=0).sel(specular=[0.5, 1.0]))[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
         ({"engine": "magic"}, "engine must be"),
         ({"scheduler": "tcp://x:1"}, "goes with engine 'dask' only"),
         ({"engine": "dask", "scheduler": "tcp://x:1", "workers": 1}, "leave one of the two out"),
         ({"chunk": 3}, "chunk must be a whole number from 1 to 2"),
         ({"workers": 0}, "workers must be a whole number"),
         ({"output": "table.csv"}, "must end in .zarr or .nc"),
-    ):
-        with pytest.raises(SceneError, match=words):
-            vrte.sweep(given, **how)  # type: ignore[arg-type]
+    ],
+)
+def test_options_that_do_not_fit(how: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        vrte.sweep(simple({ALBEDO: [0.5, 1.0]}), **how)
 
 
-def test_the_lit_side_of_the_file_is_kept_and_other_methods_are_refused() -> None:
-    layers = [{"phase": "rayleigh", "albedo": albedo, "thickness": 1.0} for albedo in (0.9, 0.5)]
-    content = {"nodes": 6, "layer": layers, "brdf": {"mu_i": 0.5, "mu_o": 0.3}, "axes": {"layer[1].thickness": [1.0]}}
+def test_the_lit_side_of_the_file_is_kept() -> None:
+    content = simple({"layer[1].thickness": [1.0]}, layer=[RAYLEIGH, RAYLEIGH | {"albedo": 0.5}])
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)])
-    below = vrte.brdf(scene, 0.5, 0.3, nodes=6, illuminate="bottom")
-    table = vrte.sweep({**content, "illuminate": "bottom"})
-    np.testing.assert_array_equal(table.mueller.values[0], below.mueller)
-    with pytest.raises(SceneError, match="a sweep is made by 'discrete-ordinates' alone"):
-        vrte.sweep({**content, "method": "two-stream"})
+    below = vrte.brdf(scene, 0.6, [0.5, 1.0], nodes=3, illuminate="bottom")
+    np.testing.assert_array_equal(vrte.sweep({**content, "illuminate": "bottom"}).mueller.values[0], below.mueller)
 
 
 def test_a_sweep_that_does_not_fit_on_the_disk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: types.SimpleNamespace(free=10**9))
-    given = simple({"layer[1].albedo": {"start": 0.0, "stop": 1.0, "count": 300}})
-    given["brdf"] = {"mu_i": 0.5, "mu_o": {"start": 0.1, "stop": 1, "count": 100}, "phi_deg": list(range(360))}
+    asked = {"mu_i": 0.5, "mu_o": {"start": 0.1, "stop": 1, "count": 100}, "phi_deg": list(range(360))}
     with pytest.raises(SceneError, match=r"300 scenes of 4\.61 MB make a table of 1\.38 GB, and .* room for 1 GB"):
-        vrte.sweep(given, tmp_path / "table.zarr")
+        vrte.sweep(simple({ALBEDO: {"start": 0.0, "stop": 1.0, "count": 300}}, brdf=asked), tmp_path / "table.zarr")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_scene_that_fails_is_recorded_and_the_rest_goes_on(tmp_path: Path) -> None:
+def test_a_scene_that_fails_is_recorded_and_the_rest_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     # 0.01 um is outside the data of gold; radius 0 is no radius
-    given = simple(
-        {"wavelength_um": [0.01, 0.64], "r": {"key": "particles.gold.radius_um", "values": [0.05, 0.0]}},
-        particles={"gold": {"index": "gold", "radius_um": 0.1}},
-        layer=[{"particles": "gold", "thickness": 1.0}],
+    (tmp_path / "s.toml").write_text(
+        POWDER + '"particles.gold.radius_um" = [0.05, 0.0]\nwavelength_um = [0.01, 0.6, 0.64]\n'
     )
-    with pytest.warns(SweepWarning, match="3 of 4 scenes failed; the first said: particles.gold"):
-        table = vrte.sweep(given, tmp_path / "table.zarr")
-    table.load()
-    assert table.error.values[1, 0] == ""
+    with pytest.warns(SweepWarning, match="4 of 6 scenes failed; the first said: particles.gold"):
+        table = vrte.sweep(tmp_path / "s.toml", tmp_path / "t.zarr").load()
+    assert (table.error != "").values.tolist() == [[True, False, False], [True, True, True]]
     assert "0.01" in table.error.values[0, 0]
     assert "radius_um" in table.error.values[1, 1]
-    assert np.isfinite(table.mueller.values[1, 0]).all()
-    assert np.isnan(table.mueller.values[0]).all()
-    assert np.isnan(table.reflectance.values[1, 1]).all()
+    assert np.isfinite(table.mueller.values[0, 1:]).all()
+    assert np.isnan(table.mueller.values[0, 0]).all()
+    assert np.isnan(table.reflectance.values[1]).all()
+    arguments = "sweep", tmp_path / "s.toml", "-o", tmp_path / "t.zarr", "--workers", 1
+    assert run(*arguments) == 0
+    capsys.readouterr()
+    assert run(*arguments, "--strict") == 1
+    complaint = capsys.readouterr().err
+    assert "4 of 6 scenes failed: particles.gold.radius_um = 0.05, wavelength_um = 0.01: particles.gold" in complaint
+    assert complaint.count("wavelength_um = 0.") == 3
+    assert complaint.count("\n") == 1
 
 
-def test_warnings_of_scenes_are_told_once(tmp_path: Path) -> None:
-    given = simple(
-        {"layer[1].volume_fraction": [0.05, 0.2, 0.3]},
-        wavelength_um=0.6,
-        particles={"gold": {"index": "gold", "radius_um": 0.05}},
-        layer=[{"particles": "gold", "thickness_um": 1.0, "volume_fraction": 0.1}],
-    )
+def test_warnings_of_scenes_are_told_once_and_shown_as_before_afterwards() -> None:
+    layer = {"particles": "gold", "thickness_um": 1.0, "volume_fraction": 0.1}
+    axes = {"layer[1].volume_fraction": [0.05, 0.2, 0.3]}
+    shown, threads = warnings.showwarning, threading.active_count()
     with pytest.warns(SweepWarning) as told:
-        vrte.sweep(given)
+        vrte.sweep(simple(axes, wavelength_um=0.6, particles=GOLD, layer=[layer]))
     assert len(told) == 1
     assert "volume_fraction of 0.2" in str(told[0].message)
     assert "and 1 more like it" in str(told[0].message)
+    assert warnings.showwarning is shown
+    wait_until(lambda: threading.active_count() <= threads + 2, 5.0)
 
 
-def test_optics_are_computed_once_for_each_particle_and_wavelength(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_optics_are_computed_once_for_each_particle_and_wavelength(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[Any, ...]] = []
 
     def counted(source: str, given: dict[str, Any]) -> vrte.Particles:
@@ -283,68 +425,32 @@ def test_optics_are_computed_once_for_each_particle_and_wavelength(
 
 
 def test_particles_kept_on_disk_are_the_same(tmp_path: Path) -> None:
-    known = optics.Optics(tmp_path)
     gold = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64)
     given = {"index": "gold", "radius_um": 0.1, "wavelength_um": 0.64}
-    kept = known.keep("spheres", given)
-    again = optics.Optics(tmp_path)("spheres", given)
-    for found in (kept, again):
+    for found in (optics.Optics(tmp_path).keep("spheres", given), optics.Optics(tmp_path)("spheres", given)):
         np.testing.assert_array_equal(found.phase_matrix.coefficients, gold.phase_matrix.coefficients)
         for name in (*optics.NUMBERS, "description"):
             assert getattr(found, name) == getattr(gold, name)
     assert [path.suffix for path in sorted(tmp_path.iterdir())] == ["", ".lock"]
     sizes = [vrte.Lognormal(0.1, 1.3), vrte.Lognormal(0.1, np.nextafter(1.3, 2)), vrte.Gamma(0.1, 0.3)]
-    names = {
-        optics.make_file_name("spheres", {"index": (1.5, 0.0), "size": size, "wavelength_um": 0.6}) for size in sizes
-    }
-    assert len(names) == 3
+    assert len({optics.make_file_name("spheres", {**given, "size": size}) for size in sizes}) == 3
 
 
-def test_boxes_cover_the_grid_once() -> None:
+def test_boxes_cover_the_grid_once_and_cores_are_never_used_twice() -> None:
     for shape in ((7,), (3, 10), (2, 3, 5), (1, 1), (4, 1, 6)):
         for most in (1, 2, 3, 4, 7, 16, 1000):
             grid = cut_grid(shape, most)
-            places = [place for chunk in range(grid.chunks) for place in grid.places(chunk)]
-            assert sorted(places) == list(np.ndindex(*shape))
-            assert max(len(list(grid.places(chunk))) for chunk in range(grid.chunks)) <= most
+            places = [list(grid.places(chunk)) for chunk in range(grid.chunks)]
+            assert sorted(itertools.chain(*places)) == list(np.ndindex(*shape))
+            assert max(map(len, places)) <= most
     assert Grid((2, 5), (1, 3)).extent(1) == (1, 2)
-
-
-def test_cores_are_shared_and_never_used_twice() -> None:
     cores = Cores(8, 3)
-    assert cores.share() == 2
-    cores.leave()
-    assert cores.share() == 4
-    cores.leave()
-    assert cores.share() == 8
+    assert [(cores.share(), cores.leave())[0] for _ in range(3)] == [2, 4, 8]
     assert Cores(2, 2).share() == 1
 
 
-def test_progress_counts_scenes(tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    vrte.sweep(
-        simple({"layer[1].albedo": [0.1, 0.2, 0.3, 0.4, 0.5]}),
-        workers=1,
-        chunk=2,
-        progress=lambda *given: told.append(given),
-    )
-    assert told == [(0, 5), (2, 5), (4, 5), (5, 5)]
-
-
-class StoppedError(Exception):
-    """What a test interrupts a sweep with."""
-
-
-def stop_after(scenes: int) -> Any:
-    def progress(done: int, total: int) -> None:
-        if done >= scenes:
-            raise StoppedError
-
-    return progress
-
-
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
-    given, output = simple({"layer[1].albedo": np.linspace(0, 1, 12)}), tmp_path / "table.zarr"
+    given, output = simple({ALBEDO: np.linspace(0, 1, 12)}), tmp_path / "table.zarr"
     with pytest.raises(StoppedError):
         vrte.sweep(given, output, workers=1, chunk=2, progress=stop_after(6))
     assert not output.exists()
@@ -352,22 +458,22 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     os.link(folder / "log.txt", tmp_path / "log")
     before = store.read_work(folder).done()
     assert {0, 1, 2} <= before < set(range(6))
-    told: list[int] = []
-    table = vrte.sweep(given, output, workers=1, progress=lambda done, _: told.append(done))
-    assert told[0] == 2 * len(before)
+    told: list[tuple[int, int]] = []
+    table = vrte.sweep(given, output, workers=1, progress=lambda *given: told.append(given))
+    assert told == [(done, 12) for done in range(2 * len(before), 13, 2)]
     begun = [int(line.split()[1]) for line in (tmp_path / "log").read_text().splitlines() if line.startswith("begin")]
     assert not before & set(begun[len(before) + 1 :])
     assert table.load().equals(vrte.sweep(given))
     assert not folder.exists()
     # and once complete, it is only opened
     told.clear()
-    assert vrte.sweep(given, output, progress=lambda done, _: told.append(done)).load().equals(table)
+    assert vrte.sweep(given, output, progress=lambda *given: told.append(given)).load().equals(table)
     assert told == []
     assert not folder.exists()
 
 
 def test_a_changed_sweep_is_refused(tmp_path: Path) -> None:
-    given, output = simple({"layer[1].albedo": np.linspace(0, 1, 6)}), tmp_path / "table.zarr"
+    given, output = simple({ALBEDO: np.linspace(0, 1, 6)}), tmp_path / "table.zarr"
     changed = copy.deepcopy(given)
     changed["layer"][0]["thickness"] = 2.0
     with pytest.raises(StoppedError):
@@ -390,11 +496,9 @@ def test_a_changed_sweep_is_refused(tmp_path: Path) -> None:
 def test_a_changed_table_of_coefficients_is_noticed(tmp_path: Path) -> None:
     table = "l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,{},0,0,0,0,0\n"
     (tmp_path / "phase.csv").write_text(table.format(0.3))
-    given = simple({"layer[1].albedo": [0.1, 1.0]})
-    given["layer"][0]["phase"] = "phase.csv"
-    layer = "[[layer]]\nphase = 'phase.csv'\nalbedo = 1\nthickness = 1\n"
     (tmp_path / "s.toml").write_text(
-        f"nodes = 3\n{layer}[brdf]\nmu_i = 0.5\nmu_o = 0.5\n[axes]\n'layer[1].albedo' = [0.1, 1]"
+        "nodes = 3\nlayer = [{ phase = 'phase.csv', albedo = 1, thickness = 1 }]\nbrdf = { mu_i = 0.5, mu_o = 0.5 }\n"
+        "axes = { 'layer[1].albedo' = [0.1, 1] }\n"
     )
     vrte.sweep(tmp_path / "s.toml", tmp_path / "t.zarr").close()
     (tmp_path / "phase.csv").write_text(table.format(0.4))
@@ -402,17 +506,14 @@ def test_a_changed_table_of_coefficients_is_noticed(tmp_path: Path) -> None:
         vrte.sweep(tmp_path / "s.toml", tmp_path / "t.zarr")
 
 
-def test_a_second_process_at_the_same_output_is_refused(tmp_path: Path) -> None:
-    given, output = simple({"layer[1].albedo": [0.1, 1.0]}), tmp_path / "table.zarr"
+def test_an_output_has_one_process_and_a_system_with_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, output = simple({ALBEDO: [0.1, 1.0]}), tmp_path / "table.zarr"
     with store.lock_output(output), pytest.raises(SweepError, match=r"another process is at work on .*table\.zarr"):
         vrte.sweep(given, output)
     vrte.sweep(given, output).close()
-
-
-def test_a_system_without_file_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fcntl", None)  # Windows
     with pytest.raises(SweepError, match="sweeps need the file locks of Linux and macOS"):
-        vrte.sweep(simple({"layer[1].albedo": [0.1, 1.0]}), tmp_path / "table.zarr")
+        vrte.sweep(given, output)
 
 
 def test_what_is_left_of_a_sweep_that_never_began_is_no_obstacle(tmp_path: Path) -> None:
@@ -420,8 +521,7 @@ def test_what_is_left_of_a_sweep_that_never_began_is_no_obstacle(tmp_path: Path)
     (folder / "table" / "mueller").mkdir(parents=True)
     (folder / "done").mkdir()
     (folder / "done" / "000000000").write_text("{}")
-    given = simple({"layer[1].albedo": [0.1, 1.0]})
-    assert np.isfinite(vrte.sweep(given, tmp_path / "table.zarr").reflectance.values).all()
+    assert np.isfinite(vrte.sweep(simple({ALBEDO: [0.1, 1.0]}), tmp_path / "table.zarr").reflectance.values).all()
     assert not folder.exists()
 
 
@@ -446,26 +546,13 @@ def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert complaint.count("\n") == 1
 
 
-def test_strict_names_the_scenes_that_failed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = POWDER + '[axes]\n"particles.gold.radius_um" = [0.05, 0.0]\nwavelength_um = [0.5, 0.6, 0.64]\n'
-    (tmp_path / "s.toml").write_text(lines)
-    arguments = "sweep", tmp_path / "s.toml", "-o", tmp_path / "t.zarr", "--workers", 1
-    assert run(*arguments) == 0
-    capsys.readouterr()
-    assert run(*arguments, "--strict") == 1
-    complaint = capsys.readouterr().err
-    assert (
-        "3 of 6 scenes failed: particles.gold.radius_um = 0, wavelength_um = 0.5: particles.gold.radius_um" in complaint
-    )
-    assert complaint.count("wavelength_um = 0.") == 3
-    assert complaint.count("\n") == 1
-
-
 def test_interrupted_it_ends_at_once_and_leaves_what_is_done(tmp_path: Path) -> None:
     count = 2000
-    layer = "[[layer]]\nphase = 'rayleigh'\nalbedo = 1\nthickness = 1\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"
-    lines = f'nodes = 4\n{layer}[axes]\n"layer[1].albedo" = {{ start = 0, stop = 1, count = {count} }}\n'
-    (tmp_path / "s.toml").write_text(lines)
+    (tmp_path / "s.toml").write_text(
+        f"nodes = 4\nlayer = [{{ phase = 'rayleigh', albedo = 1, thickness = 1 }}]\n"
+        f"brdf = {{ mu_i = 0.5, mu_o = 0.5 }}\n"
+        f"axes = {{ 'layer[1].albedo' = {{ start = 0, stop = 1, count = {count} }} }}\n"
+    )
     command = [sys.executable, "-m", "vrte.cli", "sweep", str(tmp_path / "s.toml"), "-o", str(tmp_path / "t.zarr")]
     process = subprocess.Popen(
         [*command, "--chunk", "2"], stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1]
@@ -481,9 +568,220 @@ def test_interrupted_it_ends_at_once_and_leaves_what_is_done(tmp_path: Path) -> 
     assert 3 < len(list(done.iterdir())) < count // 2
 
 
-def test_warnings_are_as_before_afterwards() -> None:
-    shown = warnings.showwarning
-    threads = threading.active_count()
-    vrte.sweep(simple({"layer[1].albedo": [0.1, 1.0]}))
-    assert warnings.showwarning is shown
-    wait_until(lambda: threading.active_count() <= threads + 2, 5.0)
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """A Dask cluster somewhere else, of two workers with a thread each (here: in this process, to be quick)."""
+    from distributed import LocalCluster
+
+    how: dict[str, Any] = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+    with warnings.catch_warnings(), LocalCluster(n_workers=2, threads_per_worker=1, processes=False, **how) as found:
+        yield found
+
+
+@pytest.mark.parametrize(
+    "nodes", [{"nodes": 6}, pytest.param({}, marks=pytest.mark.slow)], ids=["6 nodes", "nodes by accuracy"]
+)
+def test_same_numbers_from_each_engine(nodes: dict[str, int], cluster: Any) -> None:
+    given = powder(**nodes)
+    sequential = vrte.sweep(given, workers=1, chunk=1)
+    assert not (sequential.error != "").any()
+    assert vrte.sweep(given, workers=2).equals(sequential)
+    assert vrte.sweep(given, engine="dask", scheduler=cluster.scheduler_address).equals(sequential)
+    assert gap(sequential, vrte.sweep(given, engine="opencl", chunk=4)) < SAME
+    assert gap(sequential, vrte.sweep(given, workers=8, chunk=6)) < SAME  # orders and scenes share the cores
+
+
+def test_a_device_finds_the_same_fields() -> None:
+    expected, device = (vrte.sweep(fields(), engine=engine) for engine in ("threads", "opencl"))
+    assert_close(device.stokes, expected.stokes, rtol=0.0, atol=1e-12 * float(expected.stokes.max()))
+
+
+def test_on_a_device_a_scene_that_fails_does_not_stop_its_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = powder(nodes=4)
+    given["axes"]["wavelength_um"] = [0.01, 0.6]  # gold has no data for the first
+    with pytest.warns(UserWarning, match="6 of 12 scenes failed"):
+        expected = vrte.sweep(given, workers=1)
+    batches = []
+    solved = chunks.solve_together
+
+    def picky(requests: Any, *rest: Any) -> Any:
+        batches.append(len(requests))
+        if any(request.scene.thickness == 10.0 for request in requests):
+            raise vrte.AccuracyError("not this one")
+        return solved(requests, *rest)
+
+    monkeypatch.setattr(chunks, "solve_together", picky)
+    with pytest.warns(UserWarning, match="8 of 12 scenes failed"):
+        table = vrte.sweep(given, engine="opencl", chunk=12)
+    assert batches == [6, 1, 1, 1, 1, 1, 1]
+    assert (table.error.values[1, 1] == "AccuracyError: not this one").all()
+    both = {"depth": [0, 2]}
+    assert gap(expected.isel(both), table.isel(both)) < SAME
+
+
+def test_clusters_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    monkeypatch.setattr(dask_engine, "PATIENCE", 0.5)
+    given, how = powder(nodes=4), {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+    with pytest.raises(SweepError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        vrte.sweep(given, tmp_path / "t.zarr", engine="dask", scheduler="tcp://127.0.0.1:9")
+    vrte.sweep(given, tmp_path / "t.zarr").close()  # and the output is nobody's
+    with (
+        LocalCluster(n_workers=0, processes=False, **how) as empty,
+        pytest.raises(SweepError, match=r"had no worker for 0\.5 seconds"),
+    ):
+        vrte.sweep(given, engine="dask", scheduler=empty.scheduler_address)
+    with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
+        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.Chunk(0))
+
+
+def listening() -> set[Any]:
+    """Addresses where this process and its children wait for connections."""
+    processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    return {each.laddr for process in processes for each in process.net_connections() if each.status == "LISTEN"}
+
+
+def ask_plainly(place: Any) -> None:
+    with closing(http.client.HTTPConnection(*place, timeout=2)) as plain:
+        plain.request("GET", "/info/main/workers.html")
+        plain.getresponse()
+
+
+def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
+    from distributed import Client, Security
+
+    before = listening()  # that of other tests
+    with dask_engine.start_own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
+        assert client.submit(abs, -7).result() == 7
+        address = client.scheduler.address
+        sockets = listening() - before
+        assert {place.ip for place in sockets} == {"127.0.0.1"}
+        # without encryption, and with a certificate that anybody can make
+        for strange, security in ((address.replace("tls:", "tcp:"), Security()), (address, Security.temporary())):
+            with pytest.raises(OSError, match=r"reset|Timed out|SSL|certificate"):
+                Client(strange, timeout=1.0, security=security)
+        for place in sockets:  # and nothing but TLS is spoken
+            with pytest.raises((OSError, http.client.HTTPException)):
+                ask_plainly(place)
+        assert client.submit(abs, -8).result() == 8
+
+
+@pytest.fixture
+def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many scenes were solved together, batch by batch."""
+    told: list[int] = []
+    solve = alike.solve_batch
+
+    def noted(*given: Any) -> Any:
+        found = solve(*given)
+        told.append(len(found))
+        return found
+
+    monkeypatch.setattr(alike, "solve_batch", noted)
+    return told
+
+
+def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
+    given = stacks([0.4, 1.0, 2.0])
+    alone = vrte.sweep(given, workers=1, chunk=1)
+    assert not batches
+    together = vrte.sweep(given, workers=1, chunk=7)
+    assert sum(batches) == 18
+    assert vrte.sweep(given, workers=2, chunk=18).equals(together)
+    assert together.equals(alone)
+    axes = [together[name] for name in together.error.dims]
+    for place in np.ndindex(3, 3, 2):
+        depth, albedo, floor = (axis.values[k] for axis, k in zip(axes, place, strict=True))
+        layers = [vrte.Layer(vrte.rayleigh(), float(albedo), 1.0), vrte.Layer(vrte.isotropic(), 0.8, float(depth))]
+        scene = vrte.Scene(layers, vrte.Lambertian(float(floor)))
+        one = vrte.brdf(scene, MU, MU, PHI, nodes=6, truncation="none")
+        for name in BRDF_ARRAYS:
+            np.testing.assert_array_equal(together[name].values[place], getattr(one, name))
+
+
+def test_axes_may_change_what_is_asked(batches: list[int]) -> None:
+    given = stacks([], axes={"nodes": [5, 6], "accuracy": [1e-8, 1e-6], ALBEDO: [0.3, 0.6, 0.9]})
+    together = vrte.sweep(given, workers=1, chunk=12)
+    assert batches == [3, 3, 3, 3]
+    assert together.equals(vrte.sweep(given, workers=1, chunk=1))
+
+
+def test_one_that_fails_spoils_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = stacks([], axes={"layer[1].thickness": [0.4, 0.7, 1.0, 1.5], ALBEDO: [0.5, 0.9]})
+    expected = vrte.sweep(given, workers=1, chunk=1)
+    solve_batch, solve_request = alike.solve_batch, chunks.solve_request
+
+    def stumble(requests: Any, likeness: Any, places: Any, run: Any) -> Any:
+        if any(requests[place].scene.layers[0].thickness == 0.7 for place in places):
+            raise vrte.AccuracyError("not with these")
+        return solve_batch(requests, likeness, places, run)
+
+    def refuse(request: Any, run: Any) -> Any:
+        if request.scene.layers[0].thickness == 0.7:
+            raise vrte.AccuracyError("not this one")
+        return solve_request(request, run)
+
+    monkeypatch.setattr(alike, "solve_batch", stumble)
+    monkeypatch.setattr(chunks, "solve_request", refuse)
+    with pytest.warns(SweepWarning, match="2 of 8 scenes failed; the first said: AccuracyError: not this one"):
+        table = vrte.sweep(given, workers=1, chunk=8)
+    assert (table.error.values[1] == "AccuracyError: not this one").all()
+    rest = {"layer[1].thickness": [0, 2, 3]}
+    assert table.isel(rest).equals(expected.isel(rest))
+
+
+def test_a_bad_point_is_named_and_the_others_go_together(batches: list[int]) -> None:
+    given = stacks([], axes={ALBEDO: [0.5, 0.9], "layer[2].thickness": [0.5, 1.0, np.inf]})
+    given["brdf"] = given["brdf"] | {"transmission": True}
+    with pytest.warns(SweepWarning, match="2 of 6 scenes failed; the first said: brdf.transmission needs a finite"):
+        table = vrte.sweep(given, workers=1, chunk=6)
+    assert batches == [4]
+    assert (table.error != "").values.tolist() == [[False, False, True]] * 2
+
+
+def test_phase_matrices_are_made_once_for_each_layer(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[float] = []
+    rayleigh = phase_matrix.rayleigh
+    monkeypatch.setattr(phase_matrix, "rayleigh", lambda given: made.append(given) or rayleigh(given))
+    phases.make_by_name.cache_clear()
+    layers = [RAYLEIGH | {"phase": {"rayleigh": 0.03}} for _ in range(2)]
+    table = vrte.sweep(stacks([], layer=layers, axes={"layer[1].thickness": [0.5, 1.0, 2.0]}), workers=1)
+    assert made == [0.03, 0.03]
+    matrices = [vrte.rayleigh(0.03) for _ in range(2)]
+    for place, depth in enumerate([0.5, 1.0, 2.0]):
+        scene = [vrte.Layer(one, 0.9, thickness) for one, thickness in zip(matrices, (depth, 1.0), strict=True)]
+        alone = vrte.brdf(vrte.Scene(scene, vrte.Lambertian(0.2)), MU, MU, PHI, nodes=6)
+        np.testing.assert_array_equal(table.mueller.values[place], alone.mueller)
+
+
+def test_stopped_it_goes_on_to_the_same_bits(tmp_path: Path, batches: list[int]) -> None:
+    given, output = stacks([0.4, 1.0, np.inf, 2.0]), tmp_path / "table.zarr"
+    with pytest.raises(StoppedError):
+        vrte.sweep(given, output, workers=1, chunk=6, progress=stop_after(12))
+    done = sum(batches)
+    vrte.sweep(given, output, workers=2, chunk=6).close()
+    assert 0 < done < sum(batches)
+    with vrte.sweep(given, output) as table:
+        assert table.load().equals(vrte.sweep(given, workers=1, chunk=1))
+
+
+def test_the_flag_stops_a_batch() -> None:
+    stop = np.zeros(1, np.int32)
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.5, 0.9)]
+    first = make_brdf_request(scenes[0], MU[:2], MU, PHI, nodes=6, algorithm="direct")
+    other = alike.make_alike_request(first, scenes[1])
+    assert other is not None
+    assert len(chunks.solve_alike_questions([first, other], stop)) == 2
+    stop[0] = 1
+    with pytest.raises(KeyboardInterrupt):
+        chunks.make_processor_solver(lambda: 1, stop)([first, other])
+
+
+@pytest.mark.slow
+def test_a_device_finds_the_same_of_scenes_that_are_alike(batches: list[int]) -> None:
+    given = stacks([0.4, 1.0, np.inf, 2.0])
+    together, there = (vrte.sweep(given, workers=1, chunk=24, engine=engine) for engine in ("threads", "opencl"))
+    assert sum(batches) >= 12
+    scenes = {"scene": list(together.error.dims)}
+    assert gap(*(each.stack(scenes).transpose("scene", ...) for each in (together, there))) < SAME
