@@ -1,4 +1,4 @@
-"""Spheres under a sky: closed forms, energy, frames against light worked out in three dimensions, and files."""
+"""Spheres under a sky: closed forms, energy, frames against light worked out in space, mirrors, facets, files."""
 
 import re
 import subprocess
@@ -17,13 +17,15 @@ from vrte import cli
 from vrte.appearance.colours import OBSERVERS, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
+from vrte.optics.facets import RoughSurface
+from vrte.optics.fresnel import reflect_smooth
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, compute_normals, place_camera
 from vrte.render.picture import Sheet, colour_angles
-from vrte.render.rendering import compute_pictures, measure_interpolation_error
+from vrte.render.rendering import compute_pictures, find_fine_table, measure_interpolation_error
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, compute_optical_thickness, make_sky
-from vrte.render.spheres import MARGIN, View
+from vrte.render.spheres import MARGIN, SUN_RADIUS, View, mirror_sun
 from vrte.render.surfaces import compute_irradiance
 from vrte.render.tables import Resolution, Table, tabulate_brdf
 
@@ -44,32 +46,33 @@ def view(sky: Sky, size: int = 40, camera: Camera | None = None, resolution: Res
 
 
 def normals_of(seen: View) -> Array:
-    _, theta, psi = seen.pixels
-    return compute_normals(seen.camera, theta, psi)
+    return compute_normals(seen.camera, *seen.pixels[1:])
+
+
+def draw(seen: View, here: Table) -> Array:
+    """Stokes vectors (pixel, 4) of a sphere at the one wavelength of its sky."""
+    return seen.stokes([here])[:, 0]
 
 
 def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -> vrte.Scene:
     return vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, thickness)], None if base is None else vrte.Lambertian(base))
 
 
-def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
+def test_a_lambertian_sphere_is_flat_under_a_uniform_sky_and_obeys_lambert_in_the_sun() -> None:
     half = vrte.Scene(WHITE.layers, vrte.Lambertian(0.4))
-    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes([table(half)])[:, 0]
+    found = draw(view(make_sky("uniform", [0.5], 30.0, 0.0)), table(half))
     assert_close(found[:, 0], 0.4, rtol=2e-6, atol=0.0)
     assert np.abs(found[:, 1:]).max() < 1e-15
-
-
-def test_lambertian_sphere_in_the_sun_obeys_lambert() -> None:
     seen = view(make_sky("sun", [0.5], 35.0, 0.0))
     expected = np.maximum(-(normals_of(seen) @ seen.sky.beam), 0.0) / np.pi
-    assert_close(seen.stokes([table(WHITE)])[:, 0][:, 0], expected, rtol=0.0, atol=1e-6)
+    assert_close(draw(seen, table(WHITE))[:, 0], expected, rtol=0.0, atol=1e-6)
 
 
 def test_lambertian_sphere_under_the_rayleigh_sky_sends_back_its_irradiance() -> None:
     """The quadrature of the sky, facet by facet, against an adaptive one in the sky's own angles."""
     sky = make_sky("rayleigh", [0.45], 35.0, 0.3)
     seen = view(sky, resolution=replace(COARSE, along=20, across=14))
-    found = seen.stokes([table(WHITE, seen.resolution)])[:, 0][:, 0]
+    found = draw(seen, table(WHITE, seen.resolution))[:, 0]
     some = np.arange(0, found.size, 97)
     expected = compute_irradiance(sky, normals_of(seen)[some], Resolution(along=60, across=60))[0] / np.pi
     assert_close(found[some], expected, rtol=2e-4, atol=0.0)
@@ -86,9 +89,13 @@ def test_irradiance_on_level_ground_is_that_of_the_field() -> None:
 
 def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
     """Light the same from all sides, no absorption: no sphere can be told from its surroundings."""
-    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], vrte.Lambertian(1.0))
-    for one in (scene, rayleigh_layer(1.0, 0.2, 1.0)):
-        found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes([table(one)])[:, 0]
+    white = vrte.Lambertian(1.0)
+    scattering = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], white)
+    # what the surface mirrors and what leaves the layer below make up for each other at every angle
+    shiny = vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)], white)
+    assert table(shiny).specular is not None
+    for one in (scattering, shiny, rayleigh_layer(1.0, 0.2, 1.0)):
+        found = draw(view(make_sky("uniform", [0.5], 30.0, 0.0)), table(one))
         assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
@@ -100,7 +107,7 @@ def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None
     for cosine, weight in zip(points, weights, strict=True):
         seen = view(sky, 48, place_camera(float(np.degrees(np.arcsin(cosine))), 0.0))
         inside = seen.pixels[0]
-        out += 2.0 * np.pi * weight * float(seen.stokes([here])[:, 0][:, 0] @ seen.cover.ravel()[inside])
+        out += 2.0 * np.pi * weight * float(draw(seen, here)[:, 0] @ seen.cover.ravel()[inside])
     radius = 0.5 * MARGIN * 48
     assert out == close_to(np.pi * radius**2, rtol=3e-3, atol=0.0)
 
@@ -112,10 +119,10 @@ def dipoles(light: Array, toward: Array) -> Array:
 
 
 def stokes_of(coherency: Array, camera: Camera) -> Array:
-    """On the upright and the right of the picture."""
+    """On the upright and the right of the picture; V is 2 Im E_r conj(E_l) for l, r = l x k, as the conventions say."""
     up, right = camera.up, camera.right
     uu, rr, ur = up @ coherency @ up, right @ coherency @ right, up @ coherency @ right
-    return np.array([uu + rr, uu - rr, 2.0 * ur, 0.0])
+    return np.array([uu + rr, uu - rr, 2.0 * ur.real, -2.0 * ur.imag]).real
 
 
 THIN = 1e-5  # so thin that light is scattered once: dipoles, without depolarization
@@ -126,7 +133,7 @@ def test_frames_of_sunlight_are_those_of_dipoles_in_space(azimuth: float) -> Non
     """Every pixel of a thin layer in the sun shows the same polarization, that of dipoles, without any frame."""
     sky = make_sky("sun", [0.5], 35.0, 0.0)
     seen = view(sky, camera=place_camera(20.0, azimuth))
-    found = seen.stokes([table(rayleigh_layer(1.0, THIN))])[:, 0]
+    found = draw(seen, table(rayleigh_layer(1.0, THIN)))
     unpolarized = 0.5 * (np.eye(3) - np.outer(sky.beam, sky.beam))
     scattered = stokes_of(dipoles(unpolarized, seen.camera.toward), seen.camera)
     normal = normals_of(seen)
@@ -154,7 +161,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     sky = make_sky("rayleigh", [0.45], 25.0, 0.0)
     sky = replace(sky, sun=np.zeros(1))
     seen = view(sky, camera=place_camera(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
-    found, normal = seen.stokes([table(rayleigh_layer(1.0, THIN), seen.resolution)])[:, 0], normals_of(seen)
+    found, normal = draw(seen, table(rayleigh_layer(1.0, THIN), seen.resolution)), normals_of(seen)
     points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
     around = np.arange(72) * (2.0 * np.pi / 72)
@@ -179,9 +186,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
 def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
     here = table(rayleigh_layer(0.9, 1.0))
     pictures = [
-        view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)).stokes([here])[
-            :, 0
-        ]
+        draw(view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)), here)
         for turned in (0.0, 123.0)
     ]
     assert_close(*pictures, rtol=0.0, atol=1e-12)
@@ -193,7 +198,7 @@ def test_mirrored_camera_sees_the_mirrored_picture() -> None:
     for azimuth in (60.0, -60.0):
         seen = view(sky, camera=place_camera(20.0, azimuth))
         flat = np.zeros((seen.size**2, 4))
-        flat[seen.pixels[0]] = seen.stokes([here])[:, 0]
+        flat[seen.pixels[0]] = draw(seen, here)
         squares.append(flat.reshape(seen.size, seen.size, 4))
     mirrored = squares[1][:, ::-1] * [1.0, 1.0, -1.0, -1.0]
     assert_close(squares[0], mirrored, rtol=0.0, atol=1e-12)
@@ -254,7 +259,7 @@ def test_what_the_resolution_is_good_for() -> None:
     pictures = []
     for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28)):
         here = table(scene, chosen, nodes=None, accuracy=1e-4)
-        pictures.append(view(sky, 96, place_camera(10.0, 50.0), chosen).stokes([here])[:, 0])
+        pictures.append(draw(view(sky, 96, place_camera(10.0, 50.0), chosen), here))
     gap = np.abs(pictures[0] - pictures[1]) / pictures[1][:, 0].max()
     assert gap.max() < 3e-3
     assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4
@@ -361,21 +366,32 @@ def test_finer_where_needed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[render]\nsky = 'blue'", 'render.sky = "blue": must be "rayleigh" or "uniform" or "sun"'),
-        ("[render]\nsun_elevation_deg = 0", "render.sun_elevation_deg = 0: must be degrees from 1 to 90"),
-        ("[render]\nexposur = 1", "render.exposur = 1: unknown key; did you mean 'exposure'?"),
-        ("[render]\nwavelengths = 3", "render.wavelengths = 3: must be a whole number from 9 to 31"),
-        ("[render]\nwavelengths_um = [0.5, 0.4]", "render.wavelengths_um = [0.5, 0.4]: must be 1 to 31 ascending"),
-        ("[render]\nwavelengths = 9\nwavelengths_um = [0.5]", "at most one of wavelengths and wavelengths_um"),
-        ("[render]\nsize_px = 1.5", "render.size_px = 1.5: must be a whole number from 16 to 1024"),
-        ("[render]\ntitle = 3", "render.title = 3: must be a text"),
+        ("sky = 'blue'", 'render.sky = "blue": must be "rayleigh" or "uniform" or "sun"'),
+        ("sun_elevation_deg = 0", "render.sun_elevation_deg = 0: must be degrees from 1 to 90"),
+        ("exposur = 1", "render.exposur = 1: unknown key; did you mean 'exposure'?"),
+        ("wavelengths = 3", "render.wavelengths = 3: must be a whole number from 9 to 31"),
+        ("wavelengths_um = [0.5, 0.4]", "render.wavelengths_um = [0.5, 0.4]: must be 1 to 31 ascending"),
+        ("wavelengths = 9\nwavelengths_um = [0.5]", "at most one of wavelengths and wavelengths_um"),
+        ("size_px = 1.5", "render.size_px = 1.5: must be a whole number from 16 to 1024"),
+        ("title = 3", "render.title = 3: must be a text"),
+        (
+            'object = "cow"',
+            'render.object = "cow": must be sphere or ball or vase or shell or knot, or a file',
+        ),
+        ('object = "cow.obj"', 'render.object = "cow.obj": no such file'),
+        ("object = 3", "render.object = 3: must be sphere or"),
+        ("turn_deg = 30", "render.turn_deg = 30: a sphere looks the same however it is turned"),
+        ('object = "vase"\nturn_deg = 400', "render.turn_deg = 400: must be degrees from -360 to 360"),
+        ('object = "vase"\ncamera_elevation_deg = -5', "render.camera_elevation_deg = -5: must be more than 0"),
     ],
 )
-def test_bad_tables_are_named(render: Command, text: str, message: str) -> None:
-    assert message in render(render.scene(PLAIN + text), code=2)
+def test_bad_tables_are_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        read([write(tmp_path / "a.toml", f"{PLAIN}[render]\n{text}\n")])
+    assert message in str(caught.value)
 
 
-def test_what_cannot_be_one_picture_is_named(render: Command) -> None:
+def test_what_cannot_be_one_picture_is_named_in_a_line(render: Command) -> None:
     assert "absent.toml: No such file" in render(render.folder / "absent.toml", code=2)
     scenes = [render.scene(f"{PLAIN}[render]\nexposure = {name}", name) for name in ("1", "2")]
     assert "render.exposure = 2.0: " in render(*scenes, code=2)
@@ -429,3 +445,150 @@ def test_setting_has_its_defaults(tmp_path: Path) -> None:
     assert setting == Setting()
     assert materials[0].title == "white paint"
     np.testing.assert_array_equal(materials[0].wavelengths_um, colour.choose_wavelengths(9))
+
+
+INDEX = 1.5 + 0.3j
+
+
+def mirror_table(index: complex) -> Table:
+    """A sphere that only mirrors, as if of glass or metal without end."""
+    directions = COARSE.mu, COARSE.mu, COARSE.phi
+    dark = np.zeros((*(one.size for one in directions), 4, 4))
+    share = np.zeros(COARSE.mu.size)
+    beams = reflect_smooth(index, COARSE.mu)
+    return tabulate_brdf(vrte.Brdf(dark, share, *directions, {}, direct_transmittance=share, specular=beams), COARSE)
+
+
+def amplitudes(index: complex, cosine: float) -> tuple[complex, complex]:
+    """Fresnel's r_p, r_s, as anyone would write them."""
+    behind = np.sqrt(1.0 - (1.0 - cosine**2) / index**2 + 0j)
+    p = (index * cosine - behind) / (index * cosine + behind)
+    return p, (cosine - index * behind) / (cosine + index * behind)
+
+
+def test_a_mirror_shows_the_sky_as_fields_in_space_are_reflected() -> None:
+    sky = replace(make_sky("rayleigh", [0.45], 25.0, 0.3), sun=np.zeros(1))
+    seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
+    found, normal = draw(seen, mirror_table(INDEX)), normals_of(seen)
+    toward = seen.camera.toward
+    checked = 0
+    for pixel in range(0, normal.shape[0], 101):
+        cosine = float(normal[pixel] @ toward)
+        travel = toward - 2.0 * cosine * normal[pixel]
+        if travel[2] > -0.05 or cosine < 0.05:
+            continue
+        s = np.cross(travel, normal[pixel])
+        s /= np.linalg.norm(s)
+        r_p, r_s = amplitudes(INDEX, cosine)
+        # p = s x k for both: at grazing incidence they are one, and r_p = r_s = -1 there
+        turned = r_s * np.outer(s, s) + r_p * np.outer(np.cross(s, toward), np.cross(s, travel))
+        light = turned @ sky_coherency(sky, travel) @ turned.conj().T
+        expected = stokes_of(light, seen.camera)
+        assert_close(found[pixel], expected, rtol=0.0, atol=2e-4 * expected[0])
+        checked += 1
+    assert checked > 10
+    assert np.abs(found[:, 3]).max() > 0.02 * found[:, 0].max()  # a metal makes V of skylight
+
+
+def test_in_a_furnace_a_mirror_shows_its_reflectance() -> None:
+    seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
+    found = draw(seen, mirror_table(1.5))
+    expected = reflect_smooth(1.5, np.cos(seen.pixels[1]))
+    assert_close(found[:, 0], expected[:, 0, 0], rtol=0.0, atol=2e-4)
+    assert_close(np.hypot(found[:, 1], found[:, 2]), -expected[:, 1, 0], rtol=0.0, atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [16, 60, 600])
+def test_the_suns_image_holds_what_a_sphere_mirrors(size: int) -> None:
+    """E/4 times the cross section, R of half the angle between sun and camera, where the normal halves it."""
+    sky = make_sky("sun", [0.5], 40.0, 0.0)
+    camera = place_camera(10.0, 50.0)
+    image = mirror_sun(camera, sky.beam, 0.47 * size, size).reshape(size, size)
+    assert image.sum() == close_to(0.25 * (0.47 * size) ** 2, rtol=1e-6, atol=0.0)
+    half = camera.toward - sky.beam
+    half /= np.linalg.norm(half)
+    across = np.arange(size) + 0.5 - 0.5 * size
+    middle = image.sum(axis=0) @ across, -image.sum(axis=1) @ across
+    expected = 0.47 * size * np.array([half @ camera.right, half @ camera.up])
+    assert_close(np.array(middle) / image.sum(), expected, rtol=0.0, atol=0.5)
+    # no brighter than the sun, and as bright where its image fills a pixel
+    brightest = 1.0 / (np.pi * np.sin(SUN_RADIUS) ** 2)
+    assert image.max() < 1.02 * brightest
+    if size == 600:
+        assert image.max() > 0.9 * brightest
+
+
+def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
+    brewster = float(np.degrees(np.arctan(1.5)))  # from the vertical: that of the sun, and on its other side the camera
+    sky = make_sky("sun", [0.5], 90.0 - brewster, 0.0)
+    seen = view(sky, size=120, camera=place_camera(90.0 - brewster, 180.0))
+    share = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
+    expected = share * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
+    assert_close(draw(seen, mirror_table(1.5)).sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
+
+
+def rough_table(surface: RoughSurface) -> Table:
+    """A sphere of facets alone."""
+    return replace(mirror_table(1.5), specular=None, facets=surface)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "roughness"), [("beckmann", 0.3), pytest.param("ggx", 0.3, marks=pytest.mark.slow)]
+)
+def test_in_a_furnace_facets_show_what_they_reflect(distribution: str, roughness: float) -> None:
+    surface = RoughSurface(1.0, 1.5, roughness, distribution, shadowing=True)
+    seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
+    found = draw(seen, rough_table(surface))
+    points, weights = np.polynomial.legendre.leggauss(200)
+    mu_i, phi = 0.5 * (points + 1.0), np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    cosines = np.cos(seen.pixels[1])
+    for wanted in (0.95, 0.6, 0.3):
+        pixel = int(np.abs(cosines - wanted).argmin())
+        columns = surface.reflect(mu_i[:, None], cosines[pixel], np.degrees(phi))[..., 0]
+        expected = np.einsum("ips,i->s", columns, 0.5 * weights * mu_i) * (2.0 * np.pi / phi.size)
+        assert found[pixel, 0] == close_to(expected[0], rtol=0.01, atol=0.0)
+        assert np.hypot(found[pixel, 1], found[pixel, 2]) == close_to(
+            abs(expected[1]), rtol=0.0, atol=0.01 * expected[0]
+        )
+
+
+@pytest.mark.slow
+def test_hardly_rough_facets_show_what_a_mirror_does() -> None:
+    """Frames of Stokes vectors, too: away from the horizon and the sun, which facets see beside the mirrored ray."""
+    sky = make_sky("rayleigh", [0.45], 25.0, 0.3)
+    seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
+    rough = draw(seen, rough_table(RoughSurface(1.0, 1.5, 0.01, "beckmann", True)))
+    smooth = draw(seen, mirror_table(1.5))
+    normal = normals_of(seen)
+    cosine = normal @ seen.camera.toward
+    mirrored = 2.0 * cosine[:, None] * normal - seen.camera.toward  # to where each pixel looks
+    clear = (np.abs(mirrored[:, 2]) > 0.15) & (cosine > 0.25) & (mirrored @ -sky.beam < 0.99)
+    assert clear.sum() > 500
+    largest = smooth[clear, 0].max()
+    assert_close(rough[clear], smooth[clear], rtol=0.0, atol=0.02 * largest)
+    assert np.abs(smooth[clear, 1:3]).max() > 0.2 * largest  # polarized enough to tell
+
+
+@pytest.mark.slow
+def test_facets_spread_the_suns_glint_and_keep_its_light() -> None:
+    seen = view(make_sky("sun", [0.5], 25.0, 0.0), camera=place_camera(20.0, 130.0), size=300)
+    rough, smooth = (
+        draw(seen, one) for one in (rough_table(RoughSurface(1.0, 1.5, 0.05, "beckmann", True)), mirror_table(1.5))
+    )
+    assert_close(rough.sum(axis=0), smooth.sum(axis=0), rtol=0.02, atol=0.0)
+    assert rough[:, 0].max() < 0.03 * smooth[:, 0].max()
+
+
+def test_a_bare_rough_base_is_seen_facet_by_facet(tmp_path: Path) -> None:
+    """A table of 32 angles cannot hold its highlight: 20 % off by splines."""
+    path = tmp_path / "metal.toml"
+    facets = 'kind = "facets"\nindex = [0.2, 3.4]\nroughness = 0.1\nconserving = false\n'
+    path.write_text(f'[[layer]]\nphase = "isotropic"\nalbedo = 0.0\nthickness = 0.0\n\n[base]\n{facets}')
+    (material,), _ = read([path])
+    found, error = find_fine_table(material, [COARSE])
+    assert found.facets == RoughSurface(1.0, 0.2 + 3.4j, 0.1, shadowing=True, closed=True)
+    assert error < 1e-6
+    assert np.abs(found.splines).max() < 1e-6
+    assert not material.coloured
+    path.write_text(path.read_text().replace("[0.2, 3.4]", '"gold"'))
+    assert read([path])[0][0].coloured

@@ -14,13 +14,13 @@ from vrte.sweep.interpolation import held_out
 from .helpers import assert_close
 
 
-def table_of(depths: int, albedos: int, **more: Any) -> Any:
-    """Rayleigh layers of many depths and albedos, over a grey floor."""
+def table_of(depths: int, albedos: int) -> Any:
+    """Rayleigh layers of many depths and albedos, over a Lambertian base."""
     axes = {
         "depth": {"key": "layer[1].thickness", "start": 0.05, "stop": 5, "count": depths, "spacing": "log"},
         "albedo": {"key": "layer[1].albedo", "start": 0.5, "stop": 1.0, "count": albedos},
     }
-    return vrte.sweep(given(axes) | more)
+    return vrte.sweep(given(axes))
 
 
 def given(axes: dict[str, Any]) -> dict[str, Any]:
@@ -126,6 +126,17 @@ def test_lists_and_failed_scenes_are_refused() -> None:
     with pytest.raises(SceneError, match=r"a scene near the point has no result: .*0\.01"):
         vrte.interpolate(table, {"wavelength_um": 0.55})
     assert (vrte.interpolate(table, {"wavelength_um": 0.72}).reflectance > 0.0).all()
+
+
+def test_of_fields_there_are_fluxes_between_but_no_errors_held_out() -> None:
+    layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
+    asked = {"nodes": 4, "layer": [layer], "field": {"mu0": 0.6, "mu": []}}
+    fields = vrte.sweep({**asked, "axes": {"depth": {"key": "layer[1].thickness", "values": [0.2, 1.0, 3.0, 9.0]}}})
+    alone = vrte.radiance(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 2.0)]), 0.6, mu=[], nodes=4)
+    flux = vrte.interpolate(fields, {"depth": 2.0}).flux_up.values
+    assert_close(flux.ravel(), np.ravel(alone.flux_up), rtol=0.02, atol=0.0)
+    with pytest.raises(SceneError, match="held_out measures BRDFs"):
+        held_out(fields)
 
 
 def test_infinite_depths_are_no_neighbours() -> None:
