@@ -13,20 +13,11 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.render import surfaces
 from vrte.render.geometry import EAST, NORTH, UP, Lens, find_turn_from_world, normalize, turn_stokes
 from vrte.render.shapes import OFF_SURFACE, Body, Rays
 from vrte.render.spheres import SUN_RADIUS
-from vrte.render.surfaces import (
-    BLOCK,
-    Ground,
-    Light,
-    Points,
-    gather_off_facets,
-    gather_skylight,
-    mirror_surroundings,
-    reflect_sunlight,
-    split,
-)
+from vrte.render.surfaces import BLOCK, Ground, Light, Points, split
 from vrte.render.tables import Lookup, Resolution, Table
 
 CHANNELS = 6  # X, Y and Z of I, and Q, U and V weighted as Y is
@@ -127,10 +118,10 @@ def draw_background(stage: Stage, light: Light, observer: Array) -> tuple[Array,
         for place in range(SAMPLES**2):
             row, column = divmod(place, SAMPLES)
             start, heading = stage.look(pixel, np.array((column + 0.5) / SAMPLES), np.array((row + 0.5) / SAMPLES))
-            hits = rays.find_hits(start, heading)
+            body, triangle, where = rays.find_hits(start, heading)
             sun = (place + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
-            missed = hits.body < 0
-            kept.append(Samples(pixel.astype(np.int32), hits.body, hits.triangle, hits.where, sun).choose(~missed))
+            missed = body < 0
+            kept.append(Samples(pixel.astype(np.int32), body, triangle, where, sun).choose(~missed))
             clear[missed & (heading[:, 2] >= 0.0)] += share
             below = np.flatnonzero(missed & (heading[:, 2] < 0.0))
             spot = lens.place + heading[below] * (lens.place[2] / -heading[below, 2])[:, None]
@@ -170,16 +161,16 @@ def draw_object(stage: Stage, samples: Samples, tables: Sequence[Table], light: 
     smooth = np.empty((needed.size, CHANNELS))
     for block in split(needed.size, 512):
         here = corners.choose(block)
-        stokes = gather_skylight(here, lookup, light, stage.rays, SKYLIGHT)
+        stokes = surfaces.gather_skylight(here, lookup, light, stage.rays, SKYLIGHT)
         if tables[0].facets is not None:
-            stokes += gather_off_facets(here, lookup, light, stage.rays)
+            stokes += surfaces.gather_off_facets(here, lookup, light, stage.rays)
         smooth[block] = weigh_channels(stokes, observer)
     for block in split(len(samples.pixel), BLOCK):
         some = samples.choose(block)
         points = stage.find_points(some)
-        stokes = reflect_sunlight(points, stage.find_lit(some, points), lookup, light.sky)
+        stokes = surfaces.reflect_sunlight(points, stage.find_lit(some, points), lookup, light.sky)
         if tables[0].specular is not None:
-            stokes += mirror_surroundings(points, lookup, light, stage.rays)
+            stokes += surfaces.mirror_surroundings(points, lookup, light, stage.rays)
         seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", some.shares, smooth[own[block]])
         np.add.at(found, some.pixel, seen / SAMPLES**2)
     if tables[0].specular is not None:
@@ -211,7 +202,7 @@ def add_glints(
         pixel = np.repeat(chosen[block], across.size)
         times = chosen[block].size
         hits = stage.rays.find_hits(*stage.look(pixel, np.tile(across, times), np.tile(down, times)))
-        here = Samples(pixel, hits.body, hits.triangle, hits.where, 0 * pixel).choose(hits.body == body)
+        here = Samples(pixel, *hits, 0 * pixel).choose(hits[0] == body)
         if not here.pixel.size:
             continue
         points = stage.find_points(here)

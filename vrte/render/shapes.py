@@ -228,16 +228,6 @@ def find_shape(name: str) -> Body:
     return SHAPES[name]() if name in SHAPES else load_mesh(Path(name))
 
 
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """What rays (n,) meet first: ``body`` and ``triangle``, -1 for nothing, where in it (n, 2), and how far away."""
-
-    body: Any
-    triangle: Any
-    where: Array
-    distance: Array
-
-
 class Rays:
     """Bodies among which rays are followed. Raises MissingExtraError without Embree."""
 
@@ -249,12 +239,12 @@ class Rays:
             for body in bodies
         ]
 
-    def find_hits(self, start: Array, heading: Array) -> Hits:
-        """What rays from ``start`` along unit vectors ``heading`` (n, 3) meet first."""
+    def find_hits(self, start: Array, heading: Array) -> tuple[Any, Any, Array]:
+        """What rays from ``start`` along unit vectors ``heading`` (n, 3) meet first: body and triangle (n,), body -1
+        for nothing, and where in the triangle (n, 2)."""
         found = self._scene.run(start.astype(np.float32), heading.astype(np.float32), output=True)
-        missed = found["geomID"] < 0
-        body, triangle = (np.where(missed, -1, found[name]) for name in ("geomID", "primID"))
-        return Hits(body, triangle, np.stack([found["u"], found["v"]], axis=-1), found["tfar"])
+        body = np.where(found["geomID"] < 0, -1, found["geomID"])
+        return body, found["primID"], np.stack([found["u"], found["v"]], axis=-1)
 
     def find_blocked(self, start: Array, heading: Array) -> Any:
         """Whether rays meet anything (n,)."""

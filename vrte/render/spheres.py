@@ -14,18 +14,10 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.splines import compute_coefficients, make_spline_matrix, repeat_grid
+from vrte.render import surfaces
 from vrte.render.geometry import Camera, compute_normals, turn_stokes
 from vrte.render.sky import Sky, make_horizon_angles
-from vrte.render.surfaces import (
-    BLOCK,
-    Light,
-    Points,
-    gather_off_facets,
-    gather_skylight,
-    mirror_surroundings,
-    reflect_sunlight,
-    split,
-)
+from vrte.render.surfaces import BLOCK, Light, Points, split
 from vrte.render.tables import Lookup, Resolution, Table
 
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius
@@ -77,17 +69,17 @@ class View:
         _, theta, psi = self.pixels
         found = np.zeros((theta.size, len(tables), 4))
         if sky.splines.any() or sky.ground.any():
-            found += self.spread(
-                resolution.theta,
-                resolution.around,
-                lambda ring, points: gather_skylight(points, lookup.at_outgoing(ring), light, None, resolution),
-            )
+
+            def gather(ring: int, points: Points) -> Array:
+                return surfaces.gather_skylight(points, lookup.at_outgoing(ring), light, None, resolution)
+
+            found += self.spread(resolution.theta, resolution.around, gather)
         for block in split(theta.size, BLOCK):
             points = self.find_points(theta[block], psi[block])
-            found[block] += reflect_sunlight(points, True, lookup, sky)
+            found[block] += surfaces.reflect_sunlight(points, True, lookup, sky)
             if tables[0].specular is not None:
                 edge = 2.0 / np.maximum(self.radius * points.mu_o, 1.0)  # height that a pixel spans in what it mirrors
-                found[block] += mirror_surroundings(points, lookup, light, None, edge)
+                found[block] += surfaces.mirror_surroundings(points, lookup, light, None, edge)
         if tables[0].specular is not None:
             found += self.mirror_sun(tables, sky)
         surface = tables[0].facets
@@ -99,12 +91,11 @@ class View:
             # facets that do not hide each other are ever brighter towards the rim
             power = 0.0 if surface.shadowing else 1.0
             cosine = np.cos(rings) ** power
-            smooth = self.spread(
-                rings,
-                around,
-                lambda ring, points: gather_off_facets(points, lookup, light, None) * cosine[ring],
-            )
-            found += smooth / np.cos(theta)[:, None, None] ** power
+
+            def gather_off(ring: int, points: Points) -> Array:
+                return surfaces.gather_off_facets(points, lookup, light, None) * cosine[ring]
+
+            found += self.spread(rings, around, gather_off) / np.cos(theta)[:, None, None] ** power
         return found
 
     def spread(self, rings: Array, around: int, gather: Callable[[int, Points], Array]) -> Array:

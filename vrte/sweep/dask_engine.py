@@ -18,6 +18,7 @@ AHEAD = 2  # jobs for each thread of the cluster that are sent before they can b
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
 WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the job is sent again
 WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
+LOST = "the Dask cluster was lost; started again, the sweep goes on"
 OURS = {  # how a cluster of our own is to behave
     # nothing goes over HTTP, which knows no certificates
     "distributed.scheduler.http.routes": [],
@@ -133,7 +134,7 @@ def connect_client(scheduler: str) -> Any:
 
 def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterator[int]:
     """Does the jobs, no more than ``most`` of them known to the cluster at a time."""
-    from distributed import wait
+    from distributed import KilledWorker, wait
 
     waiting, lost = iter(jobs), []
     known: dict[Any, Job] = {}
@@ -153,11 +154,13 @@ def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterat
             if future.status in WAITING:
                 continue
             job = known.pop(future)
-            found = fetch_outcome(future)
-            if found is None:
+            error = future.exception() if future.status == "error" else None
+            if future.status == "finished":
+                yield future.result()
+            elif isinstance(error, KilledWorker):
                 lost.append(job)
             else:
-                yield found
+                raise error or SweepError(LOST)
     if lost:
         raise SweepError(
             f"{len(lost)} tasks brought their workers down again and again, the first of them {lost[0]}; all others "
@@ -165,25 +168,10 @@ def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterat
         )
 
 
-def fetch_outcome(future: Any) -> int | None:
-    """Number of scenes of a job; None where it was given up because its workers died."""
-    from distributed import KilledWorker
-
-    if future.status == "finished":
-        found: int = future.result()
-        return found
-    error = future.exception() if future.status == "error" else None
-    if isinstance(error, KilledWorker):
-        return None
-    if error is None:
-        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
-    raise error
-
-
 def find_last_seen(client: Any, before: float) -> float:
     """When there was a worker for the last time. Raises SweepError where that is long ago, or the scheduler gone."""
     if client.status not in ("running", "connecting"):
-        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
+        raise SweepError(LOST)
     if client.status == "running" and client.nthreads():
         return time.monotonic()
     if time.monotonic() - before > WITHOUT_WORKERS:

@@ -35,18 +35,10 @@ from vrte.basics.errors import SceneError, SweepError
 from vrte.formats.atomic import write_atomically
 from vrte.formats.journal import flush, read_journal, write_journal
 from vrte.formats.seal import is_sealed
+from vrte.sweep import table as tables
 from vrte.sweep.optics import Optics
 from vrte.sweep.results import Results
-from vrte.sweep.table import (
-    Grid,
-    check_made,
-    check_same,
-    convert_to_netcdf,
-    create_table,
-    open_group,
-    open_table,
-    read_box,
-)
+from vrte.sweep.table import Grid, create_table
 from vrte.sweep.template import Sweep, describe_sweep_results, read_sweep
 
 BEGUN = "sweep"
@@ -83,7 +75,7 @@ class Work:
     @cached_property
     def arrays(self) -> dict[str, Any]:
         """The Zarr arrays of these names."""
-        group = open_group(self.table, "r+")
+        group = tables.open_group(self.table, "r+")
         return {name: group[name] for name in self.data}
 
     @cached_property
@@ -190,7 +182,7 @@ def resume_work(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[W
         except UNREADABLE:
             damage.append("all of it, because nothing says any more of what sweep it was")
         else:
-            check_same(sweep, said, f"{output} was begun")
+            tables.check_same(sweep, said, f"{output} was begun")
             work = Work(folder, sweep, tuple(said["box"]), said["stamp"])
             return work, repair_work(work)
     work = make_fresh_work(folder, sweep, grid.box)
@@ -263,10 +255,17 @@ def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
     The output becomes the work by one renaming, with a journal for each chunk that is whole; before it, the output is
     there, and is checked anew. Raises SceneError for another sweep's table, and where nothing tells whose it was.
     """
-    if output.suffix != ".zarr":
-        check_netcdf_output(sweep, output)
+    if output.suffix != ".zarr":  # damage to one byte is damage to all
+        try:
+            whole = is_sealed(str(output))
+        except SceneError as error:
+            raise SceneError(f"{output} {error}: remove it, and it is computed again") from error
+        if not whole:
+            raise SceneError(f"{output} is no table of a sweep, or cut: take another output, or remove it")
+        with tables.open_table(output) as table:
+            tables.check_made(sweep, table.attrs, output)
         return []
-    work = make_fresh_work(folder, sweep, read_box(sweep, output))
+    work = make_fresh_work(folder, sweep, tables.read_box(sweep, output))
     descriptions = list_changed_files(work.table, output)
     # its data, read by the descriptions that were written just now
     for name in work.data:
@@ -295,18 +294,6 @@ def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
     return found
 
 
-def check_netcdf_output(sweep: Sweep, output: Path) -> None:
-    """Whether a finished table in NetCDF is that of this sweep, all its bytes as they were. Raises SceneError."""
-    try:
-        whole = is_sealed(str(output))
-    except SceneError as error:
-        raise SceneError(f"{output} {error}: remove it, and it is computed again") from error
-    if not whole:
-        raise SceneError(f"{output} is no table of a sweep, or cut: take another output, or remove it")
-    with open_table(output) as table:
-        check_made(sweep, table.attrs, output)
-
-
 def finish(work: Work, output: Path, on_disk: bool) -> None:
     """Writes errors and checksums into the table, renames it to the output, ``on_disk`` before, removes the folder."""
     remove(work.table / "error" / "c")
@@ -326,7 +313,7 @@ def finish(work: Work, output: Path, on_disk: bool) -> None:
         os.rename(work.table, output)
     else:
         with write_atomically(output) as part:
-            convert_to_netcdf(work.table, work.grid, part)
+            tables.convert_to_netcdf(work.table, work.grid, part)
             if on_disk:
                 flush(part)
     if on_disk:

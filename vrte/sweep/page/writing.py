@@ -10,7 +10,7 @@ import json
 import os
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,16 +39,6 @@ LARGEST = 32_767  # in two bytes
 ALONG = 4  # the last so many dimensions are differenced: an axis, incidence, exit and azimuth
 
 
-@dataclass(frozen=True, eq=False)
-class Packed:
-    """``text`` base64, ``shape`` (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n)."""
-
-    text: str
-    shape: tuple[int, ...]
-    middle: float
-    step: float
-
-
 def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
     """Azimuths (n,) [degrees] from 0 to 180, and the Mueller matrices (axes ..., mu_i, mu_o, n, 4, 4) there."""
     given = np.asarray(table.phi_deg.values, np.float64)
@@ -59,8 +49,9 @@ def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
     return azimuths, table.mueller.values[..., places % given.size, :, :] * sign
 
 
-def pack_matrices(matrices: Array) -> Packed:
-    """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) whose f_00 is above 0, packed.
+def pack_matrices(matrices: Array) -> dict[str, Any]:
+    """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) whose f_00 is above 0, packed: ``text`` base64, ``shape``
+    (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n).
 
     >>> packed = pack_matrices(np.full((1, 1, 1, 1, 4, 4), 0.25))
     >>> np.round(unpack_matrices(packed)[0, 0, 0, 0, 1], 6).tolist()
@@ -80,20 +71,20 @@ def pack_matrices(matrices: Array) -> Packed:
     folded = ((steps << 1) ^ (steps >> 15)).astype("<u2")  # small numbers of either sign become small ones
     planes = np.ascontiguousarray(folded).view(np.uint8).reshape(-1, 2).T
     text = base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
-    return Packed(text, steps.shape, middle, step)
+    return {"text": text, "shape": steps.shape, "middle": middle, "step": step}
 
 
-def unpack_matrices(packed: Packed) -> Array:
+def unpack_matrices(packed: Mapping[str, Any]) -> Array:
     """The Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) [sr-1] as the page has them."""
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed.text)), np.uint8)
-    folded = np.ascontiguousarray(planes.reshape(2, -1).T).view("<u2").reshape(packed.shape)
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["text"])), np.uint8)
+    folded = np.ascontiguousarray(planes.reshape(2, -1).T).view("<u2").reshape(packed["shape"])
     steps = ((folded >> 1) ^ (0 - (folded & 1))).astype(np.int16)
     for axis in reversed(list_packed_axes(steps.ndim)):
         steps = np.cumsum(steps, axis=axis, dtype=np.int16)
     elements = STEP * steps.astype(np.float64)
     elements[0] = 1.0
-    elements *= np.exp(packed.middle + packed.step * steps[0])
-    found: Array = np.moveaxis(elements, 0, -1).reshape(*packed.shape[1:], 4, 4)
+    elements *= np.exp(packed["middle"] + packed["step"] * steps[0])
+    found: Array = np.moveaxis(elements, 0, -1).reshape(*packed["shape"][1:], 4, 4)
     return found
 
 
@@ -192,7 +183,7 @@ def describe_lobes(
         "mu_i": table.mu_i.values.tolist(),
         "mu_o": table.mu_o.values.tolist(),
         "phi": azimuths.tolist(),
-        "packed": asdict(packed),
+        "packed": packed,
         "shares": {name: np.round(table[name].values, 6).tolist() for name in SHARES if name in table},
         "surface": "total_reflectance" in table,
         "error": {"largest": float(errors.max()), "median": float(np.median(errors)), "points": points},
