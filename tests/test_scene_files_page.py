@@ -9,9 +9,8 @@ import pytest
 
 from vrte.appearance.quantities import Conditions
 from vrte.fit.fit_file import KEYS as FIT_KEYS
-from vrte.fit.parameters import KEYS as FREE_KEYS
-from vrte.fit.parameters import SPACINGS
-from vrte.fit.problem import LOSSES
+from vrte.fit.problem import KEYS as FREE_KEYS
+from vrte.fit.problem import LOSSES, SPACINGS
 from vrte.fit.run import JACOBIANS
 from vrte.formats import materials, paints
 from vrte.formats.bases import BASES, INTERFACE

@@ -13,19 +13,6 @@ from vrte.fit.run import JACOBIANS, MOST_STARTS
 from vrte.formats.scene_file import read_content
 from vrte.formats.toml_table import Table
 
-KEYS = (
-    "measurement",
-    "free",
-    "priors",
-    "starts",
-    "seed",
-    "loss",
-    "jacobian",
-    "wavelengths_um",
-    "most_steps",
-    "profiles",
-)
-
 
 @dataclass(frozen=True, eq=False)
 class FitFile:
@@ -88,3 +75,4 @@ READERS = {
     "jacobian": lambda table, key: table.choice(key, JACOBIANS),
     "wavelengths_um": Table.numbers,
 }
+KEYS = ("measurement", "free", "profiles", *READERS)

@@ -13,8 +13,16 @@ from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
-from vrte.fit.parameters import Parameter, read_parameters, read_priors
-from vrte.fit.problem import LOSSES, Point, Problem, choose_sigma, fit_residuals
+from vrte.fit.problem import (
+    LOSSES,
+    Parameter,
+    Point,
+    Problem,
+    choose_sigma,
+    fit_residuals,
+    read_parameters,
+    read_priors,
+)
 from vrte.fit.result import Fit, Start
 from vrte.fit.state import Journal, find_fingerprint
 from vrte.fit.verdict import (

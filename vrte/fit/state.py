@@ -5,7 +5,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,7 @@ import numpy as np
 from vrte.basics.errors import SceneError
 from vrte.fit.measurement import COLUMNS, Measurement
 from vrte.fit.model import make_model
-from vrte.fit.parameters import Parameter
-from vrte.fit.problem import Problem
+from vrte.fit.problem import Parameter, Problem
 from vrte.fit.result import ARRAYS, Fit, Start
 from vrte.formats.journal import read_journal, write_journal
 from vrte.formats.named import find_named_tables
@@ -24,17 +23,7 @@ from vrte.scene.scene import Scene
 
 KIND = "vrte fit, format 1"
 WRITER = "a fit"
-PLAIN = (
-    "names",
-    "chi2",
-    "degrees_of_freedom",
-    "p_value",
-    "error_scale",
-    "blind_spots",
-    "notes",
-    "nodes",
-    "interrupted",
-)
+PLAIN = [one.name for one in fields(Fit) if one.name not in (*ARRAYS, "measurement", "starts", "problem")]
 
 
 def find_fingerprint(problem: Problem, said: Mapping[str, Any]) -> str:
