@@ -1,6 +1,7 @@
 """The viewer's figures: what they are drawn from is right, they say what they show, and they are small."""
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ import vrte
 from vrte.app import figures
 from vrte.app.solving.reflectance import Reflectances, compute_colours
 from vrte.pictures.lobes import STEP
-from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 
 from .helpers import assert_close, close_to
@@ -101,32 +101,12 @@ def test_angles_are_coloured_without_a_seam_and_without_facets(brdf: vrte.Brdf) 
     assert (bar.marker.cmin, bar.marker.cmax, bar.marker.colorscale[0][1]) == (0.0, 180.0, bar.marker.colorscale[-1][1])
 
 
-@pytest.mark.slow
-def test_where_the_degree_vanishes_the_mesh_is_fine_enough(brdf: vrte.Brdf) -> None:
-    """Between corners the screen runs straight; divided there from Q, U, V and I it is hardly another."""
-    mesh = body(figures.lobe(brdf, 0, "f00", "degree of linear polarization"))
-    told = np.asarray(mesh.customdata, float)[corners(mesh)]
-    inside = told[:, :, 0].min(axis=1) < 0.999  # at the pole azimuths say nothing
-    turned = np.ptp(told[..., 1], axis=1) < 180.0
-    some = np.flatnonzero(inside & turned)[::37]
-    middle, drawn = told[some, :, :2].mean(axis=1), told[some, :, 3].mean(axis=1)
-    for (mu, phi), value in zip(middle, drawn, strict=True):
-        light = stokes_over_hemisphere(brdf, 0, np.degrees(np.arccos([mu])), np.array([phi]))[0, 0]
-        assert value == close_to(np.hypot(light[1], light[2]) / light[0], rtol=0.0, atol=0.02)
-
-
 def test_bodies_and_cuts_end_where_the_data_end(scene: vrte.Scene) -> None:
     short = vrte.brdf(scene, 0.6, np.linspace(0.5, 1.0, 8), PHI, nodes=8, threads=1)
     assert np.asarray(body(figures.lobe(short, 0)).customdata)[:, 0].min() == close_to(0.5, rtol=0.0, atol=1e-6)
     for curve in named(figures.cuts(short, 0)).values():
         if curve.mode == "lines" and curve.name != "0":
             assert np.abs(np.asarray(curve.theta, float)).max() == close_to(60.0, rtol=0.0, atol=1e-4)
-
-
-def test_the_incident_light_comes_down_along_phi_0(brdf: vrte.Brdf) -> None:
-    for place, mu_i in enumerate(brdf.mu_i):
-        (cone,) = [trace for trace in figures.lobe(brdf, place).data if trace.type == "cone"]
-        assert_close([cone.u[0], cone.v[0], cone.w[0]], [np.sqrt(1 - mu_i**2), 0.0, -mu_i], rtol=0.0, atol=1e-12)
 
 
 def test_quantities_of_each_kind_can_be_drawn_and_are_small(brdf: vrte.Brdf, field: vrte.Field) -> None:
@@ -164,6 +144,10 @@ def test_polar_diagrams_of_the_field(field: vrte.Field, name: str) -> None:
                 near = np.abs((np.asarray(curve.theta, float) - angle + 180.0) % 360.0 - 180.0) < 1e-3
                 assert np.isclose(curve.r[near], value, rtol=1e-5, atol=1e-9).any()
     assert ("0" in curves) == (name == "Q")
+    lit = replace(field, diagnostics={"illuminate": "bottom"})
+    assert named(figures.field_polar(lit))["the beam"].theta[1] == close_to(
+        np.degrees(np.arccos(0.6)), rtol=1e-6, atol=0.0
+    )
     # from the zenith clockwise: the beam goes down, along phi = 0
     assert curves["the beam"].theta[1] == close_to(180.0 - np.degrees(np.arccos(0.6)), rtol=1e-6, atol=0.0)
 
@@ -176,7 +160,7 @@ def test_each_depth_can_be_drawn_over_its_largest(field: vrte.Field) -> None:
     assert "each depth over its largest" in shares.layout.title.text
 
 
-def test_reflectances_over_both_bases_and_their_colours() -> None:
+def test_reflectances_over_both_bases_and_their_colours(monkeypatch: pytest.MonkeyPatch) -> None:
     wavelengths = np.linspace(0.43, 0.7, 7)
     red = np.repeat(np.where(wavelengths > 0.6, 0.9, 0.05)[:, None], 2, axis=1)
     colours, why_none = compute_colours(wavelengths, {"red": red, "white": np.ones((7, 2)), "black": np.zeros((7, 2))})
@@ -189,18 +173,8 @@ def test_reflectances_over_both_bases_and_their_colours() -> None:
     one = named(figures.reflectance(Reflectances(found.mu_i, {"over black": red[:1]}), (0.64,), 0))
     assert_close(one["over black"].x, [0.0, 60.0], rtol=0.0, atol=1e-5)
     assert "at least 5 wavelengths" in compute_colours(np.array([0.5, 0.6]), {})[1]
-
-
-def test_a_colour_without_its_library_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "colour", None)
-    assert "extra 'render'" in compute_colours(np.linspace(0.43, 0.7, 7), {})[1]
-
-
-def test_a_beam_from_below_goes_up(scene: vrte.Scene) -> None:
-    lit = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, nodes=4, threads=1, illuminate="bottom")
-    assert named(figures.field_polar(lit))["the beam"].theta[1] == close_to(
-        np.degrees(np.arccos(0.6)), rtol=1e-6, atol=0.0
-    )
+    assert "extra 'render'" in compute_colours(wavelengths, {})[1]
 
 
 def test_of_many_depths_some_are_shown(scene: vrte.Scene) -> None:

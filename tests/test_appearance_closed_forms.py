@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.appearance.colours import find_colour
 from vrte.appearance.geometries import STANDARD_GEOMETRIES, solve_geometries
 from vrte.appearance.panel import Panel, make_panel
 
@@ -20,7 +19,6 @@ from .helpers import close_to
 EVEN = [*STANDARD_GEOMETRIES, "di:8", "de:8", "30:60", "60:di", "20:de"]
 INDEX = 1.5
 R_E, R_I = walsh(INDEX)
-WAVELENGTHS = np.linspace(0.40, 0.70, 16)
 
 
 def make_even(albedo: float, index: float = 1.0, wavelengths: object = (0.5,), **surface: object) -> Panel:
@@ -75,13 +73,6 @@ def test_a_base_under_a_smooth_surface(albedo: float) -> None:
         "45:as110": let_through(45.0) * let_through(65.0) * sent_up / INDEX**2,
     }
     assert read_panel(make_even(albedo, INDEX), *expected) == close_to(expected, rtol=0.0, atol=1e-7)
-
-
-@pytest.mark.parametrize("geometry", ["45:0", "8:de"])
-def test_the_perfect_white_has_a_lightness_of_100(geometry: str) -> None:
-    reflectance = solve_geometries(make_even(1.0, 1.0, WAVELENGTHS), [geometry])[0][geometry]
-    colour = find_colour(WAVELENGTHS, reflectance)
-    assert (colour.Y, colour.L, colour.a, colour.b) == close_to((100.0, 100.0, 0.0, 0.0), rtol=0.0, atol=1e-9)
 
 
 def make_paint(albedo: float = 1.0, base: float = 1.0, **surface: object) -> Panel:

@@ -126,15 +126,6 @@ def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], 
     assert len(drawdown.found) <= 8
 
 
-@pytest.mark.parametrize("geometry", ["8:di", "di:di"])
-def test_no_light_is_lost_over_a_white_base(geometry: str) -> None:
-    """A film that absorbs nothing sends all back over the base A = 1, and without end."""
-    panel = prepare(SURFACE, {**WHITE, "thickness": 3.0}, at=[0.5])
-    even = fit_even_bases(*(read(panel, albedo, geometry) for albedo in (0.0, 0.5, 1.0)))
-    assert even.reflect(1.0) == close_to(1.0, rtol=0.0, atol=1e-6)
-    assert read(panel.scale_film(math.inf), 0.0, geometry) == close_to(1.0, rtol=0.0, atol=1e-6)
-
-
 @pytest.fixture(scope="module")
 def white() -> Hiding:
     return find_hiding(prepare(WHITE))
@@ -204,17 +195,6 @@ def test_cards_that_are_as_much_alike_need_no_film() -> None:
     assert "bare cards" in found.reason
 
 
-@pytest.mark.slow
-def test_nodes_are_chosen_once_and_are_enough() -> None:
-    panel = prepare(GREY)
-    rough, fine = (
-        find_contrast(make_panel({"layer": [SURFACE, {**WHITE, "thickness": 10.0}]}, SEEN, accuracy=accuracy))
-        for accuracy in (1e-3, 1e-6)
-    )
-    assert rough == close_to(fine, rtol=0.0, atol=2e-4)
-    assert prepare_drawdown(panel, 0.0, 0.8, "45:0", "D65", 10).panel is panel
-
-
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
@@ -244,11 +224,3 @@ def test_a_picture_shows_the_target_and_the_film(white: Hiding) -> None:
     assert shown[0] == {f"0.98 at {white.hiding_times:.3g} times the film"}
     assert shown[1] == {"over white, 0.8", "over black, 0", "semi-infinite"}
     assert any(set(np.asarray(line.get_ydata()).tolist()) == {0.98} for line in left.lines)
-
-
-def test_progress_ends_where_all_is_done() -> None:
-    told: list[tuple[int, int]] = []
-    find_hiding(prepare(GREY), progress=lambda done, total: told.append((done, total)))
-    shares = [done / total for done, total in told]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0 > shares[-2]

@@ -127,14 +127,6 @@ def test_white_under_a_white_sky_is_white(name: str) -> None:
     assert_close(table(WHITE[name], 16, MU, nodes=24).diffuse_reflectance(), 1.0, rtol=1e-7, atol=0.0)
 
 
-def test_a_base_alone_has_its_albedo() -> None:
-    base = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(0.37))
-    mu_i, weights = vrte.hemisphere(5)
-    found = vrte.brdf(base, mu_i, MU, [0.0, 90.0, 180.0, 270.0], nodes=4)
-    assert_close(found.diffuse_reflectance(weights), 0.37, rtol=1e-13, atol=0.0)
-    assert found.bihemispherical_reflectance() == close_to(0.37, rtol=1e-13, atol=0.0)
-
-
 def test_diffuse_reflectance_is_reciprocal_to_that_of_a_beam() -> None:
     """A sky seen along mu_o is as bright as the whole sky lit along it: polarized light included."""
     scene = vrte.Scene([UPPER, LOWER], vrte.Lambertian(0.3))

@@ -36,16 +36,6 @@ def test_two_fluxes_are_discrete_ordinates_with_one_node(albedo: float, thicknes
     assert np.array(again) == close_to([K, S], rtol=0.0, atol=1e-8 if thickness > 10.0 else 1e-12)
 
 
-def test_a_film_over_a_lambertian_base_is_two_numbers() -> None:
-    """Whatever scatters in it: exact, though its light is not even."""
-    film = vrte.Layer(vrte.henyey_greenstein(0.7), 0.99, 3.0)
-    mu, weights = vrte.hemisphere(16)
-    field = vrte.radiance(vrte.Scene([film]), mu0=mu, mu=[], tau=[0.0, 3.0], nodes=16)
-    alone, through = 2.0 * weights @ field.flux_up[:, 0], 2.0 * weights @ (field.flux_down[:, 1] + field.direct[:, 1])
-    over = vrte.brdf(vrte.Scene([film], vrte.Lambertian(0.8)), mu, 1.0, nodes=16).bihemispherical_reflectance(weights)
-    assert over == close_to(km.put_film_over(alone, through, 0.8).item(), rtol=0.0, atol=1e-12)
-
-
 @settings(max_examples=60, deadline=None)
 @given(slopes, slopes, st.floats(0.1, 10.0), st.floats(0.05, 1.0))
 def test_coefficients_come_back(K: float, S: float, length: float, base: float) -> None:
@@ -216,15 +206,6 @@ def test_errors_are_colours_too_and_a_picture() -> None:
     assert drawn == close_to(errors.exact[0, :, 0], rtol=1e-6, atol=0.0)
     with pytest.raises(vrte.SceneError, match="two or more"):
         draw_errors(found, found.compare([1.0, np.inf]))
-
-
-def test_an_appearance_knows_its_k_and_s() -> None:
-    panel = make_film(0.9, 2.0)
-    look = vrte.appearance(panel, geometries=["8:di"])
-    assert look.kubelka_munk(0.7, k2=0.5).K == find_kubelka_munk(panel, 0.7, k2=0.5).K
-    spectrum = panel.solve(np.cos(np.radians(8.0)))
-    with pytest.raises(vrte.SceneError, match="K and S are of a scene, not its spectrum alone"):
-        vrte.appearance(spectrum, geometries=["8:di"]).kubelka_munk()
 
 
 def test_what_k_and_s_are_not_of_is_refused() -> None:

@@ -17,7 +17,7 @@ import vrte
 from vrte import SceneError, cli
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import find_hiding
-from vrte.appearance.paint import GLOSS_ANGLES, cut_lobe, write_pairs
+from vrte.appearance.paint import GLOSS_ANGLES
 from vrte.appearance.panel import make_panel
 from vrte.commands import common
 
@@ -90,18 +90,6 @@ def test_its_numbers_are_those_of_their_makers(grey: vrte.Paint) -> None:
         close_to(100.0 * hiding.find_luminance(hiding.reflectance_over_black), rtol=1e-6, atol=0.0)
         == grey.colours["over black"].Y
     )
-
-
-@pytest.mark.slow
-def test_the_polar_cut_is_reciprocal_to_what_other_geometries_read(grey: vrte.Paint) -> None:
-    angle, light = cut_lobe(grey.lobe)
-    assert (np.diff(angle) > 0.0).all()
-    assert np.array_equal(angle, -angle[::-1])
-    (normal,) = np.flatnonzero(angle == 0.0)
-    place = AT.index(grey.lobe_um)
-    assert np.pi * light[normal, 0] == close_to(grey.look.reflectance("0:45")[place], rtol=1e-6, atol=0.0)
-    (off,) = np.flatnonzero(np.isclose(angle, 30.0))
-    assert np.pi * light[off, 0] == close_to(grey.look.reflectance("45:as15")[place], rtol=1e-6, atol=0.0)
 
 
 def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint) -> None:
@@ -178,23 +166,14 @@ def test_bad_wavelengths_are_refused_before_particles_are_made(
         vrte.paint({"paint": paint}, wavelengths_um)
 
 
-def test_how_thick_a_film_hides_is_told_also_where_none_does_or_no_length_is_known(grey: vrte.Paint) -> None:
+def test_a_film_that_nothing_hides_says_why(grey: vrte.Paint) -> None:
     assert grey.hiding is not None
     assert f"thickness for 0.98: {grey.hiding.hiding_times:.4g} times this film" in str(grey)
     black = replace(grey, hiding=replace(grey.hiding, hiding_times=None, reason="it is black"))
     assert "thickness for 0.98: none: it is black" in str(black)
     assert "hiding thickness over this film's" not in {one.quantity for one in black.list_readings()}
-
-
-def test_progress_rises_to_its_end(grey: vrte.Paint) -> None:
     assert sorted(TOLD) == TOLD
-    assert TOLD[-1] == 1.0
-
-
-def test_words_of_a_table() -> None:
-    assert write_pairs({"kind": "x", "size": {"lognormal": {"median_diameter_um": 0.2}}}) == (
-        "kind x, size (lognormal (median diameter 0.2 µm))"
-    )
+    assert TOLD[-1] == 1.0  # of the progress
 
 
 # ---- the page, the sheet, the table

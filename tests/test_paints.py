@@ -11,7 +11,6 @@ import pytest
 import vrte
 from vrte import SceneError
 from vrte.app.form.files import adopt_and_tell
-from vrte.appearance.panel import make_panel
 from vrte.formats.materials import WORDS, list_materials
 from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.named import list_materials as list_substances
@@ -21,7 +20,7 @@ from vrte.formats.scene_file import make_scene_file
 from vrte.render import setting
 from vrte.sweep.template import make_scene_at, read_sweep
 
-from .helpers import assert_close, close_to
+from .helpers import close_to
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 WHITE = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
@@ -58,11 +57,6 @@ def test_a_paint_is_its_particles_layers_and_base_written_out() -> None:
     assert one.base == other.base
     assert one.layers[0].thickness == other.layers[0].thickness
     assert (one.layers[0].phase_matrix.a1 == other.layers[0].phase_matrix.a1).all()
-
-
-def test_several_pigments_are_the_same_as_one_where_one_is_all() -> None:
-    one, other = make_scene_file(of()), make_scene_file(of(pigment={"rutile": "15 %"}, volume_fraction=None))
-    assert one.scene.layers[0].thickness == other.scene.layers[0].thickness
 
 
 def test_a_pigment_is_coarser_where_the_paint_says_so_and_another_substance_needs_its_size() -> None:
@@ -164,24 +158,21 @@ def test_what_is_wrong_is_said_of_the_paints_own_key(changed: dict[str, Any], sa
     assert caught.value.place[0] == "paint"
 
 
-@pytest.mark.parametrize("key", ["layer", "base", "particles", "host_index"])
-def test_a_paint_stands_alone(key: str) -> None:
-    with pytest.raises(SceneError, match=f"^paint: a file with a table .paint. has no {key} of its own"):
-        make_scene_file({**of(), key: {}})
-    with pytest.raises(SceneError, match=r"^paint = 3: must be a table with the keys pigment"):
-        make_scene_file({"paint": 3, **BEAM})
-    with pytest.raises(SceneError, match=r"^title = 3: must be a text"):
-        make_scene_file({**of(), "title": 3})
+def test_a_paint_stands_alone() -> None:
+    for key in ("layer", "base", "particles", "host_index"):
+        with pytest.raises(SceneError, match=f"^paint: a file with a table .paint. has no {key} of its own"):
+            make_scene_file({**of(), key: {}})
+    for content, words in (
+        ({"paint": 3}, "^paint = 3: must be a table"),
+        ({**of(), "title": 3}, "^title = 3: must be a"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            make_scene_file({**content, **BEAM})
 
 
 def test_a_wavelength_that_nobody_knows_is_told_of_the_pigment() -> None:
     with pytest.raises(SceneError, match=r"^paint\.particles\.rutile\.index: the table .* 0\.41 um is outside$"):
         make_scene_file({**of(), "wavelength_um": 0.41})
-
-
-def test_grains_too_close_for_the_model_are_told() -> None:
-    with pytest.warns(vrte.PackingWarning, match="a volume_fraction of 0.4 is above 0.3"):
-        make_scene_file(of(volume_fraction=0.4), compute=lambda source, given: check_particles(source, given))
 
 
 # ---- wherever scene files go
@@ -218,19 +209,12 @@ def test_a_sweep_changes_numbers_of_the_paint(key: str, value: float, changed: d
 def test_a_smooth_paint_has_no_facets_to_change_and_shadows_can_be_left_out() -> None:
     with pytest.raises(vrte.SceneError, match=r"paint\.surface\.roughness changes facets, and the paint has none"):
         read_sweep({**of(), "axes": {"paint.surface.roughness": [0.1, 0.2]}})
+    with pytest.raises(SceneError, match=r"^axes\.paint\.thicknes: the scene has no paint\.thicknes$"):
+        read_sweep({**of(), "axes": {"paint.thicknes": [1.0]}})
     plain = read(surface={"roughness": 0.2, "shadowing": False}).scene.interfaces[0]
     assert (plain.shadowing, plain.conserving) == (False, False)
     lossy = read(surface={"roughness": 0.2, "conserving": False}).scene.interfaces[0]
     assert (lossy.shadowing, lossy.conserving) == (True, False)
-
-
-def test_a_sweep_of_a_paint_shares_its_particles_and_tells_what_is_wrong() -> None:
-    from vrte.sweep.template import list_particle_places
-
-    sweep = read_sweep({**of(), "axes": {"paint.thickness_um": [20.0, 40.0, 60.0]}})
-    assert list(list_particle_places(sweep)) == [("rutile", (0,), 0)]
-    with pytest.raises(SceneError, match=r"^axes\.paint\.thicknes: the scene has no paint\.thicknes$"):
-        read_sweep({**of(), "axes": {"paint.thicknes": [1.0]}})
 
 
 def test_the_viewer_takes_it_apart() -> None:
@@ -241,14 +225,6 @@ def test_the_viewer_takes_it_apart() -> None:
     assert any("wavelength_um is missing" in one for one in told)
     _, told = adopt_and_tell(of(binder="/etc/own.csv"))  # which nobody reads
     assert any('"/etc/own.csv" is not here' in one for one in told)
-
-
-def test_a_spectrum_and_a_panel_of_a_paint_agree() -> None:
-    content = of(thickness_um=5.0)
-    panel = make_panel({**content, "title": "White"}, [0.5, 0.6], nodes=6)
-    assert (panel.title, panel.length_um) == ("White", 5.0)
-    found = vrte.spectrum(content, [0.5, 0.6], nodes=6)
-    assert_close(panel.solve(0.5).reflectance, [one.reflectance for one in found], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["white_paint", "red_oxide"])
