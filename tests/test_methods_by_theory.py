@@ -1,0 +1,550 @@
+"""Each method against its own equations, written down anew, and what its settings promise."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import vrte
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Run
+from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.responses import respond_by_beams
+from vrte.methods.diffusion import BOUNDARIES
+from vrte.methods.matrix_operator import propagator
+from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
+from vrte.methods.parts.slab import solve_riccati
+from vrte.methods.parts.task import discretise_request
+from vrte.methods.small_angle import expand_diffuse_part
+from vrte.request.request import make_radiance_request
+
+from .helpers import assert_close
+from .oracle import a_matrix, azimuthal_sum
+from .samples import spheroids
+
+MU, PHI, MU0 = np.array([0.05, 0.3, 1.0]), np.array([0.0, 40.0, 180.0]), 0.6
+RAYLEIGH, ISOTROPIC = vrte.rayleigh(), vrte.isotropic()
+MATRIX = vrte.PhaseMatrix(  # all six differ from zero
+    [1.0, 1.2, 0.9, 0.2], [0.0, 0.0, 2.4, 0.5], [0.0, 0.0, 1.9, 0.4], [0.6, 1.3, 0.7, 0.2], [0.0, 0.0, 0.3, 0.05],
+    [0.0, 0.0, 0.2, 0.1],
+)  # fmt: skip
+
+
+def one_layer(phase: vrte.PhaseMatrix, albedo: float, thickness: float, base: object = None) -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(phase, albedo, thickness)], base)
+
+
+def off(found: vrte.Field, right: vrte.Field) -> float:
+    """The largest difference at each depth over the largest I there."""
+    difference = np.abs(found.stokes - right.stokes).max(axis=(1, 2, 3))
+    return float((difference / np.abs(right.stokes[..., 0]).max(axis=(1, 2))).max())
+
+
+# adding and doubling
+
+
+@pytest.mark.parametrize("start", [0, 1, 2, 3])
+def test_order_of_the_starting_layer(start: int) -> None:
+    scene, asked = one_layer(RAYLEIGH, 0.99, 1.0), {"mu_i": MU, "mu_o": MU, "phi": PHI, "nodes": 6}
+    right, errors = vrte.brdf(scene, accuracy=1e-13, **asked).mueller, []
+    for thin in (0.125, 0.0625) if start < 2 else (0.25, 0.125):
+        found = vrte.brdf(scene, method="adding-doubling", settings={"thin": thin, "start": start}, **asked)
+        errors.append(np.abs(found.mueller - right).max())
+    assert abs(np.log2(errors[0] / errors[1]) - max(1, 2 * start)) < 0.25
+
+
+def test_grazing_beams_and_nodes() -> None:
+    """The starting layer is thin along them too."""
+    asked = {"mu_i": [2e-3, 0.5], "mu_o": [2e-3, 0.5], "nodes": 20}
+    right = vrte.brdf(one_layer(ISOTROPIC, 0.9, 1.0), accuracy=1e-13, **asked)
+    found = vrte.brdf(one_layer(ISOTROPIC, 0.9, 1.0), method="adding-doubling", settings={"start": 4}, **asked)
+    assert_close(found.mueller, right.mueller, rtol=1e-11, atol=0.0)
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [
+        pytest.param(RAYLEIGH, id="Rayleigh"),
+        pytest.param(vrte.henyey_greenstein(0.7, 40), id="peaked", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("thickness", [0.1, 1e3, 1e8, np.inf])
+def test_white_layers_lose_nothing(phase: vrte.PhaseMatrix, thickness: float) -> None:
+    """Flux to rounding, and R as good as where something is absorbed, whatever the starting layer left out."""
+    scene = one_layer(phase, 1.0, thickness)
+    asked = {"mu_i": [0.02, 0.5, 1.0], "mu_o": [0.1, 0.9], "nodes": 20}
+    found, right = vrte.brdf(scene, **asked, method="adding-doubling"), vrte.brdf(scene, **asked, accuracy=1e-13)
+    assert_close(found.mueller, right.mueller, rtol=0.0, atol=1e-11 * right.mueller.max())
+    if np.isinf(thickness):
+        assert_close(found.reflectance, 1.0, rtol=0.0, atol=2e-15)
+        return
+    tau = thickness * np.array([0.0, 0.3, 1.0])
+    net = vrte.radiance(scene, 0.5, mu=[], tau=tau, nodes=20, method="adding-doubling")
+    rest = net.flux_down + net.direct - net.flux_up
+    assert_close(rest, rest[-1], rtol=0.0, atol=2e-15)
+
+
+@pytest.mark.parametrize("thickness", [1e4, 1e8])
+def test_thick_white_layers_by_modes(thickness: float) -> None:
+    """The transmission, which falls like 1/thickness, is good to 1e-16 times it."""
+    asked = {"mu_i": [0.5], "mu_o": [0.1, 0.9], "nodes": 8, "transmission": True}
+    by_modes, right = (
+        vrte.brdf(one_layer(RAYLEIGH, 1.0, thickness), method=name, **asked)
+        for name in ("matrix-operator", "adding-doubling")
+    )
+    assert_close(by_modes.transmission, right.transmission, rtol=1e-15 * thickness, atol=1e-12)
+    assert_close(by_modes.mueller, right.mueller, rtol=0.0, atol=1e-15 * thickness + 1e-11)
+
+
+# the matrix operator
+
+
+@pytest.mark.parametrize("thickness", [1e-3, 0.5, 20.0])
+def test_slab_solves_the_boundary_problem_of_the_paper(thickness: float) -> None:
+    """(2:6)-(2:8) as they stand, order 1 of a layer with b2: all modes at both faces, each scaled to decay from its
+    own."""
+    scene, orders = one_layer(spheroids(), 0.9, thickness), np.array([1], np.int32)
+    problem = discretise_scene(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), 6)
+    matrices = assemble(problem, orders, Run(1))
+    E, F = matrices.E[0, 0].T, matrices.F[0, 0].T
+    lam, X = scipy.linalg.eig(F @ E)
+    k = np.sqrt(lam + 0j)
+    Y = np.linalg.solve(F, X) * k
+    with_light, against = (X + Y) / 2, (X - Y) / 2  # of a mode that decays downward, its light going down and up
+    decay = np.exp(-k * thickness)
+    falls_in = np.block([[with_light, against * decay], [against * decay, with_light]])
+    comes_out = np.block([[against, with_light * decay], [with_light * decay, against]])
+    whole = (comes_out @ np.linalg.inv(falls_in)).real
+    slab = respond_by_beams("modes", problem, np.zeros(1, np.int32), np.array([thickness]), orders, Run(1), quick=False)
+    R, T = slab[0].nodes[0]
+    assert_close(whole, np.block([[R, T], [T, R]]), rtol=0.0, atol=1e-12)
+
+
+def test_propagator_is_the_exponential_of_the_layer_matrix() -> None:
+    """(2:7), in the public frame: the flux-scaled, flipped form of the solver is not used here."""
+    nodes, thin = 6, vrte.Scene([vrte.Layer(spheroids(), 0.9, 0.1), vrte.Layer(RAYLEIGH, 0.7, 0.05)])
+    found = propagator(thin, order=1, nodes=nodes).reshape(8 * nodes, 8 * nodes)
+    points, weights = (each / 2 for each in np.polynomial.legendre.leggauss(nodes))
+    downward = np.concatenate([-points - 0.5, points + 0.5])  # cosines, light going up first
+    expected = np.eye(8 * nodes)
+    for layer in thin.layers:
+        table = layer.phase_matrix.coefficients[: 2 * nodes]
+        A = vrte._core.phase_matrices(1, table, downward, downward).transpose(0, 2, 1, 3).reshape(8 * nodes, -1)
+        scattered = layer.albedo / 2 * A * np.repeat(np.tile(weights, 2), 4)
+        slope = (scattered - np.eye(8 * nodes)) / np.repeat(downward, 4)[:, None]
+        expected = scipy.linalg.expm(layer.thickness * slope) @ expected
+    assert_close(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("scene", "error", "words"),
+    [
+        (one_layer(RAYLEIGH, 0.9, 5.0), vrte.AccuracyError, r"condition number of T_minus is .* R and T of \(2:8\)"),
+        (one_layer(RAYLEIGH, 0.9, 5.0, vrte.Lambertian(0.5)), SceneError, "without a base"),
+        (one_layer(RAYLEIGH, 0.9, np.inf), SceneError, "which end"),
+        (vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.9, 1.0)]), SceneError, "in one medium"),
+    ],
+)
+def test_propagators_that_are_refused(scene: vrte.Scene, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        propagator(scene, nodes=6)
+
+
+# invariant imbedding
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-7, 1e-10])
+def test_a_slab_to_what_was_asked_for(rtol: float) -> None:
+    """The largest error of the radiance reflected and transmitted, relative to the largest I reflected."""
+    scene = one_layer(RAYLEIGH, 0.99, 2.0)
+    asked = {"mu_i": MU, "mu_o": MU, "phi": PHI, "nodes": 4, "transmission": True}
+    right = vrte.brdf(scene, accuracy=1e-13, **asked)
+    found = vrte.brdf(scene, method="invariant-imbedding", settings={"rtol": rtol}, **asked)
+    cosine = MU[:, None, None, None, None]
+    assert np.abs(cosine * (found.mueller - right.mueller)).max() < 10.0 * rtol * (cosine * right.mueller).max()
+    assert np.abs(cosine * (found.transmission - right.transmission)).max() < 10.0 * rtol
+
+
+def test_cost_of_imbedding() -> None:
+    """A low cosine takes some steps more, not steps as small as itself; a semi-infinite layer takes few doublings."""
+    steps = [
+        vrte.brdf(one_layer(ISOTROPIC, 0.9, 1.0), low, low, nodes=6, method="invariant-imbedding").diagnostics["steps"]
+        for low in (1e-1, 1e-6)
+    ]
+    assert steps[1] < steps[0] + 50
+    field = vrte.radiance(one_layer(RAYLEIGH, 1.0, np.inf), 0.6, mu=[], nodes=6, method="invariant-imbedding")
+    assert_close(field.flux_up, 0.6, rtol=1e-13, atol=0.0)
+    assert field.diagnostics["doublings"] < 20
+
+
+def test_structure_preserving_doubling_of_numbers() -> None:
+    """x^2 c - x (a + d) + b = 0, the smaller root."""
+    found, _ = solve_riccati(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
+    assert_close(found[0, 0], (5.0 - np.sqrt(25.0 - 2.0)) / 1.0, rtol=1e-14, atol=0.0)
+
+
+# successive orders
+
+PAIR = vrte.Scene(
+    [vrte.Layer(RAYLEIGH, 0.9, 0.5), vrte.Layer(vrte.henyey_greenstein(0.4, 6), 0.95, 0.7)], vrte.Lambertian(0.3)
+)
+
+
+def by_orders(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
+    return vrte.brdf(scene, MU, MU, PHI, nodes=4, method="successive-orders", settings=settings)
+
+
+@pytest.mark.parametrize("z", [0.0, 1e-9, 0.3, 7.9, 8.1, 50.0, 1e9])
+def test_integrals_in_depth(z: float) -> None:
+    """Against the closed form for S = s, its series for small z."""
+    weights, x = weigh_downward(np.array(z), 4), np.append(find_gauss_depths(4), 1.0)
+    series = [(-z) ** k * x ** (k + 2) / np.prod(np.arange(1.0, k + 3)) for k in range(6)] if z < 1.0 else []
+    right = np.sum(series, axis=0) if z < 1.0 else (x + np.expm1(-z * x) / z) / z
+    assert_close(weights @ find_gauss_depths(4), right, rtol=1e-6 if z == 0.3 else 1e-12, atol=0.0)
+    assert_close(weigh_upward(np.array(z), 4)[-1] @ (1.0 - find_gauss_depths(4)), right[-1], rtol=1e-6, atol=0.0)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_tolerance(tolerance: float) -> None:
+    right = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, accuracy=1e-13).mueller
+    found = by_orders(PAIR, tolerance=tolerance, levels=120)
+    left = 2.0 * tolerance if tolerance > 1e-12 else 1e-11  # 120 depths leave more
+    assert np.abs(found.mueller - right).max() <= left * np.abs(right).max()
+    assert found.diagnostics["converged"]
+    assert found.diagnostics["remainder"] <= tolerance
+
+
+def test_order_in_depth() -> None:
+    """Twice the panels: the error falls towards 2^-8, and faster than 2^-5 from the start. Levels by themselves leave
+    about 1e-8, in thin and thick layers, conservative ones too."""
+    scene = one_layer(RAYLEIGH, 0.9, 1.0)
+    right = vrte.brdf(scene, MU, MU, PHI, nodes=4, accuracy=1e-13).mueller
+    errors = [np.abs(by_orders(scene, tolerance=1e-14, levels=n).mueller - right).max() for n in (24, 48)]
+    assert errors[1] < errors[0] / 32.0
+    for albedo, thickness in ((0.9, 1e-3), (1.0, 3.0), (0.8, 30.0)):
+        asked = {"mu_i": MU[1:], "mu_o": MU[1:], "nodes": 8}
+        right = vrte.brdf(one_layer(ISOTROPIC, albedo, thickness), accuracy=1e-13, **asked).mueller
+        how = {"method": "successive-orders", "settings": {"tolerance": 1e-10}}
+        found = vrte.brdf(one_layer(ISOTROPIC, albedo, thickness), **asked, **how).mueller
+        assert_close(found, right, rtol=0.0, atol=5e-8 * right.max())
+
+
+def test_orders_count_scatterings_whatever_is_reflected() -> None:
+    """One order is single scattering; the s-th is albedo^s times that of albedo 1, also between glass and a mirror."""
+    once = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, method="single-scattering")
+    np.testing.assert_array_equal(by_orders(PAIR, orders=1).mueller, once.mueller)
+    for above, base in (([], None), ([vrte.Interface(1.0, 1.5)], vrte.Mirror((0.05, 3.0)))):
+        by_albedo = []
+        for albedo in (1.0, 0.5):
+            scene = vrte.Scene([*above, vrte.Layer(RAYLEIGH, albedo, 1.0)], base)
+            one, two, three = (by_orders(scene, orders=s, tolerance=1e-15).mueller for s in (1, 2, 3))
+            by_albedo.append(np.stack([one / albedo, (two - one) / albedo**2, (three - two) / albedo**3]))
+        assert_close(*by_albedo, rtol=0.0, atol=1e-14 * max(1.0, by_albedo[0].max()))
+        assert (np.abs(by_albedo[0]).max(axis=(1, 2, 3, 4, 5)) > 1e-2).all()
+
+
+def test_it_says_that_it_did_not_converge() -> None:
+    told = by_orders(one_layer(ISOTROPIC, 1.0, 10.0), orders=20).diagnostics  # few orders on purpose: no warning
+    assert told["scattering_orders"] == 20
+    assert not told["converged"]
+    assert not told["promised"]
+    assert any("energy is not conserved" in note for note in told["notes"])
+    converged = by_orders(PAIR).diagnostics
+    assert converged["converged"]
+    assert not any("energy" in note for note in converged["notes"])
+
+
+@pytest.mark.slow
+def test_the_cap_of_orders_that_nobody_asked_for_is_a_warning() -> None:
+    with pytest.warns(vrte.AccuracyWarning, match=r"1000 orders of scattering leave out about .* its setting 'orders'"):
+        found = by_orders(one_layer(ISOTROPIC, 1.0, 100.0))
+    assert found.reflectance[0] < 0.99
+    assert not found.diagnostics["promised"]
+
+
+# two-stream
+
+HG = vrte.henyey_greenstein(0.6, 40)
+STREAMS = {
+    "isotropic": [(ISOTROPIC, 0.9, 1.0)],
+    "thin": [(HG, 0.9, 1e-6)],
+    "dark": [(HG, 0.3, 30.0)],
+    "conservative": [(HG, 1.0, 5.0)],
+    "thick": [(HG, 1.0, 1e3)],
+    "stack": [(HG, 0.95, 0.2), (ISOTROPIC, 0.5, 1.0), (ISOTROPIC, 0.0, 0.3), (HG, 1.0, 3.0)],
+    "backward": [(vrte.henyey_greenstein(-0.3, 30), 0.8, 2.0)],
+    "semi-infinite": [(HG, 0.95, 0.5), (HG, 0.8, np.inf)],
+    "semi-infinite and conservative": [(HG, 1.0, np.inf)],
+}
+
+
+@pytest.mark.parametrize("truncation", ["none", "delta-m", "auto"])
+@pytest.mark.parametrize("mu0", [1.0, 0.5, 0.02])
+@pytest.mark.parametrize("name", STREAMS)
+def test_two_streams_are_one_node(name: str, mu0: float, truncation: str) -> None:
+    """Radiance in all directions and fluxes, relative to the largest I at each depth: 1e-12 or better."""
+    base = vrte.Lambertian(0.4) if np.isfinite(STREAMS[name][-1][2]) else None
+    scene = vrte.Scene([vrte.Layer(*layer) for layer in STREAMS[name]], base)
+    deepest = scene.thickness if np.isfinite(scene.thickness) else 20.0
+    mu = [1e-3, 0.5, 0.8, 1.0, -1e-3, -0.3, -0.5, -1.0]
+    asked = {"mu0": mu0, "mu": mu, "phi": PHI, "tau": deepest * np.array([0.0, 0.3, 1.0]), "truncation": truncation}
+    right = vrte.radiance(scene, nodes=1, accuracy=1e-15, **asked)  # which says whether light near the beam matters
+    found = vrte.radiance(scene, nodes=1, method="two-stream", **asked)
+    assert off(found, right) <= 1e-12
+    for some, other in ((found.flux_up, right.flux_up), (found.flux_down, right.flux_down)):
+        assert_close(some, other, rtol=0.0, atol=1e-12 * right.flux_up.max())
+
+
+@pytest.mark.parametrize("albedo", [0.3, 0.9, 1.0])
+def test_two_streams_by_the_exponential_of_their_matrix(albedo: float) -> None:
+    """x' = -G x + H y + q e^(-t/mu0), -y' = -G y + H x + r e^(-t/mu0), with nothing coming in: fluxes pi x and pi y."""
+    h, g, tau = 2.0, 0.3, np.array([0.0, 0.7, 2.0])
+    E, F = 2.0 * (1.0 - albedo), 2.0 * (1.0 - 0.75 * albedo * g)
+    q, r = (albedo / (2.0 * np.pi) * (1.0 + sign * 1.5 * g * MU0) for sign in (1.0, -1.0))
+    G, H = 0.5 * (F + E), 0.5 * (F - E)
+    slope = np.array([[-G, H, q], [-H, G, -r], [0.0, 0.0, -1.0 / MU0]])  # of x, y and the beam
+    whole = scipy.linalg.expm(h * slope)
+    y = -whole[1, 2] / whole[1, 1]
+    right = np.pi * np.array([(scipy.linalg.expm(t * slope) @ [0.0, y, 1.0])[:2] for t in tau])
+    field = vrte.radiance(
+        one_layer(vrte.PhaseMatrix([1.0, 3.0 * g]), albedo, h), MU0, mu=[], tau=tau, method="two-stream"
+    )
+    assert_close(np.stack([field.flux_down, field.flux_up], axis=1), right, rtol=1e-12, atol=1e-14)
+
+
+def test_two_streams_refuse_a_peak_that_one_node_cannot_carry() -> None:
+    peaked = one_layer(vrte.henyey_greenstein(0.95, 300), 1.0, 1.0)
+    with pytest.raises(SceneError, match=r"'two-stream': on one node an asymmetry of 0.95 .* ask for truncation"):
+        vrte.brdf(peaked, 0.5, 0.5, method="two-stream", truncation="none")
+
+
+# diffusion
+
+G = 0.3
+DIFFUSING = vrte.PhaseMatrix([1.0, 3.0 * G])
+
+
+def diffuse(scene: vrte.Scene, tau: object, **settings: object) -> vrte.Field:
+    return vrte.radiance(scene, MU0, mu=[], tau=tau, method="diffusion", settings=settings)
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("albedo", [0.0, 0.1])
+def test_conservative_law(boundary: str, albedo: float) -> None:
+    """(2:19) at albedo 1: the net flux of all light is constant, and E_0 is linear but for the beam's exponential."""
+    h, c = 7.0, BOUNDARIES[boundary]
+    tau = np.linspace(0.0, h, 6)
+    field = diffuse(one_layer(DIFFUSING, 1.0, h, vrte.Lambertian(albedo)), tau, boundary=boundary)
+    # E_z = J - mu0 e^(-t/mu0); E_0' = -3 (1 - g) E_z + 3 g mu0 e^(-t/mu0)
+    beam = MU0 * np.exp(-tau / MU0)
+    bent = 3.0 * MU0 * (MU0 - beam)  # integral of 3 (1 - g + g) mu0 e^(-t/mu0)
+    # E_0(0) = -c (J - mu0); at the base (1 + albedo)/(1 - albedo) c E_z = E_0 - albedo 2 c beam/(1 - albedo)
+    k = (1.0 + albedo) / (1.0 - albedo)
+    side = 2.0 * albedo * c * beam[-1] / (1.0 - albedo)
+    J = (c * MU0 + bent[-1] + k * c * beam[-1] - side) / (c + 3.0 * (1.0 - G) * h + k * c)
+    E_0 = c * (MU0 - J) - 3.0 * (1.0 - G) * J * tau + bent
+    assert_close(field.flux_down + field.direct - field.flux_up, J, rtol=1e-13, atol=0.0)
+    assert_close(c * (field.flux_down + field.flux_up), E_0, rtol=1e-13, atol=0.0)
+
+
+@pytest.mark.parametrize("albedo", [0.3, 0.9, 1.0 - 1e-9])
+def test_absorbing_law(albedo: float) -> None:
+    """The two exponentials e^(-+k t) and the beam's of (2:20), k^2 = 3 (1 - omega)(1 - omega g), by a 2 x 2 system."""
+    h, c = 3.0, 2.0
+    tau = np.linspace(0.0, h, 5)
+    field = diffuse(one_layer(DIFFUSING, albedo, h), tau)
+    away = 3.0 * (1.0 - albedo * G)
+    k = np.sqrt((1.0 - albedo) * away)
+    # E_0 = p e^(-t/mu0): p/mu0^2 = k^2 p - 3 (1 - w g) w - 3 w g
+    p = -(away * albedo + 3.0 * albedo * G) / (1.0 / MU0**2 - k**2)
+
+    def of(t: float, rate: float) -> tuple[float, float]:
+        return np.exp(-rate * t), rate / away * np.exp(-rate * t)
+
+    def beam(t: float) -> tuple[float, float]:  # E_z = (3 w g mu0 e - E_0')/(3 (1 - w g))
+        e = np.exp(-t / MU0)
+        return p * e, (3.0 * albedo * G * MU0 + p / MU0) / away * e
+
+    rows = [[E_0 + sign * c * E_z for E_0, E_z in (of(t, k), of(t, -k))] for t, sign in ((0.0, 1.0), (h, -1.0))]
+    known = [-(beam(0.0)[0] + c * beam(0.0)[1]), -(beam(h)[0] - c * beam(h)[1])]
+    one, other = np.linalg.solve(rows, known)
+    E_0, E_z = (one * of(tau, k)[i] + other * of(tau, -k)[i] + beam(tau)[i] for i in (0, 1))
+    rtol = 1e-12 if albedo < 0.99 else 1e-10  # what the exponentials cost near 1
+    assert_close(2.0 * (field.flux_down + field.flux_up), E_0, rtol=rtol, atol=0.0)
+    assert_close(field.flux_down - field.flux_up, E_z, rtol=rtol, atol=rtol)
+
+
+def test_radiance_is_its_source_integrated() -> None:
+    """At the top, against quadrature over E_0 and E_z, found from fluxes at many depths."""
+    albedo, h, mu, phi = 0.8, 1.5, np.array([0.3, 1.0]), np.array([0.0, 60.0])
+    scene = one_layer(DIFFUSING, albedo, h)
+    x, w = np.polynomial.legendre.leggauss(24)
+    t, w = 0.5 * h * (x + 1.0), 0.5 * h * w
+    inside = diffuse(scene, t)
+    E_0, E_z = 2.0 * (inside.flux_down + inside.flux_up), inside.flux_down - inside.flux_up
+    E_x = albedo * G * np.sqrt(1.0 - MU0**2) / (1.0 - albedo * G) * np.exp(-t / MU0)
+    across = np.sqrt(1.0 - mu**2)[:, None, None] * np.cos(np.radians(phi))[:, None] * E_x
+    source = albedo / (4.0 * np.pi) * (E_0 + 3.0 * G * (-mu[:, None, None] * E_z + across))
+    expected = np.einsum("upt,t,ut->up", source, w, np.exp(-t / mu[:, None]) / mu[:, None])
+    once, found = (
+        vrte.radiance(scene, MU0, mu=mu, phi=phi, method=name).stokes for name in ("single-scattering", "diffusion")
+    )
+    assert_close((found - once)[0, ..., 0], expected, rtol=1e-10, atol=0.0)
+
+
+def test_thick_layers_reflect_as_the_exact_method_says() -> None:
+    """Scattering evenly and conservatively: the albedo within 2 %, whatever the boundary, each of which has a name."""
+    scene = one_layer(ISOTROPIC, 1.0, 20.0)
+    right = vrte.radiance(scene, MU0, mu=[], nodes=16).flux_up
+    for boundary in BOUNDARIES:
+        assert_close(diffuse(scene, 0.0, boundary=boundary).flux_up, right, rtol=0.02, atol=0.0)
+    with pytest.raises(
+        SceneError, match=r"setting 'boundary' of method 'diffusion' must be 'marshak', .*not 'dirichlet'"
+    ):
+        diffuse(scene, 0.0, boundary="dirichlet")
+
+
+# small angles
+
+PEAKED = vrte.henyey_greenstein(0.5, 16)
+
+
+@pytest.mark.parametrize("albedo", [1.0, 0.7])
+def test_moments(albedo: float) -> None:
+    """exp(-(1 - omega x_k) tau/mu0) less exp(-tau/mu0); of a sum over the sphere as well."""
+    tau, k = np.array([0.0, 1e-8, 0.3, 2.0, 400.0]), np.arange(16)
+    scene = vrte.Scene([vrte.Layer(PEAKED, albedo, 1.0), vrte.Layer(PEAKED, albedo, 399.0)])
+    request = make_radiance_request(scene, MU0, mu=-0.5, tau=tau, nodes=8, method="small-angle")
+    tables = expand_diffuse_part(request.scene, discretise_request(request))[:, 0]
+    x_k = PEAKED.a1 / (2.0 * k + 1.0)
+    expected = np.exp(-tau[:, None] / MU0) * np.expm1(albedo * x_k * tau[:, None] / MU0)
+    assert_close(tables[..., 0] / (2.0 * k + 1.0), expected, rtol=1e-12, atol=0.0)
+    cosine, weights = find_gauss_legendre(20)
+    field = np.polynomial.legendre.legval(cosine, tables[3, :, 0]) / (4.0 * np.pi)
+    moments = [2.0 * np.pi * weights @ (field * np.polynomial.legendre.legval(cosine, np.eye(16)[n])) for n in k]
+    assert_close(moments, expected[3], rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "layers", [[(PEAKED, 0.9, 2.0)], [(MATRIX, 0.95, 2.0)], [(MATRIX, 0.9, 0.5), (MATRIX, 0.8, 1.0)]]
+)
+def test_small_angles_are_the_sum_over_orders(layers: list[tuple[vrte.PhaseMatrix, float, float]]) -> None:
+    """(2:29) literally: Fourier orders of generalized spherical functions, S_l through the matrix exponential."""
+    scene, mu = vrte.Scene([vrte.Layer(*layer) for layer in layers]), np.array([0.2, 0.7, 0.95])
+    a = layers[0][0].coefficients
+    path = sum(layer[2] for layer in layers) / MU0
+    albedo = sum(layer[1] * layer[2] for layer in layers) / MU0  # times the path
+    degrees = np.zeros_like(a)
+    for l, (a1, a2, a3, a4, b1, b2) in enumerate(a):
+        S = albedo / (2.0 * l + 1.0) * np.array([[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]])
+        E = (2.0 * l + 1.0) * np.exp(-path) * (scipy.linalg.expm(S) - np.eye(4))
+        degrees[l] = E[0, 0], E[1, 1], E[2, 2], E[3, 3], E[0, 1], E[2, 3]
+    orders = [a_matrix(m, degrees, mu, np.array([MU0])).reshape(mu.size, 4, 1, 4)[:, :, 0] for m in range(len(a))]
+    expected = azimuthal_sum([each[None] for each in orders], PHI)[0] / (4.0 * np.pi)  # (mu, phi, 4, 4)
+    found = vrte.brdf(scene, MU0, mu, PHI, transmission=True, method="small-angle", nodes=8)
+    assert_close(MU0 * found.transmission[0], expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+    assert not found.mueller.any()
+
+
+def test_small_angles_flux_and_note() -> None:
+    """The flux down is that of the radiance; up there is nothing, and it says so; at the beam's own direction, as in
+    figure 2 of the paper, light is within 2 % where tau is 0.3."""
+    x, w = find_gauss_legendre(40)
+    mu, w, phi = 0.5 * (x + 1.0), 0.5 * w, np.arange(0.0, 360.0, 10.0)
+    scene = one_layer(PEAKED, 0.9, 2.0)
+    field = vrte.radiance(scene, MU0, mu=-mu, phi=phi, tau=[0.5, 2.0], method="small-angle")
+    flux = 2.0 * np.pi * np.einsum("tup,u->t", field.stokes[..., 0], w * mu) / phi.size
+    assert_close(field.flux_down, flux, rtol=1e-12, atol=0.0)
+    assert not field.flux_up.any()
+    up = vrte.radiance(scene, MU0, mu=0.5, method="small-angle")
+    assert not up.stokes.any()
+    assert up.diagnostics["notes"] == ["small-angle: nothing goes up; radiance there is zero by definition"]
+    near, asked = one_layer(vrte.henyey_greenstein(0.9, 120), 0.99, 0.3), {"mu0": 0.5, "mu": -0.5, "tau": 0.3}
+    right = vrte.radiance(near, nodes=24, **asked).stokes[..., 0]
+    assert_close(vrte.radiance(near, method="small-angle", **asked).stokes[..., 0], right, rtol=0.02, atol=0.0)
+
+
+# synthetic iteration
+
+SHARP = vrte.henyey_greenstein(0.8, 60)
+SCENES = {
+    "scalar": one_layer(SHARP, 0.95, 2.0),
+    "stack": vrte.Scene([vrte.Layer(SHARP, 0.9, 0.5), vrte.Layer(ISOTROPIC, 0.7, 1.0)], vrte.Lambertian(0.4)),
+    "vector": vrte.Scene([vrte.Layer(MATRIX, 0.9, 0.4), vrte.Layer(RAYLEIGH, 0.8, 0.5)], vrte.Lambertian(0.3)),
+}
+AROUND = {"mu0": MU0, "mu": [0.3, 0.9, -0.3, -0.9], "phi": [0.0, 50.0, 180.0]}
+
+
+def iterate(scene: vrte.Scene, asked: dict[str, object], **settings: object) -> vrte.Field:
+    return vrte.radiance(scene, method="synthetic-iteration", settings=settings, **asked)
+
+
+@pytest.mark.parametrize(
+    ("name", "regular"),
+    [
+        ("scalar", "two-stream"),
+        ("stack", "discrete-ordinates"),
+        ("vector", "diffusion"),
+        ("vector", "single-scattering"),
+    ],
+)
+def test_iterations_converge_to_discrete_ordinates(name: str, regular: str) -> None:
+    """On the same nodes, whatever the guess: what is left is of the 8th order in the panels of depths."""
+    scene = SCENES[name]
+    asked = AROUND | {"tau": [0.0, 0.7, scene.thickness], "nodes": 4}
+    asked["stokes"] = [1.0, 0.0, 0.0, 0.0] if name != "vector" else [1.0, 0.2, -0.5, 0.3]
+    right = vrte.radiance(scene, truncation="small-angle", accuracy=1e-13, **asked)
+    coarse, finer = (off(iterate(scene, asked, iterations=60, regular=regular, depths=n), right) for n in (16, 32))
+    assert finer < 1e-7
+    assert finer < coarse / 32.0
+
+
+def test_iterations_help() -> None:
+    """From the coarse guess to the exact answer, step by step."""
+    asked = AROUND | {"tau": [0.0, 2.0], "nodes": 4}
+    right = vrte.radiance(SCENES["scalar"], truncation="small-angle", **asked)
+    errors = [off(iterate(SCENES["scalar"], asked, iterations=count), right) for count in (2, 4, 8, 16)]
+    assert all(later < 0.8 * earlier for earlier, later in pairwise(errors)), errors
+
+
+@pytest.mark.parametrize("regular", ["two-stream", "diffusion"])
+def test_one_iteration(regular: str) -> None:
+    """Below a thin peaked layer, where the peak is: within 3 % of the brightest, where the regular part alone is far
+    off; and of an even phase function, without order 1, the closed form is the regular part's own."""
+    asked = AROUND | {"mu": [-0.3, -0.55, -0.6, -0.7, -1.0], "tau": 0.3}
+    scene = one_layer(vrte.henyey_greenstein(0.97, 400), 0.99, 0.3)
+    right = vrte.radiance(scene, nodes=20, truncation="small-angle", **asked)
+    found, alone = (
+        iterate(scene, asked, regular=regular),
+        vrte.radiance(scene, method=regular, truncation="delta-m", **asked),
+    )
+    assert off(found, right) < 0.03
+    assert off(alone, right) > 0.3
+    assert off(found, vrte.radiance(scene, method=regular, truncation="small-angle", **asked)) < 1e-14  # it is the same
+    asked = AROUND | {"tau": [0.0, 0.7, 2.0], "nodes": 8}
+    scene = one_layer(ISOTROPIC, 0.9, 2.0, vrte.Lambertian(0.4))
+    assert off(iterate(scene, asked, regular=regular), vrte.radiance(scene, method=regular, **asked)) < 1e-14
+    assert off(iterate(scene, asked, regular="discrete-ordinates"), vrte.radiance(scene, **asked)) < 0.1
+
+
+@pytest.mark.parametrize("name", ["two-stream", "diffusion", "discrete-ordinates"])
+def test_fluxes_are_those_of_the_regular_part(name: str) -> None:
+    asked = {"mu0": MU0, "mu": [], "tau": [0.0, 1.0, 2.0], "nodes": 8}
+    found = iterate(SCENES["scalar"], asked, regular=name)
+    regular = vrte.radiance(SCENES["scalar"], method=name, truncation="delta-m", **asked)
+    assert_close(found.flux_up, regular.flux_up, rtol=1e-12, atol=0.0)
+    assert_close(found.flux_down, regular.flux_down, rtol=1e-12, atol=1e-13)
+
+
+def test_what_synthetic_iteration_refuses() -> None:
+    asked, endless = {"mu0": 0.5, "mu": 0.5}, one_layer(SHARP, 0.9, np.inf)
+    with pytest.raises(SceneError, match="separates small angles: leave truncation out"):
+        iterate(SCENES["scalar"], asked | {"truncation": "none"})
+    with pytest.raises(SceneError, match="setting 'regular' of method 'synthetic-iteration' must be"):
+        iterate(SCENES["scalar"], asked, regular="synthetic-iteration")
+    with pytest.raises(SceneError, match="needs layers that end"):
+        iterate(endless, asked, iterations=2)
+    assert iterate(endless, asked).stokes[..., 0].min() > 0.0
