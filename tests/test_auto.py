@@ -40,28 +40,36 @@ def request(scene: vrte.Scene, **keywords: object) -> Request:
 
 
 @pytest.mark.parametrize(
-    ("scene", "accuracy", "place"), [(THIN, 1e-2, 0), (MIDDLE, 1e-2, 1), (DEEP, 1e-2, 1), (MIDDLE, 1e-8, 1)]
+    ("scene", "accuracy", "place", "by_hand"),
+    [
+        (THIN, 1e-2, 0, {"method": "single-scattering"}),
+        (MIDDLE, 1e-2, 1, {"accuracy": 1e-2}),
+        (DEEP, 1e-2, 1, {"accuracy": 1e-2}),
+        (MIDDLE, 1e-8, 1, {"accuracy": 1e-8}),
+    ],
 )
-def test_it_says_what_it_took(scene: vrte.Scene, accuracy: float, place: int) -> None:
-    rule = RULES[place]
-    made = vrte.radiance(scene, **KEYS, tau=[0.0, scene.thickness], accuracy=accuracy, method="auto").diagnostics
-    assert made["method"] == rule.method
-    assert made["method_rule"] == f"auto, rule {place + 1} ({rule.name}): {rule.why}"
-    assert made["accuracy"] == accuracy
-    assert made["promised"]
-    assert made["notes"] == []
-    exact = vrte.radiance(scene, **KEYS, accuracy=accuracy).diagnostics
-    assert "method_rule" not in exact
-
-
-def test_it_solves_as_the_method_does_that_it_took() -> None:
-    for where, by_hand in ((THIN, {"method": "single-scattering"}), (MIDDLE, {"accuracy": 1e-2})):
-        keys = KEYS | {"tau": [0.0, where.thickness]}
-        found = vrte.radiance(where, **keys, accuracy=1e-2, method="auto")
-        expected = vrte.radiance(where, **keys, **by_hand)
-        assert found.diagnostics["nodes"] == expected.diagnostics["nodes"]
-        np.testing.assert_array_equal(found.stokes, expected.stokes)
-        np.testing.assert_array_equal(found.flux_up, expected.flux_up)
+def test_it_solves_as_the_method_that_it_took_and_says_so(
+    scene: vrte.Scene, accuracy: float, place: int, by_hand: dict[str, object]
+) -> None:
+    keys, rule = KEYS | {"tau": [0.0, scene.thickness]}, RULES[place]
+    told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+    found, expected = (
+        vrte.radiance(scene, **keys, accuracy=accuracy, method="auto"),
+        vrte.radiance(scene, **keys, **by_hand),
+    )
+    np.testing.assert_array_equal(found.stokes, expected.stokes)
+    np.testing.assert_array_equal(found.flux_up, expected.flux_up)
+    made = found.diagnostics
+    assert (made["method"], made["method_rule"], made["accuracy"]) == (rule.method, told, accuracy)
+    assert (made["promised"], made["notes"], made["nodes"]) == (True, [], expected.diagnostics["nodes"])
+    assert "method_rule" not in expected.diagnostics
+    plan = vrte.plan("radiance", scene, **keys, accuracy=accuracy, method="auto")
+    assert told in " ".join(str(plan).split())
+    assert (plan.as_dict()["method"], plan.as_dict()["method_rule"]) == (rule.method, told)
+    assert bool(plan.blocks) == (rule.method == EXACT)
+    assert ("which the solve compares with" in str(plan)) == (place == 1)
+    assert max(map(len, str(plan).splitlines())) <= 120
+    assert "auto, rule" not in str(vrte.plan("radiance", scene, **keys))
 
 
 @pytest.mark.parametrize("told", [{"nodes": 8}, {"settings": {"orders": 3}}])
@@ -71,67 +79,45 @@ def test_what_it_does_not_take(told: dict[str, object]) -> None:
         vrte.radiance(MIDDLE, **KEYS, method="auto", **told)
 
 
-def test_the_plan_shows_it() -> None:
-    for place, where in enumerate((THIN, MIDDLE)):
-        keys = KEYS | {"tau": [0.0, where.thickness]}
-        plan = vrte.plan("radiance", where, **keys, accuracy=1e-2, method="auto")
-        rule = RULES[place]
-        told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
-        assert told in " ".join(str(plan).split())
-        assert plan.as_dict()["method"] == rule.method
-        assert plan.as_dict()["method_rule"] == told
-        assert bool(plan.blocks) == (rule.method == EXACT)
-        assert ("which the solve compares with" in str(plan)) == (place == 1)
-        assert max(map(len, str(plan).splitlines())) <= 120
-    assert "auto, rule" not in str(vrte.plan("radiance", MIDDLE, **KEYS))
-
-
 def test_brdf_and_light_from_below() -> None:
-    found = vrte.brdf(MIDDLE, [0.4, 0.8], [0.3, 0.9], 30.0, accuracy=1e-3, method="auto", illuminate="bottom")
-    right = vrte.brdf(MIDDLE, [0.4, 0.8], [0.3, 0.9], 30.0, accuracy=1e-8, illuminate="bottom")
+    asked_for = {"mu_i": [0.4, 0.8], "mu_o": [0.3, 0.9], "phi": 30.0, "illuminate": "bottom"}
+    found = vrte.brdf(MIDDLE, **asked_for, accuracy=1e-3, method="auto")
+    right = vrte.brdf(MIDDLE, **asked_for, accuracy=1e-8).mueller
     assert "rule 2" in found.diagnostics["method_rule"]
-    largest = right.mueller[..., 0, 0].max(axis=(1, 2))[:, None, None, None, None]
-    assert (np.abs(found.mueller - right.mueller) / largest).max() < 1e-3
+    largest = right[..., 0, 0].max(axis=(1, 2))[:, None, None, None, None]
+    assert (np.abs(found.mueller - right) / largest).max() < 1e-3
 
 
 def test_the_table() -> None:
     *others, last = RULES
-    assert not last.at_most
-    assert not last.at_least
-    assert last.method == EXACT
+    assert (last.at_most, last.at_least, last.method) == ({}, {}, EXACT)
     assert len({rule.name for rule in RULES}) == len(RULES)
-    for rule in RULES:
-        assert rule.method in METHODS
-        assert {*rule.at_most, *rule.at_least} <= QUANTITIES.keys()
-    for rule in others:
-        assert rule.evidence
+    assert all(rule.method in METHODS and {*rule.at_most, *rule.at_least} <= QUANTITIES.keys() for rule in RULES)
+    assert all(rule.evidence for rule in others)
+
+
+MUELLER = vrte.MuellerBase(lambda i, o, phi: np.zeros((*np.broadcast_shapes(*map(np.shape, (i, o, phi))), 4, 4)))
 
 
 @pytest.mark.parametrize(
-    "wish",
+    ("scene", "wish"),
     [
-        {"mu": None},
-        {"algorithm": "doubling"},
-        {"truncation": "none"},
-        {"verify": True},
-        {"backend": "opencl"},
+        (THIN, {"mu": None}),
+        (THIN, {"algorithm": "doubling"}),
+        (THIN, {"truncation": "none"}),
+        (THIN, {"verify": True}),
+        (THIN, {"backend": "opencl"}),
+        (vrte.Scene(THIN.layers, MUELLER), {}),
+        (vrte.Scene([vrte.Interface(1.0, 1.5), *THIN.layers]), {}),
+        (vrte.Scene(THIN.layers, vrte.Mirror((0.05, 3.0))), {}),
     ],
 )
-def test_special_wishes_go_to_the_exact_method_by_accuracy(wish: dict[str, object]) -> None:
+def test_special_wishes_go_to_the_exact_method_by_accuracy(scene: vrte.Scene, wish: dict[str, object]) -> None:
+    """However thin the layer: light scattered once is not all that a surface mirrors."""
     assert find_rule(request(THIN, accuracy=1e-2))[0] == 0
-    found = request(THIN, accuracy=1e-2, **wish)
-    assert count_special_wishes(found) == 1.0
+    found = request(scene, accuracy=1e-2, **wish)
+    assert count_special_wishes(found) >= 1.0
     assert find_rule(found)[0] == 1
-
-
-def test_a_mueller_base_goes_there_too() -> None:
-    mirror = vrte.MuellerBase(
-        lambda mu_in, mu_out, phi: np.zeros(
-            (*np.broadcast_shapes(np.shape(mu_in), np.shape(mu_out), np.shape(phi)), 4, 4)
-        )
-    )
-    based = vrte.Scene(THIN.layers, mirror)
-    assert find_rule(request(based, accuracy=1e-2))[0] == 1
 
 
 def test_light_caught_again_is_bounded_closely() -> None:
@@ -167,8 +153,6 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
     for accuracy in accuracies:
         wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": accuracy})
         place = find_rule(wanted)[0]
-        if place == 2:
-            continue
         found = one.solved(accuracy=accuracy, method="auto")
         if 1.5 * found.made["nodes"] > nodes:
             continue  # the reference below is hardly better
