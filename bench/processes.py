@@ -1,23 +1,20 @@
 """The processes of the two SIMD settings: the end that measures and, `serve`, the end that solves.
 
 OpenBLAS takes its kernels once, when it is loaded: two settings are two processes. Both are started before any timing
-and solve one message after another, pickled on standard input and output; what is timed is the solve alone, in the
-process itself, so that both pay alike. One ends when its input ends, and soon even in the middle of a solve, so that
-none is left when its parent is gone.
+and solve one task after another; what is timed is the solve alone, in the process itself, so that both pay alike. A
+process ends when nobody sends it tasks any more, and soon even in the middle of a solve.
 """
 
+import multiprocessing
 import os
-import pickle
-import queue
-import subprocess
-import sys
-import tempfile
+import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from multiprocessing.connection import Connection
+from typing import Any
 
 from bench.tables import Configuration, Problem
 from vrte.basics.arrays import Array
@@ -27,9 +24,7 @@ from vrte.results.field import Field
 
 VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
 BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
-START = "import sys; sys.path[:] = {path!r}; from bench.processes import serve; serve()"
 PATIENCE = 5.0  # seconds that a process gets to end by itself
-GRACE = 1.0  # seconds that a solve gets when nobody waits for it any more
 ERRORS = (SceneError, AccuracyError, DeviceError, MemoryError)  # that users meet
 
 
@@ -63,38 +58,25 @@ class Reply:
     answer: Array | None = None
 
 
-def serve() -> None:
-    """Says hello, then answers every Task by a Reply or an error; what anything prints goes to standard error."""
-    output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-    threading.Thread(target=receive, args=(sys.stdin.buffer, tasks), daemon=True).start()
+def serve(connection: Connection) -> None:
+    """Says hello, then answers every Task by a Reply or an error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent alone
+    threading.Thread(target=end_with_parent, daemon=True).start()
     libraries = find_blas_libraries()
     cores = tuple(str(getattr(library, "architecture", None)) for library in libraries)
     names = {f"{library.internal_api} {library.version} {core}" for library, core in zip(libraries, cores, strict=True)}
-    send(output, Hello(cores, tuple(sorted(names)), time.process_time()))
-    while (task := tasks.get()) is not None:
-        send(output, answer_task(task))
-
-
-def receive(stream: BinaryIO, tasks: "queue.SimpleQueue[Task | None]") -> None:
-    """Puts the messages into the queue, None when the input has ended; does not wait long for a solve then."""
-    try:
+    connection.send(Hello(cores, tuple(sorted(names)), time.process_time()))
+    with suppress(EOFError, BrokenPipeError):
         while True:
-            tasks.put(pickle.load(stream))
-    except BaseException:
-        tasks.put(None)
-        time.sleep(GRACE)
-        os._exit(0)
+            connection.send(answer_task(connection.recv()))
 
 
-def send(stream: BinaryIO, message: Hello | Reply | Exception) -> None:
-    """One message, at once; ends the process where nobody reads it."""
-    try:
-        pickle.dump(message, stream, protocol=pickle.HIGHEST_PROTOCOL)
-        stream.flush()
-    except BrokenPipeError:
-        os._exit(0)
+def end_with_parent() -> None:
+    """Ends this process with the one that started it, even in the middle of a solve."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(0)
 
 
 def answer_task(task: Task) -> Reply | Exception:
@@ -114,91 +96,65 @@ def answer_task(task: Task) -> Reply | Exception:
 
 
 class Child:
-    """One process; ``simd`` is "baseline" or "full". Of a session of its own: Ctrl-C reaches its parent alone."""
+    """One process; ``simd`` is "baseline" or "full"."""
 
     def __init__(self, simd: str) -> None:
         self.simd, self.cpu_seconds = simd, 0.0
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  open as long as the process is
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", START.format(path=sys.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._said,
-            env=make_environment(simd),
-            start_new_session=True,
-        )
-        self._hello: Hello | None = None
+        context, before = multiprocessing.get_context("spawn"), os.environ.pop(VARIABLE, None)
+        self._connection, other = context.Pipe()
+        self.process = context.Process(target=serve, args=(other,), daemon=True)
+        try:
+            os.environ.update(choose_environment(simd))
+            self.process.start()
+        finally:
+            os.environ.pop(VARIABLE, None)
+            os.environ.update({} if before is None else {VARIABLE: before})
+        other.close()
 
-    @property
-    def hello(self) -> Hello:
+    def start(self) -> "Child":
         """Waits until it is ready. Raises SceneError where its linear algebra is not what it is to be."""
-        if self._hello is None:
-            found: Hello = self._receive()
-            if (reason := explain_unfit_kernels(self.simd, found.cores)) is not None:
-                raise SceneError(reason)
-            self._hello, self.cpu_seconds = found, found.cpu_seconds
-        return self._hello
+        self.hello: Hello = self._receive()
+        if (reason := explain_unfit_kernels(self.simd, self.hello.cores)) is not None:
+            raise SceneError(reason)
+        return self
 
     def solve(self, task: Task) -> Reply:
         """Sends the task and waits. Raises what the solver raises, ChildProcessError where the process has died."""
-        assert self._process.stdin is not None
-        try:
-            pickle.dump(task, self._process.stdin)
-            self._process.stdin.flush()
-        except OSError as error:
-            raise self._died() from error
+        with suppress(OSError):  # of a dead process: it does not answer either
+            self._connection.send(task)
         found: Reply | Exception = self._receive()
         if isinstance(found, Exception):
             raise found
-        self.cpu_seconds = found.cpu_seconds
         return found
 
     def _receive(self) -> Any:
-        assert self._process.stdout is not None
         try:
-            return pickle.load(self._process.stdout)
-        except (EOFError, OSError, pickle.UnpicklingError) as error:
-            raise self._died() from error
-
-    def _died(self) -> ChildProcessError:
-        """In one sentence, with the last thing that it said."""
-        self._stop()
-        self._said.seek(0)
-        lines = self._said.read().decode(errors="replace").split("\n")
-        last = next((line for line in reversed(lines) if line.strip()), "it said nothing")
-        return ChildProcessError(
-            f"the process for {self.simd} SIMD has died with code {self._process.returncode}: {last}"
-        )
-
-    def _stop(self) -> None:
-        for stream in (self._process.stdin, self._process.stdout):
-            assert stream is not None
-            with suppress(OSError):  # it may have gone before it read all
-                stream.close()
-        try:
-            self._process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            found = self._connection.recv()
+        except (EOFError, OSError):
+            self.process.join(PATIENCE)
+            code = self.process.exitcode
+            raise ChildProcessError(f"the process for {self.simd} SIMD has died with code {code}") from None
+        self.cpu_seconds = getattr(found, "cpu_seconds", self.cpu_seconds)
+        return found
 
     def end(self) -> None:
-        """Ends it: by itself when its input ends, by force where it does not."""
-        self._stop()
-        self._said.close()
+        """Ends it: by itself when nothing more comes, by force where it does not."""
+        self._connection.close()
+        self.process.join(PATIENCE)
+        self.process.kill()
+        self.process.join()
 
 
-def make_environment(simd: str) -> dict[str, str]:
-    """Of the process: the setting alone differs."""
-    kept = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    return kept | {VARIABLE: BASELINE_CORE} if simd == "baseline" else kept
+def choose_environment(simd: str) -> dict[str, str]:
+    """What a process has in its environment, where the user's own setting is taken out."""
+    return {VARIABLE: BASELINE_CORE} if simd == "baseline" else {}
 
 
 def explain_unfit_kernels(simd: str, cores: Iterable[str]) -> str | None:
     """Why a process with these kernels of BLAS must not be measured, None where it may.
 
-    >>> explain = explain_unfit_kernels
-    >>> explain("baseline", ["Katmai", "Katmai"]) is None, explain("full", ["SkylakeX", "SkylakeX"]) is None
-    (True, True)
+    >>> explain_unfit_kernels("baseline", ["Katmai", "Katmai"]) is None
+    True
     >>> explain_unfit_kernels("baseline", ["Katmai", "SkylakeX"])
     'OpenBLAS took its kernels for Katmai, SkylakeX where baseline SIMD was asked for: nothing is measured'
     """
@@ -218,9 +174,7 @@ def start_processes(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
         for simd in dict.fromkeys(settings):
             children[simd] = Child(simd)
             stack.callback(children[simd].end)
-        for child in children.values():
-            _ = child.hello
-        yield children
+        yield {simd: child.start() for simd, child in children.items()}
 
 
 def describe_processes(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:

@@ -173,8 +173,7 @@ def test_what_the_solver_raises_is_raised_here(both: dict[str, Child]) -> None:
 
 @needs_baseline
 def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    full = processes.make_environment("full")
-    monkeypatch.setattr(processes, "make_environment", lambda simd: full)
+    monkeypatch.setattr(processes, "choose_environment", lambda simd: {})
     with (
         pytest.raises(SceneError, match="where baseline SIMD was asked for: nothing is measured"),
         processes.start_processes(["baseline"]),
@@ -182,33 +181,27 @@ def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.Monkey
         pass
 
 
+@needs_baseline
 def test_the_users_own_setting_does_not_reach_the_full_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
-    assert "OPENBLAS_CORETYPE" not in processes.make_environment("full")
-
-
-def test_a_process_that_dies_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "START", "import os; os.write(2, b'out of luck'); os._exit(3)")
-    with (
-        pytest.raises(ChildProcessError, match=r"for full SIMD has died with code 3: out of luck$"),
-        processes.start_processes(["full"]),
-    ):
-        pass
-
-
-def test_one_that_is_killed_midway_too() -> None:
     with processes.start_processes(["full"]) as found:
-        os.kill(found["full"]._process.pid, signal.SIGKILL)
-        with pytest.raises(ChildProcessError, match="has died with code -9"):
+        assert not set(found["full"].hello.cores) & set(processes.BASELINE_NAMES)
+    assert os.environ["OPENBLAS_CORETYPE"] == "Prescott"
+
+
+def test_a_process_that_is_killed_is_one_clear_error() -> None:
+    with processes.start_processes(["full"]) as found:
+        found["full"].process.kill()
+        with pytest.raises(ChildProcessError, match="for full SIMD has died with code -9"):
             found["full"].solve(Task(GOLD, {}))
 
 
 PARENT = """
-import sys
 from bench.tables import FULL_SIZE
 from bench.processes import Task, start_processes
-with start_processes(["full"]) as found:
-    print(found["full"]._process.pid, flush=True)
+if __name__ == "__main__":
+  with start_processes(["full"]) as found:
+    print(found["full"].process.pid, flush=True)
     while True:
         found["full"].solve(Task(FULL_SIZE[2], {"threads": 1, "algorithm": "doubling"}))
 """
