@@ -14,7 +14,7 @@ The BRDF is of the same layer; the paper prints neither its incident nor its out
 import platform
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -244,30 +244,34 @@ class Solved:
 
 @dataclass(frozen=True)
 class Measured:
-    """All solves that were timed, and what the answers were like: by (name of the problem, configuration)."""
+    """All solves, and what they come to."""
 
-    problems: tuple[Problem, ...]
-    configurations: tuple[Configuration, ...]
-    replies: dict[tuple[str, Configuration], list["Reply"]] = field(default_factory=dict)
-    checks: dict[tuple[str, Configuration], Check] = field(default_factory=dict)
+    rows: Sequence[Solved]
 
-    @staticmethod
-    def of(rows: Sequence[Solved]) -> "Measured":
-        """What some solves come to."""
-        problems = tuple(dict.fromkeys(row.problem for row in rows))
-        found = Measured(problems, tuple(dict.fromkeys(row.configuration for row in rows)))
-        for row in rows:
-            key = row.problem.name, row.configuration
-            if row.check is None:
-                found.replies.setdefault(key, []).append(row.reply)
-            else:
-                found.checks[key] = row.check
+    @property
+    def problems(self) -> list[Problem]:
+        """That were solved, in order."""
+        return list(dict.fromkeys(row.problem for row in self.rows))
+
+    @property
+    def configurations(self) -> list[Configuration]:
+        """In which they were, in order."""
+        return list(dict.fromkeys(row.configuration for row in self.rows))
+
+    def select(self, problem: str, configuration: Configuration) -> list[Solved]:
+        """Solves of a problem in a configuration; the first has a check."""
+        return [row for row in self.rows if (row.problem.name, row.configuration) == (problem, configuration)]
+
+    def check(self, problem: str, configuration: Configuration) -> Check:
+        """What the answer was like."""
+        found = self.select(problem, configuration)[0].check
+        assert found is not None
         return found
 
     def times(self, problem: str, configuration: Configuration, step: str = TOTAL) -> Times | None:
         """Of the whole solve or of a step of it; None where it was not measured."""
-        replies = self.replies.get((problem, configuration), [])
-        steps = [{TOTAL: each.seconds, **split_into_steps(each.seconds, each.stages)} for each in replies]
+        timed = [row.reply for row in self.select(problem, configuration) if row.check is None]
+        steps = [{TOTAL: each.seconds, **split_into_steps(each.seconds, each.stages)} for each in timed]
         return Times.of([each[step] for each in steps]) if steps else None
 
     def printed(self, problem: str, configuration: Configuration, step: str = TOTAL) -> float | None:
@@ -277,7 +281,7 @@ class Measured:
 
     def is_otherwise(self, configuration: Configuration, step: str) -> bool:
         """Whether a step of Table 3 is none of the paper's there: orders were solved without eigenvectors."""
-        stages = self.replies[TABLE_3, configuration][0].stages
+        stages = self.select(TABLE_3, configuration)[-1].reply.stages
         return step in STEPS and any(stages.get(name, 0.0) > 0.0 for name in WITHOUT_EIGENVECTORS)
 
 
@@ -305,7 +309,8 @@ def make_study(
         return Solved(problem, configuration, reply, check)
 
     def write(rows: list[Solved], folder: Path, said: str) -> list[Path]:
-        return write_page(Measured.of(rows), folder, said, describe_processes(children, configurations), refused)
+        facts = [*describe_processes(children, configurations), *(f"not measured: {reason}" for reason in refused)]
+        return write_page(Measured(rows), folder, said, facts)
 
     return Study(
         cases=problems,
@@ -313,8 +318,8 @@ def make_study(
         measure=measure,
         name=lambda problem, configuration: f"{problem.name}, {configuration.title}",
         page=write,
-        describe=lambda rows: describe_times(Measured.of(rows), refused),
-        require=lambda rows: require_right_answers(Measured.of(rows)),
+        describe=lambda rows: "\n".join(make_totals_table(Measured(rows), problem.name) for problem in problems),
+        require=require_right_answers,
         rounds=(1 + rounds, 1 + rounds, 0.0),
         helpers=lambda: sum(child.cpu_seconds for child in children.values()),
         settings=settings,
@@ -336,13 +341,13 @@ def check_answer(problem: Problem, reply: "Reply", reference: Array) -> Check:
     return Check(measure_difference(answer, reference), published, reply.orders_by)
 
 
-def require_right_answers(found: Measured) -> None:
+def require_right_answers(rows: Sequence[Solved]) -> None:
     """Raises AccuracyError where an answer does not count."""
     wrong = [
-        f"{problem} in {configuration.title} (off by {check.gap:.1e}"
-        + (")" if check.published is None else f", from Siewert's values by {check.published:.1e})")
-        for (problem, configuration), check in found.checks.items()
-        if not check.passed
+        f"{row.problem.name} in {row.configuration.title} (off by {row.check.gap:.1e}"
+        + (")" if row.check.published is None else f", from Siewert's values by {row.check.published:.1e})")
+        for row in rows
+        if row.check is not None and not row.check.passed
     ]
     if wrong:
         raise AccuracyError(f"the answers differ by more than {AGREE_TO:g}: {', '.join(wrong)}")
@@ -383,17 +388,15 @@ whatever no stage accounts for. Steps are medians of their own: they need not ad
 Bars = dict[str, dict[str, float]]  # label of a bar: step: seconds
 
 
-def write_page(
-    found: Measured, folder: Path, settings: str, facts: Sequence[str], refused: Sequence[str]
-) -> list[Path]:
-    """figure_1.png, tables.md and tables.csv in the folder; ``facts``: what linear algebra and device were at work;
-    ``refused``: what was not measured, and why. Raises OSError, MissingExtraError without matplotlib."""
+def write_page(found: Measured, folder: Path, settings: str, facts: Sequence[str]) -> list[Path]:
+    """figure_1.png, tables.md and tables.csv in the folder; ``facts``: what linear algebra and device were at work, and
+    what was not measured. Raises OSError, MissingExtraError without matplotlib."""
     paths = [folder / name for name in (FIGURE, PAGE, CSV)]
     save(draw_step_costs(found), paths[0])
     rows = [[c.label, c.kernels, c.linear_algebra, f"`{c.backend}`", f"`{c.algorithm}`"] for c in found.configurations]
     blocks = [
         "# Tables 1 to 3 and figure 1 of the GPU paper\n",
-        make_markdown_list([*list_run_facts(settings), *facts, *(f"not measured: {reason}" for reason in refused)]),
+        make_markdown_list([*list_run_facts(settings), *facts]),
         TABLE_NOTE,
         "## Table 1: the configurations\n",
         make_markdown_table(["configuration", "kernels", "linear algebra", "backend", "algorithm"], rows),
@@ -423,7 +426,7 @@ def list_csv_rows(found: Measured) -> list[list[object]]:
                     *(problem, each.label, each.kernels, each.linear_algebra, each.backend, each.algorithm, step),
                     *(f"{seconds:.6f}" for seconds in (times.median, times.least, times.greatest)),
                     *(times.rounds, "" if printed is None else printed, ratio),
-                    f"{found.checks[problem, each].gap:.1e}",
+                    f"{found.check(problem, each).gap:.1e}",
                 ]
             )
     return rows
@@ -437,7 +440,7 @@ def make_totals_table(found: Measured, problem: str) -> str:
         times, printed = found.times(problem, configuration), found.printed(problem, configuration)
         if times is None:
             continue
-        check = found.checks[problem, configuration]
+        check = found.check(problem, configuration)
         rows.append(
             [
                 *(configuration.label, say_time_spread(times), say_ratio(times.median, ours.median if ours else None)),
@@ -512,17 +515,6 @@ def say_ratio(one: float | None, other: float | None) -> str:
         return "-"
     value = one / other
     return f"{value:,.0f}" if value >= 100.0 else f"{value:#.3g}"
-
-
-def describe_times(found: Measured, refused: Sequence[str] = ()) -> str:
-    """For a terminal: a line a configuration, a column a problem, and what was not measured."""
-    names = [problem.name for problem in found.problems]
-    lines = [f"  {'[ms]':18}" + "".join(f"{name:>28}" for name in names)]
-    for configuration in found.configurations:
-        cells = [found.times(name, configuration) for name in names]
-        texts = ["-" if times is None else say_time_spread(times) for times in cells]
-        lines.append(f"  {configuration.title:18}" + "".join(f"{text:>28}" for text in texts))
-    return "\n".join([*lines, *(f"  not measured: {reason}" for reason in refused)])
 
 
 def draw_step_costs(found: Measured) -> "Figure":
