@@ -5,14 +5,14 @@ covering arrays hold every pair of values of two axes; each corner has what make
 """
 
 import hashlib
+import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cache, cached_property, partial
-from itertools import combinations, product
-from random import Random
-from typing import Any, TypeVar
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,85 +24,6 @@ from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.scene.scene import Scene
-
-Value = TypeVar("Value")
-Row = tuple[int, ...]
-Cell = tuple[tuple[int, int], ...]  # (axis, value), axes ascending
-CANDIDATES = 20  # tried for each row of a covering array
-
-
-def make_covering_array(
-    sizes: Sequence[int], rows: int, seed: int, unwanted: Callable[[Row], bool] = lambda row: False
-) -> list[Row]:
-    """Rows of value numbers, one an axis, that cover every pair; then more, up to ``rows``, for triples.
-
-    ``sizes``: how many values each axis has, two axes or more. A row for which ``unwanted`` holds is taken where a
-    pair needs it, never for a triple. Fewer rows come back where there are no more, more where the pairs need them.
-
-    >>> rows = make_covering_array([2, 2, 2], rows=6, seed=1)
-    >>> len(rows), find_uncovered_cells(rows, [2, 2, 2], 2)
-    (6, set())
-    """
-    draw = Random(seed)
-    pairs = find_uncovered_cells([], sizes, 2)
-    found: list[Row] = []
-    while pairs:
-        tries = [_make_row_for_pair(sizes, pairs, draw) for _ in range(CANDIDATES)]
-        best = max(tries, key=lambda row: (len(combine_values(row, 2) & pairs), not unwanted(row)))
-        pairs -= combine_values(best, 2)
-        found.append(best)
-    triples = find_uncovered_cells(found, sizes, 3)
-    for _ in range(10 * rows):  # ends even where all that is left is unwanted
-        if len(found) >= rows or not triples:
-            break
-        tries = [tuple(_choose_value(range(size), draw) for size in sizes) for _ in range(3 * CANDIDATES)]
-        best = max(tries, key=lambda row: -1 if unwanted(row) else len(combine_values(row, 3) & triples))
-        if not unwanted(best) and best not in found:
-            triples -= combine_values(best, 3)
-            found.append(best)
-    return found
-
-
-def find_uncovered_cells(rows: Sequence[Row], sizes: Sequence[int], strength: int) -> set[Cell]:
-    """The combinations of ``strength`` values of different axes that occur in no row.
-
-    >>> find_uncovered_cells([(0, 0), (1, 0)], [2, 2], 2) == {((0, 0), (1, 1)), ((0, 1), (1, 1))}
-    True
-    """
-    values = [[(axis, value) for value in range(size)] for axis, size in enumerate(sizes)]
-    every = {cell for axes in combinations(values, strength) for cell in product(*axes)}
-    return every.difference(*(combine_values(row, strength) for row in rows))
-
-
-def combine_values(row: Row, strength: int) -> set[Cell]:
-    """All combinations of ``strength`` values that occur in a row.
-
-    >>> combine_values((0, 2), 2)
-    {((0, 0), (1, 2))}
-    """
-    return set(combinations(tuple(enumerate(row)), strength))
-
-
-def _make_row_for_pair(sizes: Sequence[int], pairs: set[Cell], draw: Random) -> Row:
-    """A row that holds one open pair, the other axes filled in random order, each with the value that closes most."""
-    row: dict[int, int] = dict(_choose_value(sorted(pairs), draw))
-
-    def closed(axis: int, value: int) -> int:
-        """How many open pairs this value of one more axis would close."""
-        return sum(tuple(sorted([(other, there), (axis, value)])) in pairs for other, there in row.items())
-
-    for axis in _order_randomly([axis for axis in range(len(sizes)) if axis not in row], draw):
-        row[axis] = max(_order_randomly(range(sizes[axis]), draw), key=partial(closed, axis))
-    return tuple(row[axis] for axis in range(len(sizes)))
-
-
-def _choose_value(values: Sequence[Value], draw: Random) -> Value:
-    return values[int(draw.random() * len(values))]
-
-
-def _order_randomly(values: Sequence[int], draw: Random) -> list[int]:
-    return sorted(values, key=lambda _: draw.random())
-
 
 SIZES = ("1e-3", "1", "30", "200")  # size parameters of the Mie spheres
 GROUPS = {
@@ -132,7 +53,6 @@ AXES: dict[str, tuple[Any, ...]] = {
     "layering": LAYERINGS,
     "nodes": NODES,
 }
-SCENES, SEED = 300, 1917
 ORACLE_NODES = 16  # the most for which ball arithmetic is affordable
 BEAM = (1.0, 0.3, 0.2, 0.1)  # incident Stokes vector [W m-2]; (I, Q) and (U, V) are told apart in each Fourier order
 CLEAR_THICKNESS, THIN_THICKNESS, MANY = 0.5, 1e-2, 100
@@ -395,20 +315,17 @@ def arrange_slabs(phase: str, albedo: float, thickness: float, layering: str) ->
     return (main,), 0
 
 
-def make_covering_rows() -> list[Row]:
-    """The covering array of AXES, as value numbers."""
-
-    def is_costly(row: Row) -> bool:
-        """A hundred layers of 128 nodes, a minute each: where a pair needs them."""
-        values = dict(zip(AXES, row, strict=True))
-        return LAYERINGS[values["layering"]] == "hundred" and NODES[values["nodes"]] == NODES[-1]
-
-    return make_covering_array([len(values) for values in AXES.values()], SCENES, SEED, is_costly)
+@cache
+def read_covering_rows(name: str) -> list[tuple[int, ...]]:
+    """A covering array of covering.json, as value numbers: every pair of values of two axes occurs in a row, and most
+    triples do."""
+    rows = json.loads(Path(__file__).with_name("covering.json").read_text())[name]
+    return [tuple(int(digit, 16) for digit in row) for row in rows]
 
 
 def make_covering_cases() -> Iterator[Case]:
     """The covering array's cases; their number decides which higher Fourier order is looked at."""
-    for number, row in enumerate(make_covering_rows()):
+    for number, row in enumerate(read_covering_rows("plain")):
         thickness, albedo, phase, sun, view, base, layering, nodes = (
             choices[place] for choices, place in zip(AXES.values(), row, strict=True)
         )
@@ -448,7 +365,6 @@ SURFACE_AXES: dict[str, tuple[float | str, ...]] = {
     "index": (1.0001, 1.33, 1.5, 2.7, 4.0, 1.0 / 1.5),
     "nodes": (6, 12, 24),
 }
-SURFACE_SCENES, SURFACE_SEED = 90, 1621
 AIR, COAT = Slab("rayleigh", 0.9, 0.2), Slab("isotropic", 0.0, 0.1)
 
 
@@ -468,14 +384,9 @@ def arrange_pile(slab: Slab, pile: str, index: float) -> tuple[tuple[Slab, ...],
     return (slab,), 0, (1.0, index, last)
 
 
-def make_surface_rows() -> list[Row]:
-    """The covering array of SURFACE_AXES, as value numbers."""
-    return make_covering_array([len(values) for values in SURFACE_AXES.values()], SURFACE_SCENES, SURFACE_SEED)
-
-
 def make_surface_cases() -> Iterator[Case]:
     """The covering array's cases; each looks one unit in the last place to both sides of the critical angle, too."""
-    for number, row in enumerate(make_surface_rows()):
+    for number, row in enumerate(read_covering_rows("under surfaces")):
         values = dict(
             zip(SURFACE_AXES, (choices[k] for choices, k in zip(SURFACE_AXES.values(), row, strict=True)), strict=True)
         )
