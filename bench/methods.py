@@ -134,11 +134,7 @@ CASES = {
         ),
         Case("Rayleigh, thick", "Rayleigh, thickness 50", "albedo 1, thickness 50"),
         Case("isotropic", "isotropic", "albedo 0.9, thickness 1"),
-        Case(
-            "aerosol, thin",
-            "HG 0.75, thickness 0.1, clearer",
-            "Henyey-Greenstein 0.75, albedo 0.95, thickness 0.1",
-        ),
+        Case("aerosol, thin", "HG 0.75, thickness 0.1, clearer", "Henyey-Greenstein 0.75, albedo 0.95, thickness 0.1"),
         Case("absorbing", "HG 0.5, thickness 5", "Henyey-Greenstein 0.5, albedo 0.2, thickness 5"),
         Case("forward peak", "forward peak", "Henyey-Greenstein 0.9, albedo 0.99, thickness 2"),
         Case("cloud", "cloud", "droplets of 4 um at 2.2 um, scalar, albedo 1, thickness 16"),
@@ -146,12 +142,7 @@ CASES = {
             *("white, without end", "HG 0.75, white, without end", "Henyey-Greenstein 0.75, albedo 1, without end"),
             top_only=True,
         ),
-        Case(
-            "normal incidence",
-            "HG 0.75, thickness 5",
-            "Henyey-Greenstein 0.75, albedo 0.99, thickness 5",
-            mu0=1.0,
-        ),
+        Case("normal incidence", "HG 0.75, thickness 5", "Henyey-Greenstein 0.75, albedo 0.99, thickness 5", mu0=1.0),
         Case("haze L", "haze L, thickness 1", "albedo 0.9, thickness 1, 4x4", (128, 96)),
         Case(
             "spheroids",
