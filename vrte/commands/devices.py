@@ -42,7 +42,7 @@ def show_devices(options: argparse.Namespace) -> None:
     """The list, and what else is asked for."""
     from vrte.basics.running import count_usable_cpus
     from vrte.cl import device
-    from vrte.commands import device_rates
+    from vrte.commands import verify_device
 
     found = device.devices()
     with show_progress() as (phase, tick):
@@ -54,14 +54,14 @@ def show_devices(options: argparse.Namespace) -> None:
     try:
         taken, reason = device.choose(found, device.read_wanted_device(), device.find_complaint)
     except DeviceError:
-        print(device_rates.describe_devices(found, None, "for the reason below", complaints), flush=True)
+        print(verify_device.describe_devices(found, None, "for the reason below", complaints), flush=True)
         raise
-    print(device_rates.describe_devices(found, taken, reason, complaints))
+    print(verify_device.describe_devices(found, taken, reason, complaints))
     if options.measure:
         with device.raise_device_errors(), show_progress() as (phase, tick):
             phase("products")
-            rates = device_rates.measure_rates(device.session(), count_usable_cpus(), tick)
-        print(f"\n{device_rates.describe_rates(rates, count_usable_cpus())}")
+            rates = verify_device.measure_rates(device.session(), count_usable_cpus(), tick)
+        print(f"\n{verify_device.describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
         verify_and_print(None if options.verify < 0 else options.verify)
 

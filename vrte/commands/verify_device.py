@@ -1,13 +1,15 @@
-"""Whether a device computes what the processor does: the first thing to run on a new one (`vrte devices --verify`).
+"""OpenCL devices: a table of them, the products that one computes in a second, and whether it is right.
 
-Small scenes by every kernel, in each form of kernels that the device can run, beside the compiled core; then what goes
-on around them: batches, too little memory, Ctrl-C. At the end the paper's gold powder, timed, where there is time.
+`vrte devices --verify` is the first thing to run on a new device: small scenes by every kernel, in each form of kernels
+that the device can run, beside the compiled core; then what goes on around them: batches, too little memory, Ctrl-C. At
+the end the paper's gold powder, timed, where there is time.
 """
 
 import platform
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -18,16 +20,17 @@ import numpy as np
 
 import vrte
 from vrte.basics.arrays import Array
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import DeviceError
 from vrte.basics.running import Progress
 from vrte.calls.brdf import brdf
 from vrte.calls.brdfs import brdfs
 from vrte.calls.radiance import radiance
 from vrte.cl import device
+from vrte.cl.device import Device
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.matrices import download_stack, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import FORMS, WORK_GROUP, Session, Traffic, open_session
-from vrte.commands.device_rates import Costs, measure_costs
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
@@ -38,6 +41,151 @@ from vrte.scene.boundary import Lambertian
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
+
+NOTHING: Mapping[Any, Any] = MappingProxyType({})
+SIZES = ((40, 512), (80, 256), (160, 64), (240, 32))  # rows and columns, matrices in one call
+ROUNDS = 7  # of both in turn; the fastest of each counts
+SECONDS = 0.03  # of one round, about
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Products of ``count`` matrices of ``rows`` rows and columns: 1e9 operations a second, on the device and by BLAS
+    on as many threads as were asked for."""
+
+    rows: int
+    count: int
+    device: float
+    blas: float
+
+
+def describe_devices(
+    found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NOTHING
+) -> str:
+    """A line a device, and which one is taken and why; complaints: of those that do not compute, by index.
+
+    >>> cpu = Device("PoCL", "a processor", "cpu", True, 16 << 30, 4 << 30, 8, "3.0")
+    >>> print(describe_devices([cpu], 0, "the only device"))
+         device                                      kind         fp64    memory   largest  units  driver
+     * 0 a processor                                 cpu          yes    17.2 GB    4.3 GB      8  3.0
+         on PoCL
+    <BLANKLINE>
+      taken: 0, the only device
+    """
+    columns = f"{'memory':>10}{'largest':>10}{'units':>7}  driver"
+    lines = [f"     {'device':44}{'kind':13}{'fp64':4}{columns}"]
+    for index, each in enumerate(found):
+        precision = "yes" if each.double_precision else "no"
+        sizes = "".join(f"{size / 1e9:7.1f} GB" for size in (each.memory, each.largest))
+        mark = "*" if index == taken else " "
+        text = f"{each.name[:43]:44}{each.kind:13}{precision:4}{sizes}{each.units:7}  {each.driver}"
+        lines.append(f" {mark}{index:2} {text}")
+        power = f", about {each.rate / 1e9:.3g}e9 operations a second in doubles" if each.double_precision else ""
+        memory = "the processor's memory" if each.shared else "memory of its own"
+        lines.append(f"     on {each.platform}" + (f"; {memory}{power}" if each.kind == "gpu" else ""))
+        if complaints.get(index):
+            lines.append(f"     never taken: {complaints[index]}")
+    return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])
+
+
+def measure_rates(session: Session, threads: int, told: Progress = lambda done, total: None) -> list[Rate]:
+    """Rates of products in double precision, the device and BLAS in turn. Raises DeviceError."""
+    rates = []
+    with ThreadPoolExecutor(threads) as pool, keep_to_one_thread(), session.lock:
+        for done, (rows, count) in enumerate(SIZES):
+            told(done, len(SIZES))
+            rates.append(measure_rate(session, pool, threads, rows, count))
+    return rates
+
+
+def measure_rate(session: Session, pool: ThreadPoolExecutor, threads: int, rows: int, count: int) -> Rate:
+    """Of one size."""
+    a, b = np.random.default_rng(0).random((2, count, rows, rows))
+    c = np.empty_like(a)
+    first, second, made = upload_stack(session, a), upload_stack(session, b), make_stack(session, count, rows, rows)
+    items = session.upload(np.arange(count, dtype=np.int32))
+    shares = [part for part in np.array_split(np.arange(count), threads) if part.size]
+
+    def on_device() -> None:
+        multiply_stacks(session, items, first, second, made)
+        session.finish()
+
+    def multiply_share(share: Array) -> None:
+        for item in share:
+            np.matmul(a[item], b[item], out=c[item])
+
+    def by_blas() -> None:
+        list(pool.map(multiply_share, shares))
+
+    operations = 2.0 * rows**3 * count
+    best = time_calls((on_device, by_blas))
+    return Rate(rows, count, *(operations / 1e9 / seconds for seconds in best))
+
+
+def time_calls(calls: Sequence[Callable[[], None]]) -> list[float]:
+    """Seconds of each call, the fastest of some rounds, all of them in turn; the first round warms up."""
+    times: list[list[float]] = [[] for _ in calls]
+    for round_ in range(ROUNDS):
+        for call, seconds in zip(calls, times, strict=True):
+            repeats = max(1, int(SECONDS / seconds[0])) if round_ else 1
+            start = time.perf_counter()
+            for _ in range(repeats):
+                call()
+            seconds.append((time.perf_counter() - start) / repeats)
+    return [min(seconds[1:]) for seconds in times]
+
+
+def describe_rates(rates: Sequence[Rate], threads: int) -> str:
+    """A line a size.
+
+    >>> print(describe_rates([Rate(160, 64, 90.0, 100.0)], 2))
+      products in double precision, 1e9 operations a second
+      size        matrices    device   BLAS, 2 threads   ratio
+      160 x 160         64      90.0             100.0    0.90
+    """
+    title = f"BLAS, {threads} thread{'s' if threads > 1 else ''}"
+    lines = [
+        "  products in double precision, 1e9 operations a second",
+        f"  size        matrices    device{title:>18}   ratio",
+    ]
+    for rate in rates:
+        size = f"{rate.rows} x {rate.rows}"
+        lines.append(f"  {size:12}{rate.count:8}{rate.device:10.1f}{rate.blas:18.1f}{rate.device / rate.blas:8.2f}")
+    return "\n".join(lines)
+
+
+def measure_costs(session: Session, megabytes: float = 16.0) -> str:
+    """What a device takes beside its work, in words. Raises DeviceError."""
+    import pyopencl
+
+    values = np.zeros(int(megabytes * 1e6 / 8.0))
+    first, second, small = session.empty(values.shape), session.empty(values.shape), session.zeros((1,))
+    stack, items = make_stack(session, 1, 8, 8), session.upload(np.zeros(1, np.int32))
+
+    def launch() -> None:
+        for _ in range(100):
+            session.launch("add_rates", (1,), 0, 1, small, stack, stack, items)
+        session.finish()
+
+    def read() -> None:
+        for _ in range(20):
+            session.download(small)
+
+    def copy() -> None:
+        pyopencl.enqueue_copy(session.queue, second.data, first.data, byte_count=values.nbytes)
+        session.finish()
+
+    def put() -> None:
+        session.put(values, first)
+        session.finish()
+
+    with session.lock:
+        launched, was_read, copied, sent = time_calls((launch, read, copy, put))
+    return (
+        f"  beside its work: a launch {1e4 * launched:.1f} us, a blocking read {5e4 * was_read:.1f} us, memory "
+        f"{2e-9 * values.nbytes / copied:.0f} GB/s, to the device {1e-9 * values.nbytes / sent:.1f} GB/s"
+    )
+
 
 LONGEST = 120.0  # seconds of all checks together
 SAME, CLOSE = 1e-11, 1e-10  # of the largest light: by the same steps, and by fixed points that end at some accuracy
@@ -71,13 +219,13 @@ class Verified:
     and how many there are, what it was asked in each form, what it takes beside its work, and seconds a BRDF of gold,
     by name."""
 
-    device: device.Device
+    device: Device
     checks: Sequence[Check]
     left_out: Sequence[str]
     idle: Sequence[str]
     kernels: int
     asked: Sequence[Traffic]
-    costs: Costs | None
+    costs: str
     gold: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -104,7 +252,6 @@ def make_scenes() -> dict[str, Scene]:
     }
 
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
 ASKED: dict[str, Any] = {
     "accuracy": 1e-11,
     "mu_i": [0.25, 0.9],
@@ -295,7 +442,9 @@ def verify_device(
     Raises DeviceError where there is no such device or its kernels do not compile.
     """
     all_devices = device.devices()
-    chosen = all_devices.index(device.find_chosen_device()) if index is None else check_index(all_devices, index)
+    chosen = all_devices.index(device.find_chosen_device()) if index is None else index
+    if not 0 <= chosen < len(all_devices):
+        raise DeviceError(f"there is no OpenCL device {index}: {device.list_names(all_devices)}")
     found, begin = all_devices[chosen], time.perf_counter()
     checks: list[Check] = []
     left_out: list[str] = []
@@ -319,26 +468,19 @@ def verify_device(
         launched |= {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
         asked.append(opened.traffic)
         kernels = set(opened.kernels.types)
-    costs, gold = None, {}
+    costs, gold = "", dict[str, float]()
     in_time = time.perf_counter() - begin < 0.5 * seconds
     if in_time and not wanted and found.double_precision and all(check.passed for check in checks):
         told("gold, timed")
         with device.take_device(chosen), device.raise_device_errors():
-            costs = measure_costs(device.session(), 16.0)
+            costs = measure_costs(device.session())
             gold = time_gold(begin + seconds, checks)
     if not gold and not wanted:
         left_out.append("gold, timed")
     return Verified(found, checks, left_out, sorted(kernels - launched), len(kernels), asked, costs, gold)
 
 
-def check_index(found: Sequence[device.Device], index: int) -> int:
-    """The index, where there is such a device. Raises DeviceError."""
-    if not 0 <= index < len(found):
-        raise DeviceError(f"there is no OpenCL device {index}: {device.list_names(found)}")
-    return index
-
-
-def list_forms(found: device.Device) -> list[str]:
+def list_forms(found: Device) -> list[str]:
     """The forms of kernels that a device can run, its own first."""
     if found.handle.max_work_group_size < WORK_GROUP:
         return ["cpu"]
@@ -418,18 +560,12 @@ def describe_verified(found: Verified) -> str:
         lines.append(f"  never launched: {', '.join(found.idle)}")
     if found.left_out:
         lines.append(f"  left out for want of time: {'; '.join(found.left_out)}")
-    if found.costs is not None:
-        lines += describe_times(found.gold, found.costs)
+    if found.costs:
+        gold = (
+            f"  {task:18}{1e3 * taken:10.1f} ms a BRDF{1 / taken:8.1f} a second" for task, taken in found.gold.items()
+        )
+        lines += [found.costs, *gold]
     return "\n".join(lines)
-
-
-def describe_times(seconds: Mapping[str, float], costs: Costs) -> list[str]:
-    """Lines on what the driver's calls and a BRDF [s] took."""
-    return [
-        f"  beside its work: a launch {1e6 * costs.launch:.1f} us, a blocking read {1e6 * costs.read:.1f} us, "
-        f"memory {costs.bandwidth / 1e9:.0f} GB/s, to the device {costs.link / 1e9:.1f} GB/s",
-        *(f"  {task:18}{1e3 * taken:10.1f} ms a BRDF{1 / taken:8.1f} a second" for task, taken in seconds.items()),
-    ]
 
 
 def complain_about(found: Verified) -> str:
