@@ -18,7 +18,7 @@ import numpy as np
 import pyopencl
 
 import vrte
-from vrte.cl import device, matrices, session, settling, steps, sums, trial
+from vrte.cl import device, invariance_gpu, matrices, probe, session, steps, sums
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.session import Session
 
@@ -51,7 +51,7 @@ def make_everything_small() -> None:
 
     session.read_sources, session.SMALL = read_sources, 0
     session.LANES["gpu"] = sums.LANES = LANES
-    matrices.CREW, matrices.GROUP, matrices.TILE, settling.GROUP = CREW, GROUP, 4 * GROUP, GROUP
+    matrices.CREW, matrices.GROUP, matrices.TILE, invariance_gpu.GROUP = CREW, GROUP, 4 * GROUP, GROUP
     steps.CREW, steps.TILES = CREW, 4 * (4 * GROUP + 4 * GROUP + 1)
     matrices.TILED.clear()
     matrices.TILED.update(TILED)
@@ -132,7 +132,7 @@ def open_bare_session(form: str) -> Bare:
 
 def try_devices(on: Session) -> None:
     """What is launched before a device is taken."""
-    assert [trial.try_here(on.device, precision) for precision in ("double", "single")] == ["", ""]
+    assert [probe.try_here(on.device, precision) for precision in ("double", "single")] == ["", ""]
 
 
 def multiply_and_invert(on: Session) -> None:
@@ -189,7 +189,7 @@ def launch_each_step(on: Session, solve: Callable[[], None]) -> None:
 
 
 CASES: dict[str, Callable[[Session], None]] = {
-    "trial": try_devices,
+    "probe": try_devices,
     "matrices": multiply_and_invert,
     "invariance": lambda on: solve_endless("invariance"),
     "mixed": lambda on: solve_endless("invariance", precision="mixed", accuracy=1e-9),

@@ -8,7 +8,7 @@ import pytest
 import vrte
 from bench.cases import SPHEROIDS
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
@@ -44,7 +44,7 @@ def scattered(
     kind = find_column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
-            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+            ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
             table=_core.series_table(coefficients),
             path=path,
             mu0=mu0,

@@ -59,7 +59,7 @@ def differentiate_slab(E: Array, F: Array, dE: Array, dF: Array, thickness: floa
     if math.isinf(thickness):
         if axis.is_null and not axis.stays:
             raise ArithmeticError("an endless layer of albedo 1 has no derivative with respect to its albedo")
-        Ze = double_endless(e, f, one, steepest, axis)
+        Ze = double_semi_infinite(e, f, one, steepest, axis)
         r, t = one - 2.0 * (Ze @ (one + Ze).invert()), 0.0 * one
     else:
         Ze, Zo, C = double_plainly(e, f, one, 0.5 * thickness, steepest, axis)
@@ -164,7 +164,7 @@ def double_plainly(
     return Ze, Zo, one - Zo @ Ze if C is None else C
 
 
-def double_endless(e: Tangent, f: Tangent, one: Tangent, steepest: float, axis: Axis) -> Tangent:
+def double_semi_infinite(e: Tangent, f: Tangent, one: Tangent, steepest: float, axis: Axis) -> Tangent:
     """Ze of a slab without end, by scaled doublings until neither it nor its derivative changes.
 
     The scale is a constant: where Zo Ze comes to 1 it plays no part in Ze, nor in the derivative, which gets there one

@@ -39,8 +39,8 @@ def test_what_is_declared_is_what_is_compiled(name: str) -> None:
 
 def test_mypy_finds_a_swapped_argument(tmp_path: Path) -> None:
     """Each mistake in a line of its own; the call without one passes."""
-    setup = "import numpy as np\nfrom vrte import _core\nfrom vrte.basics.running import Crew\n"
-    setup += "a, i = np.zeros(1), np.zeros(1, np.int32)\ncrew = Crew(1, a, i)\n"
+    setup = "import numpy as np\nfrom vrte import _core\nfrom vrte.basics.running import ThreadTeam\n"
+    setup += "a, i = np.zeros(1), np.zeros(1, np.int32)\ncrew = ThreadTeam(1, a, i)\n"
     wrong = [CALL.replace(right, instead) for right, instead, _ in MISTAKES]
     assert CALL not in wrong
     (tmp_path / "calls.py").write_text("\n".join([setup + CALL, *wrong]) + "\n")

@@ -9,8 +9,8 @@ import pytest
 import vrte
 from vrte import _core
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Crew, Run
-from vrte.cl import faults
+from vrte.basics.running import Run, ThreadTeam
+from vrte.cl import errors
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import ENGINES, load_stages
@@ -44,7 +44,7 @@ class Recorder:
         self.calls: list[tuple[str, dict[str, Any], dict[str, Any]]] = []
 
     def __getattr__(self, name: str) -> Any:
-        def call(crew: Crew, **given: Any) -> None:
+        def call(crew: ThreadTeam, **given: Any) -> None:
             before = copied(given)
             getattr(_core, name)(crew, **given)
             self.calls.append((name, before, copied(given)))
@@ -85,7 +85,7 @@ def test_every_stage_is_that_of_the_core(engine: str, name: str, algorithm: str)
         if not hasattr(stages, stage):
             continue
         found = copied(before)
-        getattr(stages, stage)(Crew(1, np.zeros(1), np.zeros(1, np.int32)), **found)
+        getattr(stages, stage)(ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)), **found)
         for key, values in found.items():
             if key in ROUNDING:
                 assert np.max(values, initial=0.0) <= ROUNDING[key]
@@ -204,7 +204,7 @@ def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: 
 
 
 def test_too_little_memory_is_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(faults, "SHARE", 1e-6)  # of whatever memory the device has
+    monkeypatch.setattr(errors, "SHARE", 1e-6)  # of whatever memory the device has
     with pytest.raises(vrte.DeviceError, match=r"this needs about .* GB on the OpenCL device"):
         vrte.brdf(SCENES["one layer"], np.linspace(0.01, 1, 200), np.linspace(0.01, 1, 200), nodes=6, backend="opencl")
 

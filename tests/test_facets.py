@@ -6,7 +6,7 @@ import pytest
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_double_gauss
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.optics.facets import RoughSurface, shade_facets
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.scene.base_checks import PAULI, find_coherency
@@ -101,7 +101,7 @@ def find_orders(surface: RoughSurface, through: bool, mu_i: Array, mu_o: Array, 
     x, weight = (np.ascontiguousarray(values) for values in make_double_gauss(points))
     out = np.empty((mu_i.size, n_order, 16))
     _core.facet_orders(
-        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)),
         index=complex(surface.ratio),
         roughness=surface.roughness,
         is_ggx=surface.distribution == "ggx",

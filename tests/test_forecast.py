@@ -269,5 +269,5 @@ def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.M
         return request, 0.5 if place == 0 else 0.0  # 240 times 0.5 s would be 2 minutes
 
     monkeypatch.setattr(forecast, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
-    forecast.foretell_all(240, asked_at, "scenes")
+    forecast.warn_runtime_of_all(240, asked_at, "scenes")
     assert 240 * 0.03 < told[0] < 240 * 0.2

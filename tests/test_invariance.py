@@ -7,7 +7,7 @@ import vrte
 from tests.samples import largest_gap, spheroids
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.invariance import reflect_endless
+from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
 MU = np.array([0.05, 0.4, 1.0])
@@ -39,7 +39,7 @@ def test_its_equation_holds_on_the_nodes() -> None:
     nodes = discretise_scene(vrte.Scene([layer]), np.ones(1), np.eye(4), np.ones(1), np.zeros(1), 8).nodes
     problem = discretise_scene(vrte.Scene([layer]), nodes, np.eye(4), nodes, np.zeros(1), 8)
     orders = np.array([1], np.int32)
-    found = reflect_endless(problem, orders, 1e-14, Run(1))
+    found = reflect_semi_infinite(problem, orders, 1e-14, Run(1))
     # the source of a unit beam is sqrt(weight/mu) times less than that of a scaled node
     scale = np.repeat(np.sqrt(problem.weights / problem.nodes), 4)
     R = found.on_nodes[0].T * scale

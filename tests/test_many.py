@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.calls import alike
 
 MU = np.array([0.1, 0.45, 1.0])
@@ -138,7 +138,7 @@ def test_a_bad_scene_is_named():
 
 
 def test_loops_over_piles_are_those_of_each_scene():
-    draw, crew = np.random.default_rng(5), Crew(1, np.zeros(1), np.zeros(1, np.int32))
+    draw, crew = np.random.default_rng(5), ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32))
     above = np.array([[0.0, 0.3], [0.0, 1.5]])
     thickness = np.array([[0.3, 0.4], [1.5, 0.1]])
     level, at, chosen = np.array([[0.0, 0.4], [0.0, 0.1]]), np.array([0, 1], np.int32), np.array([0, 1], np.int32)

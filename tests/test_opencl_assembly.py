@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl import assembly
 
 from .helpers import assert_close
@@ -53,7 +53,7 @@ def assembled_by_both(
     found, expected = ([np.full((orders.size, 3, *shape), np.nan) for shape in shapes] for _ in range(2))
     for kernel, arrays in ((_core.assemble, expected), (assembly.assemble_arrays, found)):
         session = () if kernel is _core.assemble else (either_form,)
-        crew = Crew(2, np.zeros(2), np.zeros(1, np.int32))
+        crew = ThreadTeam(2, np.zeros(2), np.zeros(1, np.int32))
         kernel(*session, crew, **given, **dict(zip(MATRICES, arrays, strict=True)))
         assert crew.seconds.sum() > 0.0
     return list(zip(found, expected, strict=True))
@@ -92,7 +92,7 @@ def test_items_are_pairs_of_order_and_material(either_form: Any) -> None:
     E = np.empty((2, 2, 20, 20))
     rest = [np.empty((2, 2, *shape)) for shape in [(20, 20), (20, 4), (20, 4), (8, 20), (8, 20)]]
     _core.assemble(
-        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)),
         orders=np.array([0, 1], np.int32),
         members=np.array(ALL, np.int32),
         coefficients=coefficients,

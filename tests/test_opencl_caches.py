@@ -18,18 +18,18 @@ import pytest
 import vrte
 from vrte.basics.errors import DeviceError
 from vrte.cl import caches, device
+from vrte.cl.probe import POCL
 from vrte.cl.session import Session
-from vrte.cl.trial import POCL
 
 BEGIN = """
 import sys
 import numpy as np
 from vrte.cl import device, session
-session.SOURCES = ("trial",)
+session.SOURCES = ("probe",)
 
 def compute(opened):
     values = opened.upload(np.array([3.0]))
-    opened.launch("trial", (1,), values)
+    opened.launch("probe", (1,), values)
     assert opened.download(values) == 7.0
 """
 COMPUTE = f"{BEGIN}\ncompute(device.session())\nprint('right')\n"
@@ -144,7 +144,7 @@ def a_bit(path: Path) -> None:
 class TestArchive:
     def test_it_holds_what_was_compiled(self, pocl: None, home: Path) -> None:
         first = caches.read_archive(archive_of(home))
-        assert any(name.endswith("/trial.so") for name in first)
+        assert any(name.endswith("/probe.so") for name in first)
         assert compute(home) == ""
         assert caches.read_archive(archive_of(home)) == first
 
@@ -289,7 +289,7 @@ class TestProcesses:
         home = tmp_path / "home"
         home.mkdir()
         hurry = COMPUTE.replace("compute(device.session())", "device.session().zeros((1,))").replace(
-            "print(", "opened = device.session(); opened.launch('trial', (1,), opened.upload(np.array([3.0]))); print("
+            "print(", "opened = device.session(); opened.launch('probe', (1,), opened.upload(np.array([3.0]))); print("
         )
         assert compute(home, hurry) == ""
         assert compute(home) == ""

@@ -20,10 +20,10 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.cl import building, device, faults, trial
+from vrte.cl import building, device, errors, probe
 from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
-from vrte.cl.faults import check_room
+from vrte.cl.errors import check_room
 from vrte.cl.session import Session, open_session
 from vrte.commands import verify_device as report
 
@@ -43,7 +43,7 @@ SMALL, LARGE, OTHER = (
     made("Card L", "gpu", 4.0, units=16),
     made("Board", "accelerator", 200.0),
 )
-BY_POCL = made("Processor X", "cpu", 4.0, platform=trial.POCL)
+BY_POCL = made("Processor X", "cpu", 4.0, platform=probe.POCL)
 FLOAT = made("Card F", "gpu", 32.0, fp64=False)
 BUILT_IN = made("Graphics", "gpu", 48.0, units=96, clock=2.2e9, shared=True, architecture="gfx1150")
 CONSUMER = made("RTX 4090", "gpu", 24.0, units=128, clock=2.52e9, architecture="sm_89")
@@ -204,7 +204,7 @@ class TestSession:
 
     def test_one_for_each_choice(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         alone.update(process=os.getpid(), devices=(SMALL, LARGE))
-        monkeypatch.setattr(trial, "try_device", lambda *_: "")
+        monkeypatch.setattr(probe, "try_device", lambda *_: "")
         monkeypatch.setattr(device, "open_session", lambda handle: object())
         large = device.session()
         monkeypatch.setenv(device.VARIABLE, " Card S")
@@ -337,7 +337,7 @@ USE_ALL_MEMORY = """
 import resource
 import numpy as np
 from vrte.cl import device, session
-session.SOURCES = ("trial",)
+session.SOURCES = ("probe",)
 from vrte.basics.memory import find_address_bytes
 opened = device.session()
 opened.zeros((1,))
@@ -527,4 +527,4 @@ class TestCommand:
 
 def test_the_error_is_public() -> None:
     assert vrte.DeviceError is DeviceError
-    assert faults.make_device_error(ValueError("x")) is None
+    assert errors.make_device_error(ValueError("x")) is None

@@ -12,7 +12,7 @@ from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
-from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
+from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
 
 from .opencl_scenes import kernels_with, problem_of, scenes
 
@@ -20,7 +20,7 @@ ORDERS = np.array([0, 1, 3], np.int32)
 SCENES = scenes()
 
 
-def doubled(pile: Pile, orders: np.ndarray, kernels: Any) -> Slabs:
+def doubled(pile: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:
     """R and T by some kernels."""
     run = Run(1)
     matrices = assemble(pile.problem, orders, run)
@@ -62,9 +62,9 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
 
 def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
     units = opencl.units
-    assert steps.is_quicker_at_once(opencl, 1, 1e4)
-    assert steps.is_quicker_at_once(opencl, 3 * units, 1e12)
-    assert not steps.is_quicker_at_once(opencl, 3 * units + 1, 1e12) or units == 1
+    assert steps.is_quicker_fused(opencl, 1, 1e4)
+    assert steps.is_quicker_fused(opencl, 3 * units, 1e12)
+    assert not steps.is_quicker_fused(opencl, 3 * units + 1, 1e12) or units == 1
 
 
 def test_slow_doubles_make_one_launch_dear() -> None:
@@ -83,8 +83,8 @@ def test_slow_doubles_make_one_launch_dear() -> None:
 
     assert steps.find_rate(describe((8, 9), "double")) < 0.1 * steps.find_rate(describe((9, 0), "double"))
     assert steps.find_rate(describe((8, 9), "single")) == steps.find_rate(describe((9, 0), "single"))
-    assert steps.is_quicker_at_once(describe((9, 0), "double"), 120, 1e8)
-    assert not steps.is_quicker_at_once(describe((8, 9), "double"), 120, 1e8)
+    assert steps.is_quicker_fused(describe((9, 0), "double"), 120, 1e8)
+    assert not steps.is_quicker_fused(describe((8, 9), "double"), 120, 1e8)
 
 
 def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:

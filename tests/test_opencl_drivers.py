@@ -13,15 +13,15 @@ import pytest
 
 from vrte import cli
 from vrte.basics.errors import DeviceError
-from vrte.cl import device, drivers, trial
+from vrte.cl import device, drivers, probe
 from vrte.cl.device import Device, choose
 from vrte.cl.session import Session
 from vrte.commands.verify_device import describe_devices
 
 OLD = "error: unknown target CPU 'generic'"
 CARD = Device("Maker", "Card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
-BY_POCL = Device(trial.POCL, "Processor", "cpu", True, 4 << 30, 2 << 30, 8, "2")
-BY_INTEL = Device(trial.INTEL, "Processor", "cpu", True, 64 << 30, 16 << 30, 8, "3")
+BY_POCL = Device(probe.POCL, "Processor", "cpu", True, 4 << 30, 2 << 30, 8, "2")
+BY_INTEL = Device(probe.INTEL, "Processor", "cpu", True, 64 << 30, 16 << 30, 8, "3")
 
 
 def failing(*indices: int) -> Callable[[int], str]:
@@ -94,7 +94,7 @@ class TestWhatIsVisible:
 @pytest.mark.skipif(bool(os.environ.get(drivers.FOLDER)), reason=f"{drivers.FOLDER} names other drivers")
 def test_intels_runtime_is_listed(opencl: Session) -> None:
     """Whether it computes is found by trial: a processor may be newer than the runtime."""
-    (found,) = (found for found in device.devices() if found.platform == trial.INTEL)
+    (found,) = (found for found in device.devices() if found.platform == probe.INTEL)
     assert found.kind == "cpu"
 
 
@@ -135,7 +135,7 @@ class TestChoice:
 class TestTrial:
     def test_it_is_done_once(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         tried: list[int] = []
-        monkeypatch.setattr(trial, "try_device", lambda index, *_: tried.append(index) or "")
+        monkeypatch.setattr(probe, "try_device", lambda index, *_: tried.append(index) or "")
         for _ in range(3):
             device.find_chosen_device()
         device.forget()
@@ -163,7 +163,7 @@ class TestTrial:
             return build(program, *arguments, **named)
 
         monkeypatch.setattr(pyopencl.Program, "build", old)
-        monkeypatch.setattr(trial, "is_safe_in_process", lambda platform: True)
+        monkeypatch.setattr(probe, "is_safe_in_process", lambda platform: True)
         assert cli.main(["devices"]) == broken - 1
         output = capsys.readouterr()
         assert output.out.count(f"never taken: the kernels do not compile on {opencl.device.name}: {OLD}") == broken
@@ -183,24 +183,24 @@ class TestTrial:
             )
 
         monkeypatch.setattr(pyopencl, "enqueue_copy", fail)
-        assert trial.try_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
+        assert probe.try_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
 
     def test_a_device_that_cannot_reckon(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(pyopencl, "enqueue_copy", lambda *_: None)
-        assert trial.try_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
+        assert probe.try_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
 
     def test_drivers_that_nobody_tried_have_a_process_of_their_own(
         self, opencl: Session, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        assert trial.try_device(0, "Another", None) == device.find_complaint(0)
-        monkeypatch.setattr(trial, "TRY_ONE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)  # {}")
-        assert trial.try_device(0, "Another", None) == "it ends the process (signal SIGSEGV)"
+        assert probe.try_device(0, "Another", None) == device.find_complaint(0)
+        monkeypatch.setattr(probe, "TRY_ONE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)  # {}")
+        assert probe.try_device(0, "Another", None) == "it ends the process (signal SIGSEGV)"
 
     def test_one_that_hangs(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(trial, "LONGEST_WAIT", 0.01)
-        assert trial.try_device(0, "Another", None) == "it gives no answer in 0.01 s"
+        monkeypatch.setattr(probe, "LONGEST_WAIT", 0.01)
+        assert probe.try_device(0, "Another", None) == "it gives no answer in 0.01 s"
 
     def test_how_it_ended(self) -> None:
-        assert trial.end_of_the_process(-11, "one\ntwo\n\n") == "it ends the process (signal SIGSEGV: two)"
-        assert trial.end_of_the_process(1, "") == "it ends the process (exit code 1)"
-        assert "install binutils" in trial.end_of_the_process(1, "Path to linker /usr/bin/ld doesn't exist\n")
+        assert probe.end_of_the_process(-11, "one\ntwo\n\n") == "it ends the process (signal SIGSEGV: two)"
+        assert probe.end_of_the_process(1, "") == "it ends the process (exit code 1)"
+        assert "install binutils" in probe.end_of_the_process(1, "Path to linker /usr/bin/ld doesn't exist\n")

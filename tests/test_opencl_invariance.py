@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl import invariance
 
 from .helpers import assert_close
@@ -19,7 +19,7 @@ N_OUT, N_IN = 2, 3
 
 @dataclass
 class Answer:
-    """The arrays that `reflect_endless` fills."""
+    """The arrays that `reflect_semi_infinite` fills."""
 
     up: np.ndarray
     on_nodes: np.ndarray
@@ -63,14 +63,17 @@ def by_both(
         "halves": True,
     }
     answers = []
-    for kernel, session in ((invariance.reflect_endless_arrays, [either_form]), (_core.reflect_endless, [])):
+    for kernel, session in (
+        (invariance.reflect_semi_infinite_arrays, [either_form]),
+        (_core.reflect_semi_infinite, []),
+    ):
         answer = Answer(
             np.full((count, N_IN, 2, S * N_OUT), np.nan),
             np.full((count, 2 * N_IN, S * n_node), np.nan),
             np.full(count, np.nan),
             np.full(count, -1, np.int32),
         )
-        kernel(*session, Crew(2, np.zeros(2), np.zeros(1, np.int32)), **given, **vars(answer))
+        kernel(*session, ThreadTeam(2, np.zeros(2), np.zeros(1, np.int32)), **given, **vars(answer))
         answers.append(answer)
     return answers[0], answers[1]
 
@@ -118,7 +121,9 @@ def test_an_item_does_not_depend_on_the_others(either_form: Any) -> None:
     ]
 
     def light(items: Sequence[int]) -> tuple[np.ndarray, ...]:
-        found = invariance.reflect_endless(either_form, upload(np.array(items, np.int32)), *pairs, stokes, *shared)
+        found = invariance.reflect_semi_infinite(
+            either_form, upload(np.array(items, np.int32)), *pairs, stokes, *shared
+        )
         return tuple(
             either_form.download(a)[list(items)] for a in (found.up, found.on_nodes, found.residual, found.steps)
         )
@@ -139,7 +144,7 @@ def test_it_ends_when_told(either_form: Any) -> None:
     steps = [
         int(
             either_form.download(
-                invariance.reflect_endless(either_form, one, one, one, (0,), *scene, *rest, stop).steps
+                invariance.reflect_semi_infinite(either_form, one, one, one, (0,), *scene, *rest, stop).steps
             )[0]
         )
         for stop in (np.ones(1, np.int32), np.zeros(1, np.int32))

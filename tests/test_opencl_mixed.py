@@ -22,7 +22,7 @@ TIGHT = 1e-15
 def ask(
     albedos: Sequence[float], orders: Sequence[int], tolerance: float, nodes: int = 6, scalar: bool = False
 ) -> list[Any]:
-    """What `reflect_endless` takes behind its session: every order of a layer of each albedo."""
+    """What `reflect_semi_infinite` takes behind its session: every order of a layer of each albedo."""
     phase = vrte.henyey_greenstein(0.5) if scalar else spheroids()
     mu = np.array([0.08, 0.5, 1.0])
     problem = discretise_scene(vrte.Scene([vrte.Layer(phase, 0.5, np.inf)]), mu, np.eye(4), mu, np.zeros(1), nodes)
@@ -49,7 +49,7 @@ def ask(
 
 def in_doubles(session: Any, asked: Sequence[Any], tolerance: float = TIGHT) -> invariance.Endless:
     """The same in doubles, to another tolerance."""
-    return invariance.reflect_endless(
+    return invariance.reflect_semi_infinite(
         session, *mixed.upload_all(session, [*asked[:-1], np.full(asked[1].size, tolerance)])
     )
 
@@ -67,7 +67,7 @@ class TestFixedPoints:
     def test_as_exact_as_in_doubles(self, either_form: Any, tolerance: float, scalar: bool) -> None:
         """The residual is that of doubles, and it keeps its word."""
         asked = ask([0.6, 0.97], [0, 1, 3], tolerance, scalar=scalar)
-        found, doubted = mixed.reflect_endless_mixed(either_form, asked)
+        found, doubted = mixed.reflect_semi_infinite_mixed(either_form, asked)
         exact, residual = in_doubles(either_form, asked), either_form.download(found.residual)
         assert not doubted.size
         assert (residual <= tolerance).all()
@@ -78,23 +78,23 @@ class TestFixedPoints:
         """So that it is the corrections that are measured above."""
         asked = ask([0.9], [0, 1], 5e-9)
         single = opencl.in_precision("single")
-        rough = invariance.reflect_endless(single, *mixed.upload_all(single, asked))
+        rough = invariance.reflect_semi_infinite(single, *mixed.upload_all(single, asked))
         gaps = find_gaps(opencl, rough.up, in_doubles(opencl, asked).up)
         assert (gaps > 1e-8).any()
         assert (gaps < 1e-4).all()
 
     def test_an_item_does_not_depend_on_the_others(self, either_form: Any) -> None:
         asked = ask([0.6, 0.97], [0, 2], 1e-9)
-        whole = either_form.download(mixed.reflect_endless_mixed(either_form, asked)[0].up)
+        whole = either_form.download(mixed.reflect_semi_infinite_mixed(either_form, asked)[0].up)
         for item in range(4):
             alone = [np.array([item], np.int32), *asked[1:]]
-            found = either_form.download(mixed.reflect_endless_mixed(either_form, alone)[0].up)
+            found = either_form.download(mixed.reflect_semi_infinite_mixed(either_form, alone)[0].up)
             assert (found[item] == whole[item]).all()
 
     def test_what_does_not_settle_is_solved_in_doubles(self, opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         """One of the items here: the others keep what floats and corrections found."""
         asked = ask([0.6, 0.97], [0, 1], 5e-9)
-        usual = opencl.download(mixed.reflect_endless_mixed(opencl, asked)[0].up)
+        usual = opencl.download(mixed.reflect_semi_infinite_mixed(opencl, asked)[0].up)
         whole = mixed.Mixing.correct
 
         def spoil(self: Any, rows: Any, r: Any, d: Any, *rest: Any) -> None:
@@ -104,7 +104,7 @@ class TestFixedPoints:
             self.low.put(values, d)
 
         monkeypatch.setattr(mixed.Mixing, "correct", spoil)
-        found, doubted = mixed.reflect_endless_mixed(opencl, asked)
+        found, doubted = mixed.reflect_semi_infinite_mixed(opencl, asked)
         assert doubted.tolist() == [2]
         double = in_doubles(opencl, asked, 5e-9)
         for name in ("up", "on_nodes", "residual", "steps"):
@@ -118,7 +118,7 @@ def test_a_correction_solves_its_equations(either_form: Any) -> None:
     asked = ask([0.9], [1], 1e-9, nodes=3)
     work = mixed.make_mixing(either_form, asked)
     low, narrow = work.low, work.narrow
-    work.settle_roughly(narrow.nodes, low.zeros((1,), np.int32), None)
+    work.converge_roughly(narrow.nodes, low.zeros((1,), np.int32), None)
     K = work.make_K()
     matrix = download_stack(low, K)[0].T
     for rows in (narrow.nodes, narrow.off):

@@ -24,8 +24,8 @@ ROOT = Path(__file__).parents[1]
 # its compiler's optimiser makes instructions that oclgrind does not know
 COMMAND = ["oclgrind", "--build-options", "-O0 -cl-opt-disable", "--local-mem-size", "131072", "--num-threads", "1"]
 OF_A_GPU = re.compile(r"_gpu|^invariance_pairs$")
-OF_A_PROCESSOR = {"product", "invert", "invariance_settle", "add_orders", "add_scattering"}
-NEVER_IN_FLOATS = {"diagonal_gap", "divide_by_rates", "lead_straight", "judge_missing", "look_at_missing"}
+OF_A_PROCESSOR = {"product", "invert", "invariance_converge", "add_orders", "add_scattering"}
+NEVER_IN_FLOATS = {"diagonal_gap", "divide_by_rates", "lead_straight", "judge_missing", "find_missing"}
 NEVER_IN_DOUBLES = {"lead_on", "judge_step", "mix_steps"}
 
 
@@ -33,7 +33,7 @@ def list_kernels(form: str, precision: str) -> set[str]:
     """Those that a form launches in a precision."""
     every = set(parse_argument_types(read_sources(precision)))
     other = OF_A_PROCESSOR if form == "gpu" else {name for name in every if OF_A_GPU.search(name)}
-    return (every | {"trial"}) - other - (NEVER_IN_FLOATS if precision == "single" else NEVER_IN_DOUBLES)
+    return (every | {"probe"}) - other - (NEVER_IN_FLOATS if precision == "single" else NEVER_IN_DOUBLES)
 
 
 @pytest.mark.parametrize("checked", ["--data-races", "--uninitialized"])

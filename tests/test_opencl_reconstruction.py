@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.running import Crew, Run
+from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import reconstruction
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
@@ -70,14 +70,14 @@ def solved(
 def both(opencl: Any, arguments: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """What the core and what the device make of the same arguments."""
     expected = arguments["out"].copy()
-    _core.reconstruct(Crew(1, np.zeros(1), np.zeros(1, np.int32)), **{**arguments, "out": expected})
+    _core.reconstruct(ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)), **{**arguments, "out": expected})
     return expected, on_device(opencl, arguments)
 
 
 def on_device(opencl: Any, arguments: dict[str, Any], stopped: bool = False) -> np.ndarray:
     """What the device makes of the arguments."""
     out: np.ndarray = arguments["out"].copy()
-    crew = Crew(1, np.zeros(1), np.full(1, stopped, np.int32))
+    crew = ThreadTeam(1, np.zeros(1), np.full(1, stopped, np.int32))
     reconstruction.reconstruct(opencl, crew, **{**arguments, "out": out})
     return out
 

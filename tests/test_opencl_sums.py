@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl import sums
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
@@ -19,9 +19,9 @@ from .test_sums import FULL_TURN, some_kernels
 MANY_AZIMUTHS = np.append(FULL_TURN, np.arange(0.0, 360.0, 7.5))
 
 
-def a_crew(threads: int) -> Crew:
+def a_crew(threads: int) -> ThreadTeam:
     """Who has not worked yet."""
-    return Crew(threads, np.zeros(threads), np.zeros(1, np.int32))
+    return ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32))
 
 
 def integers(*lists: Sequence[int]) -> list[np.ndarray]:

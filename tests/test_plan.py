@@ -13,14 +13,14 @@ from vrte.basics.running import start_run
 from vrte.calls.plan import make_request
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import cpu
-from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.results.solution import Solution
 
 from .samples import spheroids
 
 EXACT = 1e-13
-NAMES = [switch.name for switch in fields(LeaveOut)]
+NAMES = [switch.name for switch in fields(SkipFlags)]
 LAMBERTIAN = vrte.Lambertian(0.3)
 GREY = vrte.PhaseMatrix(a1=vrte.henyey_greenstein(0.6, 24).coefficients[:, 0])
 
@@ -110,17 +110,17 @@ CASES = [
 ]
 
 
-def planned(case: Case, leave_out: LeaveOut = EVERYTHING, **changes: Any) -> Plan:
+def planned(case: Case, skip_flags: SkipFlags = EVERYTHING, **changes: Any) -> Plan:
     request = make_request(case.kind, case.scene, **case.keywords | changes)
-    return make_plan(request, start_run(1), leave_out)
+    return make_plan(request, start_run(1), skip_flags)
 
 
-def solved(case: Case, leave_out: LeaveOut = EVERYTHING) -> tuple[Plan, Solution]:
-    plan = planned(case, leave_out)
+def solved(case: Case, skip_flags: SkipFlags = EVERYTHING) -> tuple[Plan, Solution]:
+    plan = planned(case, skip_flags)
     return plan, carry_out([plan], cpu.PROCESSOR, start_run(1))[0]
 
 
-def all_but(name: str) -> LeaveOut:
+def all_but(name: str) -> SkipFlags:
     return replace(EVERYTHING, **{name: False})
 
 
@@ -199,7 +199,7 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
 def test_no_work_is_done_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     import vrte.discrete_ordinates.orders.routes as routes
 
-    for name in ("assemble", "find_modes", "double_slabs", "reflect_endless"):
+    for name in ("assemble", "find_modes", "double_slabs", "reflect_semi_infinite"):
         monkeypatch.setattr(routes, name, None)
     for scene in (ONE, TWICE, ENDLESS):
         assert "Predicted" in str(vrte.plan("brdf", scene, **table()))
@@ -251,8 +251,8 @@ def test_predicted_operations_grow_with_the_work() -> None:
     scene = vrte.Scene([layer(), layer(GREY), layer()])
     for algorithm in ("modes", "doubling"):
         with_all, without = (
-            planned(Case("repeats", "brdf", scene, table(algorithm=algorithm), ""), leave_out).as_dict()["operations"]
-            for leave_out in (all_but("repeats"), EVERYTHING)
+            planned(Case("repeats", "brdf", scene, table(algorithm=algorithm), ""), skip_flags).as_dict()["operations"]
+            for skip_flags in (all_but("repeats"), EVERYTHING)
         )
         assert without < with_all
 

@@ -28,7 +28,7 @@ def test_every_job_is_done_once_and_its_answer_is_in_its_place(threads: int) -> 
 
     assert run_jobs(run, [lambda own, k=k: job(k) for k in range(20)]) == [k * k for k in range(20)]
     assert sorted(calls) == list(range(20))
-    run.send_home()
+    run.release_threads()
 
 
 def test_jobs_are_done_side_by_side_each_on_one_thread() -> None:
@@ -39,7 +39,7 @@ def test_jobs_are_done_side_by_side_each_on_one_thread() -> None:
         return own.threads
 
     assert run_jobs(run, [job] * 3) == [1, 1, 1]
-    run.send_home()
+    run.release_threads()
 
 
 def test_no_thread_without_a_job() -> None:
@@ -57,7 +57,7 @@ def test_told_in_the_thread_that_called_up_to_the_last_job_of_any_thread() -> No
 
     run_jobs(run, [job] * 2, lambda done: told.append((threading.current_thread() is threading.main_thread(), done)))
     assert told == [(True, 1), (True, 2)]
-    run.send_home()
+    run.release_threads()
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -73,42 +73,42 @@ def test_the_error_of_the_first_job_that_failed_is_raised_and_no_other_job_begin
     with pytest.raises(ValueError, match="job 1"):
         run_jobs(run, [lambda own, k=k: job(k) for k in range(10)])
     assert set(begun) <= {0, 1, 2}
-    run.send_home()
+    run.release_threads()
 
 
 def test_seconds_are_booked_once_for_the_wall_and_all_for_the_threads() -> None:
     run = Run(2)
 
     def job(own: Run) -> None:
-        with own.booked("nap"):
+        with own.recorded("nap"):
             time.sleep(0.05)
 
     run_jobs(run, [job] * 4)
     clock = run.stages["nap"]
     assert clock["thread_seconds"] >= 0.2
     assert clock["wall_seconds"] == close_to(clock["thread_seconds"] / 2, rtol=1e-6, atol=0.0)
-    run.send_home()
+    run.release_threads()
 
 
 def test_a_stopped_run_passes_its_interrupt_on() -> None:
     run = Run(2)
 
     def job(own: Run) -> None:
-        with own.booked("nap"):
+        with own.recorded("nap"):
             time.sleep(0.01)
 
     run.stop[0] = 1
     with pytest.raises(KeyboardInterrupt):
         run_jobs(run, [job] * 4)
-    run.send_home()
+    run.release_threads()
 
 
 def test_threads_that_were_sent_home_are_gone() -> None:
     run = Run(3)
     run_jobs(run, [lambda own: hold(0.01, 0)] * 6)
-    run.send_home()
+    run.release_threads()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("vrte-job")]
-    run.send_home()
+    run.release_threads()
 
 
 FORKED = """

@@ -13,7 +13,7 @@ import vrte
 from vrte.basics.errors import DeviceError
 from vrte.basics.running import Run
 from vrte.cl import device
-from vrte.cl.device import Device, choose, find_wanted
+from vrte.cl.device import Device, choose, select_output
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.execution import carry_out, share_devices
 from vrte.discrete_ordinates.execution.engines import opencl
@@ -42,12 +42,12 @@ def both(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 
 class TestChoice:
     def test_several_by_index_and_name(self) -> None:
-        assert find_wanted([CARD, BOARD, FLOAT], "board, 0") == [1, 0]
+        assert select_output([CARD, BOARD, FLOAT], "board, 0") == [1, 0]
         assert choose([CARD, BOARD], "0,1") == (0, "VRTE_OPENCL_DEVICE=0,1; batches are shared by 0, 1")
 
     def test_all_are_those_as_precise_as_the_best(self) -> None:
-        assert find_wanted([CARD, BOARD, FLOAT], "all") == [1, 0]
-        assert find_wanted([CARD, BOARD, FLOAT], "ALL", lambda index: "no" if index == 1 else "") == [0]
+        assert select_output([CARD, BOARD, FLOAT], "all") == [1, 0]
+        assert select_output([CARD, BOARD, FLOAT], "ALL", lambda index: "no" if index == 1 else "") == [0]
 
     @pytest.mark.parametrize(
         ("asked_for", "complaint"),
@@ -55,11 +55,11 @@ class TestChoice:
     )
     def test_what_it_cannot_mean(self, asked_for: str, complaint: str) -> None:
         with pytest.raises(DeviceError, match=f"VRTE_OPENCL_DEVICE={asked_for} {complaint}"):
-            find_wanted([CARD, BOARD], asked_for)
+            select_output([CARD, BOARD], asked_for)
 
     def test_one_that_does_not_compute(self) -> None:
         with pytest.raises(DeviceError, match="names a device that does not compute: it fails"):
-            find_wanted([CARD, BOARD], "0,1", lambda index: "it fails" if index else "")
+            select_output([CARD, BOARD], "0,1", lambda index: "it fails" if index else "")
 
 
 class TestShares:
@@ -108,7 +108,7 @@ class TestSolve:
     @pytest.mark.slow
     def test_ctrl_c_reaches_all(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
         begun = threading.Barrier(3)
-        whole = carry_out.carry_out_together
+        whole = carry_out.carry_out_batch
 
         def slow(plans: Any, engine: Any, run: Any, steps: Any) -> Any:
             begun.wait(10.0)
@@ -116,7 +116,7 @@ class TestSolve:
                 time.sleep(0.01)
             return whole(plans, engine, run, steps)
 
-        monkeypatch.setattr(carry_out, "carry_out_together", slow)
+        monkeypatch.setattr(carry_out, "carry_out_batch", slow)
         plans: list[Any] = [vrte.plan("brdf", scene, **ASKED) for scene in scenes()]
         run = Run(2)
         stopping = threading.Thread(target=lambda: (begun.wait(10.0), run.stop.__setitem__(0, 1)))

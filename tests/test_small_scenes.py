@@ -12,7 +12,7 @@ from tests import exact
 from vrte import _core
 from vrte.basics.blas import find_blas_libraries, keep_to_one_thread
 from vrte.basics.cost import BRIEF
-from vrte.basics.running import Crew, Run, start_run
+from vrte.basics.running import Run, ThreadTeam, start_run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.particular import find_beam_field
@@ -97,7 +97,7 @@ def test_scalar_series_apiece(n_phi: int, wide: bool) -> None:
     coefficients[..., 0] = random.uniform(-1.0, 1.0, (mu.size, 31))
     out, path = np.zeros((1, 1, mu.size, n_phi, 4, 2)), random.uniform(0.5, 1.0, (1, 1, mu.size))
     _core.add_single_scattering(
-        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)),
         table=_core.series_table(coefficients.reshape(-1, 6), mu.size),
         path=path,
         mu0=np.array([mu0]),

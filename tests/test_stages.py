@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_mode_coordinates, reconstruct
-from vrte.discrete_ordinates.orders.slabs import cut_layers, join_pile
+from vrte.discrete_ordinates.orders.slabs import cut_layers, join_stack
 from vrte.scene.boundary import BLACK
 
 from .helpers import assert_close, close_to
@@ -228,7 +228,7 @@ def test_joining(problem: Problem) -> None:
     base = expand_base(scene.below, pile.problem, 4)
     run = Run(1)
     slabs = double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, assemble(pile.problem, ORDERS, run), run)
-    kernels, up, down, residual = join_pile(pile, ORDERS, slabs, base, run)
+    kernels, up, down, residual = join_stack(pile, ORDERS, slabs, base, run)
     assert kernels.shape == (3, 4, 1, 4, 2, 4)
     assert residual.max() < 1e-12
     # downward light on the base and upward light at the top, order 0: all interreflections as one big linear system

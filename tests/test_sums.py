@@ -7,7 +7,7 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
@@ -51,7 +51,7 @@ def summed(
     middle = out.shape[1] // 2
     for first, last in ((0, middle), (middle, out.shape[1])):
         _core.azimuthal_sum(
-            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+            ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
             kernels=np.ascontiguousarray(kernels),
             **integers,
             cosine=cosine,

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 
 HAS_OPENMP: bool
 CPU_VARIANT: str
 
 # core/constants.h
-ENDLESS: float
+SEMI_INFINITE: float
 NO_LIGHT: float
 ROUNDING: float
 THICK: float
@@ -40,7 +40,7 @@ def series_table(coefficients: Array, apiece: int = ...) -> Array: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
 def nodes_seen(*, strength: Array, effect: Array, allowed: float, largest_gain: float) -> IntArray: ...
 def facet_orders(
-    crew: Crew,
+    crew: ThreadTeam,
     *,
     index: complex,
     roughness: float,
@@ -63,9 +63,9 @@ def path_integrals(
     chosen: IntArray,
     mu0: Array,
     mu: Array,
-    piles: int = ...,
+    slab_stacks: int = ...,
 ) -> Array: ...
-def mode_coordinates_of_piles(
+def mode_coordinates_of_stacks(
     *,
     lam_re: Array,
     lam_im: Array,
@@ -74,7 +74,7 @@ def mode_coordinates_of_piles(
     c: Array,
     zeta: Array,
     mu0: Array,
-    fading: IntArray,
+    decaying: IntArray,
     thickness: Array,
     above: Array,
     depth: Array,
@@ -88,13 +88,13 @@ def mode_coordinates(
     c: Array,
     zeta: Array,
     mu0: Array,
-    fading: bool,
+    decaying: bool,
     thickness: float,
     above: float,
     depth: float,
 ) -> Array: ...
-def modes_at_once(
-    crew: Crew,
+def fused_modes(
+    crew: ThreadTeam,
     *,
     orders: IntArray,
     members: IntArray,
@@ -122,7 +122,7 @@ def modes_at_once(
     rates: Array,
     modes: Array,
     amplitudes: Array,
-    fading: IntArray,
+    decaying: IntArray,
     residual: Array,
     spent: Array,
     missed: IntArray,
@@ -135,7 +135,7 @@ def solve_by_factors(lu: Array, pivots: IntArray, b: Array, from_right: bool = .
 def symmetric_eigenproblem(matrix: Array, wide: bool = True) -> tuple[Array, Array]: ...
 def fractions_work(n: int, n_out: int, n_rhs: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
 def reflect_by_fractions(
-    crew: Crew,
+    crew: ThreadTeam,
     *,
     orders: IntArray,
     members: IntArray,
@@ -165,7 +165,7 @@ def scatterings_work(
     n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int, depths: int = ...
 ) -> int: ...
 def scatter_by_fractions(
-    crew: Crew,
+    crew: ThreadTeam,
     *,
     orders: IntArray,
     members: IntArray,
@@ -189,7 +189,7 @@ def scatter_by_fractions(
     residual: Array,
     info: IntArray,
 ) -> None: ...
-def at_once_work(
+def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
 ) -> int: ...
 def homogeneous_work(n: int) -> int: ...
@@ -204,43 +204,43 @@ class Stages(Protocol):
     """The loops of a solve: those of the core, or others that stand in for them."""
 
     # fmt: off
-    def order_bounds(self, crew: Crew, *, coefficients: Array, terms: IntArray, albedo: Array, directions: Array,
-        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array, piles: int = ...) -> None: ...
-    def assemble(self, crew: Crew, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray,
+    def order_bounds(self, crew: ThreadTeam, *, coefficients: Array, terms: IntArray, albedo: Array, directions: Array,
+        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array, slab_stacks: int = ...) -> None: ...
+    def assemble(self, crew: ThreadTeam, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray,
         albedo: Array, directions: Array, weights: Array, n_out: int, E: Array, F: Array, G_E: Array, G_F: Array,
-        source_s: Array, source_d: Array, pile: IntArray | None = ...) -> None: ...
-    def homogeneous(self, crew: Crew, *, orders: IntArray, conserving: bool, quick: bool, clear: bool,
+        source_s: Array, source_d: Array, slab_stack: IntArray | None = ...) -> None: ...
+    def homogeneous(self, crew: ThreadTeam, *, orders: IntArray, conserving: bool, quick: bool, clear: bool,
         albedo: Array, directions: Array, weights: Array, E: Array, F: Array, lam_re: Array, lam_im: Array, X: Array,
         Y: Array, X_lu: Array, X_pivots: IntArray, residual: Array, info: IntArray,
-        pile: IntArray | None = ...) -> None: ...
-    def particular(self, crew: Crew, *, F: Array, source_s: Array, source_d: Array, mu0: Array, columns: Array,
+        slab_stack: IntArray | None = ...) -> None: ...
+    def particular(self, crew: ThreadTeam, *, F: Array, source_s: Array, source_d: Array, mu0: Array, columns: Array,
         lam_re: Array, lam_im: Array, X: Array, Y: Array, X_lu: Array, X_pivots: IntArray, c: Array,
         zeta: Array) -> None: ...
-    def boundary(self, crew: Crew, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
+    def boundary(self, crew: ThreadTeam, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
         clear: IntArray, thickness: Array, mu0: Array, above: Array, base_row: IntArray, base: Array,
-        base_source: Array, top: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, residual: Array,
-        info: IntArray, pile: IntArray | None = ...) -> None: ...
-    def reconstruct(self, crew: Crew, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
-        c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, base_row: IntArray,
+        base_source: Array, top: Array, even: Array, odd: Array, base_down: Array, decaying: IntArray, residual: Array,
+        info: IntArray, slab_stack: IntArray | None = ...) -> None: ...
+    def reconstruct(self, crew: ThreadTeam, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
+        c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, decaying: IntArray, base_row: IntArray,
         base_out: Array, thickness: Array, above: Array, mu0: Array, mu_out: Array, n_up: int, level: Array,
-        level_layer: IntArray, out: Array, pile: IntArray | None = ...) -> None: ...
-    def double_slabs(self, crew: Crew, *, orders: IntArray, conserving: bool, clear: bool, settled: bool,
+        level_layer: IntArray, out: Array, slab_stack: IntArray | None = ...) -> None: ...
+    def double_slabs(self, crew: ThreadTeam, *, orders: IntArray, conserving: bool, clear: bool, converged: bool,
         material: IntArray, thickness: Array, albedo: Array, asymmetry: Array, nodes: Array, weights: Array, mu0: Array,
         columns: Array, mu_out: Array, E: Array, F: Array, G_E: Array, G_F: Array, source_s: Array, source_d: Array,
         R: Array, T: Array, lost: Array, residual: Array, doublings: IntArray, info: IntArray) -> None: ...
-    def join_slabs(self, crew: Crew, *, orders: IntArray, conserving: bool, slabs: IntArray, above: Array,
+    def join_slabs(self, crew: ThreadTeam, *, orders: IntArray, conserving: bool, slabs: IntArray, above: Array,
         nodes: Array, weights: Array, mu0: Array, n_out: int, R: Array, T: Array, lost: Array, base_row: IntArray,
         base: Array, base_source: Array, base_out: Array, interface: IntArray, up: Array, down: Array, flux: Array,
         residual: Array, info: IntArray) -> None: ...
-    def reflect_endless(self, crew: Crew, *, orders: IntArray, members: IntArray, coefficients: Array, terms: int,
-        albedo: float, directions: Array, weights: Array, out: IntArray, into: IntArray, columns: Array,
+    def reflect_semi_infinite(self, crew: ThreadTeam, *, orders: IntArray, members: IntArray, coefficients: Array,
+        terms: int, albedo: float, directions: Array, weights: Array, out: IntArray, into: IntArray, columns: Array,
         tolerance: float, halves: bool, up: Array, on_nodes: Array, residual: Array, steps: IntArray) -> None: ...
-    def azimuthal_sum(self, crew: Crew, *, kernels: Array, stokes: IntArray, kind: IntArray, place: IntArray,
+    def azimuthal_sum(self, crew: ThreadTeam, *, kernels: Array, stokes: IntArray, kind: IntArray, place: IntArray,
         cosine: Array, sine: Array, angle: IntArray, sign: Array, levels: IntArray, rows: IntArray, scale: Array,
         first: int, last: int, out: Array) -> None: ...
-    def add_single_scattering(self, crew: Crew, *, table: Array, path: Array, mu0: Array, mu: Array, cos_phi: Array,
-        sin_phi: Array, angle: IntArray, sign: Array, columns: Array, kind: IntArray, place: IntArray, first: int,
-        last: int, out: Array, wide: bool = ..., piles: int = ..., apiece: bool = ...) -> None: ...
+    def add_single_scattering(self, crew: ThreadTeam, *, table: Array, path: Array, mu0: Array, mu: Array,
+        cos_phi: Array, sin_phi: Array, angle: IntArray, sign: Array, columns: Array, kind: IntArray, place: IntArray,
+        first: int, last: int, out: Array, wide: bool = ..., slab_stacks: int = ..., apiece: bool = ...) -> None: ...
     # fmt: on
 
 _stages: Stages
@@ -252,6 +252,6 @@ boundary = _stages.boundary
 reconstruct = _stages.reconstruct
 double_slabs = _stages.double_slabs
 join_slabs = _stages.join_slabs
-reflect_endless = _stages.reflect_endless
+reflect_semi_infinite = _stages.reflect_semi_infinite
 azimuthal_sum = _stages.azimuthal_sum
 add_single_scattering = _stages.add_single_scattering

@@ -44,15 +44,15 @@ include "core/homogeneous.pxi"
 include "core/particular.pxi"
 include "core/boundary.pxi"
 include "core/reconstruction.pxi"
-include "core/at_once.pxi"
+include "core/fused_modes.pxi"
 
-# The same fields without an eigenproblem: slabs doubled and joined, a layer without end by invariance.
+# The same fields without an eigenproblem: slabs doubled and joined, a semi-infinite layer by invariance.
 include "core/extended.pxi"
 include "core/doubling.pxi"
 include "core/joining.pxi"
 include "core/invariance.pxi"
-include "core/fractions.pxi"
-include "core/scatterings.pxi"
+include "core/tanh_poles.pxi"
+include "core/moment_gmres.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.
 include "core/sums.pxi"

@@ -12,7 +12,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
-from vrte.calls.forecast import foretell_all
+from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request
 from vrte.calls.side_by_side import is_shared, run_side_by_side, solve_side_by_side
@@ -165,7 +165,7 @@ class Panel:
             others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
             told = f"the other {len(rest)} wavelengths"
             if not is_shared():  # who shares the cores has foretold all of it
-                foretell_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
+                warn_runtime_of_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))
             found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
         return Spectrum(self.wavelength_um, tuple(found[place] for place in range(count)))

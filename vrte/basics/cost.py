@@ -78,7 +78,7 @@ STEPS_A_DEPTH, LEAST_STEPS, SWEEPS = 3.0, 12.0, 12.0  # of imbedding: an optical
 OVERHEAD = 3e5  # that a call of NumPy takes the time of
 
 
-def foretell(seconds: float, limit: float, why: str, change: str, told: bool = False) -> None:
+def warn_runtime(seconds: float, limit: float, why: str, change: str, told: bool = False) -> None:
     """Says what will take long, unless that was ``told``. Raises SceneError beyond the limit in seconds."""
     if seconds <= min(LONG, limit):
         return

@@ -18,7 +18,7 @@ from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, check_whole
 from vrte.basics.control_groups import find_group_cores
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.forked import count_solve
 
 Progress = Callable[[int, int], None]
@@ -27,7 +27,7 @@ PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 _left: list[threading.Event] = []  # set once what was interrupted is over
 
 
-class Crew(NamedTuple):
+class ThreadTeam(NamedTuple):
     """Who does one loop of `_core`: so many threads, their seconds (thread,), and the flag that stops them (1,)."""
 
     threads: int
@@ -39,31 +39,31 @@ class Crew(NamedTuple):
 class Run:
     """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
     over in some milliseconds, on one thread; ``kernels``: the stages' loops, those of `_core` or others with the same
-    arguments; ``told``: how long it takes was said, with others."""
+    arguments; ``runtime_warned``: how long it takes was said, with others."""
 
     threads: int
     brief: bool = False
     kernels: "_core.Stages" = _core
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
-    told: bool = False
+    runtime_warned: bool = False
 
     @cached_property
     def helpers(self) -> ThreadPoolExecutor:
-        """The threads beside the one that the run is called in, which `send_home` ends."""
+        """The threads beside the one that the run is called in, which `release_threads` ends."""
         return ThreadPoolExecutor(self.threads - 1, "vrte-job")
 
-    def send_home(self) -> None:
+    def release_threads(self) -> None:
         """Ends the threads that helped, so that a process forked later finds none."""
         helpers = vars(self).pop("helpers", None)
         if helpers is not None:
             helpers.shutdown()
 
     def timed(self, name: str) -> "Timed":
-        """A crew for one loop of `_core`, whose time is booked under `name`; KeyboardInterrupt where it was stopped."""
+        """A crew for one loop of `_core`, timed under `name`; KeyboardInterrupt where it was stopped."""
         return Timed(self, name)
 
-    def book(self, name: str, wall: float, busy: float | None = None) -> None:
+    def record(self, name: str, wall: float, busy: float | None = None) -> None:
         """Adds seconds to a stage."""
         clock = self.stages.get(name)
         if clock is None:
@@ -72,32 +72,32 @@ class Run:
         clock["thread_seconds"] += wall if busy is None else busy
 
     @contextmanager
-    def booked(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[None]:
-        """Books the time of what is done within it under `name`; at the end it calls ``wait``."""
+    def recorded(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """Records the time of what is done within it under `name`; at the end it calls ``wait``."""
         start = time.perf_counter()
         yield
         wait()
-        self.book(name, time.perf_counter() - start)
+        self.record(name, time.perf_counter() - start)
         if self.stop[0]:
             raise KeyboardInterrupt
 
 
 class Timed:
-    """The loop of a run whose time is booked: begun, it hands out the crew, and ended, it takes its seconds."""
+    """The timed loop of a run: begun, it hands out the crew, and ended, it takes its seconds."""
 
     __slots__ = ("begin", "crew", "name", "run")
 
     def __init__(self, run: Run, name: str) -> None:
         self.run, self.name, self.begin = run, name, 0.0
-        self.crew = Crew(run.threads, np.zeros(run.threads), run.stop)
+        self.crew = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
 
-    def __enter__(self) -> Crew:
+    def __enter__(self) -> ThreadTeam:
         self.begin = time.perf_counter()
         return self.crew
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         if kind is None:
-            self.run.book(self.name, time.perf_counter() - self.begin, sum(self.crew.seconds.tolist()))
+            self.run.record(self.name, time.perf_counter() - self.begin, sum(self.crew.seconds.tolist()))
             if self.run.stop[0]:
                 raise KeyboardInterrupt
 
@@ -173,7 +173,7 @@ def run_jobs(
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}
     places, done, said = iter(range(len(jobs))), [], 0
-    runs = [change_fields(run, threads=1, stages={}) for _ in range(workers)]
+    runs = [replace_unchecked(run, threads=1, stages={}) for _ in range(workers)]
 
     def work(own: Run) -> None:
         nonlocal said
@@ -197,7 +197,7 @@ def run_jobs(
         told(len(jobs))
     for own in runs:
         for name, clock in own.stages.items():
-            run.book(name, clock["wall_seconds"] / workers, clock["thread_seconds"])
+            run.record(name, clock["wall_seconds"] / workers, clock["thread_seconds"])
     if failed:
         raise failed[min(failed)]
     return found

@@ -9,17 +9,17 @@ import numpy as np
 
 from vrte.basics.arrays import settle_array
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
 from vrte.calls.energy import ROUNDING
-from vrte.discrete_ordinates.execution.together import Together, solve_alike
-from vrte.discrete_ordinates.planning.alike import (
+from vrte.discrete_ordinates.execution.batch_solve import Together, solve_together
+from vrte.discrete_ordinates.planning.batch_plan import (
     Alike,
-    Likeness,
+    BatchKey,
     estimate_bytes,
-    find_likeness,
+    find_batch_key,
     is_shared_request,
-    plan_alike,
+    plan_batch,
 )
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import make_run
@@ -34,10 +34,10 @@ FEWEST = 2  # scenes that are worth it
 
 def make_alike_request(request: Request, scene: Scene) -> Request | None:
     """The same asked of another scene; None where that has to be checked anew."""
-    if not is_shared_request(request) or find_likeness(scene, request) is None:
+    if not is_shared_request(request) or find_batch_key(scene, request) is None:
         return None
     levels = settle_array(np.array([0.0, scene.thickness][: request.tau.size]))
-    return change_fields(request, scene=scene, tau=levels)
+    return replace_unchecked(request, scene=scene, tau=levels)
 
 
 def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress | None) -> dict[int, Brdf]:
@@ -47,13 +47,13 @@ def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress
     if not batches:
         return {}
     run = make_run(requests[0], sum(len(places) for _, places in batches))
-    run.told = told
+    run.runtime_warned = told
     return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
 
 
 def solve_batches(
     requests: Sequence[Request],
-    batches: Sequence[tuple[Likeness, list[int]]],
+    batches: Sequence[tuple[BatchKey, list[int]]],
     run: Run,
     progress: Progress | None = None,
 ) -> dict[int, Brdf]:
@@ -64,26 +64,26 @@ def solve_batches(
         if progress is not None:
             progress(100 * len(found), 100 * len(requests))
 
-    def solve_one(batch: tuple[Likeness, list[int]], own: Run) -> None:
+    def solve_one(batch: tuple[BatchKey, list[int]], own: Run) -> None:
         found.update(solve_batch(requests, *batch, own))
 
     try:
         with keep_to_one_thread():
             run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
     finally:
-        run.send_home()
+        run.release_threads()
     return found
 
 
-def sort_into_batches(requests: Sequence[Request]) -> list[tuple[Likeness, list[int]]]:
+def sort_into_batches(requests: Sequence[Request]) -> list[tuple[BatchKey, list[int]]]:
     """Places of scenes of one likeness, so many that they fit into the caches; those with most orders first."""
     if len(requests) < FEWEST or not is_shared_request(requests[0]):
         return []
     first = requests[0]
     assert first.nodes is not None
-    alike: dict[Likeness, list[int]] = {}
+    alike: dict[BatchKey, list[int]] = {}
     for place, request in enumerate(requests):
-        likeness = find_likeness(request.scene, first)
+        likeness = find_batch_key(request.scene, first)
         if likeness is not None:
             alike.setdefault(likeness, []).append(place)
     batches = []
@@ -96,17 +96,17 @@ def sort_into_batches(requests: Sequence[Request]) -> list[tuple[Likeness, list[
     return batches
 
 
-def solve_batch(requests: Sequence[Request], likeness: Likeness, places: list[int], run: Run) -> dict[int, Brdf]:
+def solve_batch(requests: Sequence[Request], likeness: BatchKey, places: list[int], run: Run) -> dict[int, Brdf]:
     """Those of one batch that its plan stands for, and that came out right."""
     begin, whole = time.perf_counter(), run
-    run = change_fields(whole, stages={})
+    run = replace_unchecked(whole, stages={})
     scenes = [requests[place].scene for place in places]
-    alike, fits = plan_alike(requests[places[0]], likeness, scenes, run)
+    alike, fits = plan_batch(requests[places[0]], likeness, scenes, run)
     if not fits.any():
         return {}
-    found = solve_alike(alike, run)
+    found = solve_together(alike, run)
     for name, clock in run.stages.items():
-        whole.book(name, clock["wall_seconds"], clock["thread_seconds"])
+        whole.record(name, clock["wall_seconds"], clock["thread_seconds"])
     wall = time.perf_counter() - begin
     reflectance = settle_array(found.flux / alike.request.mu0)
     whole = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)

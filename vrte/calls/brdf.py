@@ -107,7 +107,7 @@ def solve_brdf(
     if variations:
         check_differentiable(request)
     run = make_run(request)
-    run.told = told
+    run.runtime_warned = told
     found = run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
     return make_brdf(request, *found[1:])
 

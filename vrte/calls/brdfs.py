@@ -10,7 +10,7 @@ from vrte.basics.running import Progress, Run, run_interruptible, share_progress
 from vrte.calls.alike import make_alike_request, solve_alike_ones
 from vrte.calls.brdf import make_brdf, solve_brdf
 from vrte.calls.derivatives import Derivatives, check_differentiable, read_derivatives
-from vrte.calls.forecast import foretell_all
+from vrte.calls.forecast import warn_runtime_of_all
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
@@ -114,14 +114,14 @@ def solve_brdfs(
     if not requests:
         return []
     if told is None:
-        told = foretell_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
+        told = warn_runtime_of_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
     exact = all(request.method == EXACT and not request.verify for request in requests)
     for request, some in zip(requests, variations, strict=True):
         if some:
             check_differentiable(request)
     if exact and choose_engine(requests[0].backend).takes_many:
         run = make_run(requests[0])
-        run.told = told
+        run.runtime_warned = told
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
     together = {} if any(variations) else solve_alike_ones(requests, told, progress)
     found, done = [], len(together)

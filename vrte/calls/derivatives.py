@@ -60,11 +60,11 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
             raise SceneError(f"derivatives: {one.name}: {words}", "derivatives", one.name)
         if one.changes_nothing:
             raise SceneError(f"derivatives: {one.name}: it does nothing to the scene", "derivatives", one.name)
-        check_endless(scene, one)
+        check_semi_infinite(scene, one)
     return found
 
 
-def check_endless(scene: Scene, variation: Variation) -> None:
+def check_semi_infinite(scene: Scene, variation: Variation) -> None:
     """Whether there is such a derivative: of a layer without end, not with its thickness, and with its albedo only
     where it absorbs: light goes with the root of what is absorbed. Raises SceneError."""
     last, name = scene.layers[-1], variation.name
@@ -101,7 +101,7 @@ def solve_with_derivatives(
         progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
 
     orders = count_orders_found(solution.diagnostics)
-    plan = plan_request(settle_nodes(request, solution), run)
+    plan = plan_request(converge_on_nodes(request, solution), run)
     found = differentiate(plan, variations, run, told if progress else None, orders)
     how = {"derivatives": {one.name: one.how for one in found}}
     return directions, replace(solution, diagnostics=solution.diagnostics | how), found
@@ -113,7 +113,7 @@ def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
     return max(int(diagnostics["orders"]), int(other.get("orders", 0)))
 
 
-def settle_nodes(request: Request, solution: Solution) -> Request:
+def converge_on_nodes(request: Request, solution: Solution) -> Request:
     """The request with the nodes that its solution took, and the accuracy that these were solved to."""
     if request.nodes is not None:
         return request
@@ -137,7 +137,7 @@ def differentiate(
     others = [one for one, way in zip(variations, ways, strict=True) if way.how != ALGEBRA]
     words = f"{len(ways)} derivative{'s'[: len(ways) > 1]}"
     operations = count_operations_of_plan(plan) * sum(way.solves for way in ways)
-    foretell_derivatives(plan, operations, f"for {words} beside the light", run)
+    warn_runtime_of_derivatives(plan, operations, f"for {words} beside the light", run)
     check_bytes(
         count_bytes_of_derivatives(replace(plan, derivatives=ways)), "derivatives", "ask for fewer nodes, mu or phi"
     )
@@ -154,10 +154,12 @@ def differentiate(
     return [Derivative(one, found[one], how[one]) for one in variations]
 
 
-def foretell_derivatives(plan: Plan, operations: float, what: str, run: Run) -> None:
+def warn_runtime_of_derivatives(plan: Plan, operations: float, what: str, run: Run) -> None:
     """What takes so many operations beside the light of a plan. Raises SceneError beyond the limit of its request."""
     seconds = operations / (cost.RATE[EXACT] * run.threads)
-    cost.foretell(seconds, plan.request.time_limit_s, f" {what}", "fewer nodes or derivatives take less", run.told)
+    cost.warn_runtime(
+        seconds, plan.request.time_limit_s, f" {what}", "fewer nodes or derivatives take less", run.runtime_warned
+    )
 
 
 def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Differentiated, ...]:

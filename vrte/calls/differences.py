@@ -32,7 +32,7 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
     """
     request = plan.request
     scenes = sample_scenes(request, variation)
-    plans = [plan_alike(plan, scene, run) for _, scene in scenes]
+    plans = [plan_batch(plan, scene, run) for _, scene in scenes]
     total: Solution | None = None
     for place, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
         (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))
@@ -98,13 +98,13 @@ def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solu
     return Solution(parts, fluxes[0], fluxes[1], found.diagnostics)
 
 
-def plan_alike(plan: Plan, scene: Scene, run: Run) -> Plan:
+def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:
     """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
     known, request = (plan.choice, FINEST), place_request(plan.request, scene)
     found = make_plan(request, run, known=known, truncation=plan.truncation)
     if not plan.parts:
         return split_by_polarization(found, run)  # a step may polarize what a scalar scene does not
-    return replace(found, parts=tuple(plan_alike(part, scene, run) for part in plan.parts))
+    return replace(found, parts=tuple(plan_batch(part, scene, run) for part in plan.parts))
 
 
 def place_request(request: Request, scene: Scene) -> Request:

@@ -18,7 +18,7 @@ from vrte.request.request import Request
 FEW = 5  # solves of many that are looked at
 
 
-def foretell_all(
+def warn_runtime_of_all(
     count: int,
     asked_at: Callable[[int], tuple[Request, float]],
     what: str,
@@ -55,7 +55,9 @@ def foretell_all(
     # what is loaded for the first is no matter of each
     each = float(np.median(looked[1:] or looked) + np.mean(solving))
     total = (beside + count * each) / workers
-    cost.foretell(total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less")
+    cost.warn_runtime(
+        total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less"
+    )
     return total > cost.LONG
 
 

@@ -15,8 +15,8 @@ from vrte.calls.derivatives import (
     check_differentiable,
     count_orders_found,
     differentiate,
-    foretell_derivatives,
     read_derivatives,
+    warn_runtime_of_derivatives,
 )
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient, pull_back
 from vrte.discrete_ordinates.derivatives.differentiate import find_spread
@@ -134,7 +134,7 @@ class Linearized:
             raise SceneError.of("cotangent", "must be finite")
         run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
         operations = count_operations_of_derivatives(self.plan, cost.GRADIENT, cost.GRADIENT_ONCE)
-        foretell_derivatives(self.plan, operations, "for the derivatives with everything", run)
+        warn_runtime_of_derivatives(self.plan, operations, "for the derivatives with everything", run)
         return run_interruptible(run, lambda: pull_back(self.plan, weights, run, orders))
 
 

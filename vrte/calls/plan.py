@@ -7,7 +7,7 @@ from typing import Any, Literal
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible, start_run
 from vrte.calls.derivatives import Derivatives, check_differentiable, plan_derivatives, read_derivatives
-from vrte.discrete_ordinates.planning.forecast import foretell_planning
+from vrte.discrete_ordinates.planning.forecast import warn_runtime_of_planning
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
 from vrte.request.how import AUTO, EXACT
@@ -60,7 +60,7 @@ def plan(
     if variations:
         check_differentiable(request)
     run = start_run(request.threads)
-    foretell_planning(request, run)
+    warn_runtime_of_planning(request, run)
     found = run_interruptible(run, lambda: plan_request(request, run))
     found = replace(found, derivatives=plan_derivatives(found, variations))
     # what the rules gave to another method has no Fourier order to solve

@@ -104,7 +104,7 @@ def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = 
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
     for run in runs:
-        run.stop, run.told = stop, True
+        run.stop, run.runtime_warned = stop, True
 
     def solve(request: Request, run: Run) -> Brdf:
         return make_brdf(request, solve_request(request, run)[1])

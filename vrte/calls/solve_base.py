@@ -78,7 +78,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
         request = make_request("brdf", scene, mu, mu, phi, **asked)
         seconds = time.perf_counter() - begin + sum(predict_seconds(request))
         why = f" for a base of {COSINES[place]} cosines and {azimuths} azimuths"
-        cost.foretell(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
+        cost.warn_runtime(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
         found = solve_brdf(request, asked.get("progress"), told=True)
         base, off, off_azimuths = split_checked(found, COSINES[place], azimuths)
         if max(off, off_azimuths) <= wanted:

@@ -10,7 +10,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.brdfs import solve_brdfs
-from vrte.calls.forecast import foretell_all
+from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.plan import make_request
 from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
@@ -131,7 +131,7 @@ def prepare_scenes(
         return make_request("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
 
     count = wavelengths.size
-    told = None if asked is None else foretell_all(count, asked_at, f"{count} wavelengths")
+    told = None if asked is None else warn_runtime_of_all(count, asked_at, f"{count} wavelengths")
     for place, wavelength in enumerate(wavelengths.tolist()):
         made[place] = made.get(place) or prepare_scene(scene, wavelength, folder)
         if progress is not None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
-from vrte.calls.forecast import foretell_all
+from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.plan import make_request
 from vrte.calls.radiance import radiance
 from vrte.request.request import Request
@@ -84,7 +84,7 @@ def views(
         of_beam, of_sight, of_azimuth = (np.unique(each[groups[place]]) for each in (beams, sights, azimuths))
         return make_request("radiance", scene, of_beam, stokes, of_sight, of_azimuth, depth, **how), 0.0
 
-    foretell_all(len(groups), asked_at, f"{len(groups)} groups of geometries")
+    warn_runtime_of_all(len(groups), asked_at, f"{len(groups)} groups of geometries")
     for rows in groups:
         axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
         (of_beam, i), (of_sight, o), (of_azimuth, p) = axes

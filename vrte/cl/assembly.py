@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import STRIP, Stack, download_stack, make_stack, multiply_stacks, pad_to_strips
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
@@ -197,7 +197,7 @@ def multiply_over_columns(
 
 
 @stand_in_for(_core.assemble)
-def assemble_arrays(session: Session, crew: Crew, given: Any) -> None:
+def assemble_arrays(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Fills E, F, G_E, G_F, source_s and source_d."""
     order, material = np.meshgrid(given.orders, np.arange(given.terms.size, dtype=np.int32), indexing="ij")
     if not order.size or crew.stop[0]:

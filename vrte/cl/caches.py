@@ -46,7 +46,7 @@ def keep_files_private() -> Iterator[None]:
     """While pyopencl and its drivers are first asked for anything: they are told to keep their files here."""
     folder = own_folder()
     with set_variable("XDG_CACHE_HOME", str(folder / WRAPPERS)):
-        import pyopencl.invoker  # noqa: F401  where Python wrappers of kernels are kept is settled by its import
+        import pyopencl.invoker  # noqa: F401  where Python wrappers of kernels are kept is converged by its import
     with set_variable(VARIABLE, str(folder / POCL)):  # children choose for themselves
         yield
 

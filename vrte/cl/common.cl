@@ -8,8 +8,8 @@
 #define REAL_BYTES 4
 #define STALLED 4e-7
 #define INDEPENDENT 1e-4
-#undef ENDLESS
-#define ENDLESS 1e30
+#undef SEMI_INFINITE
+#define SEMI_INFINITE 1e30
 #else
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #define real double

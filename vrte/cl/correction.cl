@@ -1,4 +1,4 @@
-// R of a layer without end, found in floats, brought to doubles: with what it misses, r = X(R) - R, in doubles, a linear
+// R of a semi-infinite layer, found in floats, brought to doubles: with what it misses, r = X(R) - R, in doubles, a linear
 // correction d = r + X'(R) d in floats, X'(R) d = (d K + (d K)^T) Q/2 over 1/mu + 1/mu', K = phi C H^T. Off the nodes,
 // where H on the nodes stands still, d K alone. All matrices are stored column by column.
 
@@ -41,7 +41,7 @@ __kernel void signed_phi(int rows, INTS counts, STACK(phi), STACK(H), INTS items
 
 // found (item, column, 2): how much R misses where H C H^T = Y, the largest of X - R and of X. Pieces: columns, items.
 SHARED
-__kernel void look_at_missing(int rows, IN row_mu, IN signed_mu, STACK(Y), STACK(R), OUT found, INTS items)
+__kernel void find_missing(int rows, IN row_mu, IN signed_mu, STACK(Y), STACK(R), OUT found, INTS items)
 {
     __local real shelf[LANES];
     const int column = get_group_id(0);
@@ -109,8 +109,8 @@ __kernel void lead_on(int mirrored, int rows, IN row_mu, IN signed_mu, STACK(P),
     }
 }
 
-// Whether an item has settled, and what its next matrix is made of; see `judged`. Global size: items.
-__kernel void judge_step(int step, int columns, IN found, IN rate, IN tolerance, __global Settling* restrict settling,
+// Whether an item has converged, and what its next matrix is made of; see `judged`. Global size: items.
+__kernel void judge_step(int step, int columns, IN found, IN rate, IN tolerance, __global Convergence* restrict convergence,
                          __global int* restrict steps, __global int* restrict state, INTS items)
 {
     const long item = items[get_global_id(0)];
@@ -119,7 +119,7 @@ __kernel void judge_step(int step, int columns, IN found, IN rate, IN tolerance,
         return;
     }
     bool done;
-    settling[item] = judge_item(step, columns, found + item * columns * 5, rate[item], tolerance[item], settling[item],
+    convergence[item] = judge_item(step, columns, found + item * columns * 5, rate[item], tolerance[item], convergence[item],
                                 &done);
     steps[item]++;
     if (done)
@@ -128,12 +128,12 @@ __kernel void judge_step(int step, int columns, IN found, IN rate, IN tolerance,
 
 // R of the last steps. Pieces: columns, items.
 SHARED
-__kernel void mix_steps(int rows, int ld, STEPS, __global const Settling* restrict settling, INTS state, INTS items)
+__kernel void mix_steps(int rows, int ld, STEPS, __global const Convergence* restrict convergence, INTS state, INTS items)
 {
     const long item = items[get_group_id(1)], place = (item * get_num_groups(0) + get_group_id(0)) * ld;
     if (state[item] == LEFT)
         return;
-    const real share = settling[item].share[0], share_1 = settling[item].share[1], share_2 = settling[item].share[2];
+    const real share = convergence[item].share[0], share_1 = convergence[item].share[1], share_2 = convergence[item].share[2];
     SPREAD(i, 0, rows) {
         real value = share * led[place + i];
         if (share_1 != 0.0)

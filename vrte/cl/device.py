@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vrte.basics.errors import DeviceError, import_extra
-from vrte.cl import caches, drivers, faults, rates, trial
+from vrte.cl import caches, drivers, errors, probe, rates
 from vrte.cl.session import FORKED, Session, open_session
 
 VARIABLE = "VRTE_OPENCL_DEVICE"
@@ -88,7 +88,7 @@ def _find_devices() -> tuple[Device, ...]:
             with drivers.make_drivers_visible():
                 platforms = pyopencl.get_platforms()
         except pyopencl.Error as error:
-            raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({faults.name_of(error)})") from error
+            raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({errors.name_of(error)})") from error
         found = tuple(
             _describe_device(platform, handle) for platform in platforms for handle in _list_available(platform)
         )
@@ -151,7 +151,7 @@ def find_complaint(index: int) -> str:
         complaints: dict[tuple[int, str, str], str] = _state["complaints"]
         key = index, device.platform, device.name
         if key not in complaints:
-            complaints[key] = trial.try_device(index, device.platform, device.handle, device.widest)
+            complaints[key] = probe.try_device(index, device.platform, device.handle, device.widest)
         return complaints[key]
 
 
@@ -175,7 +175,7 @@ def choose(
     (0, 'the only CPU (passed over: 1)')
     """
     if asked_for:
-        wanted = find_wanted(found, asked_for, complaint_of)
+        wanted = select_output(found, asked_for, complaint_of)
         shared = f"; batches are shared by {', '.join(map(str, wanted))}" if len(wanted) > 1 else ""
         return wanted[0], f"{VARIABLE}={asked_for}{shared}"
     able = sorted(range(len(found)), key=lambda index: _rank(found[index]))
@@ -197,7 +197,7 @@ def choose(
 
 def _rank(device: Device) -> tuple[bool, int, bool, bool, float]:
     """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
-    slower_driver = device.kind == "cpu" and device.platform != trial.POCL
+    slower_driver = device.kind == "cpu" and device.platform != probe.POCL
     place = PREFERENCE.index(device.kind)
     return not device.double_precision, place, slower_driver, device.is_built_in, -device.rate
 
@@ -208,7 +208,7 @@ def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> 
     among = [found[index] for index in left if found[index].kind == kind]
     if len(among) == 1:
         return f"the only {WORDS[kind]}" if len(found) > 1 else "the only device"
-    if kind == "cpu" and {device.platform != trial.POCL for device in among} == {True, False}:
+    if kind == "cpu" and {device.platform != probe.POCL for device in among} == {True, False}:
         return "the CPU by PoCL, the faster driver"
     apart = [device for device in among if not device.is_built_in]
     if len(apart) == 1 and len(among) > 1:
@@ -218,7 +218,7 @@ def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> 
     return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {told}"
 
 
-def find_wanted(
+def select_output(
     found: Sequence[Device], asked_for: str, complaint_of: Callable[[int], str] = lambda index: ""
 ) -> list[int]:
     """The indices of the devices that VRTE_OPENCL_DEVICE names: one, some with commas between them, or all that compute
@@ -276,7 +276,7 @@ def list_sharing_devices() -> list[int]:
     """
     asked_for = read_wanted_device()
     several = find_lent_device()[0] is None and ("," in asked_for or asked_for.casefold() == ALL)
-    return find_wanted(devices(), asked_for, find_complaint) if several else [devices().index(find_chosen_device())]
+    return select_output(devices(), asked_for, find_complaint) if several else [devices().index(find_chosen_device())]
 
 
 def read_wanted_device() -> str:
@@ -349,7 +349,7 @@ def raise_device_errors() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        found = faults.make_device_error(error)
+        found = errors.make_device_error(error)
         if found is None:
             raise
         forget()

@@ -23,8 +23,8 @@ typedef struct {
 // What is not scattered: tanh(h/mu) (kind 0), 1/cosh^2(h/mu) (kind 1), exp(-h/mu) (kind 2) or 0 (kind 3).
 real straight_light(int kind, real x)
 {
-    const real fading = exp(-2.0 * x);
-    return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * fading / ((1.0 + fading) * (1.0 + fading)) : kind == 2 ? exp(-x) : 0.0;
+    const real decaying = exp(-2.0 * x);
+    return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * decaying / ((1.0 + decaying) * (1.0 + decaying)) : kind == 2 ? exp(-x) : 0.0;
 }
 
 // Of a column of c = alpha a b + gamma 1, added to the product through the nodes: light that goes straight to where it

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.assembly import Assembled
 from vrte.cl.extended import (
     COMPLEMENT,
@@ -26,9 +26,9 @@ from vrte.cl.extended import (
 from vrte.cl.matrices import PANEL, STRIP, upload_stack
 from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
-from vrte.cl.steps import Memory, is_quicker_at_once
+from vrte.cl.steps import Memory, is_quicker_fused
 
-# How far Zo Ze of an endless slab is from 1 before the last doubling, which squares that.
+# How far Zo Ze of a semi-infinite slab is from 1 before the last doubling, which squares that.
 SETTLED = {"double": 1e-9, "single": 1e-4}
 SCRATCH, NUMBERS = 8, 8  # matrices while slabs are doubled, and arrays of a number an item that are left of them
 
@@ -105,7 +105,7 @@ def find_memory(session: Session, s: Sizes, items: int) -> tuple[Memory | None, 
     """Memory for what is needed while slabs are doubled, and for what is left of them, where all steps of an item are
     to be carried out in one launch; None where each is to be one."""
     whole = s.ld * s.columns
-    if not session.at_once or not is_quicker_at_once(session, items, 14.0 * whole * s.n):
+    if not session.at_once or not is_quicker_fused(session, items, 14.0 * whole * s.n):
         return None, None
     pad, real = partial(Memory.pad, session), session.real.itemsize
     one = sum(pad(real * items * max(1, size)) for size in (max(1, s.columns) * s.ld, s.o, s.r))
@@ -136,8 +136,8 @@ class Doubling:
         self.Ze, self.Zo, self.C, self.a, self.b, self.spare = (new() for _ in range(6))
         self.doublings = np.zeros(self.count, np.int32)
         self.doubled: BoolArray = ~items.clear
-        self.endless: BoolArray = (items.thickness >= _core.ENDLESS) & self.doubled
-        self.finite: BoolArray = (items.thickness < _core.ENDLESS) & self.doubled
+        self.semi_infinite: BoolArray = (items.thickness >= _core.SEMI_INFINITE) & self.doubled
+        self.finite: BoolArray = (items.thickness < _core.SEMI_INFINITE) & self.doubled
         self.extend(matrices)
         self.turn()
 
@@ -183,7 +183,7 @@ class Doubling:
         if self.doubled.any():
             steepest = self.steepest()
             self.double_plainly(steepest, stop)
-            self.double_endless(steepest, stop)
+            self.double_semi_infinite(steepest, stop)
             self.reflect_and_transmit(R, T, lost)
         self.clear_slabs(T, lost)
         residual = Reading((), partial(np.zeros, (self.count, 2)))
@@ -199,7 +199,7 @@ class Doubling:
         L = 1 + Zo Ze; C is formed while that keeps its digits, then carried, C <- (C L^-1)^2."""
         if not self.finite.any():
             return
-        h = np.where(self.finite, 0.5 * np.minimum(self.items.thickness, _core.ENDLESS), 0.0)
+        h = np.where(self.finite, 0.5 * np.minimum(self.items.thickness, _core.SEMI_INFINITE), 0.0)
         left = np.zeros(self.count, np.int32)
         while (above := self.finite & (h * steepest > 0.5)).any():
             h[above] *= 0.5
@@ -267,14 +267,14 @@ class Doubling:
         algebra.product(items, 1.0, self.e, z, self.Ze, straight=(TANH, h))
         algebra.product(items, 1.0, z, self.f, self.Zo, straight=(TANH, h))
 
-    def double_endless(self, steepest: Array, stop: NDArray[np.int32]) -> None:
+    def double_semi_infinite(self, steepest: Array, stop: NDArray[np.int32]) -> None:
         """Ze and Zo of slabs without end, where Zo Ze = 1, by scaled doublings: before each, both are multiplied by
         ratio^(-1/2), the ratio being the smallest over the largest eigenvalue of sqrt(Zo Ze), guessed from below."""
         albedo, m0 = self.items.albedo, self.items.turned
         slowest = np.sqrt((1.0 - albedo) * (1.0 - albedo * self.items.asymmetry))
         slowest = np.where(~m0 | (albedo == 1.0), np.maximum(slowest, 0.05), slowest)
         ratio = np.minimum(1.0, slowest / steepest)
-        algebra, active = self.algebra, self.endless.copy()
+        algebra, active = self.algebra, self.semi_infinite.copy()
         factor = 1.0 / steepest
         for matrix, target in ((self.e, self.Ze), (self.f, self.Zo)):
             algebra.combine(active, 1.0, matrix, target, factor=factor)
@@ -302,16 +302,16 @@ class Doubling:
     def reflect_and_transmit(self, R: Extended, T: Extended, lost: Any) -> None:
         """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's
         row."""
-        algebra, finite, endless = self.algebra, self.finite, self.endless
+        algebra, finite, semi_infinite = self.algebra, self.finite, self.semi_infinite
         algebra.combine(self.doubled, 1.0, self.Ze, self.a, gamma=1.0)
         self.a, self.spare = algebra.invert(self.doubled, self.a, self.spare)
         thick: BoolArray = finite & (self.items.thickness > _core.THICK)
         thin: BoolArray = finite & ~thick
-        for chosen, twice in ((endless, 2.0), (finite, 1.0)):
+        for chosen, twice in ((semi_infinite, 2.0), (finite, 1.0)):
             algebra.product(chosen, -twice, self.Ze, self.a, R)
             flux_row = take_row(R.N, self.sizes.axis)
             algebra.blend(chosen & self.items.turned, -2.0 / twice, flux_row, make_row_stack(lost))
-        algebra.combine(endless, 1.0, R, R, gamma=1.0)
+        algebra.combine(semi_infinite, 1.0, R, R, gamma=1.0)
         algebra.product(finite, 1.0, self.C, self.a, self.b)
         algebra.combine(finite, 1.0, self.Zo, self.a, gamma=1.0)
         self.a, self.spare = algebra.invert(finite, self.a, self.spare)
@@ -405,8 +405,8 @@ def find_relative_residual(
 
 
 @stand_in_for(_core.double_slabs)
-def double_slabs(session: Session, crew: Crew, given: Any) -> None:
-    """Fills R, T, lost, residual, doublings and info; settled plays no part."""
+def double_slabs(session: Session, crew: ThreadTeam, given: Any) -> None:
+    """Fills R, T, lost, residual, doublings and info; converged plays no part."""
     frame = Frame(given.nodes, given.weights, given.mu0, given.columns, given.mu_out)
     orders, material, albedo = given.orders, given.material, given.albedo
     shape = orders.size, material.size

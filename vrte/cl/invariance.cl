@@ -1,4 +1,4 @@
-// The top of a layer without end, by invariance: fixed points of
+// The top of a semi-infinite layer, by invariance: fixed points of
 //   R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu',  He = phi_e + R phi_e,  Hf = phi_f - R phi_f,
 // with Anderson's acceleration. E's and F's columns lie side by side, Hf with the other sign (it counts twice), so that
 // H = +-phi + R phi and R = HC H^T are one product each. A strip of 8 rows needs all of H but of all else no other strip:
@@ -12,7 +12,7 @@ typedef struct
     real product_00, product_01, product_11;
     real share[3];
     real missing;
-} Settling;
+} Convergence;
 
 // mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
 // last one again; written from double `to` on. Global size: 1.
@@ -102,11 +102,11 @@ void step_of_strip(int strip, bool symmetric, int n, int inner, __global const r
 
 // Whether an item is done (`missing` is what is left of it), and of which steps the next R is made: the combination of this
 // one and the last two that would have moved least. found: as of all strips.
-Settling judged(int step, const real* found, real rate, real tolerance, Settling before, bool* done)
+Convergence judged(int step, const real* found, real rate, real tolerance, Convergence before, bool* done)
 {
     const real largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
     const real missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
-    Settling now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
+    Convergence now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
     *done = largest == 0.0 || missing <= tolerance || gap <= STALLED * largest;
     if (*done || step == 0)
         return now;
@@ -229,13 +229,13 @@ int dealt(int work_item, int number, int units)
 // As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it.
 // Global size: items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_settle(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
+__kernel void invariance_converge(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
                                 IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
                                 __global real* HC, JUDGED, INTS items)
 {
     const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
-    Settling settling = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
+    Convergence convergence = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
     bool done = false;
     led += place;
     led_1 += place;
@@ -254,10 +254,10 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
             for (int strip = 0; strip < strips; strip++)
                 step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
-            settling = judged(step, found, rate[item], tolerance[item], settling, &done);
+            convergence = judged(step, found, rate[item], tolerance[item], convergence, &done);
         }
         for (int strip = 0; strip < strips; strip++) {
-            mix_strip(strip, step < 0, symmetric, n, settling.share, led, led_1, led_2, signed_mu, R);
+            mix_strip(strip, step < 0, symmetric, n, convergence.share, led, led_1, led_2, signed_mu, R);
             renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
                         phi_ld, R, H, H_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
@@ -279,8 +279,8 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
             steps[item]++;
         }
     }
-    if (!(settling.missing <= residual[item]))
-        residual[item] = settling.missing;
+    if (!(convergence.missing <= residual[item]))
+        residual[item] = convergence.missing;
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
@@ -437,7 +437,7 @@ __kernel void invariance_step_gpu(__global const Place* restrict places, INTS co
 }
 
 // What an item's next R is made of, from what all its tiles found; see `judged`.
-Settling judge_item(int step, int tiles, __global const real* found, real rate, real tolerance, Settling before,
+Convergence judge_item(int step, int tiles, __global const real* found, real rate, real tolerance, Convergence before,
                     bool* done)
 {
     real sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
@@ -467,14 +467,14 @@ real mix_element(__local const real* share, __global const real* led, __global c
 #define GPU_ADD_PHI \
     H[(long)j * ld + i] = value + (j < columns_E ? 1.0 : -1.0) * phi_row[(long)j * phi_ld + i];
 
-// Whether an item has settled, R of its last steps, zero before the first (step -1), and H = +-phi + R phi_nodes. What it
-// reads of how the item settles is what the step before left, what it leaves is apart: all work-groups of an item judge
+// Whether an item has converged, R of its last steps, zero before the first (step -1), and H = +-phi + R phi_nodes. What it
+// reads of how the item converges is what the step before left, what it leaves is apart: all work-groups of an item judge
 // alike, and the first one keeps it; those of an item that has left return at once. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
 __kernel void invariance_renew_gpu(int step, int most, __global const Place* restrict places, INTS counts_of, IN phi,
                                    OUT H, STEPS, int tiles, IN found, IN rate, IN tolerance, OUT residual,
-                                   __global int* restrict steps, __global const Settling* restrict settling_before,
-                                   __global Settling* restrict settling, INTS state_before,
+                                   __global int* restrict steps, __global const Convergence* restrict convergence_before,
+                                   __global Convergence* restrict convergence, INTS state_before,
                                    __global int* restrict state)
 {
     __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], share[3];
@@ -496,13 +496,13 @@ __kernel void invariance_renew_gpu(int step, int most, __global const Place* res
     if (here == 0) {
         const int across = (rows + GPU_TILE - 1) / GPU_TILE, along = (of.n + GPU_TILE - 1) / GPU_TILE;
         bool done = false;
-        Settling now = settling_before[item];
+        Convergence now = convergence_before[item];
         if (step >= 0)
             now = judge_item(step, across * along, found + item * tiles * 5, rate[item], tolerance[item], now, &done);
         for (int k = 0; k < 3; k++)
             share[k] = now.share[k];
         if (top == 0 && left == 0) {
-            settling[item] = now;
+            convergence[item] = now;
             state[item] = done ? LEFT : RUNS;
             steps[item] += step >= 0;
             if ((done || step == most - 1) && !(now.missing <= residual[item]))

@@ -1,7 +1,7 @@
-"""The top of a layer without end, by invariance, on a device: `_core.reflect_endless` for all items at once.
+"""The top of a semi-infinite layer, by invariance, on a device: `_core.reflect_semi_infinite` for all items at once.
 
 Every item takes its own steps, so that what comes out of one does not depend on which others there are. On a CPU a
-work-item takes all steps of an item, on a GPU all take a step together: see `settling`."""
+work-item takes all steps of an item, on a GPU all take a step together: see `convergence`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import IntArray
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.assembly import (
     Columns,
     Scattering,
@@ -47,9 +47,9 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Endless:
+class SemiInfinite:
     """On the device: up (item, n_in, n_col, S n_out), on_nodes (item, n_in n_col, n), residual and steps, (item,) from
-    item ``first`` on, as of `_core.reflect_endless`."""
+    item ``first`` on, as of `_core.reflect_semi_infinite`."""
 
     up: Any
     on_nodes: Any
@@ -59,7 +59,7 @@ class Endless:
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class FactorColumns:
     """Some rows: phi and H of E's and F's columns, Hf with the other sign; signed_mu: the cosine of each row, minus
     where it is V's, from the ``mu_first``-th number on."""
 
@@ -71,7 +71,7 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class Judged(Placed):
-    """What decides when an item has settled, and how it did, (item,) each."""
+    """What decides when an item has converged, and how it did, (item,) each."""
 
     rate: Any
     tolerance: Any
@@ -84,7 +84,7 @@ class Judged(Placed):
         return tuple(vars(self).values())
 
 
-def reflect_endless(
+def reflect_semi_infinite(
     session: Session,
     items: Any,
     order: Any,
@@ -100,8 +100,8 @@ def reflect_endless(
     columns: Any,
     tolerance: Any,
     stop: IntArray | None = None,
-) -> Endless:
-    """The light that layers without end send back, for the listed items, single scattering left out.
+) -> SemiInfinite:
+    """The light that semi-infinite layers send back, for the listed items, single scattering left out.
 
     directions: nodes, then off the nodes; out, into: places among the latter; columns (n_col, S); tolerance (item,).
     A GPU is waited for at every few steps, and ``stop[0]`` looked at, then nothing that comes out counts."""
@@ -110,16 +110,16 @@ def reflect_endless(
     return found
 
 
-def reflect_sorts(session: Session, asked: Sequence[Asked], stop: IntArray | None = None) -> list[Endless]:
+def reflect_sorts(session: Session, asked: Sequence[Asked], stop: IntArray | None = None) -> list[SemiInfinite]:
     """The same for layers on several sets of nodes, or of several sets of Stokes parameters."""
     if session.form == "gpu":
-        from vrte.cl import settling
+        from vrte.cl import invariance_gpu
 
-        return settling.reflect_together(session, asked, stop)
+        return invariance_gpu.reflect_batch(session, asked, stop)
     return [reflect_alone(session, one, stop) for one in asked]
 
 
-def reflect_alone(session: Session, asked: Asked, stop: IntArray | None) -> Endless:
+def reflect_alone(session: Session, asked: Asked, stop: IntArray | None) -> SemiInfinite:
     """As a CPU wants it: all steps of an item by one work-item."""
     what, n_node, items = asked.what, asked.weights.size, asked.what.items
     columns = compute_parity_columns(session, what, asked.directions, asked.weights, asked.n_off)
@@ -141,9 +141,9 @@ def reflect_alone(session: Session, asked: Asked, stop: IntArray | None) -> Endl
         if stop is None or not stop[0]:
             sizes = session.device.max_compute_units, _core.MOST_STEPS, rows.H.ld // STRIP, rows is nodes, n
             arrays = columns.counts, rows.signed_mu, nodes.signed_mu, rows.phi, nodes.H, R, *room, rows.H, HC.columns
-            session.launch("invariance_settle", (items.size,), what, *sizes, *arrays, HC.data, judged, items)
+            session.launch("invariance_converge", (items.size,), what, *sizes, *arrays, HC.data, judged, items)
     up, on_nodes = compute_off_node_results(session, asked, columns.counts, off, R, 0, n * off.H.ld, n)
-    return Endless(up, on_nodes, residual, steps)
+    return SemiInfinite(up, on_nodes, residual, steps)
 
 
 def place_of_v(what: Scattering) -> int:
@@ -158,12 +158,12 @@ def stack_like(session: Session, what: Scattering, stack: Stack) -> Stack:
 
 def make_sheet(
     session: Session, what: Scattering, columns: Columns, part: int, directions: Any, first: int, n_mu: int
-) -> Sheet:
+) -> FactorColumns:
     """Of some directions, the part of phi's rows that is theirs."""
     rows = what.stokes * n_mu
     signed_mu = session.empty((pad_to_strips(rows),))
     put_cosines(session, what, directions, first, n_mu, signed_mu, 0)
-    return Sheet(
+    return FactorColumns(
         columns.rows(part, rows), make_stack(session, what.room, rows, columns.phi.columns, bare=True), signed_mu
     )
 
@@ -180,7 +180,7 @@ def compute_off_node_results(
     session: Session,
     asked: Asked,
     counts: Any,
-    off: Sheet,
+    off: FactorColumns,
     Ru: Any,
     first: int,
     stride: int,
@@ -206,8 +206,8 @@ def compute_off_node_results(
     return up, on_nodes
 
 
-@stand_in_for(_core.reflect_endless)
-def reflect_endless_arrays(session: Session, crew: Crew, given: Any) -> None:
+@stand_in_for(_core.reflect_semi_infinite)
+def reflect_semi_infinite_arrays(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Fills up, on_nodes, residual and steps; halves plays no part: R on the nodes is made up to its diagonal on a CPU,
     wholly on a GPU."""
     count, upload = given.orders.size, session.constant
@@ -222,6 +222,6 @@ def reflect_endless_arrays(session: Session, crew: Crew, given: Any) -> None:
     }
     asked = {name: getattr(given, name) for name in ("directions", "weights", "out", "into", "columns")}
     uploaded: dict[str, Any] = {name: upload(values) for name, values in (scene | asked).items()}
-    found = reflect_endless(session, *pairs, given.members.tolist(), **uploaded, stop=crew.stop)
+    found = reflect_semi_infinite(session, *pairs, given.members.tolist(), **uploaded, stop=crew.stop)
     for name in ("up", "on_nodes", "residual", "steps"):
         getattr(given, name)[...] = session.download(getattr(found, name))

@@ -27,7 +27,7 @@ __kernel void blend(int rows, real alpha, STACK(a), __global const int* from_ite
 // What the attenuated beam makes: out = exp(-depth[item]/mu0) a + straight running, `running` (rows, r) being absent
 // (has_running = 0) or weakened row by row. Pieces: incident columns, items.
 SHARED
-__kernel void fade(int rows, IN rate_II, IN depth, ALONE(a), int has_running, IN straight, int s_stride, STACK(running),
+__kernel void decay(int rows, IN rate_II, IN depth, ALONE(a), int has_running, IN straight, int s_stride, STACK(running),
                    STACK(out), INTS items)
 {
     const int j = get_group_id(0);

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.doubling import Frame, compute_householder_vector, upload_blocks
 from vrte.cl.extended import Algebra, Extended, make_row_stack, take_row
 from vrte.cl.matrices import Stack, make_stack, upload_stack
@@ -32,7 +32,7 @@ class Ground:
 
 
 @dataclass(frozen=True, eq=False)
-class Piles:
+class SlabStacks:
     """slab (item, place): which of the slabs lies there, top first; above (item, place + 1): optical depth of each
     interface; turned (item,): whether it is order 0 and carries the flux; interface (level,); ground: None: black."""
 
@@ -75,12 +75,14 @@ def turn_ground(
 
 
 class Joining:
-    """The work on one stack of piles with as many places each."""
+    """The work on one stack of stacks with as many places each."""
 
-    def __init__(self, session: Session, frame: Frame, piles: Piles, R: Extended, T: Extended, lost: Any) -> None:
-        self.session, self.frame, self.piles, self.R, self.T, self.lost = session, frame, piles, R, T, lost
+    def __init__(
+        self, session: Session, frame: Frame, slab_stacks: SlabStacks, R: Extended, T: Extended, lost: Any
+    ) -> None:
+        self.session, self.frame, self.slab_stacks, self.R, self.T, self.lost = session, frame, slab_stacks, R, T, lost
         self.sizes = s = frame.sizes
-        self.count, self.places = piles.slab.shape
+        self.count, self.places = slab_stacks.slab.shape
         self.algebra = Algebra(session, s, self.count)
         self.all = np.ones(self.count, bool)
         self.kept = 2 * self.places * self.count * s.ld * s.columns <= MOST_KEPT
@@ -88,9 +90,9 @@ class Joining:
         self.r, self.t = self.algebra.new(), self.algebra.new()
         self.row, self.lost_here = (session.zeros((self.count, s.n)) for _ in range(2))
         self.rate_II = session.constant(np.repeat(1.0 / frame.mu0, frame.columns.shape[0]) if s.r else np.zeros(1))
-        self.depths = [session.constant(np.ascontiguousarray(above)) for above in piles.above.T]
+        self.depths = [session.constant(np.ascontiguousarray(above)) for above in slab_stacks.above.T]
         self.missing: dict[int, tuple[Any, Any]] = {}
-        ground = piles.ground
+        ground = slab_stacks.ground
         start = np.zeros((self.count, s.n)) if ground is None else ground.absorbed
         if ground is None:
             start[:, s.axis] = 1.0
@@ -115,16 +117,16 @@ class Joining:
         """c = alpha a b + beta c."""
         self.algebra.multiply(self.all, a, b, c, alpha, beta)
 
-    def fade(self, place: int, a: Stack, out: Stack, straight: Any = None, running: Stack | None = None) -> None:
+    def decay(self, place: int, a: Stack, out: Stack, straight: Any = None, running: Stack | None = None) -> None:
         """out = what the beam, attenuated on its way to the interface, makes by `a`, and what went on straight."""
         before = out if running is None else running
         weak, each = (self.rate_II, 0) if straight is None else (straight, self.sizes.o)
         arguments = a.rows, self.rate_II, self.depths[place], a, running is not None, weak, each, before, out
-        self.algebra.launch("fade", self.all, *arguments, columns=self.sizes.r)
+        self.algebra.launch("decay", self.all, *arguments, columns=self.sizes.r)
 
     def bring(self, place: int) -> None:
         """R, T and lost of what lies there as r, t and lost_here; r and t are kept where there is room for them."""
-        of = self.session.constant(np.ascontiguousarray(self.piles.slab[:, place]))
+        of = self.session.constant(np.ascontiguousarray(self.slab_stacks.slab[:, place]))
         if place in self.brought:
             self.r, self.t = self.brought[place]
         else:
@@ -132,7 +134,7 @@ class Joining:
                 self.brought[place] = self.r, self.t = self.algebra.new(), self.algebra.new()
             for source, target in ((self.R, self.r), (self.T, self.t)):
                 self.algebra.combine(self.all, 1.0, source, target, places=of)
-        if self.piles.turned.any():
+        if self.slab_stacks.turned.any():
             self.algebra.blend(self.all, 1.0, make_row_stack(self.lost), make_row_stack(self.lost_here), places=of)
 
     def run(self, stop: IntArray) -> Joined:
@@ -149,7 +151,7 @@ class Joining:
         down: list[Stack | None] = [None]
         for place in range(self.places if not stop[0] else 0):
             self.bring_again(place)
-            falling, rising = self.fall(place, down[-1], *found[place])
+            falling, rising = self.downward_sweep(place, down[-1], *found[place])
             down.append(falling)
             up[place + 1] = rising
         if stop[0]:
@@ -158,17 +160,17 @@ class Joining:
 
     def emitted_by_base(self) -> Stack | None:
         """The beam that the base sends back, None of a black one."""
-        if self.piles.ground is None:
+        if self.slab_stacks.ground is None:
             return None
-        source, out = upload_stack(self.session, self.piles.ground.source), self.beams()
-        self.fade(self.places, source, out)
+        source, out = upload_stack(self.session, self.slab_stacks.ground.source), self.beams()
+        self.decay(self.places, source, out)
         return out
 
     def put_upon(self, place: int, up: Stack | None) -> tuple[Stack | None, Stack | None, Stack]:
         """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T,
         and what comes up above it, emitted up + T (G emitted down + g)."""
         r, t, above = self.r, self.t, self.beams()
-        self.fade(place, r.NI, above)
+        self.decay(place, r.NI, above)
         if self.below is None:
             self.below = self.square()
             self.copy(r.N, self.below)
@@ -182,7 +184,7 @@ class Joining:
         self.copy(r.N, self.below)
         self.multiply(t.N, GT, self.below, beta=1.0)
         emitted, through = self.vectors
-        self.fade(place, t.NI, emitted)
+        self.decay(place, t.NI, emitted)
         self.copy(g, through)
         self.multiply(G, emitted, through, beta=1.0)
         self.multiply(t.N, through, above, beta=1.0)
@@ -191,7 +193,7 @@ class Joining:
     def solve(self, place: int, up: Stack) -> tuple[Stack, Stack]:
         """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, small where nothing absorbs, is
         summed from what is lost: lost + T's row + absorbed R."""
-        s, algebra, below, turned = self.sizes, self.algebra, self.below, self.piles.turned
+        s, algebra, below, turned = self.sizes, self.algebra, self.below, self.slab_stacks.turned
         assert below is not None
         M, known, G, g, vector, right = *(self.square() for _ in range(3)), self.beams(), self.beams(), below
         algebra.blend(self.all, 0.0, below, M, gamma=1.0)
@@ -213,7 +215,7 @@ class Joining:
         return G, g
 
     def residual(self) -> Reading:
-        """What each joint's system misses, relative, (item, place)."""
+        """What each interface's system misses, relative, (item, place)."""
         arrays = [array for pair in self.missing.values() for array in pair]
         shape, places, faintest = (self.count, self.places), list(self.missing), self.session.faintest
         return Reading(arrays, partial(find_relative_misses, shape, places, faintest))
@@ -221,35 +223,37 @@ class Joining:
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:
         """out = x M + beta out, rows of order 0."""
         n, algebra = self.sizes.n, self.algebra
-        algebra.launch("row_times", self.piles.turned, n, x, M, beta, out, columns=algebra.count_pieces(n))
+        algebra.launch("row_times", self.slab_stacks.turned, n, x, M, beta, out, columns=algebra.count_pieces(n))
 
     def flux_row_of(self, a: Any, out: Any) -> None:
         """out = a + T's row of the flux, rows of order 0."""
         flux_row = take_row(self.t.N, self.sizes.axis)
-        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(a), make_row_stack(out), 1.0, flux_row)
+        self.algebra.blend(self.slab_stacks.turned, 1.0, make_row_stack(a), make_row_stack(out), 1.0, flux_row)
 
     def add_lost_and_absorbed(self) -> None:
         """row = lost + absorbed R, rows of order 0."""
         self.row_times(self.absorbed, self.r.N, self.row)
         row = make_row_stack(self.row)
-        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(self.lost_here), row, 1.0, row)
+        self.algebra.blend(self.slab_stacks.turned, 1.0, make_row_stack(self.lost_here), row, 1.0, row)
 
     def absorb(self, GT: Stack) -> None:
         """absorbed <- lost + (lost + absorbed R) G T + absorbed T."""
-        if not self.piles.turned.any():
+        if not self.slab_stacks.turned.any():
             return
         new = self.session.zeros((self.count, self.sizes.n))
         self.add_lost_and_absorbed()
-        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(self.lost_here), make_row_stack(new))
+        self.algebra.blend(self.slab_stacks.turned, 1.0, make_row_stack(self.lost_here), make_row_stack(new))
         self.row_times(self.row, GT, new, beta=1.0)
         self.row_times(self.absorbed, self.t.N, new, beta=1.0)
         self.absorbed = new
 
-    def fall(self, place: int, down: Stack | None, G: Stack | None, g: Stack | None) -> tuple[Stack, Stack | None]:
+    def downward_sweep(
+        self, place: int, down: Stack | None, G: Stack | None, g: Stack | None
+    ) -> tuple[Stack, Stack | None]:
         """What falls at the bottom of a slab and what rises there: T down + emitted, then G falling + g, then R up on
         top of it."""
         falling = self.beams()
-        self.fade(place, self.t.NI, falling)
+        self.decay(place, self.t.NI, falling)
         if down is not None:
             self.multiply(self.t.N, down, falling, beta=1.0)
         if G is None or g is None:
@@ -260,7 +264,7 @@ class Joining:
 
     def leave(self, up: list[Stack | None], down: list[Stack | None]) -> Joined:
         """The field off the nodes at every wanted interface, first up through the slabs, then down."""
-        s, interface, zeros = self.sizes, self.piles.interface, self.session.zeros
+        s, interface, zeros = self.sizes, self.slab_stacks.interface, self.session.zeros
         shape = self.count, interface.size, s.r, max(1, s.o)
         upward, downward, flux = zeros(shape), zeros(shape), zeros((*shape[:2], 2, s.r))
         running, falling = None, down[self.places]
@@ -292,7 +296,7 @@ class Joining:
     ) -> Stack:
         """direct running + T_ON through + R_ON turned + OI of the attenuated beam."""
         out = make_stack(self.session, self.count, self.sizes.o, self.sizes.r)
-        self.fade(place, OI, out, None if running is None else self.t.OO, running)
+        self.decay(place, OI, out, None if running is None else self.t.OO, running)
         if through is not None:
             self.multiply(self.t.ON, through, out, beta=1.0)
         if turned is not None:
@@ -302,23 +306,23 @@ class Joining:
     def put(self, place: int, running: Stack | None, out: Any) -> None:
         """What leaves at an interface goes to the levels (item, level, r, o) that lie there."""
         s = self.sizes
-        for level in np.flatnonzero(self.piles.interface == place).tolist() if running is not None else ():
+        for level in np.flatnonzero(self.slab_stacks.interface == place).tolist() if running is not None else ():
             assert running is not None
             each = s.r * s.o
-            self.copy(running, Stack(out, s.o, s.r, s.o, self.piles.interface.size * each, level * each))
+            self.copy(running, Stack(out, s.o, s.r, s.o, self.slab_stacks.interface.size * each, level * each))
 
     def put_flux(self, place: int, going: tuple[Stack | None, Stack | None], out: Any) -> None:
         """The flux of order 0, up and down, at the levels (item, level, 2, r) that lie at an interface."""
         r, size = self.sizes.r, float(np.sqrt((self.frame.flux**2).sum()))
-        for level in np.flatnonzero(self.piles.interface == place).tolist():
+        for level in np.flatnonzero(self.slab_stacks.interface == place).tolist():
             for way, light in enumerate(going):
                 if light is not None:
-                    to = Stack(out, 1, r, 1, self.piles.interface.size * 2 * r, (2 * level + way) * r)
-                    self.algebra.blend(self.piles.turned, -size, take_row(light, self.sizes.axis), to)
+                    to = Stack(out, 1, r, 1, self.slab_stacks.interface.size * 2 * r, (2 * level + way) * r)
+                    self.algebra.blend(self.slab_stacks.turned, -size, take_row(light, self.sizes.axis), to)
 
 
 def find_relative_misses(shape: tuple[int, int], places: list[int], faintest: float, *sizes: Array) -> Array:
-    """(item, place) of what the joints at some places miss and of their sizes, (item,) each in turn; 0 elsewhere."""
+    """(item, place) of what interfaces at some places miss and of their sizes, (item,) each in turn; 0 elsewhere."""
     found = np.zeros(shape)
     for place, missing, size in zip(places, sizes[::2], sizes[1::2], strict=True):
         lit = size > faintest
@@ -327,7 +331,7 @@ def find_relative_misses(shape: tuple[int, int], places: list[int], faintest: fl
 
 
 @stand_in_for(_core.join_slabs)
-def join_slabs(session: Session, crew: Crew, given: Any) -> None:
+def join_slabs(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Fills up, down, flux, residual and info."""
     orders, up, n_out, row = given.orders, given.up, given.n_out, given.base_row
     n_col, stokes = up.shape[2] // given.mu0.size, up.shape[3] // n_out
@@ -340,7 +344,9 @@ def join_slabs(session: Session, crew: Crew, given: Any) -> None:
     depths = np.broadcast_to(given.above, (orders.size, given.above.size))
     R, T = (upload_blocks(session, frame.sizes, a.reshape(-1, a.shape[2])) for a in (given.R, given.T))
     lost = session.upload(given.lost.reshape(-1, given.lost.shape[2]))
-    found = Joining(session, frame, Piles(slab, depths, turned, given.interface, ground), R, T, lost).run(crew.stop)
+    found = Joining(session, frame, SlabStacks(slab, depths, turned, given.interface, ground), R, T, lost).run(
+        crew.stop
+    )
     given.info[:] = session.download(found.info)
     if not crew.stop[0]:
         up[:], given.down[:], given.flux[:] = (session.download(a) for a in (found.up, found.down, found.flux))

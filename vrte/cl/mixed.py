@@ -1,4 +1,4 @@
-"""The top of a layer without end where doubles are slow: fixed points in floats, what they miss in doubles, and a
+"""The top of a semi-infinite layer where doubles are slow: fixed points in floats, what they miss in doubles, and a
 linear correction in floats, until the same check passes as in doubles. See correction.cl."""
 
 from collections.abc import Callable, Sequence
@@ -12,11 +12,11 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.cl.assembly import Scattering, compute_parity_columns, multiply_by_coefficients, multiply_over_columns
 from vrte.cl.invariance import (
     Asked,
-    Endless,
-    Sheet,
+    FactorColumns,
+    SemiInfinite,
     compute_off_node_results,
     make_sheet,
-    reflect_endless,
+    reflect_semi_infinite,
     stack_like,
 )
 from vrte.cl.matrices import STRIP, Stack, make_stack, multiply_stacks, stack_in
@@ -25,7 +25,7 @@ from vrte.cl.session import Session
 ROUGH = 2e-6  # what fixed points in floats are to miss of R, estimated: they reach it, and its square is rounding
 PROPER = 1e-5  # what a correction is to miss of itself
 MOST_ROUNDS = 3  # corrections; an item that is still in doubt is solved in doubles
-STEPS_A_LOOK = 4  # steps between two looks at what has settled, each of which waits
+STEPS_A_LOOK = 4  # steps between two looks at what has converged, each of which waits
 
 
 def upload_all(session: Session, given: Sequence[Any]) -> list[Any]:
@@ -33,15 +33,15 @@ def upload_all(session: Session, given: Sequence[Any]) -> list[Any]:
     return [each if isinstance(each, tuple) else session.constant(each) for each in given]
 
 
-def reflect_endless_mixed(
+def reflect_semi_infinite_mixed(
     high: Session, given: Sequence[Any], stop: IntArray | None = None
-) -> tuple[Endless, IntArray]:
-    """As `reflect_endless` with the arguments behind its session, ``given`` on the host: to the same tolerance; and the
-    items that did not settle and were solved in doubles."""
+) -> tuple[SemiInfinite, IntArray]:
+    """As `reflect_semi_infinite` with the arguments behind its session, ``given`` on the host: to the same tolerance;
+    and the items that did not converge and were solved in doubles."""
     work = make_mixing(high, given)
     found, doubted = work.run(stop)
     if doubted.size and not (stop is not None and stop[0]):
-        again = reflect_endless(high, *upload_all(high, (doubted, *given[1:])), *[stop])
+        again = reflect_semi_infinite(high, *upload_all(high, (doubted, *given[1:])), *[stop])
         for name in ("up", "on_nodes", "residual", "steps"):
             high.copy_items(getattr(again, name), getattr(found, name), doubted)
     return found, doubted
@@ -54,8 +54,8 @@ class Prepared:
 
     asked: Asked
     counts: Any
-    nodes: Sheet
-    off: Sheet
+    nodes: FactorColumns
+    off: FactorColumns
     rate: Any
 
     @property
@@ -64,8 +64,8 @@ class Prepared:
         return self.asked.what
 
 
-def prepare_endless(session: Session, given: Sequence[Any]) -> Prepared:
-    """The same of arguments of `reflect_endless` on the host."""
+def prepare_semi_infinite(session: Session, given: Sequence[Any]) -> Prepared:
+    """The same of arguments of `reflect_semi_infinite` on the host."""
     items, order, material, members, coefficients, terms, albedo, *rest = upload_all(session, given)
     what = Scattering(items, order, material, members, coefficients, terms, albedo)
     asked = Asked(what, *rest)
@@ -81,7 +81,7 @@ def prepare_endless(session: Session, given: Sequence[Any]) -> Prepared:
 def make_mixing(high: Session, given: Sequence[Any]) -> "Mixing":
     """The work on items ``given`` on the host."""
     low = high.in_precision("single")
-    sides = (prepare_endless(one, given) for one in (high, low))
+    sides = (prepare_semi_infinite(one, given) for one in (high, low))
     return Mixing(high, low, np.asarray(given[0]), np.asarray(given[-1]), *sides)
 
 
@@ -101,12 +101,12 @@ class Mixing:
         """Unknowns on the nodes: columns of the reflection R."""
         return self.wide.nodes.phi.rows
 
-    def run(self, stop: IntArray | None) -> tuple[Endless, IntArray]:
+    def run(self, stop: IntArray | None) -> tuple[SemiInfinite, IntArray]:
         """What comes back, and the items that are in doubt."""
         high, low, wide, narrow = self.high, self.low, self.wide, self.narrow
         steps = low.zeros((wide.what.room,), np.int32)
         missing, doubted, found = np.zeros(wide.what.room), self.items[:0], []
-        rough = [self.settle_roughly(rows, steps, stop) for rows in (narrow.nodes, narrow.off)]
+        rough = [self.converge_roughly(rows, steps, stop) for rows in (narrow.nodes, narrow.off)]
         K = self.make_K()
         for rows, rough_rows, begin in ((wide.nodes, narrow.nodes, rough[0]), (wide.off, narrow.off, rough[1])):
             R, left, misses = self.bring(rows, rough_rows, begin, K, stop)
@@ -115,7 +115,7 @@ class Mixing:
         Ru = found[1]
         places = 0, Ru.stride, self.n, (STRIP, Ru.ld)
         up, on_nodes = compute_off_node_results(high, wide.asked, wide.counts, wide.off, Ru.data, *places)
-        return Endless(up, on_nodes, high.upload(missing), steps), doubted
+        return SemiInfinite(up, on_nodes, high.upload(missing), steps), doubted
 
     def make_K(self) -> Stack:
         """phi C H^T on the nodes, (n, n), in floats."""
@@ -125,7 +125,7 @@ class Mixing:
         multiply_over_columns(low, what.items, counts, 2, psi, nodes.H, K, 1.0)
         return K
 
-    def renew(self, session: Session, rows: Sheet, R: Stack, Y: Stack, items: Any) -> None:
+    def renew(self, session: Session, rows: FactorColumns, R: Stack, Y: Stack, items: Any) -> None:
         """H = +-phi + R phi_nodes, and Y = H C H_nodes^T, in doubles or floats."""
         side = self.wide if session is self.high else self.narrow
         H, phi = rows.H, side.nodes.phi
@@ -135,7 +135,7 @@ class Mixing:
         multiply_by_coefficients(session, listed, side.counts, H, HC, v_sign=-1.0, odd_sign=-1.0)
         multiply_over_columns(session, items, side.counts, 2, HC, side.nodes.H, Y, 1.0)
 
-    def settle_roughly(self, rows: Sheet, steps: Any, stop: IntArray | None) -> Any:
+    def converge_roughly(self, rows: FactorColumns, steps: Any, stop: IntArray | None) -> Any:
         """R of some rows by fixed points in floats, (item, n, row), and their H; the nodes' own come first."""
         low, what = self.low, self.narrow.what
         shape = what.room, self.n, rows.H.ld
@@ -146,12 +146,12 @@ class Mixing:
         def renew(items: Any) -> None:
             self.renew(low, rows, stack, P, items)
 
-        self.settle(rows, r, R, P, False, renew, tolerance, what.items, steps, stop)
+        self.fixed_point(rows, r, R, P, False, renew, tolerance, what.items, steps, stop)
         renew(what.items)
         return R
 
     def bring(
-        self, rows: Sheet, rough_rows: Sheet, begin: Any, K: Stack, stop: IntArray | None
+        self, rows: FactorColumns, rough_rows: FactorColumns, begin: Any, K: Stack, stop: IntArray | None
     ) -> tuple[Stack, IntArray, Array]:
         """R of some rows in doubles from that in floats, which items miss more than they may, and what each misses."""
         high, room, n, left = self.high, self.wide.what.room, self.n, self.items
@@ -162,7 +162,7 @@ class Mixing:
         for turn in range(MOST_ROUNDS + 1):
             items = high.constant(left)
             self.renew(high, rows, R, Y, items)
-            high.launch("look_at_missing", (n, left.size), *sizes, Y, R, found, items)
+            high.launch("find_missing", (n, left.size), *sizes, Y, R, found, items)
             high.launch("judge_missing", (left.size,), n, found, self.wide.rate, gap, missing, items)
             misses = high.download(missing)
             left = left[~(misses[left] <= self.tolerance[left])]
@@ -175,7 +175,7 @@ class Mixing:
             high.launch("add_correction", (n, left.size), rows.phi.rows, gap, d, R, items)
         return R, left, misses
 
-    def correct(self, rows: Sheet, r: Any, d: Any, K: Stack, items: Any, stop: IntArray | None = None) -> None:
+    def correct(self, rows: FactorColumns, r: Any, d: Any, K: Stack, items: Any, stop: IntArray | None = None) -> None:
         """d = r + what d K makes of it, in floats; d is zero before."""
         low, room = self.low, self.narrow.what.room
         P, D = (stack_in(one, rows.phi.rows, self.n) for one in (low.zeros(r.shape), d))
@@ -184,11 +184,11 @@ class Mixing:
             multiply_stacks(low, items, D, K, P)
 
         steps, proper = low.zeros((room,), np.int32), low.constant(np.full(room, PROPER))
-        self.settle(rows, r, d, P, rows is self.narrow.nodes, multiply, proper, items, steps, stop)
+        self.fixed_point(rows, r, d, P, rows is self.narrow.nodes, multiply, proper, items, steps, stop)
 
-    def settle(
+    def fixed_point(
         self,
-        rows: Sheet,
+        rows: FactorColumns,
         r: Any,
         R: Any,
         P: Stack,
@@ -200,17 +200,17 @@ class Mixing:
         stop: IntArray | None,
     ) -> None:
         """R = r + P over the rates, P being what renew(items) makes of R, in floats, by fixed points with Anderson's
-        acceleration; all items take a step together, those that have settled leave."""
+        acceleration; all items take a step together, those that have converged leave."""
         low, room, n = self.low, self.narrow.what.room, self.n
         led, moved = ([low.zeros(r.shape) for _ in range(3)] for _ in range(2))
-        state, settling, found = low.zeros((room,), np.int32), low.zeros((room, 7)), low.empty((room, n, 5))
+        state, convergence, found = low.zeros((room,), np.int32), low.zeros((room, 7)), low.empty((room, n, 5))
         sizes = mirrored, rows.phi.rows, rows.signed_mu, self.narrow.nodes.signed_mu
         for step in range(_core.MOST_STEPS):
             renew(items)
             low.launch("lead_on", (n, items.size), *sizes, P, r, R, *led, *moved, found, state, items)
-            judged = found, self.narrow.rate, tolerance, settling, steps, state
+            judged = found, self.narrow.rate, tolerance, convergence, steps, state
             low.launch("judge_step", (items.size,), step, n, *judged, items)
-            mixed = rows.phi.rows, P.ld, R, *led, *moved, settling, state
+            mixed = rows.phi.rows, P.ld, R, *led, *moved, convergence, state
             low.launch("mix_steps", (n, items.size), *mixed, items)
             led, moved = led[2:] + led[:2], moved[2:] + moved[:2]
             if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:

@@ -69,7 +69,7 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
     const int layer = stop < n_level ? level_layer[stop] : stop - n_level;
     const real depth = stop < n_level ? level[stop] : thickness[layer];
     const long item = get_global_id(2) * n_layer + layer;
-    if (depth == 0.0 || depth > ENDLESS)
+    if (depth == 0.0 || depth > SEMI_INFINITE)
         return;
     lam_re += item * n;
     lam_im += item * n;
@@ -89,12 +89,12 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
 }
 
 // int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom.
-void fading_integrals(real2 k, real mu, real thickness, real depth, real2* from_top, real2* from_bottom)
+void decaying_integrals(real2 k, real mu, real thickness, real depth, real2* from_top, real2* from_bottom)
 {
     const real left = thickness - depth;
     const real2 rate = (real2)(1.0 + mu * k.x, mu * k.y);
     *from_bottom = (real2)(0.0);
-    if (thickness > ENDLESS) {
+    if (thickness > SEMI_INFINITE) {
         *from_top = over(c_exp(-depth * k), rate);
         return;
     }
@@ -109,7 +109,7 @@ void hyperbolic_integrals(real2 k, real mu, real thickness, real depth, real2* c
     const real left = thickness - depth, h = 0.5 * thickness;
     const real2 zero = (real2)(0.0), one = (real2)(1.0, 0.0);
     real2 from_top, from_bottom;
-    fading_integrals(k, mu, thickness, depth, &from_top, &from_bottom);
+    decaying_integrals(k, mu, thickness, depth, &from_top, &from_bottom);
     const real2 whole = one + c_exp(-thickness * k);
     *cosine = over(from_top + from_bottom, whole);
     if (size_of(k) * thickness > 1.0) {
@@ -124,58 +124,58 @@ void hyperbolic_integrals(real2 k, real mu, real thickness, real depth, real2* c
     *sine = over(0.5 * times(u, v) + 0.5 * times(c_exp((h - depth) * k), w), 0.5 * (c_exp(h * k) + c_exp(-h * k)));
 }
 
-// The same for a real mode, exponentials of its own and of the direction taken once: mode_faded, e^(-left k), faded,
+// The same for a real mode, exponentials of its own and of the direction taken once: mode_decayed, e^(-left k), decayed,
 // e^(-left/mu), at_far, e^(-far k).
-void real_fading_integrals(real k, real mu, real left, real mode_faded, real faded, real at_far,
+void real_decaying_integrals(real k, real mu, real left, real mode_decayed, real decayed, real at_far,
                            real* from_top, real* from_bottom)
 {
-    if (left > ENDLESS) {
+    if (left > SEMI_INFINITE) {
         *from_top = at_far / (1.0 + mu * k);
         *from_bottom = 0.0;
         return;
     }
     const real sum = left * (k + 1.0 / mu), gap = left / mu - left * k;
-    *from_top = at_far * (sum > 1.0 ? 1.0 - mode_faded * faded : -expm1(-sum)) / (1.0 + mu * k);
+    *from_top = at_far * (sum > 1.0 ? 1.0 - mode_decayed * decayed : -expm1(-sum)) / (1.0 + mu * k);
     if (fabs(gap) > 1.0)
-        *from_bottom = (left / mu) * ((mode_faded - faded) / gap);
+        *from_bottom = (left / mu) * ((mode_decayed - decayed) / gap);
     else if (gap == 0.0)
-        *from_bottom = (left / mu) * mode_faded;
+        *from_bottom = (left / mu) * mode_decayed;
     else
-        *from_bottom = (left / mu) * (max(mode_faded, faded) * (-expm1(-fabs(gap)) / fabs(gap)));
+        *from_bottom = (left / mu) * (max(mode_decayed, decayed) * (-expm1(-fabs(gap)) / fabs(gap)));
 }
 
 // Light on its way along mu through a part of a layer to a depth below its top. left: the path times mu; far: depth of
-// its end below the face that e^(-k x) fades from; faded: e^(-left/mu); above: optical depth of the layer's top.
+// its end below the face that e^(-k x) decays from; decayed: e^(-left/mu); above: optical depth of the layer's top.
 typedef struct {
-    int upward, fading;
-    real mu, thickness, above, depth, left, far, faded;
+    int upward, decaying;
+    real mu, thickness, above, depth, left, far, decayed;
 } Way;
 
-// What even and odd modes become on the way; where they fade, those from the near and from the far face.
+// What even and odd modes become on the way; where they decay, those from the near and from the far face.
 typedef struct {
     real2 even, odd;
 } Integrals;
 
 Integrals integrals_of(real2 k, const Way* way)
 {
-    const int upward = way->upward, fading = way->fading;
+    const int upward = way->upward, decaying = way->decaying;
     const real mu = way->mu, thickness = way->thickness, left = way->left, far = way->far;
     Integrals found;
-    if (k.y == 0.0 && (fading || k.x * thickness > 1.0)) {
+    if (k.y == 0.0 && (decaying || k.x * thickness > 1.0)) {
         real top, bottom;
-        real_fading_integrals(k.x, mu, left, exp(-left * k.x), way->faded, exp(-far * k.x), &top, &bottom);
-        if (fading && !upward && thickness > ENDLESS)
+        real_decaying_integrals(k.x, mu, left, exp(-left * k.x), way->decayed, exp(-far * k.x), &top, &bottom);
+        if (decaying && !upward && thickness > SEMI_INFINITE)
             top = 0.0;
-        const real whole = fading ? 1.0 : 1.0 + exp(-thickness * k.x);
-        found.even = (real2)(fading ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
-        found.odd = (real2)(fading ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
-    } else if (!fading) {
+        const real whole = decaying ? 1.0 : 1.0 + exp(-thickness * k.x);
+        found.even = (real2)(decaying ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
+        found.odd = (real2)(decaying ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
+    } else if (!decaying) {
         hyperbolic_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else if (upward) {
-        fading_integrals(k, mu, thickness, far, &found.even, &found.odd);
+        decaying_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else {
         found.odd = (real2)(0.0);
-        if (thickness < ENDLESS)
+        if (thickness < SEMI_INFINITE)
             found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (real2)(k.x + 1.0 / mu, k.y))),
                              (real2)(1.0 + mu * k.x, mu * k.y));
         found.even = (left / mu) * exp_difference(-left * k, (real2)(-left / mu, 0.0));
@@ -220,7 +220,7 @@ void gains_of(real2 lam, const Way* way, const Lit* lit, Gains* gains)
     gains[1].beam = TIMES_IM(share, e_re + kf_re, e_im + kf_im);
     gains[0].zeta = 0.5 * sign * f_re;
     gains[1].zeta = 0.5 * sign * f_im;
-    if (way->fading) {
+    if (way->decaying) {
         gains[0].even = TIMES_RE(even, e_re + kf_re, e_im + kf_im);
         gains[1].even = TIMES_IM(even, e_re + kf_re, e_im + kf_im);
         gains[0].odd = TIMES_RE(odd, e_re - kf_re, e_im - kf_im);
@@ -269,21 +269,21 @@ typedef struct {
 // The path integral is int e^(-x/mu0) e^(-|x - depth|/mu) dx/mu over what lies below depth (upward) or above it.
 Shares shares_of(const Way* way, real mu0)
 {
-    const real mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, fade = exp(-way->above / mu0);
+    const real mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, decay = exp(-way->above / mu0);
     const real path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
         : (depth / mu) * exp_difference((real2)(-depth / mu0, 0.0), (real2)(-depth / mu, 0.0)).x;
-    const int ends = way->upward && way->thickness < ENDLESS;
-    const Shares found = {fade * path, mu * fade * path, depth == 0.0 ? 0.0 : way->upward ? fade : -fade,
+    const int ends = way->upward && way->thickness < SEMI_INFINITE;
+    const Shares found = {decay * path, mu * decay * path, depth == 0.0 ? 0.0 : way->upward ? decay : -decay,
                           ends ? -exp(-way->above / mu0 - way->left / mu) : 0.0};
     return found;
 }
 
 // Which way light takes to a stop.
-Way way_to(int upward, int fading, real mu, real thickness, real above, real depth)
+Way way_to(int upward, int decaying, real mu, real thickness, real above, real depth)
 {
     const real left = upward ? thickness - depth : depth;
     const real far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
-    const Way found = {upward, fading, mu, thickness, above, depth, left, far, exp(-left / mu)};
+    const Way found = {upward, decaying, mu, thickness, above, depth, left, far, exp(-left / mu)};
     return found;
 }
 
@@ -301,10 +301,10 @@ Way way_to(int upward, int fading, real mu, real thickness, real above, real dep
 #define CLOSE_COLUMN(x, before) put_stokes(stokes, to + (long)r##x * rows, sum##x);
 
 // The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
-// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; fades (order, layer).
+// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; decays (order, layer).
 // Global size: n_out, stops, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fades, IN even, IN odd, IN c, IN zeta,
+__kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS decays, IN even, IN odd, IN c, IN zeta,
                           IN fed, PLACES, OUT out, OUT part)
 {
     const int place = get_global_id(0), stop = get_global_id(1), upward = place < n_up, at_face = stop >= n_level;
@@ -313,7 +313,7 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fad
     const long size = (long)n_rhs * rows, all = (long)n_rhs * n;
     const real depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
     const int per_beam = n_rhs / n_in;
-    const Way way = way_to(upward, fades[item], mu_out[place], thickness[layer], above[layer], depth);
+    const Way way = way_to(upward, decays[item], mu_out[place], thickness[layer], above[layer], depth);
     __global real* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
     __global const real* lit_e = lit + item * n * ld + stokes * place;
     __global const real* lit_f = lit_e + (long)get_global_size(2) * n_layer * n * ld;
@@ -334,7 +334,7 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fad
         add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
     // what is not there is fed with nothing: any numbers will do for it
     __global const real* here = depth != 0.0 ? fed_here : c;
-    __global const real* whole = upward && thickness[layer] < ENDLESS ? fed_whole : c;
+    __global const real* whole = upward && thickness[layer] < SEMI_INFINITE ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
             const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);

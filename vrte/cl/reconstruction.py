@@ -6,13 +6,27 @@ from types import SimpleNamespace
 from typing import Any
 
 from vrte import _core
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import STRIP, pad_to_strips
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
 MOST_DOUBLES = 1 << 26  # of what a group of orders takes besides the caller's arrays
-OF_ORDERS = ("G_E", "G_F", "lam_re", "lam_im", "X", "Y", "c", "zeta", "even", "odd", "base_down", "fading", "base_row")
+OF_ORDERS = (
+    "G_E",
+    "G_F",
+    "lam_re",
+    "lam_im",
+    "X",
+    "Y",
+    "c",
+    "zeta",
+    "even",
+    "odd",
+    "base_down",
+    "decaying",
+    "base_row",
+)
 OF_ALL = ("base_out", "thickness", "above", "mu0", "mu_out", "level", "level_layer")
 
 
@@ -62,7 +76,7 @@ def reconstruct_orders(session: Session, sizes: Sizes, of: Any, out: Any, has_ba
     lighting = sizes, sizes.rows, ld, of.G_E, of.G_F, of.X, of.Y, lit
     launch("light_of_modes", (ld // STRIP, orders * layers, 2), *lighting)
     launch("feed_modes", (sizes.stops, sizes.n_in, orders), sizes, of.lam_re, of.lam_im, of.c, *places, fed)
-    modes = of.lam_re, of.lam_im, of.fading, of.even, of.odd, of.c, of.zeta
+    modes = of.lam_re, of.lam_im, of.decaying, of.even, of.odd, of.c, of.zeta
     stops = sizes.stops if layers > 1 else sizes.levels
     launch("sum_sources", (sizes.n_out, stops, orders), sizes, ld, lit, *modes, fed, *places, out, part)
     if layers > 1 or has_base:
@@ -71,7 +85,7 @@ def reconstruct_orders(session: Session, sizes: Sizes, of: Any, out: Any, has_ba
 
 
 @stand_in_for(_core.reconstruct)
-def reconstruct(session: Session, crew: Crew, given: Any) -> None:
+def reconstruct(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Fills out (order, n_tau, n_rhs, S n_out). As many orders are done at once as scratch memory is meant for, and
     none once the crew is stopped."""
     (orders, layers, n), n_out, n_rhs = given.lam_re.shape, given.mu_out.size, given.c.shape[2]

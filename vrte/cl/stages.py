@@ -7,10 +7,10 @@ from functools import wraps
 from types import SimpleNamespace
 from typing import Any
 
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.session import Session
 
-Stage = Callable[[Session, Crew, Any], None]
+Stage = Callable[[Session, ThreadTeam, Any], None]
 
 
 def stand_in_for(core: Callable[..., Any]) -> Callable[[Stage], Callable[..., None]]:
@@ -20,7 +20,7 @@ def stand_in_for(core: Callable[..., Any]) -> Callable[[Stage], Callable[..., No
 
     def decorate(stage: Stage) -> Callable[..., None]:
         @wraps(stage)
-        def call(session: Session, crew: Crew, **named: Any) -> None:
+        def call(session: Session, crew: ThreadTeam, **named: Any) -> None:
             start = time.perf_counter()
             signature.bind(crew, **named)  # the same names, or a TypeError
             with session.lock:

@@ -24,7 +24,7 @@ LONGEST = 0.2  # seconds of a launch, so that a stop is soon obeyed
 LAUNCHES = 19  # of a doubling by a launch a step
 
 
-def is_quicker_at_once(session: Session, items: int, work: float) -> bool:
+def is_quicker_fused(session: Session, items: int, work: float) -> bool:
     """Whether doublings with so many operations an item, inverses left out, take less time by one crew an item than by
     launches that all units share."""
     idle = -(-items // session.units) - items / session.units  # rounds of items that not all units have one of

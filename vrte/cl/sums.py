@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import pad_to_strips
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
@@ -240,7 +240,7 @@ def add_scattering(
 
 
 @stand_in_for(_core.azimuthal_sum)
-def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
+def azimuthal_sum(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Adds to out (n_level, n_in, n_mu, n_phi, 4, n_place) what Fourier orders hold."""
     upload, out = session.constant, given.out
     if not given.kernels.size or not out.size or given.last <= given.first:
@@ -264,7 +264,7 @@ def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
 
 
 @stand_in_for(_core.add_single_scattering)
-def add_single_scattering(session: Session, crew: Crew, given: Any) -> None:
+def add_single_scattering(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Adds path times the phase matrix times columns to out (n_level, n_in, n_mu, n_phi, 4, n_place). ``wide`` is not
     used. Raises ValueError for too many columns or a table that is not of `series_table`."""
     if given.columns.shape[0] > _core.MOST_COLUMNS:

@@ -7,7 +7,7 @@ def assembly_work(n_all, n_term, stokes):
 
 cdef struct Assembly:
     int n_layer, n_term, n_node, n_out, n_in, stokes
-    given_ints orders, members, terms, pile
+    given_ints orders, members, terms, slab_stack
     given coefficients, albedo, directions, weights
     doubles E, F, G_E, G_F, source_s, source_d
 
@@ -17,30 +17,30 @@ def assemble(crew, *, const int[::1] orders, const int[::1] members, const doubl
              const int[::1] terms, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
              int n_out, double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E,
              double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d,
-             const int[::1] pile=None):
+             const int[::1] slab_stack=None):
     """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
 
     members (S,): the Stokes parameters, ascending; directions: nodes, then n_out outgoing, then incident cosines (all
     positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E,
     G_F (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
     (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
-    1/(2 pi). pile (order,): of which of several scenes each of `orders` is, whose layers lie one behind the other.
+    1/(2 pi). slab_stack (order,): of which of several scenes each of `orders` is, whose layers lie one behind the other.
     """
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_term = <int>coefficients.shape[1]
     cdef Assembly task = Assembly(
         <int>E.shape[1], n_term, n_node, n_out, n_all - n_node - n_out, <int>members.shape[0], &orders[0],
         &members[0], &terms[0], NULL, &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0, 0],
         &F[0, 0, 0, 0], &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0])
-    if pile is not None:
-        task.pile = &pile[0]
+    if slab_stack is not None:
+        task.slab_stack = &slab_stack[0]
     run_items(crew, assemble_one, &task, <int>orders.shape[0] * task.n_layer,
               assembly_work(n_all, n_term, task.stokes), 0, NULL)
 
 
 # (1:13), (1:16)-(1:23)
-cdef int assemble_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int assemble_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Assembly* a = <const Assembly*>task
-    cdef int m = a.orders[item // a.n_layer], layer = layer_of(a.pile, a.n_layer, item), terms = a.terms[layer]
+    cdef int m = a.orders[item // a.n_layer], layer = layer_of(a.slab_stack, a.n_layer, item), terms = a.terms[layer]
     cdef int n_node = a.n_node, n_out = a.n_out, n_in = a.n_in, n_all = n_node + n_out + n_in, stokes = a.stokes
     cdef int n = stokes * n_node, into = stokes * n_in, out = stokes * n_out
     cdef size_t at = item, room = <size_t>(2 * stokes * n_all) * a.n_term

@@ -1,7 +1,7 @@
 # Boundary conditions, (1:49)-(1:65), all layers of one order. Even and odd modes about the middle of a layer,
 #   even: y = cosh(k t)/cosh(k h), z = -lambda y_odd;  odd: y = sinh(k t)/(k cosh(k h)), z = -y_even,
 # split the 8N system of a slab into two 4N systems and stay regular at lambda = 0; layers join by the star
-# product from the base up, as in (2:8). In a layer so thick that every mode fades (`fades`), "even" is e^(-k tau)
+# product from the base up, as in (2:8). In a layer so thick that every mode decays (`decays`), "even" is e^(-k tau)
 # and "odd" e^(-k (thickness - tau)), each referred to its own face as in (2:12)-(2:15): faint light keeps its digits.
 
 cdef struct Modes:
@@ -9,13 +9,13 @@ cdef struct Modes:
     int n
     given lam_re, lam_im, X, Y
     double thickness
-    bint fading
+    bint decaying
 
 
 cdef inline Modes modes_at(int n, size_t at, given lam_re, given lam_im, given X, given Y, double thickness,
-                           bint fading) noexcept nogil:
+                           bint decaying) noexcept nogil:
     """The modes number `at` of arrays (..., n) and (..., n, n)."""
-    return Modes(n, lam_re + at * n, lam_im + at * n, X + at * n * n, Y + at * n * n, thickness, fading)
+    return Modes(n, lam_re + at * n, lam_im + at * n, X + at * n * n, Y + at * n * n, thickness, decaying)
 
 
 cdef inline cplx lambda_of(const Modes* a, int j) noexcept nogil:
@@ -60,14 +60,14 @@ def boundary_work(n, n_layer, n_rhs):
 cdef struct Boundary:
     int n, n_layer, n_in, n_rhs
     given lam_re, lam_im, X, Y, c, zeta
-    given_ints clear, pile
+    given_ints clear, slab_stack
     given thickness, mu0, above
     given_ints base_row
     given base, base_source, top
     int stokes
     bint topped
     doubles even, odd, base_down
-    ints fading
+    ints decaying
     doubles residual
 
 
@@ -76,8 +76,8 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
              const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
              const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
              const double[:, :, ::1] top, double[:, :, :, ::1] even, double[:, :, :, ::1] odd,
-             double[:, :, ::1] base_down, int[:, ::1] fading, double[:, ::1] residual, int[::1] info,
-             const int[::1] pile=None):
+             double[:, :, ::1] base_down, int[:, ::1] decaying, double[:, ::1] residual, int[::1] info,
+             const int[::1] slab_stack=None):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
@@ -85,8 +85,8 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
     that order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped.
     top (N, S, S): what an interface above the layers sends back down along each node, of no nodes where there is none.
     even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base;
-    fading (order, layer): whether every mode of a layer fades, which is decided here, and says what its amplitudes are
-    of; residual (order, layer): of the linear systems, relative. pile: as of `assemble`.
+    decaying (order, layer): whether every mode of a layer decays, which is decided here, and says what its amplitudes are
+    of; residual (order, layer): of the linear systems, relative. stack: as of `assemble`.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
     cdef Boundary task = Boundary(
@@ -94,12 +94,12 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
         &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], NULL,
         &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
         &base_source[0, 0, 0], NULL, <int>top.shape[2], top.shape[0] > 0,
-        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
+        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &decaying[0, 0],
         &residual[0, 0])
     if task.topped:
         task.top = &top[0, 0, 0]
-    if pile is not None:
-        task.pile = &pile[0]
+    if slab_stack is not None:
+        task.slab_stack = &slab_stack[0]
     run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n,
               &info[0])
 
@@ -113,26 +113,26 @@ cdef struct Slab:
     doubles R, T, G              # G: from what falls at the bottom to what goes up there
     doubles top, rising, falling # the beam's field: down at the top; up and down at the bottom (n_rhs, n)
     doubles emitted, g           # down and up at the bottom where nothing falls in
-    cplx* tangents               # tanh(k thickness/2)/k, (n,), unless all fades
+    cplx* tangents               # tanh(k thickness/2)/k, (n,), unless all decays
     ints pivots
 
 
-cdef Slab slab_at(const Boundary* t, int item, int layer, Desk desk) noexcept nogil:
+cdef Slab slab_at(const Boundary* t, int item, int layer, Workspace desk) noexcept nogil:
     cdef size_t n = t.n, nn = n * n, nr = n * t.n_rhs, at = <size_t>item * t.n_layer + layer
     cdef doubles systems = desk.work + 5 * layer * nn, vectors = desk.work + 5 * (t.n_layer * nn + layer * nr)
-    cdef int here = first_layer(t.pile, t.n_layer, item) + layer
+    cdef int here = first_layer(t.slab_stack, t.n_layer, item) + layer
     return Slab(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.fading[at]), t.n_rhs,
+        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[at]), t.n_rhs,
         t.n_rhs // t.n_in, t.c + at * nr, t.zeta + at * nr, t.mu0, t.above[here], systems, systems + nn,
         systems + 2 * nn, systems + 3 * nn, systems + 4 * nn, vectors, vectors + nr, vectors + 2 * nr,
         vectors + 3 * nr, vectors + 4 * nr, <cplx*>(desk.work + 5 * t.n_layer * (nn + nr)) + layer * n,
         desk.pivots + 2 * layer * n)
 
 
-cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Boundary* t = <const Boundary*>task
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
-    cdef int first = first_layer(t.pile, n_layer, item), last = first + n_layer - 1
+    cdef int first = first_layer(t.slab_stack, n_layer, item), last = first + n_layer - 1
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
     cdef bint joined = n_layer > 1 or row >= 0 or t.topped
     cdef double missing = 0.0
@@ -144,9 +144,9 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef Slab slab
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
-        slab.modes.fading = (
-            t.thickness[first + layer] > ENDLESS or slowest_rate(&slab.modes) * t.thickness[first + layer] > FADING)
-        t.fading[<size_t>item * n_layer + layer] = slab.modes.fading
+        slab.modes.decaying = (
+            t.thickness[first + layer] > SEMI_INFINITE or slowest_rate(&slab.modes) * t.thickness[first + layer] > DECAYING)
+        t.decaying[<size_t>item * n_layer + layer] = slab.modes.decaying
         info = slab_systems(&slab, scratch, spare)
         if info != 0:
             return info
@@ -232,13 +232,13 @@ cdef int send_back(const Boundary* t, given below, given up, doubles down, ints 
 
 # (1:45)
 cdef void slab_matrix(const Slab* slab, bint is_odd, doubles matrix, doubles spare) noexcept nogil:
-    """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
+    """Even: X + Y lambda f (where all decays: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
     cdef const Modes* a = &slab.modes
     cdef int j
     cdef size_t i
     cdef cplx* f = <cplx*>spare
     for j in range(a.n):
-        if a.fading:
+        if a.decaying:
             f[j] = rate_of(a, j)
         else:
             f[j] = slab.tangents[j] if is_odd else times(slab.tangents[j], lambda_of(a, j))
@@ -256,11 +256,11 @@ cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil
     cdef cplx* response = <cplx*>(scratch + 4 * n)
     cdef cplx k
     cdef double at_top, at_bottom
-    for j in range(0 if a.fading else n):
+    for j in range(0 if a.decaying else n):
         slab.tangents[j] = half_tangent(rate_of(a, j), a.thickness)
     slab_matrix(slab, False, slab.even_lu, spare)
     info = factorise(n, slab.even_lu, n, slab.pivots)
-    if info == 0 and not a.fading:
+    if info == 0 and not a.decaying:
         slab_matrix(slab, True, slab.odd_lu, spare)
         info = factorise(n, slab.odd_lu, n, slab.pivots + n)
     multiply(n, slab.n_rhs, n, 0.5, a.Y, slab.zeta, 0.0, slab.top)
@@ -270,7 +270,7 @@ cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil
         at_top = exp(-slab.above / slab.mu0[beam])
         for i in range(n):
             slab.top[at + i] *= at_top
-        if a.thickness > ENDLESS:
+        if a.thickness > SEMI_INFINITE:
             continue
         at_bottom = exp(-a.thickness / slab.mu0[beam])
         if r % slab.per_beam == 0:
@@ -290,14 +290,14 @@ cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil
     return info
 
 
-cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubles spare) noexcept nogil:
-    """R and T from those of the endless layer, R0 = (X - Y k) P^-1, and S = P e^(-k thickness) P^-1, P = X + Y k:
+cdef int decaying_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubles spare) noexcept nogil:
+    """R and T from those of the semi-infinite layer, R0 = (X - Y k) P^-1, and S = P e^(-k thickness) P^-1, P = X + Y k:
     R = (R0 - S W) a and T = (S - R0 W) a with W = R0 S, a = (1 - W^2)^-1."""
     cdef const Modes* a = &slab.modes
     cdef int n = a.n, j, info = 0
     cdef size_t nn = <size_t>n * n, i
     cdef doubles R = slab.R, T = slab.T, W = scratch, M = scratch + nn
-    cdef cplx* fade = <cplx*>spare
+    cdef cplx* decay = <cplx*>spare
     copy(nn, a.X, R)
     times_inverse(n, slab.even_lu, slab.pivots, R)
     for i in range(nn):
@@ -305,12 +305,12 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
     for j in range(n):
         R[<size_t>j * n + j] -= 1.0
     set_zero(nn, T)
-    if a.thickness > ENDLESS:
+    if a.thickness > SEMI_INFINITE:
         return 0
     slab_matrix(slab, False, M, spare)
     for j in range(n):
-        fade[j] = c_exp(-a.thickness * rate_of(a, j))
-    scale_columns(n, n, a.lam_im, fade, M, T)
+        decay[j] = c_exp(-a.thickness * rate_of(a, j))
+    scale_columns(n, n, a.lam_im, decay, M, T)
     times_inverse(n, slab.even_lu, slab.pivots, T)                           # S
     multiply(n, n, n, 1.0, R, T, 0.0, W)
     copy(nn, R, M)                                                              # R0
@@ -335,8 +335,8 @@ cdef int join_layer(const Slab* slab, bint lowest, ints pivots_below, doubles be
     cdef int n = a.n, n_rhs = slab.n_rhs, j, info
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
     cdef doubles R = slab.R, T = slab.T, G = slab.G, g = slab.g, inner = scratch
-    if a.fading:
-        info = fading_slab(slab, pivots_below, scratch, spare)
+    if a.decaying:
+        info = decaying_slab(slab, pivots_below, scratch, spare)
         if info != 0:
             return info
     else:
@@ -407,8 +407,8 @@ cdef double amplitudes(const Slab* slab, given top, given bottom, doubles even, 
     """even = (X + Y lambda f)^-1 (top + bottom), odd = (X f + Y)^-1 (bottom - top); the relative residual."""
     cdef size_t nr = <size_t>slab.modes.n * slab.n_rhs, i
     cdef double worst, largest = 0.0
-    if slab.modes.fading:
-        return fading_amplitudes(slab, top, bottom, even, odd, scratch, spare)
+    if slab.modes.decaying:
+        return decaying_amplitudes(slab, top, bottom, even, odd, scratch, spare)
     for i in range(nr):
         even[i] = top[i] + bottom[i]
         odd[i] = bottom[i] - top[i]
@@ -434,7 +434,7 @@ cdef double solve_checked(const Slab* slab, bint is_odd, doubles amplitude, doub
 
 
 # (2:12)-(2:15)
-cdef double fading_amplitudes(const Slab* slab, given top, given bottom, doubles from_top, doubles from_bottom,
+cdef double decaying_amplitudes(const Slab* slab, given top, given bottom, doubles from_top, doubles from_bottom,
                               doubles scratch, doubles spare) noexcept nogil:
     """from_top = P^-1 (2 top - Q e^(-k thickness) from_bottom), from_bottom = P^-1 (2 bottom - Q e^(-k thickness)
     from_top) by turns, P, Q = X +- Y k: each gains the factor e^(-k thickness) squared. The relative residual at the
@@ -448,7 +448,7 @@ cdef double fading_amplitudes(const Slab* slab, given top, given bottom, doubles
         from_top[i] = 2.0 * top[i]
     solve(n, n_rhs, slab.even_lu, slab.pivots, from_top, n)
     set_zero(nr, from_bottom)
-    if a.thickness < ENDLESS:
+    if a.thickness < SEMI_INFINITE:
         for sweep in range(1 + <int>(19.0 / (slowest_rate(a) * a.thickness))):
             if sweep > 0:
                 other_face(slab, top, from_bottom, from_top, scratch, spare)
@@ -470,15 +470,15 @@ cdef void other_face(const Slab* slab, given entering, given amplitude, doubles 
     cdef const Modes* a = &slab.modes
     cdef int n = a.n, n_rhs = slab.n_rhs, j, r
     cdef size_t i
-    cdef cplx* fade = <cplx*>scratch
-    cdef cplx* slope = fade + n
+    cdef cplx* decay = <cplx*>scratch
+    cdef cplx* slope = decay + n
     for j in range(n):
-        fade[j] = c_exp(-a.thickness * rate_of(a, j))
-        slope[j] = times(rate_of(a, j), fade[j])
+        decay[j] = c_exp(-a.thickness * rate_of(a, j))
+        slope[j] = times(rate_of(a, j), decay[j])
     for i in range(<size_t>n * n_rhs):
         out[i] = 2.0 * entering[i]
     for r in range(n_rhs):
-        scale_coordinates(n, a.lam_im, fade, amplitude + <size_t>r * n, spare + <size_t>r * n)
+        scale_coordinates(n, a.lam_im, decay, amplitude + <size_t>r * n, spare + <size_t>r * n)
     multiply(n, n_rhs, n, -1.0, a.X, spare, 1.0, out)
     for r in range(n_rhs):
         scale_coordinates(n, a.lam_im, slope, amplitude + <size_t>r * n, spare + <size_t>r * n)

@@ -2,7 +2,7 @@
 
 cdef struct Bounding:
     bint polar
-    int n_term, n_layer, n_all, n_node, n_out, n_pile
+    int n_term, n_layer, n_all, n_node, n_out, n_stack
     given_ints terms
     given coefficients, albedo, directions, weights
     doubles strength, bounds, effect
@@ -10,7 +10,7 @@ cdef struct Bounding:
 
 def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
                  const double[::1] directions, const double[::1] weights, int n_out, double[:, ::1] strength,
-                 double[::1] bounds, double[:, ::1] effect, int piles=1):
+                 double[::1] bounds, double[:, ::1] effect, int slab_stacks=1):
     """What multiple scattering can do, order by order, before anything is solved.
 
     coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (layer,
@@ -18,11 +18,11 @@ def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] t
     all light scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of
     L2 over depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing
     direction and of its column from an incident one. effect (order, node): what light that is scattered by way of one
-    node adds, times (1 - q)^2. Of several `piles` with as many layers each, all of these lie one behind the other.
+    node adds, times (1 - q)^2. Of several `slab_stacks` with as many layers each, all of these lie one behind the other.
     """
     cdef Bounding task = Bounding(
-        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1], <int>coefficients.shape[0] // piles,
-        <int>directions.shape[0], <int>weights.shape[0], n_out, piles, &terms[0], &coefficients[0, 0, 0], &albedo[0],
+        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1], <int>coefficients.shape[0] // slab_stacks,
+        <int>directions.shape[0], <int>weights.shape[0], n_out, slab_stacks, &terms[0], &coefficients[0, 0, 0], &albedo[0],
         &directions[0], &weights[0], &strength[0, 0], &bounds[0],
         &effect[0, 0])
     run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 3) * task.n_term + 3 * task.n_all, 0, NULL)
@@ -34,7 +34,7 @@ cdef inline double norm_of_coefficients(given c) noexcept nogil:
     return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
 
 
-cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
+cdef int order_bound(const void* task, int m, Workspace desk) noexcept nogil:
     cdef const Bounding* b = <const Bounding*>task
     cdef int n_term = b.n_term, n_all = b.n_all, n_node = b.n_node, n_out = b.n_out
     cdef given directions = b.directions, albedo = b.albedo
@@ -46,7 +46,7 @@ cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
     cdef doubles size = to_in + n_all
     cdef doubles out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
     cdef doubles into = out + n_term                           # direction
-    cdef int l, i, layer, pile
+    cdef int l, i, layer, slab_stack
     cdef double worst_u, worst_v, factor, out_factor, in_factor
     cdef given p
     cdef doubles norm, q, bound, effect
@@ -62,10 +62,10 @@ cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
                 norm[i] = fabs(p[i])
         out[l] = largest_of(n_out, norm + n_node)
         into[l] = largest_of(n_all - n_node - n_out, norm + n_node + n_out)
-    for layer in range(b.n_pile * b.n_layer):
-        pile = layer // b.n_layer
-        bound = b.bounds + <size_t>pile * n_term + m
-        effect = b.effect + (<size_t>pile * n_term + m) * n_node
+    for layer in range(b.n_stack * b.n_layer):
+        slab_stack = layer // b.n_layer
+        bound = b.bounds + <size_t>slab_stack * n_term + m
+        effect = b.effect + (<size_t>slab_stack * n_term + m) * n_node
         if layer % b.n_layer == 0:
             bound[0] = 0.0
             set_zero(n_node, effect)
@@ -98,7 +98,7 @@ def bounds_at(*, const double[::1] strength, const double[::1] bounds, const dou
               const double[::1] decays):
     """What multiple scattering of each order adds at most at each depth, (order, n_tau).
 
-    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = decays (1 - q).
     """
     cdef int n_order = <int>strength.shape[0], n_tau = <int>depth.shape[0], m, t, d

@@ -1,7 +1,7 @@
 /* Numbers that the compiled core and the OpenCL kernels share; Python has them as attributes of vrte._core. */
 
-#define ENDLESS 1e300         /* optical thickness: beyond it a layer has no bottom */
-#define FADING 4.0            /* e-folds from face to face: where every mode loses more, each is of its own face */
+#define SEMI_INFINITE 1e300         /* optical thickness: beyond it a layer has no bottom */
+#define DECAYING 4.0            /* e-folds from face to face: where every mode loses more, each is of its own face */
 #define RESONANT 0.02         /* k mu and 1: closer than this a mode is in resonance with a direction */
 #define NO_LIGHT 1e-280       /* below, denormal numbers have no digits to check */
 #define ROUNDING 4e-16        /* of the quadrature of a base's operator, not a loss */

@@ -5,7 +5,7 @@ def doubling_work(n, r, o):
 
 cdef struct Doubling:
     int stokes, n_node, n_in, n_col, n_out, n_slab, n_material
-    bint conserving, clear, settled
+    bint conserving, clear, converged
     given_ints orders, material
     given thickness, albedo, asymmetry, nodes, weights, mu0, columns, mu_out
     given E, F, G_E, G_F, source_s, source_d
@@ -13,7 +13,7 @@ cdef struct Doubling:
     ints doublings
 
 
-def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bint settled, const int[::1] material,
+def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bint converged, const int[::1] material,
                  const double[::1] thickness, const double[::1] albedo, const double[::1] asymmetry,
                  const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
@@ -23,7 +23,7 @@ def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bi
                  int[:, ::1] info):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether
+    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; converged: whether
     doublings that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry
     (material,) and in the matrices that `assemble` left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col,
     S) the incident Stokes vectors, mu_out (n_out,). R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks
@@ -34,7 +34,7 @@ def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bi
     cdef int stokes = <int>columns.shape[1], n_slab = <int>material.shape[0]
     cdef Doubling task = Doubling(
         stokes, <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0], n_slab,
-        <int>albedo.shape[0], conserving, clear, settled, &orders[0], &material[0], &thickness[0], &albedo[0],
+        <int>albedo.shape[0], conserving, clear, converged, &orders[0], &material[0], &thickness[0], &albedo[0],
         &asymmetry[0], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0],
         &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0], &R[0, 0, 0], &T[0, 0, 0],
         &lost[0, 0, 0], &residual[0, 0, 0], &doublings[0, 0])
@@ -52,10 +52,10 @@ cdef struct Work:
     given columns, mu0, mu_out
     Extended e, f, Ze, Zo, C, a, b, spare, r, t
     doubles v
-    Desk desk
+    Workspace desk
 
 
-cdef int double_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int double_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Doubling* d = <const Doubling*>task
     cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info
     cdef Sizes s = Sizes(stokes * d.n_node, d.n_in * d.n_col, stokes * d.n_out, stokes)
@@ -84,10 +84,10 @@ cdef int double_one(const void* task, int item, Desk desk) noexcept nogil:
         turn_extended(&w)
     product_extended(s, 1.0, w.f, w.e, w.a)
     w.steepest = max(w.steepest, sqrt(norm_1(s.n, w.a.N)))
-    if w.thickness < ENDLESS:
-        info = double_plainly(&w, d.settled, d.doublings + item)
+    if w.thickness < SEMI_INFINITE:
+        info = double_plainly(&w, d.converged, d.doublings + item)
     else:
-        info = double_endless(&w, d.doublings + item)
+        info = double_semi_infinite(&w, d.doublings + item)
     if info != 0 or desk.stop[0]:
         return info
     info = reflect_and_transmit(&w, lost)
@@ -173,12 +173,12 @@ cdef double[4] NUMERATOR = TANH_NUMERATOR
 cdef double[4] DENOMINATOR = TANH_DENOMINATOR
 
 
-cdef int double_plainly(Work* w, bint settled, int* doublings) noexcept nogil:
+cdef int double_plainly(Work* w, bint converged, int* doublings) noexcept nogil:
     """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo
     Ze; a is F E on entry.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
-    C <- (C L^-1)^2, which keeps them where T is too small for a difference. settled: once C is below the rounding of 1,
+    C <- (C L^-1)^2, which keeps them where T is too small for a difference. converged: once C is below the rounding of 1,
     L = 2 and doublings change C alone.
     """
     cdef Sizes s = w.s
@@ -194,7 +194,7 @@ cdef int double_plainly(Work* w, bint settled, int* doublings) noexcept nogil:
     for step in range(count):
         if info != 0 or w.desk.stop[0]:
             return info
-        if settled and carried and largest_of(size_extended(s), w.C.N) < SETTLED:
+        if converged and carried and largest_of(size_extended(s), w.C.N) < SETTLED:
             product_extended(s, 0.25, w.C, w.C, w.b)
             copy_extended(s, w.b, w.C)
             h = 2.0 * h
@@ -291,7 +291,7 @@ cdef int rational_start(const Work* w, double h) noexcept nogil:
     return info
 
 
-cdef int double_endless(Work* w, int* doublings) noexcept nogil:
+cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
     """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
@@ -339,17 +339,17 @@ cdef int reflect_and_transmit(const Work* w, doubles lost) noexcept nogil:
     row."""
     cdef Sizes s = w.s
     cdef int info, i, axis = flux_axis(s.n, s.stokes)
-    cdef bint endless = w.thickness > ENDLESS
+    cdef bint semi_infinite = w.thickness > SEMI_INFINITE
     copy_extended(s, w.Ze, w.a)
     add_identity(s, 1.0, w.a)
     info = invert_extended(s, w.a, w.spare, w.desk.pivots)
     if info != 0:
         return info
-    product_extended(s, -2.0 if endless else -1.0, w.Ze, w.a, w.r)
+    product_extended(s, -2.0 if semi_infinite else -1.0, w.Ze, w.a, w.r)
     if w.m == 0:
         for i in range(s.n):
-            lost[i] = w.r.N[<size_t>i * s.n + axis] * (-1.0 if endless else -2.0)
-    if endless:
+            lost[i] = w.r.N[<size_t>i * s.n + axis] * (-1.0 if semi_infinite else -2.0)
+    if semi_infinite:
         add_identity(s, 1.0, w.r)
     else:
         product_extended(s, 1.0, w.C, w.a, w.b)                        # C (1 + Ze)^-1

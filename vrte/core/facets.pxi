@@ -60,7 +60,7 @@ cdef double shade(const Facets* f, double mu, double sine) noexcept nogil:
     return 1.0 / (1.0 + hidden)
 
 
-cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
+cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
     """The integral over azimuth in pieces of Gauss's rule: as wide as the facets' lobe where it is, then ever wider, no
     wider than the highest order allows, cut where facets turn away or begin to reflect totally."""
     cdef const Facets* f = <const Facets*>task

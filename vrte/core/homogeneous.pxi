@@ -10,13 +10,13 @@ cdef enum:
 
 def symmetric_eigenproblem(const double[:, ::1] matrix, bint wide=True):
     """Eigenvalues (n,) in no order and vectors (vector, n) of a symmetric matrix (n, n), steep rows first, by the loops
-    that `homogeneous` takes for small ones. Raises ArithmeticError where they do not settle. `wide=False` leaves AVX2
+    that `homogeneous` takes for small ones. Raises ArithmeticError where they do not converge. `wide=False` leaves AVX2
     unused."""
     cdef int n = <int>matrix.shape[0]
     cdef double[:, ::1] spent = np.array(matrix), vectors = np.empty((n, n))
     cdef double[::1] values = np.empty(n), work = np.empty(3 * n)
     if vrte_best_eigensolver(wide)(n, &spent[0, 0], &values[0], &vectors[0, 0], &work[0]) != 0:
-        raise ArithmeticError("the eigenvalues do not settle")
+        raise ArithmeticError("the eigenvalues do not converge")
     return np.asarray(values), np.asarray(vectors)
 
 
@@ -29,7 +29,7 @@ cdef struct Homogeneous:
     Nodes nodes
     int n_layer
     bint conserving, quick, clear
-    given_ints orders, pile
+    given_ints orders, slab_stack
     given albedo, E, F
     doubles lam_re, lam_im, X, Y, X_lu
     ints X_pivots
@@ -40,7 +40,7 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
                 const double[::1] directions, const double[::1] weights, const double[:, :, :, ::1] E,
                 const double[:, :, :, ::1] F, double[:, :, ::1] lam_re, double[:, :, ::1] lam_im,
                 double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu, int[:, :, ::1] X_pivots,
-                double[:, ::1] residual, int[:, ::1] info, const int[::1] pile=None):
+                double[:, ::1] residual, int[:, ::1] info, const int[::1] slab_stack=None):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
     conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
@@ -48,7 +48,7 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
     without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical
     depth squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots
     starts with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer): the largest of
-    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading, which only a
+    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that oscillates instead of decaying, which only a
     phase matrix with more terms than the nodes carry has.
     """
     cdef int n_layer = <int>X.shape[1], n = <int>X.shape[3]
@@ -57,8 +57,8 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
         &orders[0], NULL, &albedo[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0],
         &X[0, 0, 0, 0],
         &Y[0, 0, 0, 0], &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
-    if pile is not None:
-        task.pile = &pile[0]
+    if slab_stack is not None:
+        task.slab_stack = &slab_stack[0]
     run_items(crew, homogeneous_one, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
 
 
@@ -73,7 +73,7 @@ cdef struct Halved:
 
 
 # (1:40)-(1:44)
-cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int homogeneous_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Homogeneous* t = <const Homogeneous*>task
     cdef int n = t.nodes.n, info, i, together, diffusion = -1
     cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
@@ -81,10 +81,10 @@ cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef ints X_pivots = t.X_pivots + at
     cdef Halved h = Halved(
         t.nodes, t.conserving and t.orders[item // t.n_layer] == 0, t.quick,
-        t.albedo[layer_of(t.pile, t.n_layer, item)], t.E + first,
+        t.albedo[layer_of(t.slab_stack, t.n_layer, item)], t.E + first,
         t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
     cdef bint paired = False       # X^-1 = Y^T
-    cdef bint growing = False      # a mode that neither fades nor grows: phase matrices with too many terms have one
+    cdef bint growing = False      # a mode that neither decays nor grows: phase matrices with too many terms have one
     cdef double largest = 0.0
     if t.clear and h.albedo == 0.0:
         clear_modes(&h, X_lu, X_pivots)
@@ -289,10 +289,10 @@ cdef int polish_smallest(const Halved* h, int together, given v, given e, given 
         h.lam_re[best] = 0.0
         return best
     for j in range(inner):
-        leave_out(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
+        skip_flags(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
     if factorise(inner, lu, inner, pivots) != 0:
         return best
-    leave_out(n, axis, e + axis * n, row)
+    skip_flags(n, axis, e + axis * n, row)
     copy(inner, row, column)
     solve(inner, 1, lu, pivots, column, inner)
     pivot = e[axis * n + axis]
@@ -302,7 +302,7 @@ cdef int polish_smallest(const Halved* h, int together, given v, given e, given 
         solve(n, 1, f_lu, h.pivots, x, n)
         turn_columns(h.nodes, 1, v, x)
         top = x[axis]
-        leave_out(n, axis, x, part)
+        skip_flags(n, axis, x, part)
         solve(inner, 1, lu, pivots, part, inner)
         for i in range(inner):
             top -= row[i] * part[i]
@@ -339,7 +339,7 @@ cdef void clear_of_diffusion(const Halved* h, int diffusion) noexcept nogil:
                 h.Y[<size_t>j * n + i] -= share * y[i]
 
 
-cdef inline void leave_out(int n, int axis, given x, doubles out) noexcept nogil:
+cdef inline void skip_flags(int n, int axis, given x, doubles out) noexcept nogil:
     """x (n,) without one element."""
     copy(axis, x, out)
     copy((n - 1 - axis), x + axis + 1, out + axis)

@@ -1,4 +1,4 @@
-# The top of a layer without end, by invariance alone: a thin layer added on top changes nothing, so with E = D - e and
+# The top of a semi-infinite layer, by invariance alone: a thin layer added on top changes nothing, so with E = D - e and
 # F = D - f, D = 1/mu,
 #   D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2.
 # e = phi C phi^T and f alike are of low rank, a few columns a degree. With He = phi_e + R phi_e, Hf = phi_f - R phi_f
@@ -6,12 +6,12 @@
 # reciprocity, Q and q the signs of V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
 def invariance_work(n_node, n_off, stokes, n_term):
-    """Doubles of `work` that one thread of `reflect_endless` needs."""
+    """Doubles of `work` that one thread of `reflect_semi_infinite` needs."""
     n, u = stokes * n_node, stokes * n_off
     return (3 * (n_node + n_off) + 12 * (n + u)) * n_term + n_node + n * n + u * n + 2 * u * u + 6 * n * max(n, u)
 
 
-cdef struct Endless:
+cdef struct SemiInfinite:
     int stokes, terms, n_all, n_node, n_out, n_in, n_col
     bint halves
     double albedo, tolerance
@@ -21,12 +21,12 @@ cdef struct Endless:
     ints steps
 
 
-def reflect_endless(crew, *, const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients,
+def reflect_semi_infinite(crew, *, const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients,
                     int terms, double albedo, const double[::1] directions, const double[::1] weights,
                     const int[::1] out, const int[::1] into, const double[:, ::1] columns, double tolerance,
                     bint halves, double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual,
                     int[::1] steps):
-    """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
+    """The light that a semi-infinite layer sends back, one Fourier order after another, single scattering left out.
 
     members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
     out (n_out,), into (n_in,): places among the latter; columns (n_col, S); halves: whether one half of each symmetric
@@ -35,15 +35,15 @@ def reflect_endless(crew, *, const int[::1] orders, const int[::1] members, cons
     what is still missing of R, estimated from the last steps, relative to its largest element; steps (order,).
     """
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
-    cdef Endless task = Endless(
+    cdef SemiInfinite task = SemiInfinite(
         stokes, terms, n_all, n_node, <int>out.shape[0], <int>into.shape[0], <int>columns.shape[0], halves, albedo,
         tolerance, &orders[0], &members[0], &out[0], &into[0], &coefficients[0, 0], &directions[0], &weights[0],
         &columns[0, 0], &up[0, 0, 0, 0], &on_nodes[0, 0, 0], &residual[0], &steps[0])
-    run_items(crew, endless_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0,
+    run_items(crew, semi_infinite_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0,
               NULL)
 
 
-cdef struct Sheet:
+cdef struct FactorColumns:
     # what one kind (E or F) has on some rows: phi, H and H C, column by column
     int rows
     int columns
@@ -52,7 +52,7 @@ cdef struct Sheet:
     doubles HC
 
 
-cdef doubles sheet_at(doubles memory, const Expansion* x, int kind, int n_mu, Sheet* sheet) noexcept nogil:
+cdef doubles sheet_at(doubles memory, const Expansion* x, int kind, int n_mu, FactorColumns* sheet) noexcept nogil:
     """Places a sheet; what lies behind it."""
     sheet.rows, sheet.columns = x.p.stokes * n_mu, columns_of(x, kind)
     sheet.phi = memory
@@ -61,13 +61,13 @@ cdef doubles sheet_at(doubles memory, const Expansion* x, int kind, int n_mu, Sh
     return sheet.HC + <size_t>sheet.rows * sheet.columns
 
 
-cdef void step_of(Sheet rows, Sheet nodes, double sign, doubles HC_H, double add) noexcept nogil:
+cdef void step_of(FactorColumns rows, FactorColumns nodes, double sign, doubles HC_H, double add) noexcept nogil:
     """HC_H = sign H C H_nodes^T + add HC_H."""
     product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
             rows.rows)
 
 
-cdef void half_step_of(Sheet nodes, double sign, doubles HC_H, double add) noexcept nogil:
+cdef void half_step_of(FactorColumns nodes, double sign, doubles HC_H, double add) noexcept nogil:
     """step_of on the nodes, where it is symmetric: STRIPS strips of columns, each from the diagonal down."""
     cdef int strip, first, last
     for strip in range(STRIPS):
@@ -85,7 +85,7 @@ cdef void mirror(int n, doubles a) noexcept nogil:
             a[<size_t>i * n + j] = a[<size_t>j * n + i]
 
 
-cdef void renew(Sheet rows, Sheet nodes, double sign, given R) noexcept nogil:
+cdef void renew(FactorColumns rows, FactorColumns nodes, double sign, given R) noexcept nogil:
     """H = phi + sign R phi_nodes."""
     copy(<size_t>rows.rows * rows.columns, rows.phi, rows.H)
     product(b"N", b"N", rows.rows, rows.columns, nodes.rows, sign, R, rows.rows, nodes.phi, nodes.rows, 1.0, rows.H,
@@ -118,7 +118,7 @@ cdef inline double scalar_product(int size, given a, given b) noexcept nogil:
     return ddot(&size, <doubles>a, &one, <doubles>b, &one)
 
 
-cdef struct Past:
+cdef struct AndersonHistory:
     # what the last fixed-point steps led to, by how much they moved, this one first; products of the movements
     int steps
     doubles led[3]
@@ -126,7 +126,7 @@ cdef struct Past:
     double products[3][3]
 
 
-cdef void remember(int size, Past* past) noexcept nogil:
+cdef void remember(int size, AndersonHistory* past) noexcept nogil:
     """The step just done becomes the last one; room for a new one is where the oldest was."""
     cdef doubles led = past.led[2]
     cdef doubles moved = past.moved[2]
@@ -137,7 +137,7 @@ cdef void remember(int size, Past* past) noexcept nogil:
     past.steps += 1
 
 
-cdef void accelerate(int size, Past* past, doubles R) noexcept nogil:
+cdef void accelerate(int size, AndersonHistory* past, doubles R) noexcept nogil:
     """R <- the combination of this step and the last two that would have moved least (Anderson's acceleration)."""
     cdef int k
     cdef double a11, a12, a22 = 0.0, b1, b2 = 0.0, det, g1 = 0.0, g2 = 0.0, c0, c1
@@ -170,7 +170,7 @@ cdef void accelerate(int size, Past* past, doubles R) noexcept nogil:
             R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
-cdef double settle(const Expansion* x, Sheet* rows, Sheet* nodes, given mu_row, given mu_node, double rate,
+cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node, double rate,
                    double tolerance, bint halves, doubles R, doubles room, ints steps, given_ints stop) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
     what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
@@ -178,7 +178,7 @@ cdef double settle(const Expansion* x, Sheet* rows, Sheet* nodes, given mu_row, 
     cdef double gap, largest, missing = 1.0
     cdef doubles new
     cdef bint done
-    cdef Past past
+    cdef AndersonHistory past
     past.steps = 0
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
@@ -218,8 +218,8 @@ cdef enum:
     STRIPS = 4     # that a symmetric product is made in
 
 
-cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
-    cdef const Endless* t = <const Endless*>task
+cdef int semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const SemiInfinite* t = <const SemiInfinite*>task
     cdef int m = t.orders[item], terms = t.terms, n_all = t.n_all, n_node = t.n_node, n_off = n_all - n_node
     cdef int stokes = t.stokes, n = stokes * n_node, u = stokes * n_off, kind, i, j, a, b, c, beam
     cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo, t.coefficients)
@@ -230,8 +230,8 @@ cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles Ru = R + <size_t>n * n, Ruu = Ru + <size_t>u * n             # (u, n), (u, u)
     cdef doubles new = Ruu + <size_t>u * u                                    # room for steps
     cdef doubles memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
-    cdef Sheet nodes[2]
-    cdef Sheet rows[2]
+    cdef FactorColumns nodes[2]
+    cdef FactorColumns rows[2]
     cdef double total, sign, rate = 0.0
     spherical(m, terms, is_polar(x.p), directions, n_all, prt)
     for i in range(m, terms):
@@ -245,9 +245,9 @@ cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
         parity_columns(&x, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(&x, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     t.steps[item] = 0
-    residual[0] = settle(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new, t.steps + item,
+    residual[0] = fixed_point(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new, t.steps + item,
                          desk.stop)
-    residual[0] = max(residual[0], settle(&x, rows, nodes, off, directions, rate, t.tolerance, False, Ru, new,
+    residual[0] = max(residual[0], fixed_point(&x, rows, nodes, off, directions, rate, t.tolerance, False, Ru, new,
                                           t.steps + item, desk.stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):

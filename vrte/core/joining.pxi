@@ -24,14 +24,14 @@ def join_slabs(crew, *, const int[::1] orders, bint conserving, const int[::1] s
                const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
                const double[:, :, ::1] base_out, const int[::1] interface, double[:, :, :, ::1] up,
                double[:, :, :, ::1] down, double[:, :, :, ::1] flux, double[:, ::1] residual, int[::1] info):
-    """The multiply scattered field at the interfaces of a pile of slabs, one Fourier order after another.
+    """The multiply scattered field at the interfaces of a stack of slabs, one Fourier order after another.
 
     conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top
-    first; above (place + 1,): optical depth of each interface, the last below the pile; base_row (order,): row of base
+    first; above (place + 1,): optical depth of each interface, the last below the stack; base_row (order,): row of base
     (row, n, n), base_source (row, n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where
     the field is wanted. up, down (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by
     D; flux (order, level, 2, n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of
-    the joints' systems.
+    the interfaces' systems.
     """
     cdef int stokes = <int>up.shape[3] // n_out, n = stokes * <int>nodes.shape[0], n_place = <int>slabs.shape[0]
     cdef Sizes s = Sizes(n, <int>up.shape[2], stokes * n_out, stokes)
@@ -43,8 +43,8 @@ def join_slabs(crew, *, const int[::1] orders, bint conserving, const int[::1] s
     run_items(crew, join_one, &task, <int>orders.shape[0], joining_work(n, n_place, s.r, s.o), n, &info[0])
 
 
-cdef struct Pile:
-    # one order of a pile of slabs, from the base up
+cdef struct SlabStack:
+    # one order of a stack of slabs, from the base up
     Sizes s
     Nodes nodes
     bint conserving
@@ -59,13 +59,13 @@ cdef struct Pile:
     ints pivots
 
 
-cdef inline Extended slab_of(const Pile* p, given matrices, int place) noexcept nogil:
+cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noexcept nogil:
     """R or T of the slab at a place."""
     return extended_at(p.s, <doubles>matrices + p.slabs[place] * size_extended(p.s))
 
 
 # (2:10)-(2:11)
-cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int join_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Joining* t = <const Joining*>task
     cdef Sizes s = t.s
     cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
@@ -74,7 +74,7 @@ cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles G = desk.work, g = G + n_place * nn, going_up = g + n_place * nr
     cdef doubles going_down = going_up + (n_place + 1) * nr, below = going_down + (n_place + 1) * nr
     cdef doubles scratch = below + nn, vectors = scratch + 4 * nn, absorbed = vectors + 4 * nr, v = absorbed + n
-    cdef Pile p = Pile(
+    cdef SlabStack p = SlabStack(
         s, t.nodes, t.conserving and t.orders[item] == 0, n_place, r // t.n_in, t.slabs, t.above, t.mu0,
         t.R + first * each, t.T + first * each, t.lost + first * n, G, g, going_up, going_down, below, scratch, vectors,
         absorbed, v, v + n, v + 4 * n, desk.pivots)
@@ -91,7 +91,7 @@ cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
     for place in range(n_place - 1, -1, -1):
         if desk.stop[0]:
             return 0
-        info = join_below(&p, place, t.residual + <size_t>item * t.residuals + place)
+        info = add_below(&p, place, t.residual + <size_t>item * t.residuals + place)
         if info != 0:
             return info
     for place in range(n_place):        # falling: T down + emitted, then up = G falling + g, then R up on top of it
@@ -111,7 +111,7 @@ cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
     return 0
 
 
-cdef void put_base(const Pile* p, given base, given base_source, given base_out) noexcept nogil:
+cdef void put_base(const SlabStack* p, given base, given base_source, given base_out) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
     cdef int i, n = p.s.n, axis = flux_axis(n, p.s.stokes)
     cdef size_t nr = <size_t>n * p.s.r, k
@@ -131,19 +131,19 @@ cdef void put_base(const Pile* p, given base, given base_source, given base_out)
             p.absorbed[i] = 0.0
 
 
-cdef inline void emitted(const Pile* p, int place, given matrices, doubles out) noexcept nogil:
+cdef inline void emitted(const SlabStack* p, int place, given matrices, doubles out) noexcept nogil:
     """What the slab at a place sends out of the attenuated beam, up (R) or down (T)."""
     cdef int i, j
-    cdef double fade
+    cdef double decay
     cdef given NI = slab_of(p, matrices, place).NI
     for j in range(p.s.r):
-        fade = exp(-p.above[place] / p.mu0[j // p.per_beam])
+        decay = exp(-p.above[place] / p.mu0[j // p.per_beam])
         for i in range(p.s.n):
-            out[<size_t>j * p.s.n + i] = fade * NI[<size_t>j * p.s.n + i]
+            out[<size_t>j * p.s.n + i] = decay * NI[<size_t>j * p.s.n + i]
 
 
 # (2:8)
-cdef int join_below(const Pile* p, int place, doubles residual) noexcept nogil:
+cdef int add_below(const SlabStack* p, int place, doubles residual) noexcept nogil:
     """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
 
     In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
@@ -201,7 +201,7 @@ cdef int join_below(const Pile* p, int place, doubles residual) noexcept nogil:
     return 0
 
 
-cdef void leave(const Pile* p, bint has_base, int n_level, given_ints interface, doubles up,
+cdef void leave(const SlabStack* p, bint has_base, int n_level, given_ints interface, doubles up,
                 doubles down) noexcept nogil:
     """The field off the nodes at every wanted interface, first up through the slabs, then down."""
     cdef size_t nr = <size_t>p.s.n * p.s.r, size = <size_t>p.s.o * p.s.r
@@ -227,19 +227,19 @@ cdef void leave(const Pile* p, bint has_base, int n_level, given_ints interface,
             copy(size, next, running)
 
 
-cdef void off_nodes(const Pile* p, int place, given of_beam, given through, given turned, given entering,
+cdef void off_nodes(const SlabStack* p, int place, given of_beam, given through, given turned, given entering,
                     doubles out) noexcept nogil:
     """out = entering let straight through + T_ON through + R_ON turned + OI of the attenuated beam, that of R (up) or T
     (down)."""
     cdef int i, j, o = p.s.o
     cdef size_t k
-    cdef double fade
+    cdef double decay
     cdef Extended r = slab_of(p, p.R, place), t = slab_of(p, p.T, place)
     cdef given OI = slab_of(p, of_beam, place).OI
     for j in range(p.s.r):
-        fade = exp(-p.above[place] / p.mu0[j // p.per_beam])
+        decay = exp(-p.above[place] / p.mu0[j // p.per_beam])
         for i in range(o):
             k = <size_t>j * o + i
-            out[k] = t.OO[i] * entering[k] + fade * OI[k]
+            out[k] = t.OO[i] * entering[k] + decay * OI[k]
     multiply(o, p.s.r, p.s.n, 1.0, t.ON, through, 1.0, out)
     multiply(o, p.s.r, p.s.n, 1.0, r.ON, turned, 1.0, out)

@@ -11,7 +11,7 @@ cdef struct Waves:
     double scale          # of xi, by the last step
 
 
-cdef inline int first_settled(double size, int orders) noexcept nogil:
+cdef inline int first_converged(double size, int orders) noexcept nogil:
     """The degree from which recurrences downward, begun there with anything, have forgotten it at `orders` and at
     |z| = size."""
     return <int>(fmax(size, orders) + 8.0 * cbrt(size) + 16.0)
@@ -21,7 +21,7 @@ cdef void find_slopes(cplx z, int orders, cplx *slope) noexcept nogil:
     """slope[n] = D_n(z) = psi_n'/psi_n for n = 1 .. orders, downward; (4.89)."""
     cdef cplx d = make(0.0, 0.0), sum_
     cdef int n
-    for n in range(first_settled(size_of(z), orders), 0, -1):
+    for n in range(first_converged(size_of(z), orders), 0, -1):
         if n <= orders:
             slope[n] = d
         sum_ = d + over(make(n, 0.0), z)
@@ -43,7 +43,7 @@ cdef void match_outside(
     cdef double r = 0.0, psi, psi_before, psi_next, y, y_before, y_next, over_x
     cdef cplx factor, below
     cdef int n, kind
-    for n in range(first_settled(size, orders), 0, -1):
+    for n in range(first_converged(size, orders), 0, -1):
         r = 1.0 / ((2 * n + 1) / size - r)
         if n <= orders:
             ratio[n] = r

@@ -27,7 +27,7 @@ def particular(crew, *, const double[:, :, :, ::1] F, const double[:, :, :, ::1]
 
 
 # (1:28)-(1:34), (1:46)-(1:48)
-cdef int particular_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int particular_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Particular* t = <const Particular*>task
     cdef int n = t.n, stokes = t.stokes, n_in = t.n_in, n_col = t.n_col
     cdef size_t at = <size_t>item * n, nn = at * n, per_beam = at * stokes * n_in, wanted = at * n_in * n_col

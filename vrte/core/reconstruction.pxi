@@ -1,12 +1,12 @@
 # Reconstruction by source-function integration, (1:36)-(1:38), as products of matrices. The beam's direct
 # source is left out: single scattering has a closed form over all orders (single_scattering.pxi).
 
-cdef inline void fading_integrals(cplx k, double mu, double thickness, double depth, cplx* from_top,
+cdef inline void decaying_integrals(cplx k, double mu, double thickness, double depth, cplx* from_top,
                                   cplx* from_bottom) noexcept nogil:
     """int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom."""
     cdef double left = thickness - depth
     from_bottom[0] = make(0.0, 0.0)
-    if thickness > ENDLESS:
+    if thickness > SEMI_INFINITE:
         from_top[0] = over(c_exp(-depth * k), 1.0 + mu * k)
     else:
         from_top[0] = over(times(c_exp(-depth * k), -c_expm1(-left * (k + 1.0 / mu))), 1.0 + mu * k)
@@ -19,7 +19,7 @@ cdef void hyperbolic_integrals(cplx k, double mu, double thickness, double depth
     the slab's bottom, t = x - h."""
     cdef double left = thickness - depth, h = 0.5 * thickness
     cdef cplx from_top, from_bottom, whole, u, v, plus, minus
-    fading_integrals(k, mu, thickness, depth, &from_top, &from_bottom)
+    decaying_integrals(k, mu, thickness, depth, &from_top, &from_bottom)
     whole = 1.0 + c_exp(-thickness * k)
     cosine[0] = over(from_top + from_bottom, whole)
     if size_of(k) * thickness > 1.0:
@@ -55,7 +55,7 @@ def reconstruction_work(n, rows, n_rhs, n_layer):
 cdef struct Reconstruction:
     int n, stokes, n_out, n_up, n_layer, n_in, n_rhs, n_level
     given G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down
-    given_ints fading, base_row, pile
+    given_ints decaying, base_row, slab_stack
     given base_out, thickness, above, mu0, mu_out, level
     given_ints level_layer
     doubles out
@@ -65,10 +65,10 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
                 const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
                 const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
                 const double[:, :, :, ::1] even, const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down,
-                const int[:, ::1] fading, const int[::1] base_row, const double[:, :, ::1] base_out,
+                const int[:, ::1] decaying, const int[::1] base_row, const double[:, :, ::1] base_out,
                 const double[::1] thickness, const double[::1] above, const double[::1] mu0, const double[::1] mu_out,
                 int n_up, const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out,
-                const int[::1] pile=None):
+                const int[::1] slab_stack=None):
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
     The last stage of a solve by modes: it takes what the earlier ones leave. n is the number of Stokes parameters S
@@ -90,8 +90,8 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
         Of `boundary`: amplitudes of the modes.
     base_down : ndarray (order, n_rhs, n)
         Of `boundary`: the scaled diffuse field that falls on the base.
-    fading : ndarray of int (order, layer)
-        Of `boundary`: whether every mode of a layer fades.
+    decaying : ndarray of int (order, layer)
+        Of `boundary`: whether every mode of a layer decays.
     base_row : ndarray of int (order,)
         The row of ``base_out`` of each order, or -1 for black.
     base_out : ndarray (row, n, S n_out)
@@ -110,7 +110,7 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
         Which layer that is.
     out : ndarray (order, n_tau, n_rhs, S n_out)
         Filled with radiance times 2 pi for a unit beam; upward rows are flipped by D = diag(1, 1, -1, -1).
-    pile : ndarray of int (order,), optional
+    stack : ndarray of int (order,), optional
         Of which of several scenes each item is, whose layers and levels lie one behind the other; level_layer is the
         same of all.
 
@@ -122,12 +122,12 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
     cdef Reconstruction task = Reconstruction(
         n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>out.shape[1],
         &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
+        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &decaying[0, 0],
         &base_row[0], NULL, &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0],
         &level_layer[0],
         &out[0, 0, 0, 0])
-    if pile is not None:
-        task.pile = &pile[0]
+    if slab_stack is not None:
+        task.slab_stack = &slab_stack[0]
     run_items(crew, reconstruct_one, &task, <int>X.shape[0],
               reconstruction_work(n, <int>out.shape[3], n_rhs, n_layer), 0, NULL)
 
@@ -140,10 +140,10 @@ cdef struct Path:
     given g_e, g_f                        # G_E X and G_F Y, S n_mu used rows of `rows`
     given c, zeta, even, odd, mu0, mu_out
     double above, depth
-    double left, far      # optical path over mu; depth of its end below the face that e^(-k x) fades from
+    double left, far      # optical path over mu; depth of its end below the face that e^(-k x) decays from
 
 
-cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int reconstruct_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Reconstruction* t = <const Reconstruction*>task
     cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[item], rows = t.stokes * t.n_out, layer
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, room = <size_t>rows * n, size = <size_t>rows * t.n_rhs
@@ -173,10 +173,10 @@ cdef void through_levels(const Reconstruction* t, int item, int layer, bint upwa
     cdef int rows = t.stokes * t.n_out, level, skipped = 0 if upward else t.stokes * t.n_up
     cdef size_t size = <size_t>rows * t.n_rhs, at = <size_t>item * t.n_layer + layer, nr = <size_t>t.n * t.n_rhs
     cdef doubles part = running + size, out = t.out + item * t.n_level * size
-    cdef int here = first_layer(t.pile, t.n_layer, item) + layer
-    cdef given levels = t.level + first_layer(t.pile, t.n_level, item)
+    cdef int here = first_layer(t.slab_stack, t.n_layer, item) + layer
+    cdef given levels = t.level + first_layer(t.slab_stack, t.n_level, item)
     cdef Path path = Path(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.fading[at]), upward, t.stokes, rows,
+        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[at]), upward, t.stokes, rows,
         t.n_up if upward else t.n_out - t.n_up, t.n_rhs, t.n_rhs // t.n_in, g_e + skipped, g_f + skipped, t.c + at * nr,
         t.zeta + at * nr, t.even + at * nr, t.odd + at * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
         t.above[here], 0.0, 0.0, 0.0)
@@ -202,7 +202,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     cdef int j = 0, mu, beam, r, i
     cdef size_t column, place
     cdef double thickness = a.thickness, depth = path.depth, left = thickness - depth if upward else depth
-    cdef double sign = -1.0 if upward else 1.0, fade, light
+    cdef double sign = -1.0 if upward else 1.0, decay, light
     cdef given mu0 = path.mu0, mu_out = path.mu_out
     cdef doubles even_gain = work                         # (n, used): amplitude of the even modes -> radiance
     cdef doubles odd_gain = even_gain + <size_t>used * n
@@ -211,7 +211,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     cdef doubles first = fed + <size_t>n * n_rhs          # beam_gain c, beam_gain c D, g_f zeta
     cdef doubles second = first + <size_t>used * n_rhs, third = second + <size_t>used * n_rhs
     cdef cplx* response = <cplx*>(third + <size_t>used * n_rhs)
-    cdef doubles faded = <doubles>(response + n)          # (n_mu,): e^(-left/mu)
+    cdef doubles decayed = <doubles>(response + n)          # (n_mu,): e^(-left/mu)
     if n_mu == 0:
         return
     if left == 0.0:
@@ -222,11 +222,11 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     # by symmetry about the middle, down at depth is up at thickness - depth
     path.far = depth if upward else thickness - left
     for mu in range(n_mu):
-        faded[mu] = exp(-left / mu_out[mu])
+        decayed[mu] = exp(-left / mu_out[mu])
     while j < n:
         column = <size_t>j * used
         if a.lam_im[j] == 0.0:
-            real_gains(path, j, faded, even_gain + column, odd_gain + column, beam_gain + column)
+            real_gains(path, j, decayed, even_gain + column, odd_gain + column, beam_gain + column)
             j = j + 1
         else:
             pair_gains(path, j, even_gain + column, odd_gain + column, beam_gain + column)
@@ -234,7 +234,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     for r in range(n_rhs):
         for mu in range(n_mu):
             for i in range(stokes * mu, stokes * (mu + 1)):
-                out[<size_t>r * rows + i] = faded[mu] * entering[<size_t>r * rows + i]
+                out[<size_t>r * rows + i] = decayed[mu] * entering[<size_t>r * rows + i]
     product(b"N", b"N", used, n_rhs, n, 1.0, even_gain, used, path.even, n, 1.0, out, rows)
     product(b"N", b"N", used, n_rhs, n, 1.0, odd_gain, used, path.odd, n, 1.0, out, rows)
     multiply(used, n_rhs, n, 0.5, beam_gain, path.c, 0.0, first)
@@ -243,36 +243,36 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     multiply(used, n_rhs, n, 0.5, beam_gain, fed, 0.0, second)
     for r in range(n_rhs):
         beam = r // path.per_beam
-        fade = exp(-path.above / mu0[beam])
+        decay = exp(-path.above / mu0[beam])
         for mu in range(n_mu):
             light = (beam_up(mu_out[mu], mu0[beam], thickness, depth) if upward
                      else beam_down(mu_out[mu], mu0[beam], depth))
             for i in range(stokes * mu, stokes * (mu + 1)):
                 column = <size_t>r * used + i
-                out[<size_t>r * rows + i] += fade * (light * (mu_out[mu] * first[column] + third[column])
+                out[<size_t>r * rows + i] += decay * (light * (mu_out[mu] * first[column] + third[column])
                                                      + (second[column] if upward else -second[column]))
-    if upward and thickness < ENDLESS:
+    if upward and thickness < SEMI_INFINITE:
         feed(path, thickness, response, fed)
         multiply(used, n_rhs, n, 0.5, beam_gain, fed, 0.0, second)
         for r in range(n_rhs):
             for mu in range(n_mu):
-                fade = exp(-path.above / mu0[r // path.per_beam] - left / mu_out[mu])
+                decay = exp(-path.above / mu0[r // path.per_beam] - left / mu_out[mu])
                 for i in range(stokes * mu, stokes * (mu + 1)):
-                    out[<size_t>r * rows + i] -= fade * second[<size_t>r * used + i]
+                    out[<size_t>r * rows + i] -= decay * second[<size_t>r * used + i]
     if not upward:
         resonances(path, out)
 
 
-cdef void real_gains(const Path* path, int j, given faded, doubles even_gain, doubles odd_gain,
+cdef void real_gains(const Path* path, int j, given decayed, doubles even_gain, doubles odd_gain,
                      doubles beam_gain) noexcept nogil:
-    """Columns of the gains of `through_layer` for one real mode; faded: e^(-left/mu). The integrals are those of
-    `fading_integrals`, `hyperbolic_integrals`."""
-    cdef bint upward = path.upward, fading = path.modes.fading
+    """Columns of the gains of `through_layer` for one real mode; decayed: e^(-left/mu). The integrals are those of
+    `decaying_integrals`, `hyperbolic_integrals`."""
+    cdef bint upward = path.upward, decaying = path.modes.decaying
     cdef int stokes = path.stokes
     cdef double lam = path.modes.lam_re[j], thickness = path.modes.thickness, left = path.left, far = path.far
     cdef given g_e = path.g_e + <size_t>j * path.rows, g_f = path.g_f + <size_t>j * path.rows
-    cdef double k = sqrt(lam), mode_faded = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
-    cdef double whole = 1.0 if fading else 1.0 / (1.0 + exp(-thickness * k)), per_rate = whole / k if k > 0.0 else 0.0
+    cdef double k = sqrt(lam), mode_decayed = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
+    cdef double whole = 1.0 if decaying else 1.0 / (1.0 + exp(-thickness * k)), per_rate = whole / k if k > 0.0 else 0.0
     cdef double mu, gap, passed, ahead, from_top, from_bottom, cosine, sine, bottom
     cdef double a, b
     cdef cplx c_cosine, c_sine
@@ -281,21 +281,21 @@ cdef void real_gains(const Path* path, int j, given faded, doubles even_gain, do
         mu = path.mu_out[m]
         passed = left / mu
         ahead = 1.0 / (1.0 + mu * k)
-        if left > ENDLESS:
+        if left > SEMI_INFINITE:
             from_top, from_bottom = at_far * ahead, 0.0
         else:
             gap = passed + left * k
-            from_top = at_far * (1.0 - mode_faded * faded[m] if gap > 1.0 else -expm1(-gap)) * ahead
+            from_top = at_far * (1.0 - mode_decayed * decayed[m] if gap > 1.0 else -expm1(-gap)) * ahead
             gap = passed - left * k
             if fabs(gap) > 1.0:
-                from_bottom = passed * ((mode_faded - faded[m]) / gap)
+                from_bottom = passed * ((mode_decayed - decayed[m]) / gap)
             elif gap == 0.0:
-                from_bottom = passed * mode_faded
+                from_bottom = passed * mode_decayed
             else:
-                from_bottom = passed * (max(mode_faded, faded[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
-        if fading and not upward and thickness > ENDLESS:
+                from_bottom = passed * (max(mode_decayed, decayed[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
+        if decaying and not upward and thickness > SEMI_INFINITE:
             from_top = 0.0
-        if fading:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image
+        if decaying:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image
             cosine, sine = (from_top, from_bottom) if upward else (from_bottom, from_top)
         elif k * thickness > 1.0:
             cosine, sine = (from_top + from_bottom) * whole, (from_bottom - from_top) * per_rate
@@ -308,7 +308,7 @@ cdef void real_gains(const Path* path, int j, given faded, doubles even_gain, do
             bottom = mu * k - 1.0
             bottom = 0.0 if fabs(bottom) < RESONANT else 1.0 / bottom
         for i in range(stokes * m, stokes * (m + 1)):
-            if fading:
+            if decaying:
                 a, b = cosine * (g_e[i] + sign * k * g_f[i]), sine * (g_e[i] - sign * k * g_f[i])
             else:
                 a, b = cosine * g_e[i] + lam * sine * g_f[i], sine * g_e[i] + cosine * g_f[i]
@@ -319,7 +319,7 @@ cdef void real_gains(const Path* path, int j, given faded, doubles even_gain, do
 
 cdef void pair_gains(const Path* path, int j, doubles even_gain, doubles odd_gain, doubles beam_gain) noexcept nogil:
     """As `real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
-    cdef bint upward = path.upward, fading = path.modes.fading
+    cdef bint upward = path.upward, decaying = path.modes.decaying
     cdef int stokes = path.stokes, rows = path.rows
     cdef size_t used = <size_t>stokes * path.n_mu
     cdef double thickness = path.modes.thickness, left = path.left, far = path.far, sign = -1.0 if upward else 1.0
@@ -327,20 +327,20 @@ cdef void pair_gains(const Path* path, int j, doubles even_gain, doubles odd_gai
     cdef cplx lam = lambda_of(&path.modes, j), k = c_sqrt(lam), cosine, sine, bottom, ge, gf, a, b
     cdef int i, m
     for m in range(path.n_mu):
-        if not fading:
+        if not decaying:
             hyperbolic_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
         elif upward:
-            fading_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
+            decaying_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
         else:
             sine = make(0.0, 0.0)
-            if thickness < ENDLESS:
+            if thickness < SEMI_INFINITE:
                 sine = over(times(c_exp(-far * k), -c_expm1(-left * (k + 1.0 / mu_out[m]))), 1.0 + mu_out[m] * k)
             cosine = (left / mu_out[m]) * exp_difference(-left * k, make(-left / mu_out[m], 0.0))
         bottom = 1.0 + mu_out[m] * k if upward else mu_out[m] * k - 1.0
         bottom = make(0.0, 0.0) if size_of(bottom) < RESONANT else over(make(1.0, 0.0), bottom)
         for i in range(stokes * m, stokes * (m + 1)):
             ge, gf = make(g_e[i], g_e[i + rows]), make(g_f[i], g_f[i + rows])
-            if fading:
+            if decaying:
                 a = times(cosine, ge + sign * times(k, gf))
                 b = times(sine, ge - sign * times(k, gf))
             else:
@@ -395,18 +395,18 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
         j = j + width
 
 
-def mode_coordinates_of_piles(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im,
+def mode_coordinates_of_stacks(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im,
                               const double[:, :, ::1] even, const double[:, :, ::1] odd, const double[:, :, ::1] c,
-                              const double[:, :, ::1] zeta, const double[::1] mu0, const int[::1] fading,
+                              const double[:, :, ::1] zeta, const double[::1] mu0, const int[::1] decaying,
                               const double[::1] thickness, const double[::1] above, const double[::1] depth):
-    """`mode_coordinates` of one layer of each of many scenes, all arrays (pile, ...): (pile, 2, n_rhs, n)."""
-    cdef int n_pile = <int>lam_re.shape[0], n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], k
-    cdef double[:, :, :, ::1] out = np.zeros((n_pile, 2, n_rhs, n))
+    """`mode_coordinates` of one layer of each of many scenes, all arrays (stack, ...): (stack, 2, n_rhs, n)."""
+    cdef int n_stack = <int>lam_re.shape[0], n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], k
+    cdef double[:, :, :, ::1] out = np.zeros((n_stack, 2, n_rhs, n))
     cdef double complex[:, ::1] profile = np.empty((6, n), complex)
     cdef double[::1] part = np.empty(n)
     cdef Modes a
-    for k in range(n_pile):
-        a = modes_at(n, 0, &lam_re[k, 0], &lam_im[k, 0], NULL, NULL, thickness[k], fading[k])
+    for k in range(n_stack):
+        a = modes_at(n, 0, &lam_re[k, 0], &lam_im[k, 0], NULL, NULL, thickness[k], decaying[k])
         coordinates_of(&a, n_rhs, <int>mu0.shape[0], &even[k, 0, 0], &odd[k, 0, 0], &c[k, 0, 0], &zeta[k, 0, 0],
                        &mu0[0], above[k], depth[k], &profile[0, 0], &part[0], &out[k, 0, 0, 0])
     return np.asarray(out)
@@ -414,13 +414,13 @@ def mode_coordinates_of_piles(*, const double[:, ::1] lam_re, const double[:, ::
 
 def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even,
                      const double[:, ::1] odd, const double[:, ::1] c, const double[:, ::1] zeta,
-                     const double[::1] mu0, bint fading, double thickness, double above, double depth):
+                     const double[::1] mu0, bint decaying, double thickness, double above, double depth):
     """y and z of the modes of one order and layer (n,) at a depth below its top: (2, n_rhs, n); see `boundary`.
 
-    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); fading: of `boundary`; above: optical depth of the layer's top.
+    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); decaying: of `boundary`; above: optical depth of the layer's top.
     """
     cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0]
-    cdef Modes a = modes_at(n, 0, &lam_re[0], &lam_im[0], NULL, NULL, thickness, fading)
+    cdef Modes a = modes_at(n, 0, &lam_re[0], &lam_im[0], NULL, NULL, thickness, decaying)
     cdef double[:, :, ::1] out = np.zeros((2, n_rhs, n))
     cdef double complex[:, ::1] profile = np.empty((6, n), complex)
     cdef double[::1] part = np.empty(n)
@@ -433,7 +433,7 @@ cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given 
                          double above, double depth, cplx* profile, doubles part, doubles out) noexcept nogil:
     """Fills out (2, n_rhs, n), zeros before; profile (6, n): of even, odd, c: y and z; part (n,)."""
     cdef int n = a.n, per_beam = n_rhs // n_in, r, j, f
-    cdef double light, faded
+    cdef double light, decayed
     cdef given coordinates
     cdef cplx k, response
     cdef size_t row
@@ -441,12 +441,12 @@ cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given 
     for r in range(n_rhs):
         row = <size_t>r * n
         light = exp(-above / mu0[r // per_beam])
-        faded = light * exp(-depth / mu0[r // per_beam])
+        decayed = light * exp(-depth / mu0[r // per_beam])
         for j in range(n):
             k = rate_of(a, j)
             response = light * beam_response(k, 1.0 / mu0[r // per_beam], depth) if depth > 0.0 else make(0.0, 0.0)
             profile[4 * n + j], profile[5 * n + j] = response, times(k, response)
-            out[(<size_t>n_rhs + r) * n + j] = faded * zeta[row + j]
+            out[(<size_t>n_rhs + r) * n + j] = decayed * zeta[row + j]
         for f in range(6):
             coordinates = even + row if f < 2 else odd + row if f < 4 else c + row
             scale_coordinates(n, a.lam_im, profile + f * n, coordinates, part)
@@ -463,8 +463,8 @@ cdef void profiles(const Modes* a, double depth, cplx* out) noexcept nogil:
     for j in range(n):
         k = rate_of(a, j)
         from_top = c_exp(-depth * k)
-        from_bottom = make(0.0, 0.0) if thickness > ENDLESS else c_exp((depth - thickness) * k)
-        if a.fading:
+        from_bottom = make(0.0, 0.0) if thickness > SEMI_INFINITE else c_exp((depth - thickness) * k)
+        if a.decaying:
             out[j], out[n + j] = from_top, times(k, from_top)
             out[2 * n + j], out[3 * n + j] = from_bottom, -times(k, from_bottom)
             continue

@@ -15,34 +15,34 @@ cdef extern from "core/clock.h":
 HAS_OPENMP = bool(vrte_openmp)
 
 cdef extern from "core/constants.h":
-    const double ENDLESS, FADING, RESONANT, NO_LIGHT, ROUNDING, THICK, COMPLEMENTED, STEEPEST_RATIO
+    const double SEMI_INFINITE, DECAYING, RESONANT, NO_LIGHT, ROUNDING, THICK, COMPLEMENTED, STEEPEST_RATIO
     enum: MOST_DOUBLINGS, MOST_STEPS, SERIES, MOST_COLUMNS, MOST_ENTRIES
 
 globals().update(
-    ENDLESS=ENDLESS, NO_LIGHT=NO_LIGHT, ROUNDING=ROUNDING, THICK=THICK, COMPLEMENTED=COMPLEMENTED,
+    SEMI_INFINITE=SEMI_INFINITE, NO_LIGHT=NO_LIGHT, ROUNDING=ROUNDING, THICK=THICK, COMPLEMENTED=COMPLEMENTED,
     STEEPEST_RATIO=STEEPEST_RATIO, MOST_DOUBLINGS=MOST_DOUBLINGS, MOST_STEPS=MOST_STEPS, SERIES=SERIES,
     MOST_COLUMNS=MOST_COLUMNS)
 
 
-cdef struct Desk:
+cdef struct Workspace:
     # what a thread works with: a row of scratch memory, one of scratch integers, and the flag that stops it
     doubles work
     ints pivots
     given_ints stop
 
 
-cdef inline int first_layer(given_ints pile, int n_layer, int item) noexcept nogil:
-    """Of the scene that an item is of, among those of all scenes; `pile` is NULL where there is one scene."""
-    return 0 if pile == NULL else pile[item] * n_layer
+cdef inline int first_layer(given_ints slab_stack, int n_layer, int item) noexcept nogil:
+    """Of the scene that an item is of, among those of all scenes; `slab_stack` is NULL where there is one scene."""
+    return 0 if slab_stack == NULL else slab_stack[item] * n_layer
 
 
-cdef inline int layer_of(given_ints pile, int n_layer, int item) noexcept nogil:
+cdef inline int layer_of(given_ints slab_stack, int n_layer, int item) noexcept nogil:
     """The layer of an item that is one layer of one order, among those of all scenes."""
-    return first_layer(pile, n_layer, item // n_layer) + item % n_layer
+    return first_layer(slab_stack, n_layer, item // n_layer) + item % n_layer
 
 
 # one item of a stage's task; LAPACK's verdict, 0: fine
-ctypedef int (*Stage)(const void* task, int item, Desk desk) noexcept nogil
+ctypedef int (*Stage)(const void* task, int item, Workspace desk) noexcept nogil
 
 
 cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
@@ -62,7 +62,7 @@ cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doub
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            verdict = stage(task, item, Desk(&work[thread, 0], &pivots[thread, 0], &stop[0]))
+            verdict = stage(task, item, Workspace(&work[thread, 0], &pivots[thread, 0], &stop[0]))
             if info != NULL:
                 info[item] = verdict
             seconds[thread] += vrte_seconds() - start

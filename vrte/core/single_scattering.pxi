@@ -40,26 +40,26 @@ def series_table(const double[:, :] coefficients, int apiece=1):
 
 def path_integrals(*, const double[::1] above, const double[::1] thickness, const double[::1] level,
                    const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu,
-                   int piles=1):
+                   int slab_stacks=1):
     """Optical path integrals of one scattering in each layer, (layer, chosen, n_in, n_mu); mu signed, > 0 up.
 
     The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
     above, thickness (layer,); level, level_layer (n_tau,): depths below the top of a layer; chosen: which of them. Of
-    several `piles` with as many layers and levels each, all of these lie one behind the other but level_layer and
+    several `slab_stacks` with as many layers and levels each, all of these lie one behind the other but level_layer and
     chosen, which are the same of all.
     """
-    cdef int n_layer = <int>above.shape[0] // piles, n_level = <int>level.shape[0] // piles
-    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], place, row, i, j, at, layer, pile
-    cdef double[:, :, :, ::1] out = np.zeros((piles * n_layer, chosen.shape[0], n_in, n_mu))
+    cdef int n_layer = <int>above.shape[0] // slab_stacks, n_level = <int>level.shape[0] // slab_stacks
+    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], place, row, i, j, at, layer, slab_stack
+    cdef double[:, :, :, ::1] out = np.zeros((slab_stacks * n_layer, chosen.shape[0], n_in, n_mu))
     cdef double depth, length, start, way, rate, rate_in
     with nogil:
         for place in range(<int>chosen.shape[0]):
             at = level_layer[chosen[place]]
-            for row in range(piles * n_layer):
-                pile = row // n_layer
+            for row in range(slab_stacks * n_layer):
+                slab_stack = row // n_layer
                 layer = row % n_layer
-                depth = level[pile * n_level + chosen[place]]
-                way = path_between(layer, at, depth, &thickness[pile * n_layer])
+                depth = level[slab_stack * n_level + chosen[place]]
+                way = path_between(layer, at, depth, &thickness[slab_stack * n_layer])
                 for i in range(n_in):
                     rate_in = 1.0 / mu0[i]
                     for j in range(n_mu):
@@ -107,15 +107,15 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi,
                           const int[::1] angle, const double[::1] sign, const double[:, ::1] columns,
                           const int[::1] kind, const int[::1] place, int first, int last,
-                          double[:, :, :, :, :, ::1] out, bint wide=True, int piles=1, bint apiece=False):
+                          double[:, :, :, :, :, ::1] out, bint wide=True, int slab_stacks=1, bint apiece=False):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
     table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
-    `wide=False` leaves AVX2 unused. Of several `piles` with as many terms and levels each, tables and paths lie one
+    `wide=False` leaves AVX2 unused. Of several `slab_stacks` with as many terms and levels each, tables and paths lie one
     behind the other; ``apiece``: so do tables for each of mu.
     """
-    cdef int n_mu = <int>mu.shape[0], tables = piles * (n_mu if apiece else 1)
+    cdef int n_mu = <int>mu.shape[0], tables = slab_stacks * (n_mu if apiece else 1)
     cdef int n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
     if n_col > MOST_COLUMNS:
         raise ValueError(f"at most {MOST_COLUMNS} columns")
@@ -125,12 +125,12 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
         return
     cdef Scattering task = Scattering(
         vrte_best_scatterer(wide), has_intensity_alone(&table[0, 0], <int>table.shape[0]), apiece,
-        <int>table.shape[0] // tables, <int>path.shape[0] // piles, <int>path.shape[1], n_mu,
+        <int>table.shape[0] // tables, <int>path.shape[0] // slab_stacks, <int>path.shape[1], n_mu,
         n_angle,
         <int>angle.shape[0], n_col, <int>out.shape[5], first, last - first, &angle[0], &kind[0], &place[0],
         &table[0, 0],
         &path[0, 0, 0], &mu0[0], &mu[0], &cos_phi[0], &sin_phi[0], &sign[0], &columns[0, 0], &out[0, 0, 0, 0, 0, 0])
-    run_items(crew, scatter_pair, &task, piles * (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
+    run_items(crew, scatter_pair, &task, slab_stacks * (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
 
 
 cdef bint has_intensity_alone(given table, int terms) noexcept nogil:
@@ -143,14 +143,14 @@ cdef bint has_intensity_alone(given table, int terms) noexcept nogil:
     return True
 
 
-cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
+cdef int scatter_pair(const void* task, int item, Workspace desk) noexcept nogil:
     """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
     cdef const Scattering* s = <const Scattering*>task
     cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level
     cdef int first = 0, t, f, k, i = s.first + item // s.n_mu % s.n_here
     cdef int j = item % s.n_mu
     cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
-    cdef size_t level = <size_t>(item // (s.n_here * s.n_mu)) * n_level       # the first of the pile
+    cdef size_t level = <size_t>(item // (s.n_here * s.n_mu)) * n_level       # the first of the stack
     cdef given path = s.path + level * each + pair, sign = s.sign
     cdef size_t before = level // n_level * s.n_mu + j if s.apiece else level // n_level      # tables
     cdef given table = s.table + before * s.terms * SERIES

@@ -85,7 +85,7 @@ cdef inline double kernel_at(const Summing* t, const char* here, int order, int 
                             + component * t.strides[5]))[0]
 
 
-cdef int sum_tile(const void* task, int item, Desk desk) noexcept nogil:
+cdef int sum_tile(const void* task, int item, Workspace desk) noexcept nogil:
     """Some outgoing directions of one incident direction and one level."""
     cdef const Summing* t = <const Summing*>task
     cdef const Entries* e = &t.entries

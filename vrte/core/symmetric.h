@@ -89,7 +89,7 @@ VRTE_ALWAYS void vrte_form_q(int n, const double* VRTE_ALONE a, const double* VR
 }
 
 /* T to its eigenvalues d; z <- z times T's vectors. Every other turn does two: columns are long loads beside the
-   turns' chain of roots, so both go at once. Not 0 where it does not settle. */
+   turns' chain of roots, so both go at once. Not 0 where it does not converge. */
 VRTE_ALWAYS int vrte_turn_to_diagonal(int n, double* VRTE_ALONE d, double* VRTE_ALONE e, double* VRTE_ALONE z) {
     int bottom = n - 1, sweeps = 0;
     while (bottom > 0) {

@@ -175,7 +175,7 @@ class Model:
         step = STEP * (abs(values[place]) or 1.0)
         return np.sum([weight * found for weight, found in sample_around(predict_at, values[place], step)], axis=0)
 
-    def settle_nodes(self, values: Array) -> None:
+    def converge_on_nodes(self, values: Array) -> None:
         """Chooses how many nodes all solves take, by the first, a middle and the last wavelength at these numbers."""
         if self.nodes is None:
             self.nodes = self.find_nodes(values)
@@ -215,7 +215,7 @@ class Model:
             with name_wavelength(wavelength):
                 request = choose_method(group.ask(scene, how))
                 run = make_run(request)
-                run.told = True
+                run.runtime_warned = True
 
                 def work() -> Any:
                     return solve_with_derivatives(request, variations, run)

@@ -189,7 +189,7 @@ def fit(
     said = {"starts": count, "seed": seed, "loss": loss}
     journal = Journal(resume, "" if resume is None else find_fingerprint(problem, said))
     model.nodes = model.nodes or journal.nodes
-    model.settle_nodes(first)
+    model.converge_on_nodes(first)
     check_slopes(problem, first)
     search, interrupted = Search(problem, journal, most, watch), False
     try:

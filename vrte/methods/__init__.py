@@ -66,7 +66,7 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
         nodes = find_usual_nodes(request)
         why = f", most of it for method {request.method!r} on {nodes} nodes"
         change = f"fewer nodes take less, as does {EXACT!r}"
-        cost.foretell(predict_seconds(request, run), request.time_limit_s, why, change, run.told)
+        cost.warn_runtime(predict_seconds(request, run), request.time_limit_s, why, change, run.runtime_warned)
     if is_refined(request):
         ((mu, found),) = refine_request(request, method, settings, run, progress)
     else:

@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning, warn_user
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
@@ -45,7 +45,7 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
         if places:
             request = flat[0].request
             engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
-            own = change_fields(run, kernels=engine.stages) if refracts else run
+            own = replace_unchecked(run, kernels=engine.stages) if refracts else run
             solutions |= dict(
                 zip(places, carry_out_on_devices([flat[k] for k in places], engine, own, progress), strict=True)
             )

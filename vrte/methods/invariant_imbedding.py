@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import check_number
-from vrte.discrete_ordinates.planning.needs import find_needs
+from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes
 from vrte.methods.parts.slab import POINTS, Count, Slab, grow_slab, reflect_semi_infinite, solve_by_slabs
@@ -37,7 +37,7 @@ def predict_operations(task: Task) -> float:
     problem = task.problem
     n, r, c = count_sizes(task.request, task.problem)
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
-    strength = np.minimum(find_needs(problem, task.run).by_layer, 1.0)  # (layer, order)
+    strength = np.minimum(find_order_bounds(problem, task.run).by_layer, 1.0)  # (layer, order)
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
     sweep = POINTS * ((2.0 * n * n + 8.0 * r * n) * c + 40.0 * POINTS * r * c)
     return float(steps.sum()) * cost.SWEEPS * (sweep + 10.0 * cost.OVERHEAD)

@@ -14,7 +14,7 @@ from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.responses import respond_by_beams
+from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.on_nodes import count_sizes

@@ -15,7 +15,7 @@ from vrte.basics.arrays import check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.discrete_ordinates.orders.problem import ALL
-from vrte.discrete_ordinates.planning.needs import find_needs
+from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import connect_media, count_sizes
 from vrte.methods.parts.sections import (
@@ -53,7 +53,7 @@ def solve_by_successive_orders(task: Task) -> Answer:
             if lit is not None:
                 kernels[m][..., list(problem.stokes)] = order.view(lit)
             if m == 0:
-                up, down = stack.passage.sum_fluxes(*(stack.scale * total.edges))
+                up, down = stack.beam_paths.sum_fluxes(*(stack.scale * total.edges))
                 fluxes = up.reshape(shape), down.reshape(shape)
             task.tell(m + 1, count)
     more = {"levels": int(stack.panels * POINTS), **convergence.diagnostics}
@@ -131,7 +131,7 @@ def predict_operations(task: Task) -> float:
     media = task.request.scene.media
     # of what comes to a surface from within, about so much gets out
     kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2)) * (min(media) / max(media)) ** 2
-    ratio = np.clip(find_needs(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
+    ratio = np.clip(find_order_bounds(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
     a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * problem.n_rhs
     return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)

@@ -124,7 +124,7 @@ class Guess:
 
     def find_source(self, order: int, section: Section, rows: slice) -> Array:
         """The source over mu, down and up, (2, panel, POINTS, rows, b), towards some rows of a section."""
-        problem, stokes = self.stack.passage.problem, list(self.stack.passage.problem.stokes)
+        problem, stokes = self.stack.beam_paths.problem, list(self.stack.beam_paths.problem.stokes)
         mu = section.on_nodes.rows[rows][:: len(stokes)]
         to, here = np.concatenate([mu, -mu]), slice(POINTS * section.panels.start, POINTS * section.panels.stop)
         tables = self.tables[here]
@@ -150,7 +150,7 @@ class Guess:
 
     def find_arriving(self, order: int) -> Array:
         """Light of the regular part on the nodes at the base, (n, b)."""
-        problem = self.stack.passage.problem
+        problem = self.stack.beam_paths.problem
         found = np.zeros((problem.size, problem.mu0.size, problem.columns.shape[0]))
         if order == 0:
             found[:: len(problem.stokes)] = 2.0 * self.arriving[:, None] * problem.columns[:, 0]
@@ -159,9 +159,9 @@ class Guess:
 
 def make_guess(request: Request, stack: Sections, regular: str, run: Run) -> Guess:
     """Both parts at the depths of a stack."""
-    problem = stack.passage.problem
+    problem = stack.beam_paths.problem
     layer = np.repeat([each.layer for each in stack.sections], [each.depths.size for each in stack.sections])
-    begin = [float(stack.passage.cut.thickness[: each.place].sum()) for each in stack.sections]
+    begin = [float(stack.beam_paths.cut.thickness[: each.place].sum()) for each in stack.sections]
     depth = np.concatenate([top + each.depths.ravel() for top, each in zip(begin, stack.sections, strict=True)])
     layers = request.scene.layers
     tops = np.cumsum([0.0, *(each.thickness for each in layers)])

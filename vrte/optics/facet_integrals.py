@@ -13,7 +13,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import Panel, RefractedNodes, make_double_gauss
-from vrte.basics.running import Crew
+from vrte.basics.running import ThreadTeam
 from vrte.optics.facets import RoughSurface
 
 NODES_AT_ONCE = 4  # between them, at most, one piece of the integral
@@ -39,7 +39,7 @@ def integrate_azimuths(
     points, reach = choose_points(accuracy)
     x, weights = make_double_gauss(points)
     _core.facet_orders(
-        Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+        ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
         index=complex(surface.ratio),
         roughness=surface.roughness,
         is_ggx=surface.distribution == "ggx",

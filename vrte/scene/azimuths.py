@@ -29,7 +29,7 @@ Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from th
 Sample = Callable[[Array, Array, Array], Array]  # f (..., S, S) of mu_i, mu_o, phi_deg that broadcast
 
 
-class UnsettledError(AccuracyError):
+class ConvergenceError(AccuracyError):
     """Fourier integrals that do not settle: what was found of them, R^m with the most azimuths it took, and how many
     times further off it may be than is allowed."""
 
@@ -44,8 +44,8 @@ def integrate_orders(
     """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair.
 
     Twice as many azimuths are taken until they change a pair by no more than it may be off. Where that hardly helps
-    from ENOUGH of them on, f is not smooth, and it is integrated in pieces. Raises UnsettledError where MOST_SAMPLES do
-    not settle it.
+    from ENOUGH of them on, f is not smooth, and it is integrated in pieces. Raises ConvergenceError where MOST_SAMPLES
+    are too few.
     """
     here, there = np.nonzero(pairs)
     into, out = mu_i[here], mu_o[there]
@@ -75,7 +75,7 @@ def integrate_orders(
     azimuths += samples
     worst = int(np.argmax(error / most))
     if error[worst] > most[worst]:
-        raise UnsettledError(
+        raise ConvergenceError(
             f"the base's azimuthal orders do not settle with {azimuths} azimuths: from mu_i {into[worst]:.3g} to mu_o "
             f"{out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is allowed",
             (found, azimuths),

@@ -115,7 +115,7 @@ def pass_along(joints: Joints, fade: Array, sources: Passing) -> Passing:
     return found
 
 
-def find_fading(thickness: Array, cosines: Array) -> Array:
+def find_decaying(thickness: Array, cosines: Array) -> Array:
     """e^(-thickness/mu) of every layer along directions, (layer, n); 0 where they do not go. thickness (layer,);
     cosines (medium, n)."""
     inside = cosines[1:-1]
@@ -169,7 +169,7 @@ def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
     frame."""
     cosines = find_cosines(scene.media, scene.index_above, mu0)
     thickness = np.array([layer.thickness for layer in scene.layers])
-    passing = follow_beams(make_joints(scene, cosines), find_fading(thickness, cosines))
+    passing = follow_beams(make_joints(scene, cosines), find_decaying(thickness, cosines))
     found = np.empty((depths.joint.size, mu0.size, 2, 4, 4))
     for t, k in enumerate(depths.joint.tolist()):
         if k >= 0:
@@ -179,7 +179,7 @@ def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
         k, share = int(depths.layer[t]), float(depths.share[t])
         length = thickness[k : k + 1] if np.isfinite(thickness[k]) else np.ones(1)
         shares = (1.0 - share, share) if np.isfinite(thickness[k]) else (np.inf, share)
-        upward, down = (find_fading(part * length, cosines[k : k + 3])[0] for part in shares)
+        upward, down = (find_decaying(part * length, cosines[k : k + 3])[0] for part in shares)
         found[t, :, 0] = upward[:, None, None] * passing.leaving[k + 1]
         found[t, :, 1] = down[:, None, None] * passing.entering[k]
     found[:, :, 0] = FLIP[:, None] * found[:, :, 0]

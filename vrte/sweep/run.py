@@ -17,7 +17,7 @@ from vrte.basics.arrays import check_choice, check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.running import Progress, count_usable_cpus
-from vrte.calls.forecast import foretell_all
+from vrte.calls.forecast import warn_runtime_of_all
 from vrte.formats.text_file import check_file_name
 from vrte.request.how import PRECISIONS
 from vrte.request.request import Request
@@ -228,7 +228,7 @@ def predict_sweep(work: Work, workers: int, limit: float) -> None:
     beside = 0.0 if done else measure_particle_seconds(work, shared)
     what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"
     try:
-        foretell_all(scenes * solves, make_request_at, what, limit, beside, workers)
+        warn_runtime_of_all(scenes * solves, make_request_at, what, limit, beside, workers)
     except SceneError:
         if not done:
             store.clear(work.folder)

@@ -1,1 +1,1 @@
-"""Derivatives of multiply and singly scattered light: the algebra of slabs and joints, differentiated."""
+"""Derivatives of multiply and singly scattered light: the algebra of slabs and interfaces, differentiated."""

@@ -23,17 +23,17 @@ from vrte.discrete_ordinates.derivatives.differentiate import (
     put_in_media,
     shorten_plan,
 )
-from vrte.discrete_ordinates.derivatives.pile import Differentiating, OrderOfPile
 from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
+from vrte.discrete_ordinates.derivatives.slab_stack import Differentiating, OrderOfStack
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
+from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
+from vrte.discrete_ordinates.orders.slab_response import Response
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import Way
 from vrte.optics.truncation import expand_peak
@@ -210,7 +210,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     rows = problem.coefficients.shape[1]
     multiple = [np.zeros((rows, 6)) for _ in scene.layers]
     single = [np.zeros((layer.phase_matrix.terms, 6)) for layer in scene.layers]
-    with PROCESSOR.at_work(), run.booked("derivatives"):
+    with PROCESSOR.at_work(), run.recorded("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
             if not orders.size:
@@ -229,7 +229,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
                     weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
                     pull_order(route, eyes, place, order, lit, weights, multiple)
         weights = cotangent[..., plan.wanted.place] * plan.wanted.scale[:, None, None, None, None]
-        pull_once(Passage(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
+        pull_once(BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
     return multiple, single
 
 
@@ -287,8 +287,8 @@ def pull_order(
     multiple: list[Array],
 ) -> None:
     """Adds what an order has of the derivatives with the layers' scattering."""
-    forward = OrderOfPile(route, place, order, *lit[0], alone=False)
-    back = forward if eyes is route else OrderOfPile(eyes, place, order, *lit[1], alone=False)
+    forward = OrderOfStack(route, place, order, *lit[0], alone=False)
+    back = forward if eyes is route else OrderOfStack(eyes, place, order, *lit[1], alone=False)
     seen, sent = weigh_sent(route, weights)
     stokes = list(route.problem.stokes)
     n = route.problem.size
@@ -301,8 +301,11 @@ def pull_order(
         piece = forward.pieces[k]
         size = piece.response.nodes.shape[-1]
         # light on the nodes that falls on the slab, from above and from below, and what it weighs when it leaves
-        lights = [field[n - size :] for field in (forward.pile.entering[k], forward.pile.leaving[k + 1])]
-        eyes_see = [(turn * field * scale)[n - size :] for field in (back.pile.entering[k], back.pile.leaving[k + 1])]
+        lights = [field[n - size :] for field in (forward.slab_stack.entering[k], forward.slab_stack.leaving[k + 1])]
+        eyes_see = [
+            (turn * field * scale)[n - size :]
+            for field in (back.slab_stack.entering[k], back.slab_stack.leaving[k + 1])
+        ]
         heard = [field @ seen for field in eyes_see]  # (n, r), up at the top and down at the bottom
         beams = [piece.flux(power[k]) for power in (route.falling, route.mirrored)]
         out = [sent[2 * k + end].reshape(-1, r) for end in range(2)]
@@ -447,19 +450,19 @@ def pull_phase(
     return found
 
 
-def pull_once(passage: Passage, phi: Array, weights: Array, single: list[Array]) -> None:
+def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Array]) -> None:
     """Adds the derivatives with each layer's coefficients, over its gain, of light that is scattered once: all orders
     in closed form. `make_scatterer` read backwards; weights (n_in, n_out, n_phi, 4, n_col)."""
-    cut, sights, place = passage.cut, passage.sights, passage.sights.place[0]
-    escapes = passage.escapes[0] * (passage.problem.flip * sights.index[0] ** 2)[..., None, None]
+    cut, sights, place = beam_paths.cut, beam_paths.sights, beam_paths.sights.place[0]
+    escapes = beam_paths.escapes[0] * (beam_paths.problem.flip * sights.index[0] ** 2)[..., None, None]
     for k, layer in enumerate(cut.layer.tolist()):
         medium = 1 + layer
-        into, out = passage.into[medium], sights.cosines[medium]
+        into, out = beam_paths.into[medium], sights.cosines[medium]
         mu_in, mu_out = np.where(into > 0.0, into, 1.0), np.where(out > 0.0, out, 1.0)
         paths = integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out) * ((out > 0.0)[:, None] & (into > 0.0))
-        paths /= 4.0 * np.pi * passage.media.scene.media[medium] ** 2 * mu_in
+        paths /= 4.0 * np.pi * beam_paths.media.scene.media[medium] ** 2 * mu_in
         for side, end in np.ndindex(2, 2):
-            way, power = int(end != side), (passage.falling, passage.mirrored)[side][k]
+            way, power = int(end != side), (beam_paths.falling, beam_paths.mirrored)[side][k]
             sent = escapes[:, :, 2 * k + end] if way else escapes[:, :, 2 * k + end] * FLIP
             for i in np.flatnonzero(power.any(axis=(1, 2)) & sent.any()).tolist():
                 lit = paths[way][place, i][:, None, None, None]

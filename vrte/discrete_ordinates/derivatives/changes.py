@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Cut, find_beams, find_escapes
-from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
@@ -14,7 +14,7 @@ from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
 STEP = 1e-40  # of thicknesses, into the imaginary: no difference is taken, so none loses digits
-FAR = 1e300  # stands for a layer without end there
+FAR = 1e300  # stands for a semi-infinite layer there
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, c
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A variation as the pile of a `Passage` meets it: its layers; the pieces' thickness (piece,); the beams, as
+    """A variation as the stack of a `BeamPaths` meets it: its layers; the pieces' thickness (piece,); the beams, as
     `Passing` of Mueller matrices, and escapes of all four Stokes parameters, None where no thickness changes."""
 
     variation: Variation
@@ -78,27 +78,27 @@ class Change:
         return [bool(layer.scattering.any()) for layer in self.layers]
 
 
-def find_change(passage: Passage, variation: Variation, carried: int) -> Change:
-    """What a variation changes of a pile."""
-    problem, scene = passage.problem, passage.media.scene
+def find_change(beam_paths: BeamPaths, variation: Variation, carried: int) -> Change:
+    """What a variation changes of a stack."""
+    problem, scene = beam_paths.problem, beam_paths.media.scene
     layers = tuple(change_layer(problem, scene, k, variation, carried) for k in range(len(scene.layers)))
-    pieces = change_pieces(passage, variation, layers)
+    pieces = change_pieces(beam_paths, variation, layers)
     beams = None
     if pieces.any():
-        _, moved = find_beams(passage.media, stretch_pieces(passage.cut, pieces), problem.mu0)
+        _, moved = find_beams(beam_paths.media, stretch_pieces(beam_paths.cut, pieces), problem.mu0)
         beams = Passing(*(part.imag / STEP for part in vars(moved).values()))
     return Change(variation, layers, pieces, beams)
 
 
-def change_pieces(passage: Passage, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
+def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
     """Derivatives of the pieces' thickness, (piece,): a depth inside a layer stays where it is below the top of all,
     the faces of layers move."""
-    problem, depths = passage.problem, passage.media.depths
+    problem, depths = beam_paths.problem, beam_paths.media.depths
     true_top = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(variation.thickness), variation.thickness, 0.0))])
-    found = np.zeros(passage.cut.layer.size)
-    stretch = np.where(problem.albedo > 0.0, 1.0 - problem.fraction * find_albedo(passage), 1.0)
+    found = np.zeros(beam_paths.cut.layer.size)
+    stretch = np.where(problem.albedo > 0.0, 1.0 - problem.fraction * find_albedo(beam_paths), 1.0)
     for k, layer in enumerate(layers):
-        own = np.flatnonzero(passage.cut.layer == k)
+        own = np.flatnonzero(beam_paths.cut.layer == k)
         here = (depths.joint < 0) & (depths.layer == k)
         levels = np.unique(problem.level[here])
         true = levels / stretch[k]
@@ -111,9 +111,9 @@ def change_pieces(passage: Passage, variation: Variation, layers: tuple[LayerCha
     return found
 
 
-def find_albedo(passage: Passage) -> Array:
+def find_albedo(beam_paths: BeamPaths) -> Array:
     """The albedos of the layers as they are, (layer,)."""
-    return np.array([layer.albedo for layer in passage.media.scene.layers])
+    return np.array([layer.albedo for layer in beam_paths.media.scene.layers])
 
 
 def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
@@ -122,15 +122,17 @@ def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
     return replace(cut, thickness=finite + 1j * STEP * pieces)
 
 
-def change_escapes(passage: Passage, change: Change, sources: Array, members: list[int] | None = None) -> Array | None:
+def change_escapes(
+    beam_paths: BeamPaths, change: Change, sources: Array, members: list[int] | None = None
+) -> Array | None:
     """Derivatives of what is seen of light that sets out along the sights, as `find_escapes` has it."""
     if not change.pieces.any():
         return None
     found = find_escapes(
-        passage.media,
-        stretch_pieces(passage.cut, change.pieces),
-        passage.sights,
-        passage.problem.n_up,
+        beam_paths.media,
+        stretch_pieces(beam_paths.cut, change.pieces),
+        beam_paths.sights,
+        beam_paths.problem.n_up,
         list(ALL) if members is None else members,
         sources,
     )

@@ -13,18 +13,18 @@ from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.derivatives.changes import find_change
 from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
-from vrte.discrete_ordinates.derivatives.pile import Differentiating
+from vrte.discrete_ordinates.derivatives.slab_stack import Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
 from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_parts
 from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
-from vrte.discrete_ordinates.orders.leave_out import EVERYTHING
+from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Media, Sights
-from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.needs import list_stokes_sets
+from vrte.discrete_ordinates.planning.order_bounds import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.request.request import find_under
 from vrte.results.solution import Solution
@@ -59,8 +59,8 @@ def find_spread(plan: Plan) -> bool:
 
 
 def check_finite(scene: Scene, variation: Variation) -> None:
-    """Raises SceneError where a derivative does not exist: the albedo of an endless layer that absorbs nothing, whose
-    light changes as the root of what is absorbed; the thickness of an endless layer."""
+    """Raises SceneError where a derivative does not exist: the albedo of a semi-infinite layer that absorbs nothing,
+    whose light changes as the root of what is absorbed; the thickness of a semi-infinite layer."""
     for k, layer in enumerate(scene.layers, 1):
         if not np.isinf(layer.thickness):
             continue
@@ -142,7 +142,7 @@ def has_more_terms(plan: Plan, variation: Variation) -> bool:
 
 def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bool:
     """Whether Stokes parameters that are solved apart would mix with the variation."""
-    if not problem.leave_out.stokes or scene.below.mixes_stokes:
+    if not problem.skip_flags.stokes or scene.below.mixes_stokes:
         return False
     rows = max(problem.coefficients.shape[1], *(len(table) for table in variation.coefficients))
     here = np.pad(np.abs(problem.coefficients), ((0, 0), (0, rows - problem.coefficients.shape[1]), (0, 0)))
@@ -233,10 +233,10 @@ def differentiate_part(
             values.append(add_up(target, lights[k], sights, vertices[k], run))
             if progress is not None:
                 progress(done + k + 1, total)
-    passage = Passage(problem, BLACK, 1, 1.0)
+    beam_paths = BeamPaths(problem, BLACK, 1, 1.0)
     solutions = []
     for k, variation in enumerate(variations):
-        peaks = change_peak_flux(passage, variation, carried)
+        peaks = change_peak_flux(beam_paths, variation, carried)
         diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
         solutions.append(Solution(values[k], flux[k, 0] + peaks[0], flux[k, 1] + peaks[1], diagnostics))
     return solutions
@@ -248,7 +248,7 @@ def find_carried(plan: Plan) -> int:
 
 
 def put_in_media(plan: Plan) -> Problem:
-    """A plan's problem as one of several media, of which a transparent pile has only one."""
+    """A plan's problem as one of several media, of which a transparent stack has only one."""
     problem, request = plan.problem, plan.request
     if problem.media is not None:
         return problem
@@ -262,11 +262,11 @@ def put_block_in_media(plan: Plan, block: Block) -> Problem:
     request, problem, scene = plan.request, block.problem, plan.request.scene
     if problem.media is not None:
         return problem
-    reached, endless = problem.thickness.size, bool(np.isinf(problem.thickness[-1]))
+    reached, semi_infinite = problem.thickness.size, bool(np.isinf(problem.thickness[-1]))
     layers = list(scene.layers[:reached])
-    if endless:
+    if semi_infinite:
         layers[-1] = replace(layers[-1], thickness=np.inf)
-    seen = Scene(layers, scene.base if reached == len(scene.layers) and not endless else None)
+    seen = Scene(layers, scene.base if reached == len(scene.layers) and not semi_infinite else None)
     whole, count = plan.problem, problem.nodes.size
     all_ = make_refracted_nodes(scene.media, whole.nodes.size, whole.grading, scene.indices)
     nodes = replace(all_, highest=all_.highest[:count], depth=all_.depth[:count], measure=all_.measure[:count])
@@ -286,10 +286,10 @@ def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[V
     return [part.values for part in parts]
 
 
-def change_peak_flux(passage: Passage, variation: Variation, carried: int) -> Array:
+def change_peak_flux(beam_paths: BeamPaths, variation: Variation, carried: int) -> Array:
     """Derivatives of the flux that forward peaks take along with the beam, (2, n_tau, n_in, n_col): that of the beam in
     truncated layers less that of the true one."""
-    problem, media = passage.problem, passage.media
+    problem, media = beam_paths.problem, beam_paths.media
     found = np.zeros((2, problem.level.size, problem.mu0.size, problem.columns.shape[0]))
     if not problem.fraction.any():
         return found
@@ -303,7 +303,7 @@ def change_peak_flux(passage: Passage, variation: Variation, carried: int) -> Ar
             problem.level_layer
         ],
     )
-    for one, sign in ((passage, 1.0), (Passage(true, BLACK, 1, 1.0), -1.0)):
+    for one, sign in ((beam_paths, 1.0), (BeamPaths(true, BLACK, 1, 1.0), -1.0)):
         change = find_change(one, variation, carried)
         if not change.pieces.any():
             continue

@@ -25,13 +25,13 @@ SERIES = list_tanh_series(26)  # 0.5^25 over the radius pi^2/4 to the same power
 
 
 @dataclass(frozen=True)
-class Fading:
+class Decay:
     """f and g of a slab of half thickness h, inf allowed: then f = 1/sqrt(lambda), g = sqrt(lambda)."""
 
     half: float
 
     @property
-    def is_endless(self) -> bool:
+    def is_semi_infinite(self) -> bool:
         """Whether the slab has no lower end."""
         return bool(np.isinf(self.half))
 
@@ -39,19 +39,19 @@ class Fading:
         """f at lam (n,), real or complex, none of them negative."""
         root = np.sqrt(lam)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = 1.0 / root if self.is_endless else np.tanh(np.minimum(self.half, 1e300) * root) / root
+            found = 1.0 / root if self.is_semi_infinite else np.tanh(np.minimum(self.half, 1e300) * root) / root
         return np.where(lam == 0.0, self.half, found)
 
     def find_g(self, lam: Array) -> Array:
         """g at lam (n,)."""
         root = np.sqrt(lam)
-        found: Array = root if self.is_endless else root * np.tanh(self.half * root)
+        found: Array = root if self.is_semi_infinite else root * np.tanh(self.half * root)
         return found
 
     def find_c(self, lam: Array) -> Array:
         """c at lam (n,), sech(h sqrt(lam))^2, to the last digits however small."""
-        fade = np.exp(-2.0 * self.half * np.sqrt(lam))
-        found: Array = 4.0 * fade / (1.0 + fade) ** 2
+        decay = np.exp(-2.0 * self.half * np.sqrt(lam))
+        found: Array = 4.0 * decay / (1.0 + decay) ** 2
         return found
 
     def divide_c(self, points: Array) -> Array:
@@ -70,7 +70,7 @@ class Fading:
     def divide(self, points: Array) -> tuple[Array, Array]:
         """f[a, b] and g[a, b] of all pairs of points (n,), each (n, n)."""
         x, y = np.broadcast_arrays(points[:, None], points)
-        if self.is_endless:
+        if self.is_semi_infinite:
             p, q = np.broadcast_arrays(np.sqrt(points)[:, None], np.sqrt(points))
             with np.errstate(divide="ignore", invalid="ignore"):
                 return -1.0 / (p * q * (p + q)), 1.0 / (p + q)

@@ -15,8 +15,8 @@ from vrte.discrete_ordinates.execution.through_interfaces import (
     make_facet_scatterer,
     make_scatterer,
 )
+from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Sights, find_escapes
-from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
@@ -28,19 +28,21 @@ def list_changed_vertices(
     problem: Problem, base: Boundary, variations: Sequence[Variation], carried: int, azimuths: Azimuths, run: Run
 ) -> tuple[Sights, list[list[Vertex]]]:
     """For each variation, vertices whose light adds up to the derivative of all that is scattered once."""
-    passage = Passage(replace(problem, stokes=ALL), BLACK, 1, 1.0)
-    sources = [*passage.sources, (passage.cut.joint.size - 1, 2)]  # the base's, whether it reflects or not
+    beam_paths = BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0)
+    sources = [*beam_paths.sources, (beam_paths.cut.joint.size - 1, 2)]  # the base's, whether it reflects or not
     found = []
-    escapes = find_escapes(passage.media, passage.cut, passage.sights, problem.n_up, list(ALL), np.array(sources))
+    escapes = find_escapes(
+        beam_paths.media, beam_paths.cut, beam_paths.sights, problem.n_up, list(ALL), np.array(sources)
+    )
     for variation in variations:
-        change = find_change(passage, variation, carried)
-        changed = change_escapes(passage, change, np.array(sources))
-        found.append(list_vertices_of(passage, base, change, escapes, changed, azimuths, run))
-    return passage.sights, found
+        change = find_change(beam_paths, variation, carried)
+        changed = change_escapes(beam_paths, change, np.array(sources))
+        found.append(list_vertices_of(beam_paths, base, change, escapes, changed, azimuths, run))
+    return beam_paths.sights, found
 
 
 def list_vertices_of(
-    passage: Passage,
+    beam_paths: BeamPaths,
     base: Boundary,
     change: Change,
     escapes: Array,
@@ -49,8 +51,14 @@ def list_vertices_of(
     run: Run,
 ) -> list[Vertex]:
     """Of one variation: for each way that light goes, what changes of the beam, the scatterer, and the way out."""
-    problem, media, cut, beams, moved = passage.problem, passage.media, passage.cut, passage.beams, change.beams
-    into, sights = passage.into, passage.sights
+    problem, media, cut, beams, moved = (
+        beam_paths.problem,
+        beam_paths.media,
+        beam_paths.cut,
+        beam_paths.beams,
+        change.beams,
+    )
+    into, sights = beam_paths.into, beam_paths.sights
     lit, columns = problem.mu0[:, None, None], problem.columns.T
     found: list[Vertex] = []
 
@@ -75,10 +83,10 @@ def list_vertices_of(
                 seen = escapes[:, :, :, source]
                 if light.any() and seen.any():
                     power = lit * (light @ columns)
-                    for table, path in change_scatterer(passage, change, k, way):
+                    for table, path in change_scatterer(beam_paths, change, k, way):
                         scatter = make_scatterer(*given, table=table, path=path)
                         found.append(Vertex(power, seen, scatter))
-    for k, place in enumerate(passage.rough):
+    for k, place in enumerate(beam_paths.rough):
         sides = (
             (beams.arriving[place], None if moved is None else moved.arriving[place], 0),
             (beams.rising[place], None if moved is None else moved.rising[place], 1),
@@ -98,13 +106,13 @@ def list_vertices_of(
     return found
 
 
-def change_scatterer(passage: Passage, change: Change, k: int, way: int) -> list[tuple[Array, Array]]:
+def change_scatterer(beam_paths: BeamPaths, change: Change, k: int, way: int) -> list[tuple[Array, Array]]:
     """What a piece's scattering changes by, as tables of phase matrices and what they are multiplied with instead of
     gain times path, (n_in, n_sight)."""
-    problem, layer = passage.problem, int(passage.cut.layer[k])
+    problem, layer = beam_paths.problem, int(beam_paths.cut.layer[k])
     own, deeper = change.layers[layer], float(change.pieces[k])
-    place, length, gain = 1 + layer, float(passage.cut.thickness[k]), float(problem.gain[layer])
-    mu_in, mu_out = (np.where(mu > 0.0, mu, 1.0) for mu in (passage.into[place], passage.sights.cosines[place]))
+    place, length, gain = 1 + layer, float(beam_paths.cut.thickness[k]), float(problem.gain[layer])
+    mu_in, mu_out = (np.where(mu > 0.0, mu, 1.0) for mu in (beam_paths.into[place], beam_paths.sights.cosines[place]))
     path = integrate_slab_paths(length, mu_in, mu_out)[way].T
     found = []
     strength = own.gain * path
@@ -113,7 +121,7 @@ def change_scatterer(passage: Passage, change: Change, k: int, way: int) -> list
         slope = slope - path / mu_out if way else slope * np.exp(-length / mu_out)
         strength = strength + gain * deeper * slope
     if strength.any():
-        found.append((_core.series_table(passage.media.scene.layers[layer].phase_matrix.coefficients), strength))
+        found.append((_core.series_table(beam_paths.media.scene.layers[layer].phase_matrix.coefficients), strength))
     if gain > 0.0 and own.whole.any():
         found.append((_core.series_table(own.whole), gain * path))
     return found

@@ -26,7 +26,7 @@ from functools import partial
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.discrete_ordinates.derivatives.functions import Fading
+from vrte.discrete_ordinates.derivatives.functions import Decay
 
 APART = 7e-4  # of an eigenvalue: closer to one of a direction's it is stepped around
 STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
@@ -100,7 +100,7 @@ def measure_gaps(rate: Array, lam: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Modes that swing come in pairs, whose real columns are the real and the imaginary part of one of them.
+    """Modes that oscillate come in pairs, whose real columns are the real and the imaginary part of one of them.
 
     Matrix products are taken of real ones; what goes element by element with eigenvalues, of complex ones. first
     (pairs,): where each pair begins."""
@@ -157,13 +157,13 @@ class SlabModes:
         self, E: Blocks, F: Blocks, lam: Array, X: Array, Y: Array, mu_in: Array, mu_out: Array, thickness: float
     ) -> None:
         stokes = E.NI.shape[1] // mu_in.size
-        self.fading = fading = Fading(0.5 * thickness)
+        self.decaying = decaying = Decay(0.5 * thickness)
         self.X, self.Y = X, Y
         self.pairs = pairs = Pairs(np.flatnonzero(lam.imag > 0.0).astype(np.int32))
         self.X_inverse, self.Y_inverse = np.asarray(np.linalg.inv(X), float), np.asarray(np.linalg.inv(Y), float)
         self.into, self.out = step_aside(mu_in, lam, stokes, thickness), step_aside(mu_out, lam, stokes, thickness)
         rate, rate_out = self.into.rate, self.out.rate[:, None]
-        f, g = fading.find_f(lam), fading.find_g(lam)
+        f, g = decaying.find_f(lam), decaying.find_g(lam)
         # eigenvectors that lead in (columns) and out (rows), with what F makes of them
         f_in, e_in = (self.X_inverse @ F.NI)[:, self.into.of], (self.Y_inverse @ E.NI)[:, self.into.of]
         x_in = pairs.part_rows(rate * f_in + e_in) / (rate**2 - lam[:, None])
@@ -174,8 +174,8 @@ class SlabModes:
         self.x_out = np.ascontiguousarray(pairs.join_columns(x_out).real)
         self.y_out = (self.x_out - f_out) / rate_out
         # (1 + Z)^-1 to the right, from the light that comes in to modes, and to the left
-        t_in = np.tanh(fading.half * rate)
-        t_out = np.tanh(fading.half * rate_out)
+        t_in = np.tanh(decaying.half * rate)
+        t_out = np.tanh(decaying.half * rate_out)
         f_in, g_in = t_in / rate, t_in * rate
         even = np.asarray(np.linalg.inv(X + pairs.scale_columns(Y, g)))
         even_in: Array = 1.0 / (1.0 + t_in)
@@ -185,7 +185,7 @@ class SlabModes:
         even_out = (self.y_out - impedance @ even_left) / (1.0 + t_out)
         self.even = Side(even, even_in, even_from_in, even_left, even_out, 1.0 / (rate_out * (1.0 + t_out)))
         self.odd: Side | None = None
-        if not fading.is_endless:
+        if not decaying.is_semi_infinite:
             odd = np.asarray(np.linalg.inv(Y + pairs.scale_columns(X, f)))
             odd_in: Array = rate / (1.0 + t_in)
             odd_from_in = -odd @ (Y @ self.y_in + (X @ self.x_in) * f_in) * odd_in
@@ -193,16 +193,16 @@ class SlabModes:
             impedance = (pairs.scale_columns(self.x_out, f) - t_out * self.y_out) @ self.Y_inverse
             odd_out = (self.x_out - impedance @ odd_left) / (1.0 + t_out)
             self.odd = Side(odd, odd_in, odd_from_in, odd_left, odd_out, 1.0 / (1.0 + t_out))
-            self.passing = self.make_passing(fading, lam)
+            self.passing = self.make_passing(decaying, lam)
         self.tables = self.make_tables(lam, rate**2, self.out.rate**2)
 
-    def make_passing(self, fading: Fading, lam: Array) -> tuple["Side", "Side", "Side"]:
+    def make_passing(self, decaying: Decay, lam: Array) -> tuple["Side", "Side", "Side"]:
         """What encloses changes of C, Zo and Ze, for that of T: Y^-1 T stands right of the second, T Y left of the
         third."""
         even, odd, pairs = self.even, self.odd, self.pairs
         assert odd is not None
         rate, rate_out = self.into.rate, self.out.rate[:, None]
-        c, c_in, c_out = (fading.find_c(points) for points in (lam, rate**2, rate_out**2))
+        c, c_in, c_out = (decaying.find_c(points) for points in (lam, rate**2, rate_out**2))
         through = odd.nodes @ pairs.scale_columns(self.X, c)
         from_in = through @ even.from_in + (odd.from_in + odd.nodes @ (self.X @ self.x_in)) * (c_in * even.into)
         right = Side(through @ even.nodes, odd.into * c_in * even.into, from_in, odd.left, odd.out_left, odd.out)
@@ -221,13 +221,13 @@ class SlabModes:
     def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, ...]]:
         """f[a, b], g[a, b] and a b f[a, b] for each block, and c[a, b] and c[a, b] b of a slab that has an end."""
         points, place = np.unique(np.concatenate([lam, square, square_out]), return_inverse=True)
-        f, g = self.fading.divide(points)
+        f, g = self.decaying.divide(points)
         with np.errstate(invalid="ignore"):
             product = points[:, None] * points * f
         # without end and absorption g[0, 0] is infinite, and what it is multiplied with is zero: the flux is kept
         tables = [f, np.where(np.isfinite(g), g, 0.0), np.where(np.isfinite(product), product, 0.0)]
         if self.odd is not None:
-            c = self.fading.divide_c(points)
+            c = self.decaying.divide_c(points)
             tables += [c, c * points]
         nodes, into, out = np.split(place, [lam.size, lam.size + square.size])
         blocks = {"N": (nodes, nodes), "NI": (nodes, into), "ON": (out, nodes), "OI": (out, into)}
@@ -301,24 +301,24 @@ class Side:
 
 
 def deepen_slab(
-    E: Blocks, F: Blocks, R: Blocks, T: Blocks, mu_out: Array, fade_in: Array, fade_out: Array
+    E: Blocks, F: Blocks, R: Blocks, T: Blocks, mu_out: Array, decay_in: Array, decay_out: Array
 ) -> tuple[Blocks, Blocks]:
     """dR and dT with optical thickness, from both; mu_out (o,), and e^(-thickness/mu) of beams (r,) and of directions
     (o,)."""
     b, c = F.plus(E, -1.0).times(0.5), F.plus(E).times(0.5)
     # T behind a beam and on the nodes, what b makes of it, and T of that
-    b_in = b.NI * fade_in + b.N @ T.NI
+    b_in = b.NI * decay_in + b.N @ T.NI
     b_nodes = b.N @ T.N
-    fade = fade_out[:, None]
+    decay = decay_out[:, None]
     dR = Blocks(
         T.N @ b_nodes,
         T.N @ b_in,
-        T.ON @ b_nodes + fade * (b.ON @ T.N),
-        T.ON @ b_in + fade * (b.ON @ T.NI),
+        T.ON @ b_nodes + decay * (b.ON @ T.N),
+        T.ON @ b_in + decay * (b.ON @ T.NI),
     )
     dT = Blocks(
         R.N @ b_nodes - c.N @ T.N,
-        R.N @ b_in - c.NI * fade_in - c.N @ T.NI,
+        R.N @ b_in - c.NI * decay_in - c.N @ T.NI,
         R.ON @ b_nodes - c.ON @ T.N - T.ON / mu_out[:, None],
         R.ON @ b_in - c.ON @ T.NI - T.OI / mu_out[:, None],
     )

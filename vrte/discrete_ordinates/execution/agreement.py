@@ -14,7 +14,7 @@ from vrte.results.solution import NO_LIGHT
 
 @dataclass(eq=False)
 class Agreement:
-    """by: the other algorithms; compared: how many orders both vouch for; gap (n_tau,): the largest difference of the
+    """by: the other algorithms; compared: how many orders both verify; gap (n_tau,): the largest difference of the
     radiance, added up over them; flux_gap (n_tau,): of the fluxes; None where nothing could be compared."""
 
     by: set[str] = field(default_factory=set)

@@ -9,14 +9,14 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
 from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, fill_results
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
-from vrte.discrete_ordinates.planning.needs import calibrate_bounds, count_orders_that_matter
+from vrte.discrete_ordinates.planning.order_bounds import calibrate_bounds, count_orders_that_matter
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.results.solution import Solution
 
@@ -87,13 +87,13 @@ class Task:
         count = int(np.count_nonzero(piece.orders < self.left))
         if count in (0, piece.orders.size):
             return (piece, answer) if count else None
-        piece = change_fields(piece, orders=piece.orders[:count])
+        piece = replace_unchecked(piece, orders=piece.orders[:count])
         if answer.doubts:
             doubts = {order: reason for order, reason in answer.doubts.items() if order < self.left}
-            return piece, change_fields(answer, doubts=doubts)
-        light = change_fields(answer.light, orders=answer.light.orders[:count])
+            return piece, replace_unchecked(answer, doubts=doubts)
+        light = replace_unchecked(answer.light, orders=answer.light.orders[:count])
         residuals = {name: values[:count] for name, values in answer.residuals.items()}
-        return piece, change_fields(answer, light=light, largest=answer.largest[:count], residuals=residuals)
+        return piece, replace_unchecked(answer, light=light, largest=answer.largest[:count], residuals=residuals)
 
     def note(self, piece: Piece, answer: Answer) -> None:
         """Puts down what was found for a piece."""
@@ -117,15 +117,15 @@ class Task:
 def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progress | None = None) -> list[Solution]:
     """The diffuse fields of plans: together where the engine takes many, otherwise in turn.
 
-    Raises AccuracyError where no algorithm can vouch for an order, SceneError or DeviceError where there is too little
+    Raises AccuracyError where no algorithm can verify an order, SceneError or DeviceError where there is too little
     memory, DeviceError where a device fails.
     """
     steps = Steps(progress, sum(count_steps(plan, engine) for plan in plans) if progress is not None else 0)
     batches = [plans] if engine.takes_many else [[plan] for plan in plans]
     try:
-        return [solution for batch in batches for solution in carry_out_together(batch, engine, run, steps)]
+        return [solution for batch in batches for solution in carry_out_batch(batch, engine, run, steps)]
     finally:
-        run.send_home()
+        run.release_threads()
 
 
 def count_steps(plan: Plan, engine: Engine) -> int:
@@ -134,7 +134,7 @@ def count_steps(plan: Plan, engine: Engine) -> int:
     return sum(block.orders.size for block in plan.blocks) + pieces
 
 
-def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: Steps) -> list[Solution]:
+def carry_out_batch(plans: Sequence[Plan], engine: Engine, run: Run, steps: Steps) -> list[Solution]:
     """The same of plans that the engine works on side by side."""
     start, before = time.perf_counter(), steps.done
     with engine.at_work():

@@ -13,7 +13,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -147,8 +147,8 @@ def fill_results(
 
 def prepare_sum(target: Target, lights: Sequence[Light], run: Run, overwritten: bool) -> Sum:
     """What an engine is to add up; single scattering by orders, where its closed form is not to be used."""
-    leave_out, through_interfaces = target.problem.leave_out, target.problem.media is not None
-    by_orders = not (leave_out.single or through_interfaces)
+    skip_flags, through_interfaces = target.problem.skip_flags, target.problem.media is not None
+    by_orders = not (skip_flags.single or through_interfaces)
     more = [find_single_scattering(target, run)] if by_orders else []
     return Sum(target, [*lights, *more], make_parts(target, overwritten), not (by_orders or through_interfaces))
 
@@ -156,7 +156,7 @@ def prepare_sum(target: Target, lights: Sequence[Light], run: Run, overwritten: 
 def choose_sum_threads(result: Sum, run: Run) -> Run:
     """The run, on one thread where starting another would take longer than the sums."""
     small = sum(part.values.nbytes for part in result.parts) < cost.WORTH_THREADS_SUMS
-    return change_fields(run, threads=1) if small else run
+    return replace_unchecked(run, threads=1) if small else run
 
 
 def prepare_rest(result: Sum, run: Run) -> list[Adder]:
@@ -228,7 +228,7 @@ def weigh_scatterers(target: Target, part: Part) -> list[tuple[Array, Array]]:
 
 def find_single_scattering(target: Target, run: Run) -> Light:
     """Single scattering by Fourier orders, where its closed form shall not be used."""
-    with run.booked("single scattering"):
+    with run.recorded("single scattering"):
         kernels = scatter_by_orders(target.scene.layers, target.problem)
     orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
     return Light(orders, np.array(ALL, np.int32), columns, kernels)
@@ -278,7 +278,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
 def prepare_spreading(target: Target, run: Run) -> Adder:
     """What adds one scattering of the beam, as it spreads by small angles, (2:4), where that is asked for."""
     scatter, problem = prepare_closed_form(target, run), target.problem
-    alone = change_fields(run, threads=1, kernels=_core)
+    alone = replace_unchecked(run, threads=1, kernels=_core)
     anisotropic = Anisotropic(target.scene, problem)
 
     def add(share: Share) -> None:
@@ -289,7 +289,7 @@ def prepare_spreading(target: Target, run: Run) -> Adder:
             beams = anisotropic.beams(mu0)
             for t, level in enumerate(part.levels.tolist()):
                 for places, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
-                    run.book("small angles", time.perf_counter() - begin)
+                    run.record("small angles", time.perf_counter() - begin)
                     for before, first, last in list_runs(towards[places]):
                         count = last - first
                         here = problem.mu0[i : i + 1], part.mu[first:last], 0, 1
@@ -318,7 +318,7 @@ def prepare_base(target: Target, run: Run) -> Adder:
 
     def add(share: Share, own: Run = run) -> None:
         part, place = share.part, (wanted.place, wanted.scale, share.first, share.last)
-        with own.booked("single scattering"):
+        with own.recorded("single scattering"):
             add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
 
     return add

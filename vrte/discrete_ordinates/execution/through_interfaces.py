@@ -9,6 +9,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.beam_paths import list_sources
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.media import (
     Cut,
@@ -20,7 +21,6 @@ from vrte.discrete_ordinates.orders.media import (
     find_rough_places,
     list_sights,
 )
-from vrte.discrete_ordinates.orders.passage import list_sources
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths

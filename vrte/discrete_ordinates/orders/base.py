@@ -11,14 +11,14 @@ from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.rough import reflect_off_facets
-from vrte.scene.azimuths import UnsettledError
+from vrte.scene.azimuths import ConvergenceError
 from vrte.scene.boundary import Boundary
 
 SHARE = 0.1  # of the accuracy asked for, that the Fourier integrals of a base may use up
 UNTOLD = 1e-9  # accuracy of methods that are not asked for one
 FINEST = 1e-12  # relative error that is always allowed
 ROUNDING = 1e-13  # of R^m itself
-LARGEST_ERROR = 1e-3  # of light, by what integrals do not settle to, beyond which there is no answer
+LARGEST_ERROR = 1e-3  # of light, by what integrals do not converge to, beyond which there is no answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def make_black_base(problem: Problem, n_order: int) -> Base:
 
 def count_base_rows(problem: Problem, n_order: int) -> int:
     """Orders of a base that reflects order 0 at most: one, unless those that are zero shall not be left out."""
-    return 1 if problem.leave_out.base or np.isinf(problem.thickness[-1]) else max(n_order, 2)
+    return 1 if problem.skip_flags.base or np.isinf(problem.thickness[-1]) else max(n_order, 2)
 
 
 def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD) -> Base:
@@ -94,7 +94,7 @@ def find_reflected_orders(
     allowed = partial(find_allowed_errors, problem, accuracy)
     try:
         return boundary.reflect_orders(into, out, pairs, n_order, allowed)
-    except UnsettledError as error:
+    except ConvergenceError as error:
         reached = error.excess * max(SHARE * accuracy, FINEST)
         words = f"{error} at accuracy {accuracy:g}"
         if reached > LARGEST_ERROR:

@@ -15,13 +15,13 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); fading (order, layer): whether every mode fades,
-    and amplitudes are of what fades from the top and from the bottom; residual (order, layer)."""
+    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); decaying (order, layer): every mode decays,
+    and amplitudes are of what decays from the top and from the bottom; residual (order, layer)."""
 
     even: Array
     odd: Array
     base_down: Array
-    fading: IntArray
+    decaying: IntArray
     residual: Array
 
 
@@ -39,7 +39,7 @@ def solve_boundary(
         even=np.empty(shape),
         odd=np.empty(shape),
         base_down=np.empty((orders.size, n_rhs, n)),
-        fading=np.empty((orders.size, n_layer), np.int32),
+        decaying=np.empty((orders.size, n_layer), np.int32),
         residual=np.zeros((orders.size, n_layer)),
     )
     info = np.zeros(orders.size, np.int32)
@@ -52,7 +52,7 @@ def solve_boundary(
             Y=modes.Y,
             c=beam.c,
             zeta=beam.zeta,
-            clear=np.where((problem.albedo == 0.0) & problem.leave_out.clear, 1, 0).astype(np.int32),
+            clear=np.where((problem.albedo == 0.0) & problem.skip_flags.clear, 1, 0).astype(np.int32),
             thickness=problem.thickness,
             mu0=problem.mu0,
             above=problem.above,
@@ -63,7 +63,7 @@ def solve_boundary(
             even=result.even,
             odd=result.odd,
             base_down=result.base_down,
-            fading=result.fading,
+            decaying=result.decaying,
             residual=result.residual,
             info=info,
         )

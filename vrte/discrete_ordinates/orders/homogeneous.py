@@ -43,7 +43,7 @@ def find_modes(problem: Problem, orders: IntArray, matrices: Assembled, run: Run
             orders=orders,
             conserving=problem.conserves,
             quick=quick,
-            clear=problem.leave_out.clear,
+            clear=problem.skip_flags.clear,
             albedo=problem.albedo,
             directions=problem.nodes,
             weights=problem.weights,

@@ -1,4 +1,4 @@
-"""The top of a layer without end, by invariance: Ambarzumian's functions as matrices, no eigenproblem, no doubling."""
+"""Reflection of a semi-infinite layer by invariance: Ambarzumian's functions as matrices, without an eigenproblem."""
 
 from dataclasses import dataclass
 
@@ -20,8 +20,8 @@ class Reflected:
     steps: IntArray
 
 
-def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
-    """What the first layer of a problem, taken as endless, sends back in each order."""
+def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
+    """What the first layer of a problem, taken as semi-infinite, sends back in each order."""
     off, places = problem.off_nodes
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
     stokes, terms = len(problem.stokes), int(problem.terms[0])
@@ -33,7 +33,7 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
         steps=np.empty(orders.size, np.int32),
     )
     with run.timed("invariance") as crew:
-        run.kernels.reflect_endless(
+        run.kernels.reflect_semi_infinite(
             crew,
             orders=orders,
             members=np.array(problem.stokes, np.int32),
@@ -46,7 +46,7 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
             into=places[n_out:],
             columns=problem.columns,
             tolerance=tolerance,
-            halves=problem.leave_out.halves,
+            halves=problem.skip_flags.halves,
             up=up,
             on_nodes=found.on_nodes,
             residual=found.residual,

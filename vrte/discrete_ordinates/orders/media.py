@@ -12,7 +12,7 @@ from vrte.scene.beams import (
     Joints,
     Passing,
     find_cosines,
-    find_fading,
+    find_decaying,
     follow_beams,
     make_joints,
     pass_along,
@@ -31,7 +31,7 @@ class Media:
     _known: dict[bytes, Joints] = field(default_factory=dict)
 
     def joints_along(self, cosines: Array) -> Joints:
-        """The scene's joints along directions (medium, n), found once: all blocks of orders ask for the same."""
+        """The scene's interfaces along directions (medium, n), found once: all blocks of orders ask for the same."""
         key = cosines.tobytes()
         if key not in self._known:
             self._known[key] = make_joints(self.scene, cosines)
@@ -49,10 +49,10 @@ class Media:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """The layers cut wherever the field is wanted: pieces, and a joint above each and below the last.
+    """The layers cut wherever the field is wanted: pieces, and a interface above each and below the last.
 
     layer (piece,); thickness (piece,), as the truncated layers have it; joint (piece + 1,): which of the scene's it is,
-    -1 for a mere cut; at (n_tau,): the joint that each depth lies at.
+    -1 for a mere cut; at (n_tau,): the interface that each depth lies at.
     """
 
     layer: IntArray
@@ -84,7 +84,7 @@ def cut_pieces(depths: Depths, thickness: Array, level: Array) -> Cut:
 
 
 def find_rough_places(media: Media, cut: Cut) -> list[int]:
-    """Which joints of the pieces are rough interfaces."""
+    """Which interfaces of the pieces are rough interfaces."""
     kinds = media.scene.interfaces
     rough = {k for k, kind in enumerate(kinds) if kind is not None and not kind.is_smooth}
     return [place for place, joint in enumerate(cut.joint.tolist()) if joint in rough]
@@ -111,8 +111,8 @@ def list_sights(media: Media, mu_out: Array) -> Sights:
 
 
 def join_pieces(joints: Joints, cut: Cut) -> Joints:
-    """The joints of a cut pile from those of its scene: nothing happens at a mere cut. Complex where thicknesses are,
-    as derivatives take them."""
+    """The interfaces of a cut stack from those of its scene: nothing happens at a mere cut. Complex where thicknesses
+    are, as derivatives take them."""
     count = joints.above.shape[1]
     nothing, all_ = np.zeros((1, count, 4, 4)), np.broadcast_to(np.eye(4), (1, count, 4, 4))
     ways = (("above", nothing), ("below", nothing), ("down", all_), ("up", all_))
@@ -120,23 +120,23 @@ def join_pieces(joints: Joints, cut: Cut) -> Joints:
     return Joints(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
 
 
-def find_fading_of_pieces(cut: Cut, cosines: Array) -> Array:
+def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
     """e^(-thickness/mu) of every piece, (piece, n); cosines (medium, n)."""
     inside = np.concatenate([cosines[:1], cosines[1 + cut.layer], cosines[-1:]])
-    return find_fading(cut.thickness, inside)
+    return find_decaying(cut.thickness, inside)
 
 
 def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
-    """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at every joint of the pieces."""
+    """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at interfaces of the pieces."""
     cosines = find_cosines(media.scene.media, media.scene.index_above, mu0)
     joints = join_pieces(media.joints_along(cosines), cut)
-    return cosines, follow_beams(joints, find_fading_of_pieces(cut, cosines))
+    return cosines, follow_beams(joints, find_decaying_of_pieces(cut, cosines))
 
 
 def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: list[int], sources: Array) -> Array:
     """What is seen of light that sets out along the sights, (n_tau, n_out, S, source, S), flipped frame.
 
-    sources (source, 2): at which joint, and on which way: 0 coming up below it, 1 coming down above it, 2 going up
+    sources (source, 2): at which interface, and on which way: 0 coming up below it, 1 coming down above it, 2 going up
     above it, 3 going down below it; the first n_up outgoing directions see light going up."""
     joints = join_pieces(media.joints_along(sights.cosines), cut)
     chosen = np.ix_(members, members)
@@ -147,7 +147,9 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
     for source, (joint, way) in enumerate(sources.tolist()):
         parts[way][joint, :, :, source] = np.eye(size)
     rising, arriving, leaving, entering = (part.reshape(n_joint, n_sight, size, -1) for part in parts)
-    found = pass_along(joints, find_fading_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising))
+    found = pass_along(
+        joints, find_decaying_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising)
+    )
     shape = (n_joint, n_sight, size, len(sources), size)
     n_out = sights.place.shape[1]
     seen = np.empty((cut.at.size, n_out, *shape[2:]), kind)

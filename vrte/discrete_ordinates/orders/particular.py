@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.homogeneous import Modes
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
@@ -47,8 +47,8 @@ def find_beam_field(problem: Problem, matrices: Assembled, modes: Modes, run: Ru
 def copy_to_layers(kinds: IntArray, matrices: Assembled, modes: Modes, beam: Beam) -> tuple[Assembled, Modes, Beam]:
     """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
     return (
-        change_fields(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
-        change_fields(
+        replace_unchecked(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
+        replace_unchecked(
             modes,
             lam_re=np.take(modes.lam_re, kinds, axis=1),
             lam_im=np.take(modes.lam_im, kinds, axis=1),

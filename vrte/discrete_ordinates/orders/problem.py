@@ -8,8 +8,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
-from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.media import Media
+from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 
 ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 
@@ -34,7 +34,7 @@ class Problem:
     layers like all depths; gain, fraction (layer,): as in `vrte.optics.truncation.Truncated`; nodes, weights (N,);
     mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
     vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
-    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
+    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; skip_flags: what
     need not be done. ``media``: where light is refracted or mirrored between the layers, None where it goes straight
     on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in. ``grading``:
     of the nodes, see `make_double_gauss`."""
@@ -56,7 +56,7 @@ class Problem:
     level_layer: IntArray
     stokes: tuple[int, ...] = ALL
     terms_cut: int = 0
-    leave_out: LeaveOut = EVERYTHING
+    skip_flags: SkipFlags = EVERYTHING
     media: Media | None = None
     grading: int = 1
 

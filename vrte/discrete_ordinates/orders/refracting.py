@@ -1,4 +1,4 @@
-"""Fourier orders of piles with interfaces: slabs by any of the exact routes, joined by what lies between them, (2:8).
+"""Fourier orders of stacks with interfaces: slabs by any of the exact routes, joined by what lies between them, (2:8).
 
 Light is counted as radiance over the square of the refractive index, scaled on the nodes by the root of n^2 weight mu:
 both are the same on either side of an interface, which then only shares out what comes.
@@ -14,9 +14,9 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.passage import ARRIVING, RISING, Passage
+from vrte.discrete_ordinates.orders.beam_paths import ARRIVING, RISING, BeamPaths
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.responses import Response
+from vrte.discrete_ordinates.orders.slab_response import Response
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.boundary import Boundary
@@ -26,8 +26,8 @@ Responder = Callable[[Problem, IntArray, Array, IntArray, Run], list[Response]]
 
 
 @dataclass(frozen=True, eq=False)
-class Sharing:
-    """What a joint does to light on the nodes of all media: blocks (N, S, S) of a smooth one, matrices (n, n) of
+class InterfaceOperators:
+    """What a interface does to light on the nodes of all media: blocks (N, S, S) of a smooth one, matrices (n, n) of
     one that scatters, None where nothing goes that way."""
 
     above: Array | None
@@ -45,8 +45,8 @@ class Places:
     of: IntArray
 
 
-class Refracting(Passage):
-    """A route for piles in several media, whose slabs another one finds."""
+class Refracting(BeamPaths):
+    """A route for stacks in several media, whose slabs another one finds."""
 
     def __init__(self, respond: Responder, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         super().__init__(problem, base, n_order, accuracy)
@@ -60,7 +60,7 @@ class Refracting(Passage):
             "residual_of_joints": 1e-9,
         }
         self.places = self.find_places()
-        self.sharings = self.find_sharings()
+        self.interface_operators = self.find_interface_operators()
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -91,11 +91,11 @@ class Refracting(Passage):
             media.append((index, one, material, np.array([length for _, length in keys])))
         return Places(media, slabs, of)
 
-    def find_sharings(self) -> list[Sharing | None]:
-        """Of smooth joints, in the order of the pieces; None for mere cuts."""
+    def find_interface_operators(self) -> list[InterfaceOperators | None]:
+        """Of smooth interfaces, in the order of the pieces; None for mere cuts."""
         joints = self.media.joints_along(self.media.cosines)
         members = np.ix_(self.problem.stokes, self.problem.stokes)
-        found: list[Sharing | None] = []
+        found: list[InterfaceOperators | None] = []
         scene = self.media.scene
         for place, joint in enumerate(self.cut.joint.tolist()):
             mere_cut = joint < 0 or (scene.interfaces[joint] is None and joint < len(scene.layers))
@@ -103,7 +103,7 @@ class Refracting(Passage):
                 found.append(None)
                 continue
             parts = [part[joint][:, members[0], members[1]] for part in vars(joints).values()]
-            found.append(Sharing(*(part if part.any() else None for part in parts)))
+            found.append(InterfaceOperators(*(part if part.any() else None for part in parts)))
         return found
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
@@ -121,7 +121,7 @@ class Refracting(Passage):
             slabs = [responses[medium][own] for medium, own in self.places.slab]
             kernels[place], residual[place] = self.join_order(place, int(orders[place]), slabs, fluxes)
 
-        with run.booked("joining"):
+        with run.recorded("joining"):
             if run.threads > 1 and orders.size > 1:
                 from concurrent.futures import ThreadPoolExecutor  # takes as long to import as a tenth of vrte
 
@@ -140,34 +140,34 @@ class Refracting(Passage):
 
     def join_order(self, place: int, order: int, slabs: list[Response], fluxes: Array) -> tuple[Array, float]:
         """One order: radiance (n_tau, n_in, n_col, n_out, S) for unit beams, public frame, and the residual of the
-        joints; the fluxes of order 0 (2, n_tau, n_rhs) are put where they belong."""
+        interfaces; the fluxes of order 0 (2, n_tau, n_rhs) are put where they belong."""
         problem = self.problem
         pieces = [
             Piece(slabs[which], place, self.media.scene.media[1 + layer], self.into[1 + layer])
             for which, layer in zip(self.places.of.tolist(), self.cut.layer.tolist(), strict=True)
         ]
-        pile = NodalPile(self, order, pieces)
-        pile.rise()
-        pile.fall()
-        light = self.see(pile, pieces)
+        slab_stack = NodalStack(self, order, pieces)
+        slab_stack.upward_sweep()
+        slab_stack.downward_sweep()
+        light = self.see(slab_stack, pieces)
         if problem.conserves and order == 0:
-            fluxes[:] = self.sum_fluxes(pile.arriving, pile.leaving, pile.entering, pile.rising)
-        return light, pile.residual
+            fluxes[:] = self.sum_fluxes(slab_stack.arriving, slab_stack.leaving, slab_stack.entering, slab_stack.rising)
+        return light, slab_stack.residual
 
-    def see(self, pile: "NodalPile", pieces: list["Piece"]) -> Array:
+    def see(self, slab_stack: "NodalStack", pieces: list["Piece"]) -> Array:
         """Light along the sights from all that sends it out, (n_tau, n_in, n_col, n_out, S), public frame."""
         problem, stokes = self.problem, len(self.problem.stokes)
         n_sight = self.sights.cosines.shape[1]
         sent = np.empty((len(self.sources), n_sight, stokes, problem.n_rhs))
         for k, piece in enumerate(pieces):
-            up, down = piece.send(pile.entering[k], pile.leaving[k + 1], self.falling[k], self.mirrored[k])
+            up, down = piece.send(slab_stack.entering[k], slab_stack.leaving[k + 1], self.falling[k], self.mirrored[k])
             sent[2 * k], sent[2 * k + 1] = up, down
-        for k, (place, rough) in enumerate(self.rough_joints.items(), len(pieces)):
-            arriving, rising = pile.arriving[place], pile.rising[place]
-            sent[2 * k] = rough.above.send(pile.order, arriving) + rough.up.send(pile.order, rising)
-            sent[2 * k + 1] = rough.below.send(pile.order, rising) + rough.down.send(pile.order, arriving)
+        for k, (place, rough) in enumerate(self.rough_interfaces.items(), len(pieces)):
+            arriving, rising = slab_stack.arriving[place], slab_stack.rising[place]
+            sent[2 * k] = rough.above.send(slab_stack.order, arriving) + rough.up.send(slab_stack.order, rising)
+            sent[2 * k + 1] = rough.below.send(slab_stack.order, rising) + rough.down.send(slab_stack.order, arriving)
         if self.base is not None:
-            sent[-1] = self.leave_base(pile.order, pile.arriving[-1])
+            sent[-1] = self.leave_base(slab_stack.order, slab_stack.arriving[-1])
         return self.look(sent)
 
 
@@ -235,7 +235,7 @@ class Piece:
 
 
 def share(part: Array | None, field: Array) -> Array:
-    """A joint's part applied to light on the nodes (n, r)."""
+    """A interface's part applied to light on the nodes (n, r)."""
     if part is None:
         return np.zeros_like(field)
     if part.ndim == 2:
@@ -245,7 +245,7 @@ def share(part: Array | None, field: Array) -> Array:
 
 
 def share_columns(field: Array, part: Array | None) -> Array:
-    """A matrix (r, n) times a joint's part."""
+    """A matrix (r, n) times a interface's part."""
     if part is None:
         return np.zeros_like(field)
     if part.ndim == 2:
@@ -275,8 +275,8 @@ class Factors:
         return float(np.abs(right - self.matrix @ found).max(initial=0.0)) / largest if largest > 1e-290 else 0.0
 
 
-class NodalPile:
-    """One order's light on the nodes of a pile: from the base up, then from the top down, as in `pass_along`."""
+class NodalStack:
+    """One order's light on the nodes of a stack: from the base up, then from the top down, as in `pass_along`."""
 
     def __init__(self, route: Refracting, order: int, pieces: list[Piece]) -> None:
         self.route, self.order, self.pieces = route, order, pieces
@@ -288,17 +288,17 @@ class NodalPile:
         ]
         count = len(pieces) + 1
         dark = np.zeros((self.n, self.r))
-        self.sharings = list(route.sharings)
-        # what beams send to the nodes where they meet a rough joint, going up above it and down below it
+        self.interface_operators = list(route.interface_operators)
+        # what beams send to the nodes where they meet a rough interface, going up above it and down below it
         self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
-        for place, rough in route.rough_joints.items():
+        for place, rough in route.rough_interfaces.items():
             ways = (rough.above, rough.below, rough.down, rough.up)
-            self.sharings[place] = Sharing(*(way.nodes[order] for way in ways))
+            self.interface_operators[place] = InterfaceOperators(*(way.nodes[order] for way in ways))
             falls, rises = route.power_at(place, ARRIVING), route.power_at(place, RISING)
             self.leaving_beams[place] = rough.above.collect(order, falls) + rough.up.collect(order, rises)
             self.entering_beams[place] = rough.down.collect(order, falls) + rough.below.collect(order, rises)
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
-        # of what lies below: seen (n, n) or None, own (n, r); above each joint, and below it
+        # of what lies below: seen (n, n) or None, own (n, r); above each interface, and below it
         self.seen: list[Array | None] = [None] * count
         self.own = [dark] * count
         self.seen_below: list[Array | None] = [None] * count
@@ -306,16 +306,16 @@ class NodalPile:
         self.at_joint: list[Factors | None] = [None] * count
         self.in_slab: list[Factors | None] = [None] * count
 
-    def rise(self) -> None:
-        """What lies below every joint reflects and sends up, from the bottom."""
+    def upward_sweep(self) -> None:
+        """What lies below every interface reflects and sends up, from the bottom."""
         last = len(self.pieces)
         for k in range(last, -1, -1):
             if k < last:
                 self.put_slab(k)
-            self.put_joint(k, last)
+            self.add_interface(k, last)
 
     def put_slab(self, k: int) -> None:
-        """The slab under joint k upon what the joint below it shows."""
+        """The slab under interface k upon what the interface below it shows."""
         piece, seen = self.pieces[k], self.seen[k + 1]
         up, down = self.beams[k]
         reflection = piece.fill(self.n, 0)
@@ -331,14 +331,14 @@ class NodalPile:
             self.seen_below[k] = reflection + through @ factors.solve(seen @ through)
 
     def needs_matrix(self, k: int) -> bool:
-        """Whether anything looks at the reflection of what lies below joint k: not through a first one that sends
+        """Whether anything looks at the reflection of what lies below interface k: not through a first one that sends
         nothing back down."""
-        sharing = self.sharings[k]
+        sharing = self.interface_operators[k]
         return k > 0 or (sharing is not None and sharing.below is not None)
 
-    def put_joint(self, k: int, last: int) -> None:
-        """What joint k does to what lies below it."""
-        sharing = self.sharings[k]
+    def add_interface(self, k: int, last: int) -> None:
+        """What interface k does to what lies below it."""
+        sharing = self.interface_operators[k]
         if k == last and self.route.base is not None:
             matrix, self.own[k] = self.route.reflect_on_base(self.order)
             if sharing is not None and sharing.above is not None:  # what it mirrors beside what it scatters
@@ -370,8 +370,8 @@ class NodalPile:
         else:
             self.seen[k] = above
 
-    def fall(self) -> None:
-        """Light on either side of every joint, from the top down."""
+    def downward_sweep(self) -> None:
+        """Light on either side of every interface, from the top down."""
         arriving = np.zeros((self.n, self.r))
         for k in range(len(self.pieces) + 1):
             self.arriving[k] = arriving
@@ -381,7 +381,7 @@ class NodalPile:
 
     def cross_joint(self, k: int) -> None:
         """Rising, leaving and entering light from what arrives."""
-        arriving, sharing = self.arriving[k], self.sharings[k]
+        arriving, sharing = self.arriving[k], self.interface_operators[k]
         seen = self.seen_below[k]
         lit = bool(arriving.any())
         if k == len(self.pieces) and (self.route.base is not None):
@@ -402,7 +402,7 @@ class NodalPile:
         self.entering[k] = through + share(sharing.below, self.rising[k])
 
     def cross_slab(self, k: int) -> Array:
-        """What arrives at the joint below slab k."""
+        """What arrives at the interface below slab k."""
         piece, factors, seen = self.pieces[k], self.in_slab[k], self.seen[k + 1]
         down = self.beams[k][1] + piece.scatter(self.entering[k], 1)
         if seen is None:

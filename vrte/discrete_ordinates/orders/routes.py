@@ -9,26 +9,20 @@ from vrte import _core
 from vrte.basics.arrays import IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.at_once import solve_at_once
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.fractions import (
-    Faces,
-    find_fluxes,
-    find_kernels,
-    reflect_by_fractions,
-    scatter_by_fractions,
-)
+from vrte.discrete_ordinates.orders.fused_modes import solve_fused_modes
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
-from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_endless
+from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_semi_infinite
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.refracting import Refracting
-from vrte.discrete_ordinates.orders.responses import respond
-from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
+from vrte.discrete_ordinates.orders.single_interface import SingleInterface, is_under_one_surface
+from vrte.discrete_ordinates.orders.slab_response import respond
+from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_stack, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import (
     count_doubles_of_doubling,
@@ -36,7 +30,13 @@ from vrte.discrete_ordinates.orders.storage import (
     count_doubles_of_modes,
     count_doubles_of_scatterings,
 )
-from vrte.discrete_ordinates.orders.surfaced import Surfaced, is_under_one_surface
+from vrte.discrete_ordinates.orders.tanh_poles import (
+    Faces,
+    find_fluxes,
+    find_kernels,
+    reflect_by_fractions,
+    scatter_by_fractions,
+)
 from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
@@ -45,7 +45,7 @@ TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
 
 def is_quick(problem: Problem, accuracy: float) -> bool:
     """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
-    return problem.leave_out.symmetric and is_quick_on(problem.nodes.size, accuracy)
+    return problem.skip_flags.symmetric and is_quick_on(problem.nodes.size, accuracy)
 
 
 def is_quick_on(nodes: int, accuracy: float) -> bool:
@@ -72,7 +72,7 @@ class Modes:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         if run.threads == 1 and run.kernels is _core and self.kinds is None and self.problem.is_exact:
-            return solve_at_once(self.problem, orders, self.base, self.quick, run)
+            return solve_fused_modes(self.problem, orders, self.base, self.quick, run)
         matrices = assemble(self.distinct, orders, run)
         modes = find_modes(self.distinct, orders, matrices, run, self.quick)
         beam = find_beam_field(self.distinct, matrices, modes, run)
@@ -94,19 +94,19 @@ class Doubling:
     allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
-        self.pile = cut_layers(problem)
-        self.base = expand_base(base, self.pile.problem, n_order, accuracy)
+        self.slab_stack = cut_layers(problem)
+        self.base = expand_base(base, self.slab_stack.problem, n_order, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        return count_orders_at_once(count_doubles_of_doubling(self.pile)[0], threads)
+        return count_orders_at_once(count_doubles_of_doubling(self.slab_stack)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        pile = self.pile
-        matrices = assemble(pile.problem, orders, run)
-        slabs = double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, run)
-        kernels, up, down, residual = join_pile(pile, orders, slabs, self.base, run)
+        slab_stack = self.slab_stack
+        matrices = assemble(slab_stack.problem, orders, run)
+        slabs = double_slabs(slab_stack.problem, slab_stack.material, slab_stack.thickness, orders, matrices, run)
+        kernels, up, down, residual = join_stack(slab_stack, orders, slabs, self.base, run)
         worst = slabs.residual.max(axis=1)
         residuals = {
             "residual_of_reflection": worst[:, 0],
@@ -122,7 +122,7 @@ def find_allowed_residuals(accuracy: float) -> dict[str, float]:
 
 
 class Invariance:
-    """Fixed points of the invariance equation: the top of a layer without end alone."""
+    """Fixed points of the invariance equation: the top of a semi-infinite layer alone."""
 
     name = "invariance"
 
@@ -136,7 +136,7 @@ class Invariance:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        found = reflect_endless(self.problem, orders, self.tolerance, run)
+        found = reflect_semi_infinite(self.problem, orders, self.tolerance, run)
         up = find_flux_up(self.problem, found.on_nodes[0])
         up = np.broadcast_to(up, (self.problem.level.size, *up.shape[1:]))
         kernels = np.broadcast_to(found.kernels, (orders.size, self.problem.level.size, *found.kernels.shape[2:]))
@@ -188,7 +188,7 @@ def collect_faces(problem: Problem, orders: IntArray, faces: Faces, residual: st
     )
 
 
-Route = Modes | Doubling | Invariance | Fractions | Scatterings | Refracting | Surfaced
+Route = Modes | Doubling | Invariance | Fractions | Scatterings | Refracting | SingleInterface
 ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Fractions] | type[Scatterings]] = {
     "modes": Modes,
     "doubling": Doubling,
@@ -202,7 +202,7 @@ def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accura
     """The named way through a problem, in one medium or in several."""
     if problem.media is not None:
         if name == "modes" and is_under_one_surface(problem.media):
-            return Surfaced(problem, base, n_order, accuracy, is_quick(problem, accuracy))
+            return SingleInterface(problem, base, n_order, accuracy, is_quick(problem, accuracy))
         slabs = partial(respond, name, quick=is_quick(problem, accuracy))
         return Refracting(slabs, problem, base, n_order, accuracy)
     return ROUTES[name](problem, base, n_order, accuracy)
@@ -218,9 +218,9 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     if name in ("fractions", "scatterings"):
         return []
     if name == "doubling":
-        pile = cut_layers(problem)
-        twice, kind = pile.slabs.size - pile.material.size, "slab"
-        thick = (pile.thickness > SETTLES) & np.isfinite(pile.thickness)
+        slab_stack = cut_layers(problem)
+        twice, kind = slab_stack.slabs.size - slab_stack.material.size, "slab"
+        thick = (slab_stack.thickness > SETTLES) & np.isfinite(slab_stack.thickness)
         found = [("doublings", "its transmission alone is squared")] if thick.any() else []
     else:
         materials, kinds = find_materials(problem)

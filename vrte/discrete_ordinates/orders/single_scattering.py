@@ -109,7 +109,7 @@ def add_base_reflected(
     last: int,
     out: Array,
 ) -> None:
-    """Adds the beam, reflected by what lies below and fading on both ways, for the beams first .. last - 1.
+    """Adds the beam, reflected by what lies below and decaying on both ways, for the beams first .. last - 1.
 
     levels (n_level,), mu (n_mu,): depths and signed cosines of out (n_level, n_in, n_mu, n_phi, 4, n_place); place
     (n_col,): where the columns go; scale (n_in,): factor of each incident direction.
@@ -121,10 +121,10 @@ def add_base_reflected(
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)
     left = np.array([measure_distance(problem, int(t), problem.albedo.size) for t in levels])
-    fade = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
+    decay = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
     f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
     seen = f.shape[-1]
     for column, at in zip(problem.columns, place, strict=True):
         light = f @ column[:seen]
-        for values, share in zip(out, fade, strict=True):
+        for values, share in zip(out, decay, strict=True):
             values[first:last, ..., :seen, at] += share[..., None, None] * light

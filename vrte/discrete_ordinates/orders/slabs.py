@@ -1,4 +1,4 @@
-"""A scene as a pile of homogeneous slabs, cut wherever the field is wanted, and the slabs joined, (2:8)."""
+"""A scene as a stack of homogeneous slabs, cut wherever the field is wanted, and the slabs joined, (2:8)."""
 
 import itertools
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.doubling import Slabs
@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
-class Pile:
+class SlabStack:
     """Which slab lies where; equal slabs are doubled once.
 
     ``problem``: the distinct materials as its layers, the distinct outgoing cosines as its mu_out; material, thickness
@@ -33,18 +33,18 @@ class Pile:
     out: IntArray
 
 
-PILES: WeakKeyDictionary[Problem, Pile] = WeakKeyDictionary()  # of problems that are at work
+PILES: WeakKeyDictionary[Problem, SlabStack] = WeakKeyDictionary()  # of problems that are at work
 
 
-def cut_layers(problem: Problem) -> Pile:
-    """What `find_pile` finds, once for each problem."""
+def cut_layers(problem: Problem) -> SlabStack:
+    """What `find_slab_stack` finds, once for each problem."""
     found = PILES.get(problem)
     if found is None:
-        found = PILES[problem] = find_pile(problem)
+        found = PILES[problem] = find_slab_stack(problem)
     return found
 
 
-def find_pile(problem: Problem) -> Pile:
+def find_slab_stack(problem: Problem) -> SlabStack:
     """The layers cut at the wanted depths, and which of the slabs are equal."""
     materials, kinds = find_materials(problem)
     found: dict[tuple[int, float, int], int] = {}
@@ -55,12 +55,12 @@ def find_pile(problem: Problem) -> Pile:
         here = problem.level_layer == layer
         interface[here] = len(slabs) + np.searchsorted(cuts, problem.level[here])
         for top, bottom in itertools.pairwise(cuts):
-            which = 0 if problem.leave_out.repeats else len(slabs)
+            which = 0 if problem.skip_flags.repeats else len(slabs)
             slabs.append(found.setdefault((int(kinds[layer]), bottom - top, which), len(found)))
         above += [problem.above[layer] + depth for depth in cuts[1:]]
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    return Pile(
-        problem=change_fields(select_materials(problem, materials), mu_out=cosines),
+    return SlabStack(
+        problem=replace_unchecked(select_materials(problem, materials), mu_out=cosines),
         material=np.array([material for material, _, _ in found], np.int32),
         thickness=np.array([thickness for _, thickness, _ in found]),
         slabs=np.array(slabs, np.int32),
@@ -86,13 +86,13 @@ def list_slabs(problem: Problem) -> tuple[list[float], int]:
         for kind, cuts in zip(kinds, list_cuts(problem), strict=True)
         for top, bottom in itertools.pairwise(cuts)
     ]
-    distinct = dict.fromkeys(every) if problem.leave_out.repeats else every
+    distinct = dict.fromkeys(every) if problem.skip_flags.repeats else every
     return [thickness for _, thickness in distinct], len(every)
 
 
 def find_materials(problem: Problem) -> tuple[list[int], IntArray]:
     """The first layer of each material, and the material of each layer. What does not scatter is all one material."""
-    if not problem.leave_out.repeats or problem.albedo.size == 1:
+    if not problem.skip_flags.repeats or problem.albedo.size == 1:
         return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
     first: list[int] = []
     kinds = np.empty(problem.albedo.size, np.int32)
@@ -116,7 +116,7 @@ def merge_materials(problem: Problem) -> tuple[Problem, IntArray | None]:
 
 def select_materials(problem: Problem, layers: list[int]) -> Problem:
     """The problem with the materials of some layers; thicknesses and depths stay those of all."""
-    return change_fields(
+    return replace_unchecked(
         problem,
         coefficients=np.ascontiguousarray(problem.coefficients[layers]),
         terms=problem.terms[layers],
@@ -124,21 +124,23 @@ def select_materials(problem: Problem, layers: list[int]) -> Problem:
     )
 
 
-def join_pile(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:
+def join_stack(
+    slab_stack: SlabStack, orders: IntArray, slabs: Slabs, base: Base, run: Run
+) -> tuple[Array, Array, Array, Array]:
     """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, S), flux up and down of order 0
-    (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a joint is singular."""
-    problem = pile.problem
-    levels, n_out = pile.interface.size, problem.mu_out.size
+    (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a interface is singular."""
+    problem = slab_stack.problem
+    levels, n_out = slab_stack.interface.size, problem.mu_out.size
     shape = (orders.size, levels, problem.n_rhs, problem.rows_out)
     up, down, flux = np.empty(shape), np.empty(shape), np.empty((orders.size, levels, 2, problem.n_rhs))
-    residual, info = np.zeros((orders.size, max(1, pile.slabs.size))), np.zeros(orders.size, np.int32)
+    residual, info = np.zeros((orders.size, max(1, slab_stack.slabs.size))), np.zeros(orders.size, np.int32)
     with run.timed("joining") as crew:
         run.kernels.join_slabs(
             crew,
             orders=orders,
             conserving=problem.conserves,
-            slabs=pile.slabs,
-            above=pile.above,
+            slabs=slab_stack.slabs,
+            above=slab_stack.above,
             nodes=problem.nodes,
             weights=problem.weights,
             mu0=problem.mu0,
@@ -150,7 +152,7 @@ def join_pile(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) 
             base=base.matrix,
             base_source=base.source,
             base_out=base.out,
-            interface=pile.interface,
+            interface=slab_stack.interface,
             up=up,
             down=down,
             flux=flux,
@@ -165,8 +167,8 @@ def join_pile(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) 
     directions = (orders.size, levels, *beams, n_out, len(problem.stokes))
     kernels = np.concatenate(
         [
-            up.reshape(directions)[..., pile.out[: problem.n_up], :] * problem.flip,
-            down.reshape(directions)[..., pile.out[problem.n_up :], :],
+            up.reshape(directions)[..., slab_stack.out[: problem.n_up], :] * problem.flip,
+            down.reshape(directions)[..., slab_stack.out[problem.n_up :], :],
         ],
         axis=-2,
     )

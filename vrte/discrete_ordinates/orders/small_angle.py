@@ -205,14 +205,14 @@ class Anisotropic:
         per_depth = 1.0 / ((1.0 - layer.albedo * f) * mu0)
         whole, cut = ray.integral(np.array([per_depth, 1.0 / mu0]), mu).T
         never = f * beam.direct * whole
-        fade = np.exp(-self.problem.above[ray.layer] / mu0) * cut
+        decay = np.exp(-self.problem.above[ray.layer] / mu0) * cut
         forward, residual = expand_peak(self.terms), -f * expand_peak(carried)
         known = min(carried, layer.phase_matrix.terms)
         residual[:known] += layer.phase_matrix.coefficients[:known]
         if self.scalar:
             forward, residual = forward * ALONE, residual * ALONE
         table: Array = never[:, None, None] * forward
-        table[:, :carried] += fade[:, None, None] * residual
+        table[:, :carried] += decay[:, None, None] * residual
         if carried < self.terms:
             table[:, carried:] += self.beyond(layer, spreading.beyond(carried), beam, ray, mu, f, per_depth)
         return self.problem.gain[ray.layer] * table

@@ -2,7 +2,7 @@
 
 from vrte import _core
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers, merge_materials
+from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers, merge_materials
 
 
 def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
@@ -73,18 +73,18 @@ def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:
     return per_order, float(max(scratch))
 
 
-def count_doubles_of_doubling(pile: Pile) -> tuple[float, float]:
+def count_doubles_of_doubling(slab_stack: SlabStack) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
-    problem = pile.problem
+    problem = slab_stack.problem
     n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
     per_order = (
         2.0 * problem.albedo.size * n * (n + out + into)
-        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, out)
-        + 2.0 * pile.interface.size * n_rhs * out
+        + 2.0 * max(1, slab_stack.material.size) * _core.extended_size(n, n_rhs, out)
+        + 2.0 * slab_stack.interface.size * n_rhs * out
     )
     scratch = (
         _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
         _core.doubling_work(n, n_rhs, out),
-        _core.joining_work(n, pile.slabs.size, n_rhs, out),
+        _core.joining_work(n, slab_stack.slabs.size, n_rhs, out),
     )
     return per_order, float(max(scratch))

@@ -7,11 +7,16 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms, is_by_scatterings
-from vrte.discrete_ordinates.planning.needs import Needs, count_layers_reached, count_nodes_seen, list_stokes_sets
+from vrte.discrete_ordinates.planning.order_bounds import (
+    OrderBounds,
+    count_layers_reached,
+    count_nodes_seen,
+    list_stokes_sets,
+)
 from vrte.scene.boundary import BLACK, Boundary
 
 TRAPPED = 30.0  # times as much light comes back from a depth, at most, where a surface keeps it
@@ -50,7 +55,7 @@ def make_blocks(
     base: Boundary,
     orders: IntArray,
     stages: tuple[int, ...],
-    needs: Needs,
+    needs: OrderBounds,
     brightest: float,
     accuracy: float,
     algorithm: str,
@@ -58,9 +63,9 @@ def make_blocks(
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     rough = problem.media is not None and problem.media.scene.is_rough
-    fed_back, mixed, leave_out = base.is_uneven or rough, base.mixes_stokes or rough, problem.leave_out
-    everywhere = fed_back or not leave_out.nodes or problem.media is not None or not problem.is_exact
-    sets = list_stokes_sets(problem) if leave_out.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
+    base_couples_orders, mixed, skip_flags = base.is_uneven or rough, base.mixes_stokes or rough, problem.skip_flags
+    everywhere = base_couples_orders or not skip_flags.nodes or problem.media is not None or not problem.is_exact
+    sets = list_stokes_sets(problem) if skip_flags.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
     if not everywhere and not (eigensolver and is_by_scatterings(algorithm, problem, orders, accuracy)):
         needed = count_nodes_seen(needs, brightest, accuracy)[: orders.size]
@@ -70,14 +75,14 @@ def make_blocks(
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
-        endless = is_under_one_surface(problem.media)
-        has_end = [end or not endless or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
+        semi_infinite = is_under_one_surface(problem.media)
+        has_end = [end or not semi_infinite or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
         layers = [problem.albedo.size] * len(layers)
-    along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    along_normal = skip_flags.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
     to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        reached = (layers[order], has_end[order]) if skip_flags.depth and not base_couples_orders else to_the_end
         stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in sets[order]:
             parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
@@ -87,7 +92,7 @@ def make_blocks(
         if not columns:
             continue
         reduced = reduce_problem(problem, part, columns)
-        seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
+        seen = base_couples_orders or (members[0] == 0 and part.stokes[0] == 0) or not skip_flags.base
         below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
@@ -147,7 +152,7 @@ def explain_normal(problem: Problem) -> str:
 
 def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
     """Places of the incident Stokes columns that light the part."""
-    if not problem.leave_out.columns:
+    if not problem.skip_flags.columns:
         return tuple(range(problem.columns.shape[0]))
     lit = list(part.stokes)
     if (problem.mu0 == 1.0).all():
@@ -165,7 +170,7 @@ def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Pr
         thickness = thickness.copy()
         thickness[-1] = np.inf
     incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
-    return change_fields(
+    return replace_unchecked(
         problem,
         coefficients=problem.coefficients[: part.layers],
         terms=problem.terms[: part.layers],

@@ -7,15 +7,15 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
-from vrte.discrete_ordinates.orders.fractions import FINEST as FINEST_FRACTIONS
-from vrte.discrete_ordinates.orders.fractions import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import list_slabs
+from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_FRACTIONS
+from vrte.discrete_ordinates.orders.tanh_poles import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.request.how import BY_RULE
 
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
-STRONGEST = 0.98  # q of orders whose iterations settle
+STRONGEST = 0.98  # q of orders whose iterations converge
 THICKEST = 4.0  # slab whose light partial fractions find: what passes is a difference
 STEEP_LOSS = 6e-18  # error of light by modes times the square of the lowest node's cosine, at most, with grading 2
 SHARE_OF_STEEP = 0.1  # of the accuracy: what that may be
@@ -123,7 +123,7 @@ def choose_modes_or_doubling(problem: Problem) -> Choice:
 
 
 def is_top_only(problem: Problem) -> bool:
-    """Whether nothing but the light reflected by one layer without end is asked for."""
+    """Whether nothing but the light reflected by one semi-infinite layer is asked for."""
     return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
 
 

@@ -11,16 +11,18 @@ from vrte.request.request import Request
 
 def plan_within_limit(request: Request, run: Run) -> Plan:
     """The plan of a request, after it was told what the plan and the solve take. Raises SceneError beyond the limit."""
-    foretell_planning(request, run)
+    warn_runtime_of_planning(request, run)
     plan = plan_request(request, run)
-    foretell_plan(plan, run)
+    warn_runtime_of_plan(plan, run)
     return plan
 
 
-def foretell_planning(request: Request, run: Run) -> None:
+def warn_runtime_of_planning(request: Request, run: Run) -> None:
     """Before a plan with so many nodes that the plan itself takes long."""
     why = f", most of it for the plan alone, of {count_planned_orders(request)} orders on {request.nodes} nodes"
-    cost.foretell(predict_planning_seconds(request, run), request.time_limit_s, why, "fewer nodes take less", run.told)
+    cost.warn_runtime(
+        predict_planning_seconds(request, run), request.time_limit_s, why, "fewer nodes take less", run.runtime_warned
+    )
 
 
 def predict_planning_seconds(request: Request, run: Run) -> float:
@@ -37,7 +39,7 @@ def count_planned_orders(request: Request) -> int:
     return longest if request.nodes is None else min(2 * request.nodes, longest)
 
 
-def foretell_plan(plan: Plan, run: Run) -> None:
+def warn_runtime_of_plan(plan: Plan, run: Run) -> None:
     """Before a plan is carried out; a device's speed is not known."""
     request = plan.request
     if request.backend is Backend.OPENCL or (run.brief and request.time_limit_s >= cost.LONG):
@@ -52,7 +54,7 @@ def foretell_plan(plan: Plan, run: Run) -> None:
     piled = f"{layers} layer{'s'[: layers > 1]}"
     why = f", most of it for {orders} Fourier orders of {largest} unknowns in {piled} by {names}"
     change = "fewer nodes or a coarser accuracy take less"
-    cost.foretell(predict_total_seconds(plan) / run.threads, request.time_limit_s, why, change, run.told)
+    cost.warn_runtime(predict_total_seconds(plan) / run.threads, request.time_limit_s, why, change, run.runtime_warned)
 
 
 def predict_total_seconds(plan: Plan) -> float:

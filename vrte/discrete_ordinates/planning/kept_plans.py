@@ -68,7 +68,7 @@ def find_plan(name: tuple[Any, ...] | None, run: Run) -> "Plan | None":
         if found is None:
             return None
         _plans.move_to_end(name)
-    run.book("planning", time.perf_counter() - begin)
+    run.record("planning", time.perf_counter() - begin)
     return found
 
 

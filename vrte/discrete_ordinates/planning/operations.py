@@ -7,8 +7,8 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
-from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_fractions,
@@ -54,23 +54,26 @@ def count_operations_of_interfaces(block: Block) -> float:
 def count_operations_of_layers(problem: Problem) -> float:
     """Of an order by modes: those of each material that scatters, and of layers that meet others."""
     materials, _ = merge_materials(problem)
-    scatters = (problem.albedo > 0.0) | (not problem.leave_out.clear)
-    solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.leave_out.clear]
+    scatters = (problem.albedo > 0.0) | (not problem.skip_flags.clear)
+    solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.skip_flags.clear]
     joined = cost.BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
     return joined + (count_operations_of_modes(select_materials(materials, solved)) if solved else 0.0)
 
 
 def count_operations_of_doubling(problem: Problem) -> float:
     """Of an order by doubling: every distinct slab that scatters, and where two slabs meet."""
-    pile = cut_layers(problem)
-    n, edges = float(pile.problem.size), float(pile.problem.n_rhs + pile.problem.rows_out)
-    product = 2.0 * n * n * (n + edges) + 2.0 * n * pile.problem.n_rhs * pile.problem.rows_out
+    slab_stack = cut_layers(problem)
+    n, edges = float(slab_stack.problem.size), float(slab_stack.problem.n_rhs + slab_stack.problem.rows_out)
+    product = 2.0 * n * n * (n + edges) + 2.0 * n * slab_stack.problem.n_rhs * slab_stack.problem.rows_out
     with np.errstate(divide="ignore"):
-        steps = np.clip(np.ceil(np.log2(pile.thickness / float(pile.problem.directions.min()))), 0.0, None) + 1.0
-    steps[np.isinf(pile.thickness)] = cost.STEPS_ENDLESS
-    scatters = (pile.problem.albedo[pile.material] > 0.0) | (not problem.leave_out.clear)
+        steps = (
+            np.clip(np.ceil(np.log2(slab_stack.thickness / float(slab_stack.problem.directions.min()))), 0.0, None)
+            + 1.0
+        )
+    steps[np.isinf(slab_stack.thickness)] = cost.STEPS_ENDLESS
+    scatters = (slab_stack.problem.albedo[slab_stack.material] > 0.0) | (not problem.skip_flags.clear)
     doubled = float((cost.PRODUCTS_A_STEP * steps + cost.PRODUCTS_BESIDE)[scatters].sum())
-    return product * (doubled + cost.PRODUCTS_A_JOINT * (pile.slabs.size - 1))
+    return product * (doubled + cost.PRODUCTS_A_JOINT * (slab_stack.slabs.size - 1))
 
 
 def count_operations_of_plan(plan: "Plan") -> float:

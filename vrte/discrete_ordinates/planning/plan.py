@@ -8,13 +8,13 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.orders.truncating import (
     Truncation,
     choose_truncation,
@@ -34,15 +34,15 @@ from vrte.discrete_ordinates.planning.choose_quadrature import (
     take_given_nodes,
 )
 from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
-from vrte.discrete_ordinates.planning.needs import (
+from vrte.discrete_ordinates.planning.order_bounds import (
     ORDERS,
-    Needs,
+    OrderBounds,
     choose_stages,
     count_orders_that_matter,
     find_bounds_at,
     find_brightness,
-    find_needs,
-    look_inside,
+    find_order_bounds,
+    view_from_densest_medium,
 )
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
 from vrte.request.how import EXACT
@@ -118,7 +118,7 @@ class Plan:
     problem: Problem
     truncation: Truncation
     mu: Array
-    needs: Needs
+    needs: OrderBounds
     bounds: Array
     brightest: Array
     wanted: Wanted
@@ -182,7 +182,7 @@ class Plan:
     @cached_property
     def azimuths(self) -> Azimuths:
         """Those asked for, folded."""
-        return fold_azimuths(self.request.phi, self.problem.leave_out.azimuths)
+        return fold_azimuths(self.request.phi, self.problem.skip_flags.azimuths)
 
     @cached_property
     def spreads(self) -> BoolArray:
@@ -195,14 +195,14 @@ class Plan:
         return self.choice.notes
 
     @property
-    def fed_back(self) -> bool:
+    def base_couples_orders(self) -> bool:
         """Whether the base, or a rough surface, sends back orders or Stokes parameters that no layer scatters."""
         return self.request.scene.below.is_uneven or self.request.scene.is_rough
 
     @property
     def counts_again(self) -> bool:
         """Whether the orders are counted once more with the light that the first of them found."""
-        return self.problem.leave_out.orders and not self.fed_back
+        return self.problem.skip_flags.orders and not self.base_couples_orders
 
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made.
@@ -293,10 +293,10 @@ def split_by_polarization(plan: Plan, run: Run) -> Plan:
     both = columns[:, 0].any() and columns[:, 1:].any() and (truncation.whole or not is_scalar(scene))
     if not both or truncation.peaks != "all" or not has_unpolarized_peak(scene, plan.choice.nodes):
         return plan
-    known = plan.problem.leave_out, (plan.choice, plan.accuracy)
+    known = plan.problem.skip_flags, (plan.choice, plan.accuracy)
     pairs = (UNPOLARIZED, truncation), (POLARIZED, keep_unpolarized_peaks(truncation))
     parts = (make_plan(select_incident_part(request, part), run, *known, own) for part, own in pairs)
-    return change_fields(plan, parts=tuple(parts))
+    return replace_unchecked(plan, parts=tuple(parts))
 
 
 def select_incident_part(request: Request, part: Array) -> Request:
@@ -312,15 +312,15 @@ def select_incident_part(request: Request, part: Array) -> Request:
 def make_plan(
     request: Request,
     run: Run,
-    leave_out: LeaveOut = EVERYTHING,
+    skip_flags: SkipFlags = EVERYTHING,
     known: tuple[NodeChoice, float] | None = None,
     truncation: Truncation | None = None,
 ) -> Plan:
-    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves; ``known``:
+    """The plan of a request; ``skip_flags``: all that can be, but in tests; ``known``:
     the choice of nodes and the accuracy of another plan, where they are to be the same, as ``truncation`` may be."""
-    if not leave_out.columns:
+    if not skip_flags.columns:
         request = split_incident_light(request)
-    choice, accuracy = known or settle_nodes(request)
+    choice, accuracy = known or converge_on_nodes(request)
     nodes, grading = choice.nodes, choice.grading
     points = make_double_gauss(nodes, grading)[0]
     mu = np.concatenate([points, -points]) if request.mu is None else request.mu
@@ -341,19 +341,19 @@ def make_plan(
         grading,
         truncation.whole,
     )
-    if leave_out != EVERYTHING:
-        problem = change_fields(problem, leave_out=leave_out)
-    within, seen = look_inside(problem, mu)
-    needs = find_needs(within, run)
+    if skip_flags != EVERYTHING:
+        problem = replace_unchecked(problem, skip_flags=skip_flags)
+    within, seen = view_from_densest_medium(problem, mu)
+    needs = find_order_bounds(within, run)
     brightest = find_brightness(scene, within, seen, request.phi, run)
-    # mirrored light fades no more the deeper it is
+    # mirrored light decays no more the deeper it is
     bounds = find_bounds_at(needs, problem.depth if problem.media is None else np.zeros(problem.level.size))
     base, uneven = scene.below, scene.below.is_uneven or scene.is_rough
     stages: tuple[int, ...] = ()
     last, left_out = problem.coefficients.shape[1] - 1, {}
-    if request.fluxes_only and leave_out.fluxes and not uneven:
+    if request.fluxes_only and skip_flags.fluxes and not uneven:
         count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
-    elif uneven or not leave_out.orders:
+    elif uneven or not skip_flags.orders:
         count = last + 1
     else:
         count = count_orders_that_matter(bounds, brightest, accuracy)
@@ -392,7 +392,7 @@ def is_worth_stages(problem: Problem, orders: int) -> bool:
     return orders * float(unknowns) ** 3 > cost.WORTH_STAGES
 
 
-def settle_nodes(request: Request) -> tuple[NodeChoice, float]:
+def converge_on_nodes(request: Request) -> tuple[NodeChoice, float]:
     """The nodes, as given or as a search for them would start, and the accuracy that the discrete problem is solved
     to."""
     if request.nodes is not None:

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.memory import BYTES
-from vrte.discrete_ordinates.orders.leave_out import LeaveOut
 from vrte.discrete_ordinates.orders.problem import ALL
 from vrte.discrete_ordinates.orders.routes import OTHER, list_left_out
+from vrte.discrete_ordinates.orders.skip_flags import SkipFlags
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
 from vrte.discrete_ordinates.planning.memory import count_doubles_needed, count_doubles_of_kernels
-from vrte.discrete_ordinates.planning.needs import explain_stokes_sets
 from vrte.discrete_ordinates.planning.operations import (
     count_operations_of_block,
     count_operations_of_plan,
     count_operations_of_sums,
 )
+from vrte.discrete_ordinates.planning.order_bounds import explain_stokes_sets
 from vrte.request.how import EXACT
 from vrte.scene.scene import Scene
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 HEADER = ("orders", "Stokes", "nodes", "layers", "unknowns", "right-hand sides", "algorithm", "operations")
 LEFT = ("orders", "Stokes", "algorithm")  # columns of text
-SWITCHES = (*(switch.name for switch in fields(LeaveOut)), "transmission")
+SWITCHES = (*(switch.name for switch in fields(SkipFlags)), "transmission")
 OF_BLOCKS = {  # what blocks and their algorithms give reasons for
     "columns": "right-hand sides without light: {}",
     "nodes": "nodes near mu = 1 that an order does not see: {}",
@@ -228,14 +228,14 @@ def explain_left_out(plan: "Plan") -> dict[str, str]:
         texts = [reason.format(orders=write_numbers(orders, "order")) for reason, orders in reasons.items()]
         found[name] = OF_BLOCKS[name].format("; ".join(texts))
     found |= explain_whole_plan(plan)
-    return {name: found[name] for name in SWITCHES if found.get(name) and getattr(plan.problem.leave_out, name, True)}
+    return {name: found[name] for name in SWITCHES if found.get(name) and getattr(plan.problem.skip_flags, name, True)}
 
 
 def explain_whole_plan(plan: "Plan") -> dict[str, str]:
     """What is left out of the whole, "" where it is not."""
     request, problem, scene = plan.request, plan.problem, plan.request.scene
     found = dict(plan.left_out)
-    if {block.stokes for block in plan.blocks} - {ALL} and not plan.fed_back:
+    if {block.stokes for block in plan.blocks} - {ALL} and not plan.base_couples_orders:
         found["stokes"] = explain_stokes_sets(problem, any(block.orders[0] == 0 for block in plan.blocks))
     if request.kind == "radiance" and request.columns.shape[0] == 1:
         dark, part = ("I, Q", 1) if request.columns[0, 2:].any() else ("U, V", 2)
@@ -249,7 +249,7 @@ def explain_whole_plan(plan: "Plan") -> dict[str, str]:
     reached = max((block.problem.albedo.size for block in plan.blocks), default=0)
     if clear := [layer + 1 for layer in range(reached) if problem.albedo[layer] == 0.0]:
         found["clear"] = f"eigenproblem and doublings of {write_numbers(clear, 'layer')}: no scattering there"
-    if not plan.fed_back:
+    if not plan.base_couples_orders:
         found["base"] = explain_base(scene, plan.orders)
     if repeated := request.phi.size - fold_azimuths(request.phi).distinct.size:
         found["azimuths"] = f"{repeated} of {request.phi.size} azimuths: mirror images of others, or equal to them"

@@ -18,7 +18,7 @@ from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.responses import scatter_once
+from vrte.discrete_ordinates.orders.slab_response import scatter_once
 from vrte.request.request import Request
 from vrte.scene.beams import locate_depths
 

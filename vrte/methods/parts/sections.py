@@ -14,8 +14,8 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.base import UNTOLD
-from vrte.discrete_ordinates.orders.media import find_fading_of_pieces, join_pieces
-from vrte.discrete_ordinates.orders.passage import Passage
+from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
+from vrte.discrete_ordinates.orders.media import find_decaying_of_pieces, join_pieces
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.on_nodes import OnNodes, Scattered
@@ -191,17 +191,17 @@ class Sections:
     """The sections of a stack, and light on its way along the nodes through all of it."""
 
     def __init__(self, problem: Problem, below: Boundary, levels: int | None) -> None:
-        self.passage = passage = Passage(problem, below, problem.coefficients.shape[1], UNTOLD)
-        media, cut = passage.media, passage.cut
+        self.beam_paths = beam_paths = BeamPaths(problem, below, problem.coefficients.shape[1], UNTOLD)
+        media, cut = beam_paths.media, beam_paths.cut
         self.joints = join_pieces(media.joints_along(media.cosines), cut)
         self.members = np.ix_(problem.stokes, problem.stokes)
         self.joints = type(self.joints)(
             *(part[..., self.members[0], self.members[1]] for part in vars(self.joints).values())
         )
-        self.decay = find_fading_of_pieces(cut, media.cosines)
+        self.decay = find_decaying_of_pieces(cut, media.cosines)
         self.scale = np.repeat(np.sqrt(media.nodes.measure), len(problem.stokes))[:, None]
         on_nodes = {
-            index: OnNodes(passage.of_medium(index, 1 + layer)) for layer, index in enumerate(media.scene.indices)
+            index: OnNodes(beam_paths.of_medium(index, 1 + layer)) for layer, index in enumerate(media.scene.indices)
         }
         scale = find_panel_scale(each.problem for each in on_nodes.values())
         self.sections: list[Section] = []
@@ -209,13 +209,13 @@ class Sections:
         for place, (layer, thickness) in enumerate(zip(cut.layer.tolist(), cut.thickness.tolist(), strict=True)):
             if thickness == 0.0 or problem.albedo[layer] == 0.0:
                 continue
-            index, into = media.scene.indices[layer], passage.into[1 + layer][:, None, None]
+            index, into = media.scene.indices[layer], beam_paths.into[1 + layer][:, None, None]
             begin = float(cut.thickness[:place][cut.layer[:place] == layer].sum())
             edges = divide_into_panels(float(problem.thickness[layer]), scale, levels) - begin
             inside = edges[(edges > ROUNDING * thickness) & (edges < (1.0 - ROUNDING) * thickness)]
             edges = np.concatenate([[0.0], inside, [thickness]])
             with np.errstate(divide="ignore", invalid="ignore"):
-                beams = passage.falling[place], passage.mirrored[place]
+                beams = beam_paths.falling[place], beam_paths.mirrored[place]
                 falling, mirrored = (np.where(into > 0.0, power / (into * index**2), 0.0) for power in beams)
             panels = slice(self.panels, self.panels + edges.size - 1)
             top, size = edges[:-1], np.diff(edges)
@@ -235,7 +235,7 @@ class Sections:
             sources.rising[section.place, section.nodes] += up
             sources.arriving[section.place + 1, section.nodes] += down
         sources.leaving[-1] += from_base
-        stokes = (count, -1, len(self.passage.problem.stokes), b)
+        stokes = (count, -1, len(self.beam_paths.problem.stokes), b)
         found = pass_along(self.joints, self.decay, Passing(*(part.reshape(stokes) for part in vars(sources).values())))
         edges = np.stack([part.reshape(count, n, b) for part in vars(found).values()])
         _, leaving, entering, _ = edges
@@ -249,15 +249,15 @@ class Sections:
     def look(self, order: int, faces: dict[int, Faces], arriving: Array) -> Array:
         """Radiance for unit beams, (n_tau, n_in, n_col, n_out, S), public frame: of light that leaves sections along
         directions off the nodes, and of light on the nodes that arrives at the base, (n, b)."""
-        passage = self.passage
-        shape = passage.sights.cosines.shape[1], len(passage.problem.stokes), passage.problem.n_rhs
-        sent = np.zeros((len(passage.sources), *shape))
+        beam_paths = self.beam_paths
+        shape = beam_paths.sights.cosines.shape[1], len(beam_paths.problem.stokes), beam_paths.problem.n_rhs
+        sent = np.zeros((len(beam_paths.sources), *shape))
         for place, pair in faces.items():
             for end, light in enumerate(pair):
                 sent[2 * place + end] = light.reshape(shape)
-        if passage.base is not None:
-            sent[-1] = passage.leave_base(order, self.scale * arriving)
-        return passage.look(sent)
+        if beam_paths.base is not None:
+            sent[-1] = beam_paths.leave_base(order, self.scale * arriving)
+        return beam_paths.look(sent)
 
 
 class Order:
@@ -267,7 +267,7 @@ class Order:
     def __init__(self, stack: Sections, order: int) -> None:
         self.stack, self.order = stack, order
         self.scattered = {section.layer: section.on_nodes.scatter(order, section.layer) for section in stack.sections}
-        base, beam = stack.passage.reflect_on_base(order)
+        base, beam = stack.beam_paths.reflect_on_base(order)
         self.base = None if base is None else base / stack.scale * stack.scale[:, 0]
         once = {section.place: section.scatter_beams(self.scattered[section.layer]) for section in stack.sections}
         self.once = stack.carry(once, beam / stack.scale)

@@ -18,7 +18,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import UNTOLD
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
-from vrte.discrete_ordinates.orders.responses import Response, shape_response
+from vrte.discrete_ordinates.orders.slab_response import Response, shape_response
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.method import Answer
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media
@@ -75,11 +75,11 @@ Builder = Callable[[OnNodes, Scattered, float, bool], Slab]
 
 
 def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
-    """The answer from slabs that ``build`` makes, their time booked under the name of a stage."""
+    """The answer from slabs that ``build`` makes, their time timed under the name of a stage."""
 
     def respond(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
         on_nodes, order = OnNodes(problem), int(orders[0])
-        with run.booked(stage):
+        with run.recorded(stage):
             scattered = [on_nodes.scatter(order, kind) for kind in range(problem.albedo.size)]
             return [
                 build(on_nodes, scattered[kind], tau, order == 0 and problem.albedo[kind] == 1.0).respond()

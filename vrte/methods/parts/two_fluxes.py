@@ -53,7 +53,7 @@ def put_on_one_node(problem: Problem, cosine: float, weight: float) -> Problem:
         weights=np.array([weight]),
         stokes=(0,),
         columns=np.ones((1, 1)),
-        leave_out=replace(problem.leave_out, clear=False),
+        skip_flags=replace(problem.skip_flags, clear=False),
     )
 
 

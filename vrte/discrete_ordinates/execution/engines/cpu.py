@@ -15,7 +15,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.memory import ALWAYS_THERE, BYTES, PIECE_BYTES
 from vrte.basics.running import Run, run_jobs
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
@@ -132,7 +132,7 @@ class Processor:
     def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
         """What adds single scattering in all layers to a share, but where small angles are separated."""
         scatter, mu0 = prepare_closed_form(target, run), target.problem.mu0
-        with run.booked("single scattering"):
+        with run.recorded("single scattering"):
             tables = {id(part): weigh_scatterers(target, part) for part in parts}
 
         def add(share: Share, own: Run = run) -> None:
@@ -238,7 +238,7 @@ def solve_orders(
     accuracy: float,
     told: Callable[[int], None] = lambda done: None,
 ) -> Found:
-    """Orders by the named algorithm, a few at a time to bound memory: which of them it vouches for, what it found for
+    """Orders by the named algorithm, a few at a time to bound memory: which of them it verifies, what it found for
     them, with the fluxes of the first, and what is wrong with each of the others."""
     route = make_route(name, problem, base, int(orders[-1]) + 1, accuracy)
     step = orders.size if run.brief else route.chunk(run.threads)
@@ -256,7 +256,7 @@ def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
     n = float(problem.size)
     work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
     worth = work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1
-    return run if worth else change_fields(run, threads=1)
+    return run if worth else replace_unchecked(run, threads=1)
 
 
 def join_found(parts: list[Found]) -> Found:
@@ -275,11 +275,11 @@ def join_found(parts: list[Found]) -> Found:
         return right[0] if right else parts[0][0][:0], found[0] if found else None, doubts
     kernels = np.concatenate([part.kernels for part in found])
     residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
-    return np.concatenate(right), change_fields(found[0], kernels=kernels, residuals=residuals), doubts
+    return np.concatenate(right), replace_unchecked(found[0], kernels=kernels, residuals=residuals), doubts
 
 
 def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
-    """Which of the orders a route vouches for, what it finds for them, and what is wrong with each of the others."""
+    """Which of the orders a route verifies, what it finds for them, and what is wrong with each of the others."""
     try:
         found = route.solve(orders, run)
     except AccuracyError as error:
@@ -297,12 +297,12 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
         return orders, found, {}
     kept = np.setdiff1d(np.arange(orders.size), list(doubts))
     residuals = {name: values[kept] for name, values in found.residuals.items()}
-    right = change_fields(found, kernels=found.kernels[kept], residuals=residuals)
+    right = replace_unchecked(found, kernels=found.kernels[kept], residuals=residuals)
     return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
 
 
 def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
-    """What is found for the orders that are vouched for."""
+    """What is found for the orders that are verified."""
     if found is None or not orders.size:
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels

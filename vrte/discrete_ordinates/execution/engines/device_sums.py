@@ -82,7 +82,7 @@ def take_down(coming: tuple[Chunk, list[Coming]] | None, run: Run) -> None:
     if coming is None:
         return
     chunk, tables = coming
-    with run.booked("from the device"):
+    with run.recorded("from the device"):
         for place, table in enumerate(tables):
             with table() as values:
                 chunk.take(values, place > 0)
@@ -131,8 +131,8 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, slot: int, scattering: bo
 
 @contextmanager
 def note_stage(opened: Session, run: Run, name: str) -> Iterator[None]:
-    """Books the time of a stage; a processor's device is waited for, a GPU goes on."""
-    with run.booked(name, opened.finish) if opened.form == "cpu" else run.booked(name):
+    """Records the time of a stage; a processor's device is waited for, a GPU goes on."""
+    with run.recorded(name, opened.finish) if opened.form == "cpu" else run.recorded(name):
         yield
 
 

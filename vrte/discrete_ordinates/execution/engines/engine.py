@@ -99,7 +99,7 @@ class Engine(Adding, Protocol):
         """Assembly and one of the algorithms for all orders of a group; told(k) is called when k of them are done."""
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
-        """What to tell of an order that no algorithm of this engine can vouch for."""
+        """What to tell of an order that no algorithm of this engine can verify."""
 
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of the engine."""

@@ -24,7 +24,7 @@ from vrte.cl import assembly, doubling, invariance, joining, mixed, reconstructi
 from vrte.cl.device import find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
-from vrte.cl.faults import check_room
+from vrte.cl.errors import check_room
 from vrte.cl.precision import choose_precision
 from vrte.cl.session import Reading, Session, Traffic
 from vrte.discrete_ordinates.execution.engines.device_sums import add_up, note_stage
@@ -35,7 +35,7 @@ from vrte.discrete_ordinates.orders.doubling import find_asymmetry
 from vrte.discrete_ordinates.orders.invariance import find_flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, find_allowed_residuals
-from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
+from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
 from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan
 
@@ -64,7 +64,7 @@ def open_stages() -> Any:
         "add_single_scattering": sums.add_single_scattering,
         "double_slabs": doubling.double_slabs,
         "join_slabs": joining.join_slabs,
-        "reflect_endless": invariance.reflect_endless_arrays,
+        "reflect_semi_infinite": invariance.reflect_semi_infinite_arrays,
     }
     return SimpleNamespace(**{name: partial(run_alone, stage, opened) for name, stage in stages.items()})
 
@@ -101,7 +101,7 @@ class Numbers:
 @dataclass(eq=False)
 class Device:
     """See `Engine`. ``asked``: the precision asked for, ``accuracy``: the finest that is; ``before``: what had gone to
-    and from the device when the work began; ``doubted``: orders that floats did not settle, and doubles solved."""
+    and from the device when the work began; ``doubted``: orders that floats did not converge, and doubles solved."""
 
     asked: str = "auto"
     accuracy: float = 0.0
@@ -223,14 +223,14 @@ class Device:
 
     def reflect_mixed(
         self, opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
-    ) -> list[invariance.Endless]:
-        """What layers without end send back, in floats with corrections; counts the orders that it took doubles for."""
-        pairs = [mixed.reflect_endless_mixed(opened, one, stop) for one in asked]
+    ) -> list[invariance.SemiInfinite]:
+        """Reflection of semi-infinite layers in floats with corrections; counts the orders that it took doubles for."""
+        pairs = [mixed.reflect_semi_infinite_mixed(opened, one, stop) for one in asked]
         self.doubted += sum(doubted.size for _, doubted in pairs)
         return [found for found, _ in pairs]
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
-        """What to tell of an order that nothing here can vouch for."""
+        """What to tell of an order that nothing here can verify."""
         return f"the OpenCL device cannot vouch for Fourier order {order} by {piece.name} ({reason}): " + (
             "there are no doubles to solve it in"
             if self.in_doubles is None
@@ -270,8 +270,8 @@ def make_sort_key(piece: Piece) -> tuple[Any, ...]:
     arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
     shape: tuple[Any, ...] = ()
     if piece.name in BY_SLABS:
-        pile = cut_layers(problem)
-        shape = pile.slabs.size, pile.interface.tobytes(), piece.block.base.orders_reflected > 0
+        slab_stack = cut_layers(problem)
+        shape = slab_stack.slabs.size, slab_stack.interface.tobytes(), piece.block.base.orders_reflected > 0
     return piece.name, problem.stokes, problem.n_up, *(a.tobytes() for a in arrays), *shape
 
 
@@ -344,16 +344,16 @@ def make_answer(piece: Piece, found: Found, numbers: Numbers, items: slice, larg
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Pieces and their piles, whose materials, pairs of (order, material) and slabs of orders lie one behind the
+    """Pieces and their stacks, whose materials, pairs of (order, material) and slabs of orders lie one behind the
     other; directions and Stokes parameters are the same for all."""
 
     pieces: list[Piece]
-    piles: list[Pile]
+    slab_stacks: list[SlabStack]
 
     @property
     def problem(self) -> Problem:
         """Of the first."""
-        return self.piles[0].problem
+        return self.slab_stacks[0].problem
 
     @property
     def frame(self) -> Frame:
@@ -361,56 +361,61 @@ class Batch:
         problem = self.problem
         return Frame(problem.nodes, problem.weights, problem.mu0, problem.columns, problem.mu_out)
 
-    def joined(self, make: Callable[[Piece, Pile], NDArray[Any]]) -> Any:
+    def joined(self, make: Callable[[Piece, SlabStack], NDArray[Any]]) -> Any:
         """What it makes of each, one behind the other."""
-        return np.concatenate([make(*pair) for pair in zip(self.pieces, self.piles, strict=True)])
+        return np.concatenate([make(*pair) for pair in zip(self.pieces, self.slab_stacks, strict=True)])
 
-    def places(self, make: Callable[[Piece, Pile], NDArray[Any]], size: Callable[[Piece, Pile], int]) -> IntArray:
+    def places(
+        self, make: Callable[[Piece, SlabStack], NDArray[Any]], size: Callable[[Piece, SlabStack], int]
+    ) -> IntArray:
         """The same of places among so many of each, counted on through all."""
-        pairs = list(zip(self.pieces, self.piles, strict=True))
+        pairs = list(zip(self.pieces, self.slab_stacks, strict=True))
         starts = itertools.accumulate((size(*pair) for pair in pairs), initial=0)
         return np.concatenate([start + make(*pair) for start, pair in zip(starts, pairs, strict=False)]).astype(
             np.int32
         )
 
 
-def count_materials(piece: Piece, pile: Pile) -> int:
+def count_materials(piece: Piece, slab_stack: SlabStack) -> int:
     """Materials of a piece."""
-    return pile.problem.albedo.size
+    return slab_stack.problem.albedo.size
 
 
-def count_pairs(piece: Piece, pile: Pile) -> int:
+def count_pairs(piece: Piece, slab_stack: SlabStack) -> int:
     """Pairs of an order and a material."""
-    return piece.orders.size * pile.problem.albedo.size
+    return piece.orders.size * slab_stack.problem.albedo.size
 
 
-def count_slabs(piece: Piece, pile: Pile) -> int:
+def count_slabs(piece: Piece, slab_stack: SlabStack) -> int:
     """Slabs of all orders."""
-    return piece.orders.size * pile.thickness.size
+    return piece.orders.size * slab_stack.thickness.size
 
 
 def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Assembly, doubling and joining of all orders of all pieces."""
     batch = Batch(pieces, [cut_layers(piece.problem) for piece in pieces])
-    problem, frame, pile = batch.problem, batch.frame, batch.piles[0]
+    problem, frame, slab_stack = batch.problem, batch.frame, batch.slab_stacks[0]
     with note_stage(opened, run, "assembly"):
         matrices = assemble_batch(opened, batch)
     with note_stage(opened, run, "doubling"):
         slabs = doubling.Doubling(opened, frame, list_slab_items(batch), matrices).run(run.stop)
     with note_stage(opened, run, "joining"):
-        piles = joining.Piles(
+        slab_stacks = joining.SlabStacks(
             slab=batch.places(
-                lambda piece, pile: find_first_rows(piece, pile.thickness.size) + pile.slabs, count_slabs
+                lambda piece, slab_stack: find_first_rows(piece, slab_stack.thickness.size) + slab_stack.slabs,
+                count_slabs,
             ),
-            above=batch.joined(lambda piece, pile: np.broadcast_to(pile.above, (piece.orders.size, pile.above.size))),
-            turned=batch.joined(lambda piece, pile: piece.orders == 0) & problem.conserves,
-            interface=pile.interface,
+            above=batch.joined(
+                lambda piece, slab_stack: np.broadcast_to(slab_stack.above, (piece.orders.size, slab_stack.above.size))
+            ),
+            turned=batch.joined(lambda piece, slab_stack: piece.orders == 0) & problem.conserves,
+            interface=slab_stack.interface,
             ground=make_ground(batch),
         )
-        joint = joining.Joining(opened, frame, piles, slabs.R, slabs.T, slabs.lost).run(run.stop)
+        joint = joining.Joining(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost).run(run.stop)
         if run.stop[0]:
             raise KeyboardInterrupt
-        shape = (piles.slab.shape[0], pile.interface.size, problem.mu0.size, problem.columns.shape[0])
+        shape = (slab_stacks.slab.shape[0], slab_stack.interface.size, problem.mu0.size, problem.columns.shape[0])
         directions = pieces[0].problem.mu_out.size, len(problem.stokes)
         kernels = find_leaving_light(opened, batch, joint, (*shape, *directions))
     measured = slabs.residual.arrays, joint.residual.arrays
@@ -439,10 +444,10 @@ def find_first_rows(piece: Piece, size: int) -> IntArray:
 
 def find_worst_of_items(batch: Batch, values: Array) -> Array:
     """The largest over the slabs of each item: values (slab item, ...), (item, k)."""
-    ends = np.cumsum([count_slabs(*pair) for pair in zip(batch.pieces, batch.piles, strict=True)])
-    each = zip(batch.pieces, batch.piles, np.split(values, ends[:-1]), strict=True)
+    ends = np.cumsum([count_slabs(*pair) for pair in zip(batch.pieces, batch.slab_stacks, strict=True)])
+    each = zip(batch.pieces, batch.slab_stacks, np.split(values, ends[:-1]), strict=True)
     return np.concatenate(
-        [part.reshape(piece.orders.size, pile.thickness.size, -1).max(axis=1) for piece, pile, part in each]
+        [part.reshape(piece.orders.size, slab_stack.thickness.size, -1).max(axis=1) for piece, slab_stack, part in each]
     )
 
 
@@ -459,9 +464,9 @@ def pad_coefficients(tables: Sequence[Array]) -> Array:
 def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
     """E, F, G and sources of every pair of (order, material)."""
     problem, upload = batch.problem, opened.constant
-    order = batch.joined(lambda piece, pile: np.repeat(piece.orders, pile.problem.albedo.size))
+    order = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.problem.albedo.size))
     material = batch.places(
-        lambda piece, pile: np.tile(np.arange(pile.problem.albedo.size), piece.orders.size), count_materials
+        lambda piece, slab_stack: np.tile(np.arange(slab_stack.problem.albedo.size), piece.orders.size), count_materials
     )
     return assembly.assemble(
         opened,
@@ -469,9 +474,9 @@ def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
         upload(order.astype(np.int32)),
         upload(material),
         problem.stokes,
-        upload(pad_coefficients([pile.problem.coefficients for pile in batch.piles])),
-        upload(batch.joined(lambda piece, pile: pile.problem.terms)),
-        upload(batch.joined(lambda piece, pile: pile.problem.albedo)),
+        upload(pad_coefficients([slab_stack.problem.coefficients for slab_stack in batch.slab_stacks])),
+        upload(batch.joined(lambda piece, slab_stack: slab_stack.problem.terms)),
+        upload(batch.joined(lambda piece, slab_stack: slab_stack.problem.albedo)),
         upload(problem.directions),
         upload(problem.weights),
         problem.mu_out.size,
@@ -481,21 +486,24 @@ def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
 def list_slab_items(batch: Batch) -> Items:
     """Every slab of every order."""
 
-    def each(make: Callable[[Pile], Array]) -> Array:
-        found: Array = batch.joined(lambda piece, pile: np.tile(make(pile), piece.orders.size))
+    def each(make: Callable[[SlabStack], Array]) -> Array:
+        found: Array = batch.joined(lambda piece, slab_stack: np.tile(make(slab_stack), piece.orders.size))
         return found
 
-    albedo = each(lambda pile: pile.problem.albedo[pile.material])
-    orders = batch.joined(lambda piece, pile: np.repeat(piece.orders, pile.thickness.size))
+    albedo = each(lambda slab_stack: slab_stack.problem.albedo[slab_stack.material])
+    orders = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.thickness.size))
     return Items(
-        thickness=each(lambda pile: pile.thickness),
+        thickness=each(lambda slab_stack: slab_stack.thickness),
         albedo=albedo,
-        asymmetry=each(lambda pile: find_asymmetry(pile.problem)[pile.material]),
+        asymmetry=each(lambda slab_stack: find_asymmetry(slab_stack.problem)[slab_stack.material]),
         of=batch.places(
-            lambda piece, pile: (find_first_rows(piece, pile.problem.albedo.size) + pile.material).ravel(), count_pairs
+            lambda piece, slab_stack: (
+                find_first_rows(piece, slab_stack.problem.albedo.size) + slab_stack.material
+            ).ravel(),
+            count_pairs,
         ),
         turned=(orders == 0) & batch.problem.conserves,
-        clear=(albedo == 0.0) & batch.problem.leave_out.clear,
+        clear=(albedo == 0.0) & batch.problem.skip_flags.clear,
     )
 
 
@@ -504,9 +512,9 @@ def make_ground(batch: Batch) -> joining.Ground | None:
     if not batch.pieces[0].block.base.orders_reflected:
         return None
     grounds = []
-    for piece, pile in zip(batch.pieces, batch.piles, strict=True):
-        base = expand_base(piece.block.base, pile.problem, int(piece.orders[-1]) + 1, piece.plan.accuracy)
-        turned = (piece.orders == 0) & pile.problem.conserves
+    for piece, slab_stack in zip(batch.pieces, batch.slab_stacks, strict=True):
+        base = expand_base(piece.block.base, slab_stack.problem, int(piece.orders[-1]) + 1, piece.plan.accuracy)
+        turned = (piece.orders == 0) & slab_stack.problem.conserves
         row = base.row[piece.orders]
         grounds.append(joining.turn_ground(batch.frame, turned, row, base.matrix, base.source, base.out))
     names = "matrix", "source", "out", "absorbed"
@@ -516,7 +524,7 @@ def make_ground(batch: Batch) -> joining.Ground | None:
 def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[int, ...]) -> Any:
     """Radiance of every item in the public frame, (item, n_tau, n_in, n_col, n_out, S)."""
     items, levels, n_in, n_col, n_mu, stokes = shape
-    problem, pile = batch.problem, batch.piles[0]
+    problem, slab_stack = batch.problem, batch.slab_stacks[0]
     kernels = opened.empty(shape)
     sizes = n_in * n_col, levels, n_mu, batch.pieces[0].problem.n_up, problem.mu_out.size, stokes
     factors = opened.constant(problem.flip / (2.0 * np.pi)), opened.constant(np.full(stokes, 1.0 / (2.0 * np.pi)))
@@ -524,7 +532,7 @@ def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, sha
         "leaving",
         (n_in * n_col, levels, items),
         *(np.int32(size) for size in sizes),
-        *(opened.constant(pile.out), *factors, joint.up, joint.down, kernels),
+        *(opened.constant(slab_stack.out), *factors, joint.up, joint.down, kernels),
         opened.constant(np.arange(items, dtype=np.int32)),
     )
     return kernels
@@ -532,8 +540,8 @@ def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, sha
 
 def reflect_in_one_precision(
     opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
-) -> list[invariance.Endless]:
-    """What layers without end send back, all sorts of them together where the device wants it."""
+) -> list[invariance.SemiInfinite]:
+    """What semi-infinite layers send back, all sorts of them together where the device wants it."""
     uploaded = [tuple(mixed.upload_all(opened, one)) for one in asked]
     sorts = [invariance.Asked(assembly.Scattering(*one[:7]), *one[7:]) for one in uploaded]
     return invariance.reflect_sorts(opened, sorts, stop)
@@ -543,9 +551,9 @@ def solve_by_invariance(
     opened: Session,
     sorts: list[list[Piece]],
     run: Run,
-    reflect: Callable[[Session, Sequence[tuple[Any, ...]], IntArray], list[invariance.Endless]],
+    reflect: Callable[[Session, Sequence[tuple[Any, ...]], IntArray], list[invariance.SemiInfinite]],
 ) -> list[Found]:
-    """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
+    """Fixed points of the invariance equation for all orders of all pieces: the top of semi-infinite layers."""
     with note_stage(opened, run, "invariance"):
         made = reflect(opened, [gather_layers(pieces) for pieces in sorts], run.stop)
         found = []
@@ -557,16 +565,16 @@ def solve_by_invariance(
             factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
             incoming = np.abs(problem.columns).max(axis=1)
             arrays = [light.residual, *([light.on_nodes] if (orders == 0).any() else [])]
-            numbers = Reading(arrays, partial(find_endless_numbers, problem, shape, light.first))
+            numbers = Reading(arrays, partial(find_semi_infinite_numbers, problem, shape, light.first))
             found.append(Found(light.up.reshape(shape), shape, incoming, factors, numbers))
     return found
 
 
-def find_endless_numbers(
+def find_semi_infinite_numbers(
     problem: Problem, shape: tuple[int, ...], first: int, residual: Array, *nodal: Array
 ) -> Numbers:
-    """Of layers without end: the items of all sorts may lie in one array of residuals, these begin at ``first``; light
-    on the nodes where one of them is order 0."""
+    """Of semi-infinite layers: the items of all sorts may lie in one array of residuals, these begin at ``first``;
+    light on the nodes where one of them is order 0."""
     flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
     for light in nodal:
         flux[:, 0, 0] = np.concatenate([find_flux_up(problem, each) for each in light])
@@ -575,7 +583,7 @@ def find_endless_numbers(
 
 
 def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
-    """The arguments of `reflect_endless` for a sort of pieces, on the host."""
+    """The arguments of `reflect_semi_infinite` for a sort of pieces, on the host."""
     problem = pieces[0].problem
     off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]

@@ -9,7 +9,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
@@ -19,10 +19,10 @@ from vrte.scene.scene import Scene
 ORDERS = 0.4  # of the accuracy asked for: orders left out
 SHARE = 0.1  # of it: nodes left out; layers left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
-DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
+DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may decay with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
 TOGETHER = 4  # orders between two looks, so that threads have work; the same for any number of threads
-ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
+ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never decays
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
 SAFETY = 3.0  # times what was found: orders to come are bounded by no less
 STEEPER = 5.0  # fall from one order to the next, over the one seen, that a bound is not trusted with
@@ -31,7 +31,7 @@ LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 
 @dataclass(frozen=True, eq=False)
-class Needs:
+class OrderBounds:
     """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
     `order_bounds` in core/bounds.pxi."""
 
@@ -41,7 +41,7 @@ class Needs:
     effect: Array
 
 
-def look_inside(problem: Problem, mu: Array) -> tuple[Problem, Array]:
+def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Array]:
     """The problem, and signed directions ``mu`` (n_mu,), as the densest of the media with particles in them sees light
     that comes and goes: scattering there has no surfaces to get through."""
     if problem.media is None:
@@ -55,19 +55,19 @@ def look_inside(problem: Problem, mu: Array) -> tuple[Problem, Array]:
         return np.where(found > 0.0, found, 1.0)
 
     outside = float(problem.media.depths.medium(scene.media)[0])
-    inside = change_fields(
+    inside = replace_unchecked(
         problem, media=None, mu0=refract(scene.index_above, problem.mu0), mu_out=refract(outside, problem.mu_out)
     )
     return inside, np.sign(mu) * refract(outside, np.abs(mu))
 
 
-def find_needs(problem: Problem, run: Run) -> Needs:
+def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
     n_order, directions = problem.coefficients.shape[1], problem.directions
     by_layer = np.empty((problem.albedo.size, n_order))
     bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:
-        run = change_fields(run, threads=1)
+        run = replace_unchecked(run, threads=1)
     with run.timed("planning") as crew:
         _core.order_bounds(
             crew,
@@ -81,7 +81,7 @@ def find_needs(problem: Problem, run: Run) -> Needs:
             bounds=bounds,
             effect=effect,
         )
-    return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
+    return OrderBounds(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
 def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
@@ -93,7 +93,7 @@ def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: 
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
     for coefficients, path in find_scatterers(scene.layers, problem, levels, out, whole):
-        with change_fields(run, threads=1).timed("planning") as crew:
+        with replace_unchecked(run, threads=1).timed("planning") as crew:
             _core.add_single_scattering(
                 crew,
                 table=coefficients,
@@ -144,17 +144,17 @@ def choose_stages(bounds: Array, brightest: Array, accuracy: float) -> tuple[int
     return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in found}))
 
 
-def find_bounds_at(needs: Needs, depth: Array) -> Array:
+def find_bounds_at(needs: OrderBounds, depth: Array) -> Array:
     """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
 
-    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
     """
     bounds: Array = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depth=depth, decays=DECAYS)
     return bounds[..., None]
 
 
-def calibrate_bounds(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
+def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array]) -> Array:
     """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
     showed of them, (order, n_tau, n_in).
 
@@ -177,7 +177,7 @@ def calibrate_bounds(needs: Needs, bounds: Array, found: dict[int, Array]) -> Ar
     return lowered
 
 
-def count_nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
+def count_nodes_seen(needs: OrderBounds, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
     allowed = SHARE * accuracy * brightest / needs.strength.size
     return _core.nodes_seen(strength=needs.strength, effect=needs.effect, allowed=allowed, largest_gain=LARGEST_GAIN)
@@ -186,12 +186,12 @@ def count_nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArra
 def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
     """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
 
-    On its way down from the lowest level asked for, and up again, it fades with kappa = 0.8 (1 - q) at least.
+    On its way down from the lowest level asked for, and up again, it decays with kappa = 0.8 (1 - q) at least.
     """
     deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
     enough = -0.5 * math.log(SHARE * accuracy)
-    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light fades that much on the way
+    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light decays that much on the way
         return [n_layer] * n_order, [True] * n_order
     layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
     path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
@@ -212,7 +212,7 @@ def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) ->
 def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
     if problem.media is not None:
-        sets = list_stokes_sets(change_fields(problem, media=None))
+        sets = list_stokes_sets(replace_unchecked(problem, media=None))
         return [join_stokes_sets(found) for found in sets]
     if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]

@@ -18,14 +18,14 @@ from vrte.discrete_ordinates.orders.base import make_black_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.invariance import reflect_endless
+from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
 from vrte.discrete_ordinates.orders.particular import Beam, find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import reconstruct
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 
-INVARIANCE = 1e-13  # what iterations settle to: joints with surfaces make more of what is left
+INVARIANCE = 1e-13  # what iterations converge to: interfaces with surfaces make more of what is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +118,12 @@ def respond_by_beams(
         mu0=np.concatenate([problem.mu0, problem.nodes]),
         mu_out=np.concatenate([both, both]),
         n_up=both.size,
-        leave_out=replace(problem.leave_out, base=True),
+        skip_flags=replace(problem.skip_flags, base=True),
     )
     kernels, residuals = (
-        find_endless_kernels(wide, orders, run)
+        find_semi_infinite_responses(wide, orders, run)
         if name == "invariance"
-        else find_slab_kernels(wide, material, thickness, orders, run, quick)
+        else find_slab_responses(wide, material, thickness, orders, run, quick)
     )
     members, stokes = list(problem.stokes), len(problem.stokes)
     scale = np.sqrt(problem.weights * problem.nodes)
@@ -134,7 +134,7 @@ def respond_by_beams(
         # (order, 2, in, S, out, S) -> (order, 2, out, S, in, S)
         light = 2.0 * np.pi * kernels[slab].transpose(0, 1, 4, 5, 2, 3)
         paths = problem.albedo[kind] * integrate_slab_paths(length, wide.mu0, both)
-        with run.booked("single scattering"):
+        with run.recorded("single scattering"):
             for place, order in enumerate(orders.tolist()):
                 once = scatter_once(order, problem.coefficients[kind, : problem.terms[kind]], both, wide.mu0, shifts)
                 once = once[..., members, :][..., members].transpose(0, 1, 3, 2, 4)  # (2, out, S, in, S)
@@ -144,8 +144,8 @@ def respond_by_beams(
         light[..., n_in:, :] *= per_node[:, None]
         light[:, :, n_out:] *= scale[:, None, None, None]
         nodes = light[:, :, n_out:, :, n_in:].reshape(orders.size, 2, problem.size, problem.size)
-        fade = np.repeat(np.exp(-length / problem.nodes), stokes)
-        nodes[:, 1, np.arange(problem.size), np.arange(problem.size)] += fade
+        decay = np.repeat(np.exp(-length / problem.nodes), stokes)
+        nodes[:, 1, np.arange(problem.size), np.arange(problem.size)] += decay
         found.append(
             shape_response(
                 problem,
@@ -159,7 +159,7 @@ def respond_by_beams(
     return found
 
 
-def find_slab_kernels(
+def find_slab_responses(
     problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run, quick: bool
 ) -> tuple[list[Array], dict[str, Array]]:
     """Light scattered more than once by slabs, up from the top and down from the bottom, by modes: (order, 2, n_in, S,
@@ -206,9 +206,9 @@ def take_layer(found: Found, layer: int) -> Found:
     return type(found)(*parts)
 
 
-def find_endless_kernels(problem: Problem, orders: IntArray, run: Run) -> tuple[list[Array], dict[str, Array]]:
-    """The same of the first layer, taken as endless, by invariance."""
-    found = reflect_endless(problem, orders, INVARIANCE, run)
+def find_semi_infinite_responses(problem: Problem, orders: IntArray, run: Run) -> tuple[list[Array], dict[str, Array]]:
+    """The same of the first layer, taken as semi-infinite, by invariance."""
+    found = reflect_semi_infinite(problem, orders, INVARIANCE, run)
     half = problem.n_up
     up = found.kernels[:, 0, :, :, :half] * problem.flip
     return [np.stack([up, np.zeros_like(up)], axis=1)], {"residual_of_invariance": found.residual[:, None]}

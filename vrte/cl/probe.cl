@@ -4,4 +4,4 @@
 #else
 #define real double
 #endif
-__kernel void trial(__global real *x) { x[0] = 2.0 * x[0] + 1.0; }
+__kernel void probe(__global real *x) { x[0] = 2.0 * x[0] + 1.0; }

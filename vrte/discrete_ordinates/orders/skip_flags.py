@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class LeaveOut:
+class SkipFlags:
     """All of it but in tests and in the table of what each saves (docs/explanation/plan.md).
 
     ``stokes``: Stokes parameters that an order keeps apart, or does not scatter; ``columns``: incident Stokes columns
@@ -33,4 +33,4 @@ class LeaveOut:
     halves: bool = True
 
 
-EVERYTHING = LeaveOut()
+EVERYTHING = SkipFlags()

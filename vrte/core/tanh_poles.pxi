@@ -77,7 +77,7 @@ cdef inline double beam_factor(const Fraction* f, int k, int column) noexcept no
     return -1.0 / (rate * rate + pole_of(f, k))
 
 
-cdef int fractions_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int fractions_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Fractions* t = <const Fractions*>task
     cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
     cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in

@@ -6,8 +6,8 @@ import pytest
 import vrte
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.at_once import STAGES, complain_of_order
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import Modes
 from vrte.scene.boundary import BLACK, Boundary
@@ -30,7 +30,7 @@ def problem_of(layers: list[vrte.Layer], base: Boundary | None) -> Problem:
     ids=["over Lambertian", "over black", "endless"],
 )
 def test_one_call_finds_what_five_find(layers: list[vrte.Layer], base: Boundary | None) -> None:
-    """To the last bit: light, fluxes, residuals; and every stage is booked."""
+    """To the last bit: light, fluxes, residuals; and every stage is timed."""
     problem, orders = problem_of(layers, base), np.arange(4, dtype=np.int32)
     route = Modes(problem, base or BLACK, 4, 1e-8)
     alone, together = Run(1), Run(2)

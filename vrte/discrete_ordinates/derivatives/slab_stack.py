@@ -1,5 +1,5 @@
-"""Fourier orders of a pile and how they change: every slab's change sends out light of its own, which the unchanged
-pile passes on. The pile is solved once; each derivative is one more right-hand side of its factors."""
+"""Fourier orders of a stack and how they change: every slab's change sends out light of its own, which the unchanged
+stack passes on. The stack is solved once; each derivative is one more right-hand side of its factors."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,12 +13,12 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, find_change
 from vrte.discrete_ordinates.derivatives.slab import Blocks, SlabModes, deepen_slab
 from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.passage import expand_lossless_base
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.refracting import NodalPile, Piece, Refracting, share
-from vrte.discrete_ordinates.orders.responses import Response, respond_by_doubling
+from vrte.discrete_ordinates.orders.refracting import NodalStack, Piece, Refracting, share
+from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling
 from vrte.scene.boundary import Boundary
 from vrte.scene.variation import Variation
 
@@ -35,7 +35,7 @@ class ChangedOrders:
 
 
 class Differentiating(Refracting):
-    """The way through a pile, transparent or refracting, for its derivatives."""
+    """The way through a stack, transparent or refracting, for its derivatives."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Differentiating(Refracting):
         return Base(np.where(order < rows, order, np.int32(-1)), found[0], found[1], found[2])
 
     def beams_of(self, change: Change) -> tuple[Array, Array, Array] | None:
-        """Derivatives of the power of beams: falling, mirrored and arriving, as of `Passage`."""
+        """Derivatives of the power of beams: falling, mirrored and arriving, as of `BeamPaths`."""
         if change.beams is None:
             return None
         members, problem = np.ix_(self.problem.stokes, self.problem.stokes), self.problem
@@ -82,7 +82,9 @@ class Differentiating(Refracting):
 
     def is_alone(self, order: int) -> bool:
         """Whether the one slab there is meets no light but the beam, and the order carries no flux."""
-        mirrors = any(part is not None and (part.above is not None or part.below is not None) for part in self.sharings)
+        mirrors = any(
+            part is not None and (part.above is not None or part.below is not None) for part in self.interface_operators
+        )
         flux = self.problem.conserves and order == 0
         return self.cut.layer.size == 1 and self.base is None and not (mirrors or self.rough or flux)
 
@@ -113,14 +115,14 @@ class Differentiating(Refracting):
         residual = np.zeros(orders.size)
 
         def solve(place: int) -> None:
-            order = OrderOfPile(self, place, int(orders[place]), responses, sheets, modes)
+            order = OrderOfStack(self, place, int(orders[place]), responses, sheets, modes)
             for k, (light, fluxes) in enumerate(order.change_all(turned)):
                 kernels[k, place] = light
                 if problem.conserves and orders[place] == 0:
                     flux[k] = fluxes
             residual[place] = order.residual
 
-        with run.booked("derivatives"):
+        with run.recorded("derivatives"):
             if run.threads > 1 and orders.size > 1:
                 with ThreadPoolExecutor(run.threads) as pool:
                     list(pool.map(solve, range(orders.size)))
@@ -167,12 +169,12 @@ def take_blocks(one: Problem, matrices: Assembled, place: int, layer: int) -> tu
 
 def take_modes(modes: Modes, place: int, layer: int) -> tuple[Array, Array, Array]:
     """lambda (n,), complex where pairs are, X and Y (n, n) of one order and layer, pairs as real columns."""
-    lam, swing = modes.lam_re[place, layer], modes.lam_im[place, layer]
-    return lam + 1j * swing if swing.any() else lam, modes.X[place, layer].T, modes.Y[place, layer].T
+    lam, oscillation = modes.lam_re[place, layer], modes.lam_im[place, layer]
+    return lam + 1j * oscillation if oscillation.any() else lam, modes.X[place, layer].T, modes.Y[place, layer].T
 
 
-class OrderOfPile:
-    """One order of a pile, solved, and its slabs' modes where they are asked for."""
+class OrderOfStack:
+    """One order of a stack, solved, and its slabs' modes where they are asked for."""
 
     def __init__(
         self,
@@ -194,9 +196,9 @@ class OrderOfPile:
             self.pieces = [
                 Piece(self.response_of(piece), place, *self.medium_of(piece)) for piece in range(route.cut.layer.size)
             ]
-            self.pile = NodalPile(route, order, self.pieces)
-            self.pile.rise()
-            self.pile.fall()
+            self.slab_stack = NodalStack(route, order, self.pieces)
+            self.slab_stack.upward_sweep()
+            self.slab_stack.downward_sweep()
 
     def response_of(self, piece: int) -> Response:
         """The reflection and transmission that doubling found of a piece's slab."""
@@ -265,8 +267,8 @@ class OrderOfPile:
             stokes = len(one.stokes)
             into, out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
             E, F = take_blocks(one, self.sheets[medium], self.place, material)
-            fades = np.exp(-thickness / into), np.exp(-thickness / out)
-            more = deepen_slab(E, F, R, T, out, *fades)
+            decays = np.exp(-thickness / into), np.exp(-thickness / out)
+            more = deepen_slab(E, F, R, T, out, *decays)
             if not on_nodes:
                 nothing = np.zeros((0, 0))
                 more = Blocks(nothing, nothing, nothing, more[0].OI), Blocks(nothing, nothing, nothing, more[1].OI)
@@ -304,13 +306,13 @@ class OrderOfPile:
 
     def change_all(self, turned: list[dict[int, Assembled]]) -> list[tuple[Array, Array]]:
         """Of each change the derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau,
-        r): the light that all of them send out goes through the pile together."""
+        r): the light that all of them send out goes through the stack together."""
         route = self.route
         if self.is_alone:
             return [self.change_alone(change, own) for change, own in zip(route.changes, turned, strict=True)]
         if not route.changes:
             return []
-        pile, r = self.pile, self.pile.r
+        slab_stack, r = self.slab_stack, self.slab_stack.r
         parts = [self.change_parts(change, k, turned[k]) for k, change in enumerate(route.changes)]
         sources = [
             (np.hstack([part.sources[k][0] for part in parts]), np.hstack([part.sources[k][1] for part in parts]))
@@ -321,11 +323,11 @@ class OrderOfPile:
                 np.hstack([part.rough[place][0] for part in parts]),
                 np.hstack([part.rough[place][1] for part in parts]),
             )
-            for place in route.rough_joints
+            for place in route.rough_interfaces
         }
-        tangent = TangentPile(pile, sources, np.hstack([part.below for part in parts]), rough)
-        tangent.rise()
-        tangent.fall()
+        tangent = TangentStack(slab_stack, sources, np.hstack([part.below for part in parts]), rough)
+        tangent.upward_sweep()
+        tangent.downward_sweep()
         sent = self.send(tangent)
         found = []
         for k, part in enumerate(parts):
@@ -343,33 +345,33 @@ class OrderOfPile:
 
     def change_parts(self, change: Change, number: int, turned: dict[int, Assembled]) -> "Parts":
         """What a change does to the slabs, the base and the beams, and the light that they send out for it."""
-        route, pile = self.route, self.pile
+        route, slab_stack = self.route, self.slab_stack
         base, beams = route.changed_bases[number], route.beams_of(change)
         blocks = [self.change_slab(k, change, turned, on_nodes=True) for k in range(len(self.pieces))]
         moved = [None if own is None else self.make_changed_piece(k, *own) for k, own in enumerate(blocks)]
         sources = []
         for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
-            up, down = np.zeros((pile.n, pile.r)), np.zeros((pile.n, pile.r))
+            up, down = np.zeros((slab_stack.n, slab_stack.r)), np.zeros((slab_stack.n, slab_stack.r))
             if own is not None:
-                above, below = pile.entering[k], pile.leaving[k + 1]
-                up, down = own.send_to_nodes(pile.n, route.falling[k], route.mirrored[k])
+                above, below = slab_stack.entering[k], slab_stack.leaving[k + 1]
+                up, down = own.send_to_nodes(slab_stack.n, route.falling[k], route.mirrored[k])
                 up = up + own.scatter(above, 0) + own.scatter(below, 1)
                 down = down + own.scatter(above, 1) + own.scatter(below, 0)
             if beams is not None:
-                more = piece.send_to_nodes(pile.n, beams[0][k], beams[1][k])
+                more = piece.send_to_nodes(slab_stack.n, beams[0][k], beams[1][k])
                 up, down = up + more[0], down + more[1]
             sources.append((up, down))
         return Parts(moved, base, beams, sources, self.change_below(base, beams), self.change_rough(change))
 
     def change_rough(self, change: Change) -> dict[int, tuple[Array, Array]]:
-        """What changed beams send to the nodes at rough joints, going up above and down below, by joint."""
+        """What changed beams send to the nodes at rough interfaces, going up above and down below, by interface."""
         route = self.route
         found: dict[int, tuple[Array, Array]] = {}
         if change.beams is None:
-            dark = np.zeros((self.pile.n, self.pile.r))
-            return dict.fromkeys(route.rough_joints, (dark, dark))
+            dark = np.zeros((self.slab_stack.n, self.slab_stack.r))
+            return dict.fromkeys(route.rough_interfaces, (dark, dark))
         members, problem = np.ix_(route.problem.stokes, route.problem.stokes), route.problem
-        for place, rough in route.rough_joints.items():
+        for place, rough in route.rough_interfaces.items():
             falls, rises = (
                 problem.mu0[:, None, None] * (part[place][..., members[0], members[1]] @ problem.columns.T)
                 for part in (change.beams.arriving, change.beams.rising)
@@ -383,11 +385,11 @@ class OrderOfPile:
 
     def change_below(self, base: Base | None, beams: tuple[Array, Array, Array] | None) -> Array:
         """What the base sends up of changed beams, and, itself changed, of all light, (n, r)."""
-        route, pile = self.route, self.pile
-        found = np.zeros((pile.n, pile.r))
+        route, slab_stack = self.route, self.slab_stack
+        found = np.zeros((slab_stack.n, slab_stack.r))
         if base is not None:
             matrix, light = route.reflect_on_base(self.order, base)
-            found += light if matrix is None else light + matrix @ pile.arriving[-1]
+            found += light if matrix is None else light + matrix @ slab_stack.arriving[-1]
         if beams is not None and route.base is not None:
             found += route.reflect_on_base(self.order, arriving=beams[2])[1]
         return found
@@ -396,53 +398,57 @@ class OrderOfPile:
         """All light that is sent out along the sights, (source, n_sight, S, r), unchanged."""
         if self.sent is None:
             beams = self.route.falling, self.route.mirrored, self.route.arriving
-            self.sent = self.send(self.pile) + self.send_beams(beams)
+            self.sent = self.send(self.slab_stack) + self.send_beams(beams)
         return self.sent
 
-    def send(self, pile: NodalPile) -> Array:
-        """What light on the nodes (n, r) of a pile like this one sends along the sights, (source, n_sight, S, r)."""
+    def send(self, slab_stack: NodalStack) -> Array:
+        """What light on the nodes (n, r) of a stack like this one sends along the sights, (source, n_sight, S, r)."""
         route = self.route
-        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), pile.r
+        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), slab_stack.r
         sent = np.zeros(shape)
         for k, piece in enumerate(self.pieces):
             dark = np.zeros_like(route.falling[k])
-            sent[2 * k], sent[2 * k + 1] = piece.send(pile.entering[k], pile.leaving[k + 1], dark, dark)
-        for k, (place, rough) in enumerate(route.rough_joints.items(), len(self.pieces)):
-            arriving, rising = pile.arriving[place], pile.rising[place]
+            sent[2 * k], sent[2 * k + 1] = piece.send(slab_stack.entering[k], slab_stack.leaving[k + 1], dark, dark)
+        for k, (place, rough) in enumerate(route.rough_interfaces.items(), len(self.pieces)):
+            arriving, rising = slab_stack.arriving[place], slab_stack.rising[place]
             sent[2 * k] = rough.above.send(self.order, arriving) + rough.up.send(self.order, rising)
             sent[2 * k + 1] = rough.below.send(self.order, rising) + rough.down.send(self.order, arriving)
         if route.base is not None:
-            sent[-1] = route.leave_base(self.order, pile.arriving[-1])
+            sent[-1] = route.leave_base(self.order, slab_stack.arriving[-1])
         return sent
 
     def send_beams(self, beams: tuple[Array, Array, Array]) -> Array:
         """The same of beams alone, falling and mirrored power."""
         route = self.route
-        dark = np.zeros((self.pile.n, self.pile.r))
-        sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), self.pile.r))
+        dark = np.zeros((self.slab_stack.n, self.slab_stack.r))
+        sent = np.zeros(
+            (len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), self.slab_stack.r)
+        )
         for k, piece in enumerate(self.pieces):
             sent[2 * k], sent[2 * k + 1] = piece.send(dark, dark, beams[0][k], beams[1][k])
         return sent
 
     def send_changed(self, part: "Parts") -> Array:
         """What changed beams, changed slabs and a changed base send along the sights."""
-        route, pile = self.route, self.pile
-        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), pile.r
+        route, slab_stack = self.route, self.slab_stack
+        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), slab_stack.r
         sent = np.zeros(shape) if part.beams is None else self.send_beams(part.beams)
         for k, own in enumerate(part.moved):
             if own is not None:
-                up, down = own.send(pile.entering[k], pile.leaving[k + 1], route.falling[k], route.mirrored[k])
+                up, down = own.send(
+                    slab_stack.entering[k], slab_stack.leaving[k + 1], route.falling[k], route.mirrored[k]
+                )
                 sent[2 * k] += up
                 sent[2 * k + 1] += down
         if part.base is not None:
-            sent[-1] += route.leave_base(self.order, pile.arriving[-1], part.base)
+            sent[-1] += route.leave_base(self.order, slab_stack.arriving[-1], part.base)
         return sent
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """One change in a pile: how its pieces, its base and its beams change, None where they do not, and what these send
-    out: of each piece up and down (n, r), of the base, and at rough joints up and down."""
+    """One change in a stack: how its pieces, its base and its beams change, None where they do not, and what these send
+    out: of each piece up and down (n, r), of the base, and at rough interfaces up and down."""
 
     moved: list[Piece | None]
     base: Base | None
@@ -452,31 +458,36 @@ class Parts:
     rough: dict[int, tuple[Array, Array]]
 
 
-class TangentPile(NodalPile):
-    """Light that changes send out, passed on by a pile that is solved already."""
+class TangentStack(NodalStack):
+    """Light that changes send out, passed on by a stack that is solved already."""
 
     def __init__(
         self,
-        pile: NodalPile,
+        slab_stack: NodalStack,
         sources: list[tuple[Array, Array]],
         below: Array,
         rough: dict[int, tuple[Array, Array]],
     ) -> None:
         self.route, self.order, self.pieces, self.n, self.r = (
-            pile.route,
-            pile.order,
-            pile.pieces,
-            pile.n,
+            slab_stack.route,
+            slab_stack.order,
+            slab_stack.pieces,
+            slab_stack.n,
             below.shape[1],
         )
-        self.residual, self.sharings, self.beams, self.below = 0.0, pile.sharings, sources, below
-        self.seen, self.seen_below, self.at_joint, self.in_slab = (
-            pile.seen,
-            pile.seen_below,
-            pile.at_joint,
-            pile.in_slab,
+        self.residual, self.interface_operators, self.beams, self.below = (
+            0.0,
+            slab_stack.interface_operators,
+            sources,
+            below,
         )
-        dark, count = np.zeros((self.n, self.r)), len(pile.pieces) + 1
+        self.seen, self.seen_below, self.at_joint, self.in_slab = (
+            slab_stack.seen,
+            slab_stack.seen_below,
+            slab_stack.at_joint,
+            slab_stack.in_slab,
+        )
+        dark, count = np.zeros((self.n, self.r)), len(slab_stack.pieces) + 1
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
         self.own, self.own_below = [dark] * count, [dark] * count
         self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
@@ -492,9 +503,9 @@ class TangentPile(NodalPile):
             own = factors.solve(seen @ down + own)
         self.own_below[k] = up + piece.scatter(own, 1)
 
-    def put_joint(self, k: int, last: int) -> None:
-        """What goes up above joint k."""
-        sharing, seen, own = self.sharings[k], self.seen_below[k], self.own_below[k]
+    def add_interface(self, k: int, last: int) -> None:
+        """What goes up above interface k."""
+        sharing, seen, own = self.interface_operators[k], self.seen_below[k], self.own_below[k]
         if k == last and self.route.base is not None:
             self.own[k] = self.below
             return

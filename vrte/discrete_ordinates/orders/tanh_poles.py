@@ -213,7 +213,7 @@ def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled
 
 def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:
     """The same for a few beams, without matrices, and at levels inside. Raises AccuracyError where scatterings do not
-    settle."""
+    converge."""
     depths = find_depths(problem)
     depths = depths[np.abs(depths) < 1.0]
     faces, info = prepare_faces(problem, orders, depths.size)
@@ -241,7 +241,7 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
             info=info,
         )
     if info.any():
-        raise AccuracyError(f"scatterings of order {orders[np.argwhere(info)[0][0]]} do not settle")
+        raise AccuracyError(f"scatterings of order {orders[np.argwhere(info)[0][0]]} do not converge")
     return faces
 
 

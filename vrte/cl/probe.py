@@ -17,12 +17,12 @@ import numpy as np
 
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import LONGEST, build_kernels
-from vrte.cl.faults import name_of
+from vrte.cl.errors import name_of
 from vrte.cl.session import OPTIONS_OF, REALS
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
 LONGEST_WAIT = 120  # seconds for another process
-TRY_ONE = "from vrte.cl import device, trial; print(trial.try_here(device.devices()[{}].handle, {!r}))"
+TRY_ONE = "from vrte.cl import device, probe; print(probe.try_here(device.devices()[{}].handle, {!r}))"
 
 
 def try_device(index: int, platform: str, handle: Any, precision: str = "double") -> str:
@@ -45,7 +45,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
     """The trial, in this process."""
     import pyopencl
 
-    text = files("vrte.cl").joinpath("trial.cl").read_text(encoding="utf-8")
+    text = files("vrte.cl").joinpath("probe.cl").read_text(encoding="utf-8")
     numbers: Any = np.full(1, 3.0, REALS[precision])
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     try:
@@ -56,7 +56,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
         kernels = build_kernels(context, text, OPTIONS_OF[precision])
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
-        kernels["trial"](queue, (1,), (1,), buffer)
+        kernels["probe"](queue, (1,), (1,), buffer)
         pyopencl.enqueue_copy(queue, numbers, buffer)
     except DeviceError as error:
         return str(error)

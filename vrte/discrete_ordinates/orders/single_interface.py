@@ -1,4 +1,4 @@
-"""A pile under one smooth surface by its modes: the surface is a boundary condition at the top, and nothing else."""
+"""A stack under one smooth surface by its modes: the surface is a boundary condition at the top, and nothing else."""
 
 from dataclasses import replace
 from typing import ClassVar
@@ -9,18 +9,18 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
-from vrte.discrete_ordinates.orders.passage import expand_lossless_base
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.slabs import merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_modes
-from vrte.scene.beams import find_cosines, find_fading
+from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
 
 
@@ -31,7 +31,7 @@ def is_under_one_surface(media: Media) -> bool:
     return plain and not media.scene.below.keeps_beams
 
 
-class Surfaced:
+class SingleInterface:
     """Modes of the layers as beams find them that were refracted once, and a boundary condition at the top."""
 
     allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
@@ -110,7 +110,7 @@ class Surfaced:
         for t, place in enumerate(self.sights.place):
             here, up, down = light[:, t + first], place[:n_up], place[n_up:]
             if self.within[t]:
-                straight = find_fading(problem.depth[t : t + 1], self.sights.cosines[:3, down])[0]
+                straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, down])[0]
                 returned = light[:, 0][..., down, None, :] @ self.back[down].swapaxes(1, 2)
                 found[:, t, ..., :n_up, :] = here[..., up, :]
                 found[:, t, ..., n_up:, :] = here[..., n_sight + down, :] + straight[:, None] * returned[..., 0, :]

@@ -1,6 +1,6 @@
 """Fixed points of invariance as a GPU wants them: all items take a step together, two launches, whatever their sizes.
 
-Whether an item has settled stays on the device: its work-groups return at once from then on, and the host looks every
+Whether an item has converged stays on the device: its work-groups return at once from then on, and the host looks every
 few steps, at growing distances, whether there is one left."""
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import IntArray
 from vrte.cl.assembly import compute_parity_columns, count_most_columns
-from vrte.cl.invariance import Asked, Endless, Sheet, compute_off_node_results, put_cosines
+from vrte.cl.invariance import Asked, FactorColumns, SemiInfinite, compute_off_node_results, put_cosines
 from vrte.cl.matrices import GROUP, Stack, count_work_items, pad_to_strips
 from vrte.cl.session import DeviceArray, Session
 
@@ -69,12 +69,12 @@ class Sort:
         columns = phi, phi + row, nodes_H, H, R, mus + row, mus, pairs, self.phi_ld, n, ld, self.n
         return np.stack(np.broadcast_arrays(*columns), axis=1).astype(np.int64)
 
-    def sheet(self, rows: str, memory: dict[str, Any]) -> Sheet:
+    def sheet(self, rows: str, memory: dict[str, Any]) -> FactorColumns:
         """The nodes or what is off them."""
         n, u = pad_to_strips(self.n), pad_to_strips(self.u)
         size, ld, row = (self.n, n, 0) if rows == "nodes" else (self.u, u, n)
         phi = self.stack("phi", memory, self.phi_ld, size, row)
-        return Sheet(phi, self.stack(f"{rows}_H", memory, ld, size), memory["mus"], self.first["mus"] + row)
+        return FactorColumns(phi, self.stack(f"{rows}_H", memory, ld, size), memory["mus"], self.first["mus"] + row)
 
     def stack(self, name: str, memory: dict[str, Any], ld: int, rows: int, row: int = 0) -> Stack:
         """Its matrices in a memory, from some row on."""
@@ -82,9 +82,9 @@ class Sort:
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class Converged:
     """Of all items on the device: counts (item, 2) of columns, tolerance and rate, (item,), what makes HC of H, column
-    by column, and listed (item,), 0 where an item is asked for; residual and steps (item,): how each has settled."""
+    by column, and listed (item,), 0 where an item is asked for; residual and steps (item,): how each has converged."""
 
     counts: Any
     tolerance: Any
@@ -96,23 +96,23 @@ class Settled:
     steps: Any
 
 
-def reflect_together(session: Session, asked: Sequence[Asked], stop: IntArray | None) -> list[Endless]:
+def reflect_batch(session: Session, asked: Sequence[Asked], stop: IntArray | None) -> list[SemiInfinite]:
     """As a GPU wants it, see `reflect_sorts`."""
     sorts = lay_out(asked)
     total = {name: sum(sort.sizes()[name] for sort in sorts) for name in sorts[0].sizes()}
     memory = {name: session.empty((size,)) for name, size in total.items() if name not in ("pairs", "items")}
-    settled = make_settled(session, total["pairs"], total["items"])
-    counts = [begin_sort(session, sort, memory, settled) for sort in sorts]
+    converged = make_convergence(session, total["pairs"], total["items"])
+    counts = [begin_sort(session, sort, memory, converged) for sort in sorts]
     # the first two steps read by how much steps moved that there were not, and do nothing with it
     last = [session.empty((total["R"],)) for _ in range(4)] + [session.zeros((total["R"],)) for _ in range(2)]
     for rows in ("nodes", "off"):
         if stop is None or not stop[0]:
-            settle_rows(session, sorts, rows, memory, settled, last[:3], last[3:], stop)
+            converge_rows(session, sorts, rows, memory, converged, last[:3], last[3:], stop)
     found = []
     for sort, own in zip(sorts, counts, strict=True):
         Ru = memory["R"], sort.first["R"], sort.stride_of_R
         light = compute_off_node_results(session, sort.asked, own, sort.sheet("off", memory), *Ru, sort.n)
-        found.append(Endless(*light, settled.residual, settled.steps, sort.first["items"]))
+        found.append(SemiInfinite(*light, converged.residual, converged.steps, sort.first["items"]))
     return found
 
 
@@ -130,10 +130,10 @@ def lay_out(asked: Sequence[Asked]) -> list[Sort]:
     ]
 
 
-def make_settled(session: Session, columns: int, items: int) -> Settled:
+def make_convergence(session: Session, columns: int, items: int) -> Converged:
     """Of items none of which is listed yet."""
     empty, zeros, whole = session.empty, session.zeros, np.int32
-    return Settled(
+    return Converged(
         zeros((items, 2), whole),
         empty((items,)),
         zeros((items,)),
@@ -145,7 +145,7 @@ def make_settled(session: Session, columns: int, items: int) -> Settled:
     )
 
 
-def begin_sort(session: Session, sort: Sort, memory: dict[str, Any], settled: Settled) -> Any:
+def begin_sort(session: Session, sort: Sort, memory: dict[str, Any], converged: Converged) -> Any:
     """Columns of P_l^m, cosines, what makes HC of H; the numbers of columns of its own items."""
     asked, what = sort.asked, sort.asked.what
     phi = sort.stack("phi", memory, sort.phi_ld, sort.phi_ld)
@@ -154,20 +154,20 @@ def begin_sort(session: Session, sort: Sort, memory: dict[str, Any], settled: Se
     for first, number, row in ((0, n_node, 0), (n_node, asked.n_off, pad_to_strips(sort.n))):
         put_cosines(session, what, asked.directions, first, number, memory["mus"], to + row)
     places = sort.first["items"], sort.first["pairs"], sort.columns
-    made = settled.pairs, settled.weights, settled.counts, asked.tolerance, settled.tolerance, settled.rate
+    made = converged.pairs, converged.weights, converged.counts, asked.tolerance, converged.tolerance, converged.rate
     size = max(what.n_term, 1), what.items.size
     session.launch(
-        "invariance_pairs", size, what, *places, columns.counts, *made, settled.listed, what.items, group=(1, 1)
+        "invariance_pairs", size, what, *places, columns.counts, *made, converged.listed, what.items, group=(1, 1)
     )
     return columns.counts
 
 
-def settle_rows(
+def converge_rows(
     session: Session,
     sorts: Sequence[Sort],
     rows: str,
     memory: dict[str, Any],
-    settled: Settled,
+    converged: Converged,
     led: list[DeviceArray],
     moved: list[DeviceArray],
     stop: IntArray | None,
@@ -176,7 +176,7 @@ def settle_rows(
     last steps led, ``moved``: by how much, this one first."""
     places = session.upload(np.concatenate([sort.places(rows) for sort in sorts]))
     sheets = [sort.sheet(rows, memory) for sort in sorts]
-    items, H = settled.residual.size, memory[f"{rows}_H"]
+    items, H = converged.residual.size, memory[f"{rows}_H"]
     steps, renewals = (
         [count_work_items(sheet.H.ld, of(sort)) for sort, sheet in zip(sorts, sheets, strict=True)]
         for of in (lambda sort: sort.n, lambda sort: max(sort.columns, 1))
@@ -184,23 +184,23 @@ def settle_rows(
     tiles = max(across // GROUP * along // GROUP for across, along in steps)
     found = session.empty((items, tiles, 5))
     states = [session.empty((items,), np.int32) for _ in range(2)]
-    settling = [session.zeros((items, 7)) for _ in range(2)]
+    convergence = [session.zeros((items, 7)) for _ in range(2)]
     group = (GROUP, GROUP, 1)
 
     def renew(step: int, before: tuple[Any, Any], after: tuple[Any, Any]) -> None:
-        arrays = places, settled.counts, memory["phi"], H, memory["R"], *led, *moved, tiles, found
-        judged = settled.rate, settled.tolerance, settled.residual, settled.steps
+        arrays = places, converged.counts, memory["phi"], H, memory["R"], *led, *moved, tiles, found
+        judged = converged.rate, converged.tolerance, converged.residual, converged.steps
         state = before[0], after[0], before[1], after[1]
         size = *(max(pair) for pair in zip(*renewals, strict=True)), items
         session.launch("invariance_renew_gpu", size, step, _core.MOST_STEPS, *arrays, *judged, *state, group=group)
 
-    now, other = (settling[0], states[0]), (settling[1], states[1])
-    renew(-1, (settling[1], settled.listed), now)
+    now, other = (convergence[0], states[0]), (convergence[1], states[1])
+    renew(-1, (convergence[1], converged.listed), now)
     looks = list_looks()
     look = next(looks)
     size = *(max(pair) for pair in zip(*steps, strict=True)), items
     for step in range(_core.MOST_STEPS):
-        arrays = places, settled.counts, memory["mus"], settled.pairs, settled.weights, memory["nodes_H"], H
+        arrays = places, converged.counts, memory["mus"], converged.pairs, converged.weights, memory["nodes_H"], H
         last = memory["R"], *led, *moved, tiles, found, now[1]
         session.launch("invariance_step_gpu", size, *arrays, *last, group=group)
         renew(step, now, other)

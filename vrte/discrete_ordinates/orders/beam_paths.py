@@ -1,4 +1,4 @@
-"""A pile in several media, whatever finds what its slabs do: its pieces, beams, base, and what is seen of its light."""
+"""A stack in several media, however its slabs are solved: its pieces, beams, base, and what is seen of its light."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,14 +16,14 @@ from vrte.discrete_ordinates.orders.media import (
     list_sights,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough_joints import make_rough_joint
+from vrte.discrete_ordinates.orders.rough_interfaces import make_rough_interface
 from vrte.scene.boundary import Boundary
 
-RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a joint, see `find_escapes`
+RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a interface, see `find_escapes`
 
 
-class Passage:
-    """A pile in several media but for what its slabs do: where it is cut, beams on their way through it, what is seen
+class BeamPaths:
+    """A stack in several media but for what its slabs do: where it is cut, beams on their way through it, what is seen
     of light along the directions off the nodes, and its base."""
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
@@ -45,8 +45,8 @@ class Passage:
             self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
         )
         self.base = self.expand(base, n_order, accuracy)
-        self.rough_joints = {
-            place: make_rough_joint(
+        self.rough_interfaces = {
+            place: make_rough_interface(
                 self.media,
                 int(self.cut.joint[place]),
                 self.into,
@@ -60,7 +60,7 @@ class Passage:
 
     @property
     def rough(self) -> list[int]:
-        """Which joints of the pieces are rough."""
+        """Which interfaces of the pieces are rough."""
         return find_rough_places(self.media, self.cut)
 
     def power_at(self, place: int, way: int) -> Array:
@@ -126,7 +126,7 @@ class Passage:
 
     def look(self, sent: Array, escapes: Array | None = None) -> Array:
         """What is seen of light ``sent`` out along the sights (source, n_sight, S, r): radiance for unit beams, (n_tau,
-        n_in, n_col, n_out, S), public frame. ``escapes``: other ones than those of the pile."""
+        n_in, n_col, n_out, S), public frame. ``escapes``: other ones than those of the stack."""
         escapes = self.escapes if escapes is None else escapes
         problem, stokes = self.problem, len(self.problem.stokes)
         light = np.empty((*self.sights.place.shape, stokes, problem.n_rhs))
@@ -140,7 +140,7 @@ class Passage:
     def sum_fluxes(
         self, arriving: Sequence[Array], leaving: Sequence[Array], entering: Sequence[Array], rising: Sequence[Array]
     ) -> Array:
-        """Fluxes up and down at the depths, (2, n_tau, r), of light on the nodes at every joint, each (n, r)."""
+        """Fluxes up and down at the depths, (2, n_tau, r), of light on the nodes at every interface, each (n, r)."""
         found = np.empty((2, self.cut.at.size, self.problem.n_rhs))
         sides = zip(self.cut.at.tolist(), self.media.depths.under.tolist(), strict=True)
         for t, (joint, under) in enumerate(sides):
@@ -153,8 +153,8 @@ class Passage:
 
 
 def list_sources(cut: Cut, rough: Sequence[int], base: Boundary) -> list[tuple[int, int]]:
-    """Where light sets out for directions off the nodes, the joint and the way: two of each piece, two of each rough
-    surface, one of a base that reflects."""
+    """Where light sets out for directions off the nodes, the interface and the way: two of each piece, two of each
+    rough surface, one of a base that reflects."""
     found = [source for piece in range(cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
     found += [source for place in rough for source in ((place, LEAVING), (place, ENTERING))]
     return [*found, (cut.joint.size - 1, LEAVING)] if base.orders_reflected else found

@@ -7,7 +7,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import IntArray
 from vrte.basics.errors import AccuracyError
-from vrte.basics.running import Crew, Run
+from vrte.basics.running import Run, ThreadTeam
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.boundary import Amplitudes
 from vrte.discrete_ordinates.orders.homogeneous import Modes
@@ -21,17 +21,17 @@ NO_PIVOTS = np.zeros(0, np.int32)
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 
 
-def solve_at_once(problem: Problem, orders: IntArray, base: Base, quick: bool, run: Run) -> Orders:
+def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: bool, run: Run) -> Orders:
     """What the five stages find of orders, bit for bit. Raises AccuracyError where an eigenproblem does not converge or
     a boundary system is singular."""
     count, layers, n, n_rhs = orders.size, problem.albedo.size, problem.size, problem.n_rhs
     rates, modes = np.empty((count, 2, layers, n)), np.empty((count, 2, layers, n, n))
-    amplitudes, fading = np.empty((count, 4, layers, n_rhs, n)), np.empty((count, layers), np.int32)
+    amplitudes, decaying = np.empty((count, 4, layers, n_rhs, n)), np.empty((count, layers), np.int32)
     residual, spent, missed = np.zeros((2, count, layers)), np.zeros((count, 5)), np.zeros((count, 2), np.int32)
     kernels = np.empty((count, problem.level.size, n_rhs, problem.rows_out))
-    crew = Crew(run.threads, np.zeros(run.threads), run.stop)
+    crew = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
     begin = time.perf_counter()
-    _core.modes_at_once(
+    _core.fused_modes(
         crew,
         orders=orders,
         **problem.phase_arguments,
@@ -39,8 +39,8 @@ def solve_at_once(problem: Problem, orders: IntArray, base: Base, quick: bool, r
         columns=problem.columns,
         conserving=problem.conserves,
         quick=quick,
-        clear=problem.leave_out.clear,
-        clear_layers=((problem.albedo == 0.0) & problem.leave_out.clear).astype(np.int32),
+        clear=problem.skip_flags.clear,
+        clear_layers=((problem.albedo == 0.0) & problem.skip_flags.clear).astype(np.int32),
         thickness=problem.thickness,
         above=problem.above,
         base_row=base.row[orders],
@@ -53,7 +53,7 @@ def solve_at_once(problem: Problem, orders: IntArray, base: Base, quick: bool, r
         rates=rates,
         modes=modes,
         amplitudes=amplitudes,
-        fading=fading,
+        decaying=decaying,
         residual=residual,
         spent=spent,
         missed=missed,
@@ -66,7 +66,7 @@ def solve_at_once(problem: Problem, orders: IntArray, base: Base, quick: bool, r
     fields = (
         Modes(rates[:, 0], rates[:, 1], modes[:, 0], modes[:, 1], NOTHING, NO_PIVOTS, residual[0]),
         Beam(amplitudes[:, 0], amplitudes[:, 1]),
-        Amplitudes(amplitudes[:, 2], amplitudes[:, 3], NOTHING, fading, residual[1]),
+        Amplitudes(amplitudes[:, 2], amplitudes[:, 3], NOTHING, decaying, residual[1]),
     )
     worst = residual.max(axis=2)
     residuals = {"residual_of_modes": worst[0], "residual_of_boundary": worst[1]}
@@ -78,7 +78,7 @@ def note_stages(run: Run, wall: float, busy: list[float]) -> None:
     """Books the wall time of all stages together in the shares of what each kept a thread busy with."""
     total = max(sum(busy), 1e-300)
     for name, seconds in zip(STAGES, busy, strict=True):
-        run.book(name, wall * seconds / total, seconds)
+        run.record(name, wall * seconds / total, seconds)
     if run.stop[0]:
         raise KeyboardInterrupt
 

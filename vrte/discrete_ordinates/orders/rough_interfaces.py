@@ -1,4 +1,4 @@
-"""Rough interfaces as joints of a pile: their orders in the solver's scaling, flipped frame."""
+"""Rough interfaces as interfaces of a stack: their orders in the solver's scaling, flipped frame."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class Way:
 
 
 @dataclass(frozen=True, eq=False)
-class RoughJoint:
+class RoughInterface:
     """Reflection of light from above, from below, and what goes down and up through it."""
 
     above: Way
@@ -42,10 +42,10 @@ class RoughJoint:
     up: Way
 
 
-def make_rough_joint(
+def make_rough_interface(
     media: Media, joint: int, into: Array, sights: Array, members: list[int], n_order: int, accuracy: float
-) -> RoughJoint:
-    """The rough interface that is that joint of the scene; into (medium, n_in), sights (medium, n_sight): cosines."""
+) -> RoughInterface:
+    """That interface of the scene, which is rough; into (medium, n_in), sights (medium, n_sight): cosines."""
     interface = media.scene.interfaces[joint]
     assert interface is not None
     beams, seen = ([np.where(mu > 0.0, mu, 1.0) for mu in part[joint : joint + 2]] for part in (into, sights))
@@ -80,7 +80,7 @@ def make_rough_joint(
             leaving.reshape(*leaving.shape[:3], n),
         )
 
-    return RoughJoint(
+    return RoughInterface(
         above=scale(found.reflected[0], 0, 0, True),
         below=scale(found.reflected[1], 1, 1, True),
         down=scale(found.transmitted[0], 0, 1, False),

@@ -11,7 +11,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
-from vrte.basics.fields import change_fields
+from vrte.basics.fields import replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_modes,
     is_for_fractions,
 )
-from vrte.discrete_ordinates.planning.needs import (
+from vrte.discrete_ordinates.planning.order_bounds import (
     DECAYS,
     LARGEST_BOUND,
     LARGEST_GAIN,
@@ -42,7 +42,7 @@ Sets = tuple[tuple[tuple[int, ...], ...], ...]  # of Stokes parameters that each
 FADES = 0.8  # of 1 - q, as in `count_layers_reached`
 
 
-class Likeness(NamedTuple):
+class BatchKey(NamedTuple):
     """What scenes have in common that are solved together: how many layers, which of them share a phase matrix (the
     first of its layers, -1 where nothing scatters), and whether I alone is scattered."""
 
@@ -64,7 +64,7 @@ class Alike:
     """
 
     request: Request
-    likeness: Likeness
+    likeness: BatchKey
     scenes: Sequence[Scene]
     nodes: Array
     weights: Array
@@ -105,7 +105,7 @@ class Alike:
             chosen=levels,
             mu0=self.request.mu0,
             mu=mu,
-            piles=self.size,
+            slab_stacks=self.size,
         )
         paths = found.reshape(*self.albedo.shape, *found.shape[1:])
         paths = (strength / (4.0 * np.pi))[..., None, None, None] * paths
@@ -131,10 +131,10 @@ def is_shared_request(request: Request) -> bool:
     )
 
 
-def find_likeness(scene: Scene, request: Request) -> Likeness | None:
+def find_batch_key(scene: Scene, request: Request) -> BatchKey | None:
     """What a scene has in common with those that it is solved together with; None where it is solved by itself: for
-    refraction, uneven bases, layers without end or of no thickness, and truncations that spread light or depend on its
-    polarization."""
+    refraction, uneven bases, semi-infinite layers or of no thickness, and truncations that spread light or depend on
+    its polarization."""
     nodes = request.nodes or 0
     below = scene.below
     if scene.keeps_beams or below.is_uneven or below.orders_reflected > 1:
@@ -158,10 +158,10 @@ def find_likeness(scene: Scene, request: Request) -> Likeness | None:
     # many unknowns: the orders are counted again on the way, and Python's share is small
     if longest * float(nodes if scalar else 4 * nodes) ** 3 > cost.WORTH_STAGES:
         return None
-    return Likeness(len(shared), tuple(shared), scalar)
+    return BatchKey(len(shared), tuple(shared), scalar)
 
 
-def estimate_bytes(request: Request, likeness: Likeness, terms: int) -> float:
+def estimate_bytes(request: Request, likeness: BatchKey, terms: int) -> float:
     """Of what is worked with for a scene, and of its result."""
     assert request.nodes is not None
     assert request.mu is not None
@@ -172,7 +172,7 @@ def estimate_bytes(request: Request, likeness: Likeness, terms: int) -> float:
     return 8.0 * (likeness.layers * terms * order + result)
 
 
-def plan_alike(request: Request, likeness: Likeness, scenes: Sequence[Scene], run: Run) -> tuple[Alike, BoolArray]:
+def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], run: Run) -> tuple[Alike, BoolArray]:
     """Their plan, and which of the scenes it stands for: for the others, by themselves, another algorithm is chosen,
     fewer nodes or layers, or several looks at how many orders are left."""
     assert request.nodes is not None
@@ -242,7 +242,7 @@ def plan_alike(request: Request, likeness: Likeness, scenes: Sequence[Scene], ru
                 wanted[stokes] = np.zeros((alike.coefficients.shape[2], count), bool)
             wanted[stokes][list(members), place] = True
     first = {stokes: (int(np.argmax(which.any(axis=1))), stokes) for stokes, which in wanted.items()}
-    return change_fields(alike, wanted={key: wanted[key] for key in sorted(wanted, key=first.__getitem__)}), fits
+    return replace_unchecked(alike, wanted={key: wanted[key] for key in sorted(wanted, key=first.__getitem__)}), fits
 
 
 def find_peaks(request: Request, scene: Scene) -> str:
@@ -254,7 +254,7 @@ def find_peaks(request: Request, scene: Scene) -> str:
 
 
 def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array, Array]:
-    """Strength and bounds (scene, order), effect (scene, order, node): see `Needs`."""
+    """Strength and bounds (scene, order), effect (scene, order, node): see `OrderBounds`."""
     count, layers, n_order = alike.coefficients.shape[:3]
     by_layer, bounds = np.empty((count * layers, n_order)), np.empty(count * n_order)
     effect = np.empty((count * n_order, alike.nodes.size))
@@ -270,7 +270,7 @@ def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array, Array]:
             strength=by_layer,
             bounds=bounds,
             effect=effect,
-            piles=count,
+            slab_stacks=count,
         )
     strength: Array = by_layer.reshape(count, layers, n_order).max(axis=1)
     return strength, bounds.reshape(count, n_order), effect.reshape(count, n_order, -1)
@@ -303,7 +303,7 @@ def find_brightest(alike: Alike, run: Run) -> Array:
                 first=0,
                 last=request.mu0.size,
                 out=light,
-                piles=alike.size,
+                slab_stacks=alike.size,
             )
     found: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return found.reshape(alike.size, levels.size, -1)

@@ -1,7 +1,7 @@
 # All of section 2.C for one Fourier order after another, each from its matrices to its light in the memory of one
 # thread: where orders are small, what stands between five stages takes longer than the stages.
 
-cdef struct AtOnce:
+cdef struct FusedModes:
     Assembly assembly
     Homogeneous homogeneous
     Particular particular
@@ -12,26 +12,26 @@ cdef struct AtOnce:
     ints missed
 
 
-def at_once_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
-    """Doubles of one thread of `modes_at_once`: an order's matrices, then the scratch memory of any stage."""
+def fused_modes_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
+    """Doubles of one thread of `fused_modes`: an order's matrices, then the scratch memory of any stage."""
     each = n_layer * n * (3 * n + 2 * rows + 2 * into)
     return each + max(assembly_work(n_all, n_term, stokes), homogeneous_work(n), 2 * n * into + 4 * n,
                       boundary_work(n, n_layer, n_rhs), reconstruction_work(n, rows, n_rhs, n_layer))
 
 
-def modes_at_once(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
+def fused_modes(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
                   const int[::1] terms, const double[::1] albedo, const double[::1] directions,
                   const double[::1] weights, int n_up, int n_out, const double[:, ::1] columns, bint conserving,
                   bint quick, bint clear, const int[::1] clear_layers, const double[::1] thickness,
                   const double[::1] above, const int[::1] base_row, const double[:, :, ::1] base,
                   const double[:, :, ::1] base_source, const double[:, :, ::1] base_out, const double[::1] flip,
                   const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] rates,
-                  double[:, :, :, :, ::1] modes, double[:, :, :, :, ::1] amplitudes, int[:, ::1] fading,
+                  double[:, :, :, :, ::1] modes, double[:, :, :, :, ::1] amplitudes, int[:, ::1] decaying,
                   double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed, double[:, :, :, ::1] out):
     """`assemble`, `homogeneous`, `particular`, `boundary` and `reconstruct` of every order, one order an item.
 
     Arguments are those of the stages; flip (S,): D of (1:11). rates (order, 2, layer, n): lam_re, lam_im; modes (order,
-    2, layer, n, n): X, Y; amplitudes (order, 4, layer, n_rhs, n): c, zeta, even, odd; fading (order, layer); residual
+    2, layer, n, n): X, Y; amplitudes (order, 4, layer, n_rhs, n): c, zeta, even, odd; decaying (order, layer); residual
     (2, order, layer): of the modes, of the boundary; spent (order, 5): seconds of each stage; missed (order, 2): the
     stage that failed, 1 or 3, 0 for none, and its layer; out (order, n_tau, n_rhs, S n_out): radiance for a unit beam
     in the public frame.
@@ -39,7 +39,7 @@ def modes_at_once(crew, *, const int[::1] orders, const int[::1] members, const 
     cdef int n_layer = <int>albedo.shape[0], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
     cdef int n = stokes * n_node, n_all = <int>directions.shape[0], n_in = n_all - n_node - n_out
     cdef int n_rhs = n_in * <int>columns.shape[0], n_term = <int>coefficients.shape[1], rows = stokes * n_out
-    cdef AtOnce t
+    cdef FusedModes t
     cdef given mu0 = &directions[0] + n_node + n_out
     t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in, stokes, &orders[0], &members[0], &terms[0],
                           NULL, &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL, NULL,
@@ -51,21 +51,21 @@ def modes_at_once(crew, *, const int[::1] orders, const int[::1] members, const 
                               NULL, NULL, NULL, NULL, &amplitudes[0, 0, 0, 0, 0], NULL)
     t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0], NULL,
                           &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], NULL,
-                          stokes, False, NULL, NULL, NULL, &fading[0, 0], &residual[1, 0, 0])
+                          stokes, False, NULL, NULL, NULL, &decaying[0, 0], &residual[1, 0, 0])
     t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level.shape[0], NULL, NULL,
                                       NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
                                       NULL, &base_out[0, 0, 0], &thickness[0], &above[0], mu0, &directions[0] + n_node,
                                       &level[0], &level_layer[0], NULL)
     t.light, t.spent, t.missed = &out[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
     t.flip = &flip[0]
-    run_items(crew, at_once_one, &t, <int>orders.shape[0],
-              at_once_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes) + n_rhs * n,
+    run_items(crew, fused_modes_one, &t, <int>orders.shape[0],
+              fused_modes_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes) + n_rhs * n,
               (n_layer + 6) * n + 8 + (2 * n_layer + 1) * n, NULL)
 
 
-cdef int at_once_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept nogil:
     """One order; its matrices lie in the desk's memory, before the scratch memory of the stages."""
-    cdef const AtOnce* t = <const AtOnce*>task
+    cdef const FusedModes* t = <const FusedModes*>task
     cdef Assembly a = t.assembly
     cdef Homogeneous h = t.homogeneous
     cdef Particular p = t.particular
@@ -78,7 +78,7 @@ cdef int at_once_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles spent = t.spent + <size_t>5 * item
     cdef doubles to = t.light + <size_t>item * light
     cdef double begin = vrte_seconds(), now, factor
-    cdef Desk own = desk
+    cdef Workspace own = desk
     cdef ints missed = t.missed + 2 * item
     a.orders, h.orders = a.orders + item, h.orders + item
     a.E, a.F, a.G_E = memory, memory + L * nn, memory + 3 * L * nn
@@ -102,9 +102,9 @@ cdef int at_once_one(const void* task, int item, Desk desk) noexcept nogil:
     b.lam_re, b.lam_im, b.X, b.Y, b.c, b.zeta = h.lam_re, h.lam_im, h.X, h.Y, p.c, p.zeta
     b.even = p.c + 2 * L * nr
     b.odd = p.c + 3 * L * nr
-    b.base_row, b.fading, b.residual = b.base_row + item, b.fading + item * n_layer, b.residual + item * n_layer
+    b.base_row, b.decaying, b.residual = b.base_row + item, b.decaying + item * n_layer, b.residual + item * n_layer
     r.G_E, r.G_F, r.lam_re, r.lam_im, r.X, r.Y = a.G_E, a.G_F, h.lam_re, h.lam_im, h.X, h.Y
-    r.c, r.zeta, r.even, r.odd, r.base_down, r.fading = p.c, p.zeta, b.even, b.odd, b.base_down, b.fading
+    r.c, r.zeta, r.even, r.odd, r.base_down, r.decaying = p.c, p.zeta, b.even, b.odd, b.base_down, b.decaying
     r.base_row, r.out = b.base_row, to
     missed[0] = missed[1] = 0
     for stage in range(5):

@@ -14,8 +14,8 @@ from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.orders.base import make_base_operators
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import Modes, is_quick_on
-from vrte.discrete_ordinates.planning.alike import Alike, make_frame
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
+from vrte.discrete_ordinates.planning.batch_plan import Alike, make_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Together:
     unknowns: IntArray
 
 
-def solve_alike(alike: Alike, run: Run) -> Together:
+def solve_together(alike: Alike, run: Run) -> Together:
     """All orders of all scenes, added up."""
     request, count = alike.request, alike.size
     assert request.wanted is not None
@@ -64,7 +64,7 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
     """Radiance of the orders ``wanted`` (order, scene) for unit beams, (order, scene, n_tau, n_in, n_col, n_out, S),
     public frame, 0 for others; fluxes, residuals and numbers go to what is ``found``."""
     problem, layers = make_frame(alike, stokes), alike.likeness.layers
-    orders, pile = (each.astype(np.int32) for each in np.nonzero(wanted))
+    orders, slab_stack = (each.astype(np.int32) for each in np.nonzero(wanted))
     shape, n, rhs = (orders.size, layers), problem.size, problem.n_rhs
     rows, into = problem.rows_out, len(stokes) * problem.mu0.size
     albedo, thickness, above = alike.albedo.ravel(), alike.thickness.ravel(), alike.above.ravel()
@@ -88,7 +88,7 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             G_F=G_F,
             source_s=source_s,
             source_d=source_d,
-            pile=pile,
+            slab_stack=slab_stack,
         )
     lam_re, lam_im = np.empty((*shape, n)), np.empty((*shape, n))
     pivots, info = np.empty((*shape, n), np.int32), np.zeros(shape, np.int32)
@@ -113,9 +113,9 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             X_pivots=pivots,
             residual=residual,
             info=info,
-            pile=pile,
+            slab_stack=slab_stack,
         )
-    note_residuals(found, "residual_of_modes", pile, residual, (info != 0).any(axis=1))
+    note_residuals(found, "residual_of_modes", slab_stack, residual, (info != 0).any(axis=1))
     c, zeta, even, odd = (np.empty((*shape, rhs, n)) for _ in range(4))
     modes: dict[str, Any] = {"lam_re": lam_re, "lam_im": lam_im, "X": X, "Y": Y}
     with run.timed("particular") as crew:
@@ -133,8 +133,10 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             **modes,
         )
     matrix, source, leaving = make_bases(alike, problem)
-    base_row = np.where((orders == 0) & (alike.even[pile] > 0.0) & problem.conserves, pile, -1).astype(np.int32)
-    down, fading = np.empty((orders.size, rhs, n)), np.empty(shape, np.int32)
+    base_row = np.where((orders == 0) & (alike.even[slab_stack] > 0.0) & problem.conserves, slab_stack, -1).astype(
+        np.int32
+    )
+    down, decaying = np.empty((orders.size, rhs, n)), np.empty(shape, np.int32)
     residual, singular = np.zeros(shape), np.zeros(orders.size, np.int32)
     with run.timed("boundary") as crew:
         run.kernels.boundary(
@@ -152,13 +154,13 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             even=even,
             odd=odd,
             base_down=down,
-            fading=fading,
+            decaying=decaying,
             residual=residual,
             info=singular,
-            pile=pile,
+            slab_stack=slab_stack,
             **modes,
         )
-    note_residuals(found, "residual_of_boundary", pile, residual, singular != 0)
+    note_residuals(found, "residual_of_boundary", slab_stack, residual, singular != 0)
     out = np.empty((orders.size, problem.level.size, rhs, rows))
     with run.timed("reconstruction") as crew:
         run.kernels.reconstruct(
@@ -170,7 +172,7 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             even=even,
             odd=odd,
             base_down=down,
-            fading=fading,
+            decaying=decaying,
             base_row=base_row,
             base_out=leaving,
             thickness=thickness,
@@ -181,12 +183,12 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             level=alike.level.ravel(),
             level_layer=alike.level_layer,
             out=out,
-            pile=pile,
+            slab_stack=slab_stack,
             **modes,
         )
     lit = np.flatnonzero(orders == 0) if problem.conserves else orders[:0]
     if lit.size:
-        coordinates = _core.mode_coordinates_of_piles(
+        coordinates = _core.mode_coordinates_of_stacks(
             lam_re=lam_re[lit, 0],
             lam_im=lam_im[lit, 0],
             even=even[lit, 0],
@@ -194,35 +196,35 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
             c=c[lit, 0],
             zeta=zeta[lit, 0],
             mu0=problem.mu0,
-            fading=fading[lit, 0],
-            thickness=alike.thickness[pile[lit], 0],
+            decaying=decaying[lit, 0],
+            thickness=alike.thickness[slab_stack[lit], 0],
             above=np.zeros(lit.size),
             depth=np.zeros(lit.size),
         )
-        add_flux(problem, coordinates, X[lit, 0], Y[lit, 0], pile[lit], found)
-    np.maximum.at(found.orders, pile, orders + 1)
-    np.add.at(found.unknowns, pile, n)
+        add_flux(problem, coordinates, X[lit, 0], Y[lit, 0], slab_stack[lit], found)
+    np.maximum.at(found.orders, slab_stack, orders + 1)
+    np.add.at(found.unknowns, slab_stack, n)
     kernels = np.zeros((*wanted.shape, problem.level.size, problem.mu0.size, rhs // problem.mu0.size, rows))
-    kernels[orders, pile] = out.reshape(orders.size, *kernels.shape[2:])
+    kernels[orders, slab_stack] = out.reshape(orders.size, *kernels.shape[2:])
     kernels = kernels.reshape(*kernels.shape[:-1], problem.mu_out.size, len(stokes))
     kernels[..., : problem.n_up, :] *= problem.flip
     kernels /= 2.0 * np.pi
     return kernels
 
 
-def note_residuals(found: Together, name: str, pile: IntArray, residual: Array, failed: BoolArray) -> None:
+def note_residuals(found: Together, name: str, slab_stack: IntArray, residual: Array, failed: BoolArray) -> None:
     """Keeps the largest of each scene; what ``failed`` (item,) leaves none."""
-    np.maximum.at(found.residuals[name], pile, residual.max(axis=1))
-    found.right[pile[failed]] = False
+    np.maximum.at(found.residuals[name], slab_stack, residual.max(axis=1))
+    found.right[slab_stack[failed]] = False
 
 
-def add_flux(problem: Problem, coordinates: Array, X: Array, Y: Array, pile: IntArray, found: Together) -> None:
+def add_flux(problem: Problem, coordinates: Array, X: Array, Y: Array, slab_stack: IntArray, found: Together) -> None:
     """The flux that leaves the top: see `find_nodal_fluxes`; coordinates (item, 2, n_rhs, n), X, Y (item, n, n)."""
     weight, step = 0.5 * np.sqrt(problem.weights * problem.nodes), len(problem.stokes)
     total, difference = (
         (coordinates[:, k] @ (modes[..., ::step] @ weight)[..., None])[..., 0] for k, modes in enumerate((X, Y))
     )
-    found.flux[pile] = (total - difference).reshape(pile.size, problem.mu0.size, -1)[..., 0]
+    found.flux[slab_stack] = (total - difference).reshape(slab_stack.size, problem.mu0.size, -1)[..., 0]
 
 
 def make_bases(alike: Alike, problem: Problem) -> tuple[Array, Array, Array]:
@@ -301,12 +303,12 @@ def add_once(alike: Alike, azimuths: Azimuths, place: IntArray, found: Together,
                     first=0,
                     last=request.mu0.size,
                     out=values,
-                    piles=alike.size,
+                    slab_stacks=alike.size,
                 )
 
 
 def add_base(alike: Alike, found: Together) -> None:
-    """The beam that an even base sends up, fading on both ways: see `add_base_reflected`."""
+    """The beam that an even base sends up, decaying on both ways: see `add_base_reflected`."""
     request = alike.request
     assert request.wanted is not None
     if not alike.even.any():
@@ -315,6 +317,6 @@ def add_base(alike: Alike, found: Together) -> None:
     total = (alike.above[:, -1] + alike.thickness[:, -1])[:, None]
     left = np.array([row[0] + math.fsum(row[1:]) for row in alike.thickness.tolist()])
     strength = request.wanted.scale * request.mu0 * np.exp(-total / request.mu0)
-    fade = strength[..., None] * np.exp(-left[:, None, None] / mu)
-    light = fade * (alike.even / np.pi)[:, None, None]
+    decay = strength[..., None] * np.exp(-left[:, None, None] / mu)
+    light = decay * (alike.even / np.pi)[:, None, None]
     found.parts[0][..., 0, 0] += light[..., None]

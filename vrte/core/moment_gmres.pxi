@@ -1,5 +1,5 @@
 # The same faces of slabs over black ground for a few beams, scattering by scattering. With the fractions of
-# core/fractions.pxi, u = f(A) v needs x_k = (A + p_k)^-1 v, and (1 + E f(A)) v = beam. E and F being diagonal but for
+# core/tanh_poles.pxi, u = f(A) v needs x_k = (A + p_k)^-1 v, and (1 + E f(A)) v = beam. E and F being diagonal but for
 # phi psi^T, all that one scattering has to know of the field are its moments a_k = psi_e^T x_k, c_k = psi_f^T E x_k and
 # psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
 # the beam, by GMRES: scattering contracts. The odd half is the same with E and F exchanged, f(A) F = F f(E F). Lengths
@@ -42,7 +42,7 @@ def scatter_by_fractions(crew, *, const int[::1] orders, const int[::1] members,
     inside (2, depth, 1 + pole): constant and shares of cosh(z x)/cosh(x), then of sinh(z x)/(x cosh(x)), z = -1 at the
     top and 1 at the bottom, for the same poles; out_inside (order, scene, depth, 2, n_rhs, S n_out), on_nodes_inside
     (order, scene, depth, 2, n_rhs, n): light up, then down, at these depths, as out and on_nodes.
-    residual (order, scene): what one more scattering changes them by, in the same unit; info: 1 where it settles not.
+    residual (order, scene): what one more scattering changes them by, in the same unit; info: 1 where it converges not.
     """
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_layer = <int>albedo.shape[0]
     cdef int n_term = <int>coefficients.shape[1], n_col = <int>columns.shape[0], stokes = <int>members.shape[0]
@@ -67,7 +67,7 @@ cdef struct Rows:
     doubles made         # (n, poles + 1)
 
 
-cdef struct Half:
+cdef struct ParityHalf:
     # of one parity: g moments, those of the other kind first, so many; k = poles + 1 columns of them, that of v first
     int g, other, poles, k
     double depth, constant  # half the thickness; 1/mu is counted in it
@@ -78,7 +78,7 @@ cdef struct Half:
     Rows nodes, outside
 
 
-cdef inline void fill_rows(Rows* rows, const Half* half, given mu, int n_mu, int stokes) noexcept nogil:
+cdef inline void fill_rows(Rows* rows, const ParityHalf* half, given mu, int n_mu, int stokes) noexcept nogil:
     """gap, rate and start of the directions."""
     cdef int i, k
     cdef double rate, total, gap
@@ -95,7 +95,7 @@ cdef inline void fill_rows(Rows* rows, const Half* half, given mu, int n_mu, int
         rows.start[i] = 1.0 / (1.0 + rows.rate[i] * rows.start[i])
 
 
-cdef void pass_to(const Half* half, given moments, given first) noexcept nogil:
+cdef void moments_to_sources(const ParityHalf* half, given moments, given first) noexcept nogil:
     """given_to = [c; a] of each fraction and, first, [0; psi^T f(A) v], of moments [c + mixing a; a]; those of
     `first`, which the beam gave, are left out of all but the mixing unless it is NULL."""
     cdef int g = half.g, f = half.other, i, k
@@ -112,8 +112,8 @@ cdef void pass_to(const Half* half, given moments, given first) noexcept nogil:
             to[i] += half.weight[k] * to[<size_t>(k + 1) * g + i]
 
 
-cdef void make_field(const Half* half, const Rows* rows, bint fractions) noexcept nogil:
-    """made = v, then all x_k if asked for, of what `pass_to` passes on."""
+cdef void nodal_field(const ParityHalf* half, const Rows* rows, bint fractions) noexcept nogil:
+    """made = v, then all x_k if asked for, of what `moments_to_sources` passes on."""
     cdef int n = rows.n, i, k
     cdef doubles v = rows.made, x
     cdef given gap
@@ -135,11 +135,11 @@ cdef void make_field(const Half* half, const Rows* rows, bint fractions) noexcep
             x[i] = gap[i] * (x[i] + v[i])
 
 
-cdef void scatter_once(const Half* half, given moments, doubles found) noexcept nogil:
+cdef void scatter_once(const ParityHalf* half, given moments, doubles found) noexcept nogil:
     """found = T moments."""
     cdef int i
-    pass_to(half, moments, NULL)
-    make_field(half, &half.nodes, True)
+    moments_to_sources(half, moments, NULL)
+    nodal_field(half, &half.nodes, True)
     product(b"T", b"N", half.g, half.k, half.nodes.n, 1.0, half.back, half.nodes.n, half.nodes.made, half.nodes.n,
             0.0, found, half.g)
     for i in range(half.other):
@@ -148,10 +148,10 @@ cdef void scatter_once(const Half* half, given moments, doubles found) noexcept 
         found[i] *= half.constant
 
 
-cdef void add_inside(const Half* half, const Rows* rows, given moments, given first, given shares, int depths,
+cdef void add_inside(const ParityHalf* half, const Rows* rows, given moments, given first, given shares, int depths,
                      double sign, size_t stride, doubles memory, doubles found) noexcept nogil:
     """Adds (C v + E S v)/2 times `sign` to the light up, (C v - E S v)/2 to that down, depth by depth: found (depth,
-    2), each n doubles, `stride` apart, of all fractions on the rows; `first` as in `pass_to`, which goes before."""
+    2), each n doubles, `stride` apart, of all fractions on the rows; `first` as in `moments_to_sources`, which goes before."""
     cdef int n = rows.n, g = half.g, f = half.other, K = half.k, count = half.g - half.other, d, i
     cdef doubles even = memory, odd = memory + <size_t>n * depths, to = odd + <size_t>n * depths, up, down
     cdef given shares_odd = shares + <size_t>depths * K
@@ -174,7 +174,7 @@ cdef void add_inside(const Half* half, const Rows* rows, given moments, given fi
             down[i] += share - rate
 
 
-cdef inline void meet(size_t size, int count, given basis, given vector, double* shares) noexcept nogil:
+cdef inline void gemv_t(size_t size, int count, given basis, given vector, double* shares) noexcept nogil:
     """shares = basis^T vector."""
     cdef char form = b"T"
     cdef int one = 1, rows = <int>size
@@ -182,10 +182,10 @@ cdef inline void meet(size_t size, int count, given basis, given vector, double*
     dgemv(&form, &rows, &count, &unit, <doubles>basis, &rows, <doubles>vector, &one, &zero, shares, &one)
 
 
-cdef int find_moments(const Half* half, given first, double tolerance, doubles moments, doubles memory,
+cdef int find_moments(const ParityHalf* half, given first, double tolerance, doubles moments, doubles memory,
                       double* change) noexcept nogil:
     """moments = T moments + first, by GMRES down to the tolerance and one more scattering, which changes them by
-    `change`; 1 where they settle not, or that is more than ten times the tolerance."""
+    `change`; 1 where they converge not, or that is more than ten times the tolerance."""
     cdef int size = half.g * half.k, one = 1, step = 0, i, j
     cdef int most = MOST_SCATTERED
     cdef doubles basis = memory, H = basis + <size_t>(most + 1) * size
@@ -205,7 +205,7 @@ cdef int find_moments(const Half* half, given first, double tolerance, doubles m
         scatter_once(half, basis + <size_t>step * size, w)
         for i in range(size):
             w[i] = basis[<size_t>step * size + i] - w[i]
-        meet(size, step + 1, basis, w, column)
+        gemv_t(size, step + 1, basis, w, column)
         product(b"N", b"N", size, 1, step + 1, -1.0, basis, size, column, step + 1, 1.0, w, size)
         length = sqrt(ddot(&size, w, &one, w, &one))
         for j in range(step):
@@ -239,7 +239,7 @@ cdef int find_moments(const Half* half, given first, double tolerance, doubles m
     return 0 if change[0] <= 10.0 * tolerance else 1
 
 
-cdef doubles place_half(Half* half, int n, int o, int mixed, doubles memory) noexcept nogil:
+cdef doubles place_half(ParityHalf* half, int n, int o, int mixed, doubles memory) noexcept nogil:
     """Lays out the arrays of n nodes and o outgoing directions; what of the memory is left."""
     half.back = memory
     half.mixing = half.back + <size_t>n * half.g
@@ -248,7 +248,7 @@ cdef doubles place_half(Half* half, int n, int o, int mixed, doubles memory) noe
     return place_rows(&half.outside, half, o, memory)
 
 
-cdef inline doubles place_rows(Rows* rows, const Half* half, int n, doubles memory) noexcept nogil:
+cdef inline doubles place_rows(Rows* rows, const ParityHalf* half, int n, doubles memory) noexcept nogil:
     """The same of one set of directions."""
     rows.n, rows.lead = n, memory
     rows.gap = rows.lead + <size_t>n * half.g
@@ -258,7 +258,7 @@ cdef inline doubles place_rows(Rows* rows, const Half* half, int n, doubles memo
     return rows.made + <size_t>n * half.k
 
 
-cdef double beam_moments(const Half* half, double rate, int stokes, int into, given other, given own, given column,
+cdef double beam_moments(const ParityHalf* half, double rate, int stokes, int into, given other, given own, given column,
                          doubles first) noexcept nogil:
     """Moments of one beam's own light, `rate` half thicknesses over mu0, Stokes vector `column`; `other`, `own`: its
     rows of psi, `into` rows a column. What they would be together, were the beam scattered evenly."""
@@ -297,7 +297,7 @@ cdef inline void add_half(int n, given v, bint is_odd, doubles up, doubles down)
         up[i], down[i] = even - v[i], even + v[i]
 
 
-cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
+cdef int scatterings_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Scatterings* t = <const Scatterings*>task
     cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
     cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in
@@ -318,7 +318,7 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles psi_in[2]
     cdef doubles phi_in, moments, first, spare
     cdef int width[2]
-    cdef Half half
+    cdef ParityHalf half
     t.residual[at] = 0.0
     set_zero(2 * depths * orr, out_inside)
     set_zero(2 * depths * nr, nodes_inside)
@@ -378,16 +378,16 @@ cdef int scatterings_one(const void* task, int item, Desk desk) noexcept nogil:
             if find_moments(&half, first, t.tolerance * total, moments, memory, &change) != 0:
                 return 1
             largest = max(largest, change / total)
-            pass_to(&half, moments, NULL)
-            make_field(&half, &half.nodes, depths > 0)
+            moments_to_sources(&half, moments, NULL)
+            nodal_field(&half, &half.nodes, depths > 0)
             if depths > 0:
                 add_inside(&half, &half.nodes, moments, NULL, t.inside, depths, 1.0 - 2.0 * kind, nr, spare,
                            nodes_inside + <size_t>column * n)
             add_half(n, half.nodes.made, kind, on_nodes + column * n, on_nodes + nr + column * n)
             if o == 0:
                 continue
-            pass_to(&half, moments, first)
-            make_field(&half, &half.outside, depths > 0)
+            moments_to_sources(&half, moments, first)
+            nodal_field(&half, &half.outside, depths > 0)
             if depths > 0:
                 add_inside(&half, &half.outside, moments, first, t.inside, depths, 1.0 - 2.0 * kind, orr, spare,
                            out_inside + <size_t>column * o)
