@@ -9,7 +9,7 @@ import pytest
 
 import vrte
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
-from vrte.discrete_ordinates.derivatives.functions import Fading
+from vrte.discrete_ordinates.derivatives.functions import Decay
 from vrte.discrete_ordinates.derivatives.slab import step_aside
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
@@ -127,7 +127,7 @@ def test_the_base_changes_alone():
 @pytest.mark.parametrize("half", [1e-6, 0.3, 40.0, 5e3])
 def test_divided_differences_keep_their_digits(half):
     points = np.array([1e-9, 1e-9 * (1.0 + 1e-7), 1e-3, 0.4, 0.4, 0.41, 0.45, 3.0, 1e3, 1.05e3])
-    f, g = Fading(half).divide(points)
+    f, g = Decay(half).divide(points)
     flint.ctx.prec = 300
     try:
         for i, a in enumerate(points.tolist()):

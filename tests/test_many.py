@@ -137,14 +137,14 @@ def test_a_bad_scene_is_named():
         vrte.brdfs([make_scenes()[0], "none"], MU, MU, nodes=8)
 
 
-def test_loops_over_piles_are_those_of_each_scene():
+def test_loops_over_stacks_are_those_of_each_scene():
     draw, crew = np.random.default_rng(5), ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32))
     above = np.array([[0.0, 0.3], [0.0, 1.5]])
     thickness = np.array([[0.3, 0.4], [1.5, 0.1]])
     level, at, chosen = np.array([[0.0, 0.4], [0.0, 0.1]]), np.array([0, 1], np.int32), np.array([0, 1], np.int32)
     where = {"level_layer": at, "chosen": chosen, "mu0": MU, "mu": np.array([0.3, -0.6])}
     every = _core.path_integrals(
-        above=above.ravel(), thickness=thickness.ravel(), level=level.ravel(), piles=2, **where
+        above=above.ravel(), thickness=thickness.ravel(), level=level.ravel(), slab_stacks=2, **where
     )
     for k in range(2):
         one = _core.path_integrals(above=above[k], thickness=thickness[k], level=level[k], **where)
@@ -165,7 +165,7 @@ def test_loops_over_piles_are_those_of_each_scene():
             strength=found[0],
             bounds=found[1],
             effect=found[2],
-            piles=piles,
+            slab_stacks=piles,
         )
         return found
 
