@@ -221,7 +221,9 @@ def test_the_same_on_the_same_nodes(fine: dict[str, object], name: str) -> None:
     """As discrete ordinates: fields of a polarized beam at the faces, inside and on either side of interfaces, along
     nodes, near them and near the beam's own; their fluxes; and the reflection of any light, from below as well."""
     scene, taken = SAME[name], find_method(str(fine["method"]))
-    if (name.endswith("thick") and taken.name != "matrix-operator") or (scene.keeps_beams and taken.interfaces == "none"):
+    if (name.endswith("thick") and taken.name != "matrix-operator") or (
+        scene.keeps_beams and taken.interfaces == "none"
+    ):
         pytest.skip("not claimed")
     ends = bool(np.isfinite(scene.thickness))
     if not (ends or taken.endless):

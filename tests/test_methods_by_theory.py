@@ -12,7 +12,7 @@ from vrte.basics.running import Run
 from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
-from vrte.discrete_ordinates.orders.responses import respond_by_beams
+from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.methods.diffusion import BOUNDARIES
 from vrte.methods.matrix_operator import propagator
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
