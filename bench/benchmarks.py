@@ -4,25 +4,24 @@ A file of docs/reference/benchmarks/ is a table of numbers under a header in wor
 four spaces are the scene, as `vrte brdf` and `vrte field` read it: what is computed is what a reader sees.
 """
 
-import argparse
 import csv
 import math
 import re
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.study import Tick, make_command, run_command
+from bench.study import Study, carry_out, make_command, run_command
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.commands.common import add_options, join_progress, make_folder, say_written, show_progress
+from vrte.commands.common import add_options
 from vrte.formats.atomic import write_atomically
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.text_file import read_text
@@ -76,7 +75,8 @@ class Benchmark:
 @dataclass(frozen=True)
 class Comparison:
     """What became of a benchmark: ``largest``, by algorithm, the largest change in units of the last place;
-    ``changed``, what is not as it was, in words; ``seconds`` of wall time."""
+    ``changed``, what is not as it was, in words; ``seconds`` of wall time; ``made``, the file as the first
+    algorithm has it."""
 
     name: str
     nodes: int
@@ -84,6 +84,7 @@ class Comparison:
     largest: dict[str, float]
     changed: list[str]
     seconds: float
+    made: Benchmark
 
 
 def find_benchmarks(folder: Path | None = None, scene: str | None = None) -> list[Path]:
@@ -242,35 +243,19 @@ def find_changes(told: dict[Key, list[str]], numbers: dict[Key, Array]) -> tuple
     return largest, changed
 
 
-def compare_benchmark(path: Path, threads: int | None = None, folder: Path | None = None) -> Comparison:
-    """A benchmark computed again by both algorithms; written into ``folder`` as the first has it, if one is given."""
+def compare_benchmark(path: Path, threads: int | None = None) -> Comparison:
+    """A benchmark computed again by both algorithms."""
     start = time.perf_counter()
     benchmark = read_benchmark(path)
     largest, changed = {}, []
-    for algorithm in ALGORITHMS:
-        numbers = compute_numbers(benchmark, algorithm, threads)
-        if folder is not None and algorithm == ALGORITHMS[0]:
-            write_benchmark(Benchmark(path, benchmark.header, show_numbers(numbers, benchmark.digits)), folder)
+    answers = {algorithm: compute_numbers(benchmark, algorithm, threads) for algorithm in ALGORITHMS}
+    made = replace(benchmark, numbers=show_numbers(answers[ALGORITHMS[0]], benchmark.digits))
+    for algorithm, numbers in answers.items():
         largest[algorithm], found = find_changes(benchmark.numbers, numbers)
         changed += [f"{benchmark.name}, {algorithm}: {text}" for text in found]
     nodes = int(benchmark.make_files()[0].options.get("nodes", 0))
     count = sum(text != "" for texts in benchmark.numbers.values() for text in texts)
-    return Comparison(benchmark.name, nodes, count, largest, changed, time.perf_counter() - start)
-
-
-def compare_benchmarks(
-    paths: Sequence[Path],
-    threads: int | None = None,
-    folder: Path | None = None,
-    tick: Tick = lambda done, total, name: None,
-) -> list[Comparison]:
-    """All of them, one after another; ``tick(done, total, name)`` before each."""
-    found = []
-    for number, path in enumerate(paths):
-        tick(number, len(paths), path.stem)
-        found.append(compare_benchmark(path, threads, folder))
-    tick(len(paths), len(paths), "")
-    return found
+    return Comparison(benchmark.name, nodes, count, largest, changed, time.perf_counter() - start, made)
 
 
 def describe_comparisons(found: Sequence[Comparison]) -> str:
@@ -294,6 +279,24 @@ def require_unchanged(found: Sequence[Comparison]) -> None:
         raise AccuracyError(f"{len(changed)} numbers are not as they were, the first: {changed[0]}")
 
 
+def compare_all(options: Any) -> None:
+    """The study that the command line asks for."""
+
+    def write(found: Sequence[Comparison], folder: Path, settings: str) -> list[Path]:
+        return [write_benchmark(one.made, folder) for one in found]
+
+    study = Study(
+        cases=find_benchmarks(options.folder, options.scene),
+        ways=lambda path: [options.threads],
+        measure=lambda path, threads, number: compare_benchmark(path, threads),
+        name=lambda path, threads: path.stem,
+        page=write,
+        describe=describe_comparisons,
+        require=require_unchanged,
+    )
+    carry_out(study, options.output)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Computes the benchmarks again; returns the exit code."""
     command = make_command(
@@ -306,19 +309,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command.add_argument("--folder", metavar="FOLDER", type=Path, help="where they are; default: the source tree's")
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="writes them there as they come out")
     add_options(command, "threads")
-    return run_command(command, run, arguments)
-
-
-def run(options: argparse.Namespace) -> None:
-    paths = find_benchmarks(options.folder, options.scene)
-    folder = None if options.output is None else make_folder(options.output)
-    with show_progress() as (phase, tick):
-        found = compare_benchmarks(paths, options.threads, folder, join_progress(phase, tick))
-    print(describe_comparisons(found))
-    if folder is not None:
-        for path in paths:
-            say_written(folder / path.name)
-    require_unchanged(found)
+    return run_command(command, compare_all, arguments)
 
 
 if __name__ == "__main__":

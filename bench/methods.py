@@ -40,7 +40,6 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.radiance import radiance
 from vrte.formats.atomic import write_atomically
-from vrte.methods import find_method
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
@@ -384,18 +383,6 @@ def pick_coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]
     """The first setting and the one halfway."""
     half = len(settings) // 2
     return settings[: half + 1 : max(1, half)]
-
-
-def list_unknown_settings() -> list[str]:
-    """Settings in KNOBS that their method does not have; none where the table is right."""
-    return [
-        f"{method}: {name}"
-        for method, each in KNOBS.items()
-        for _, settings in each
-        for setting in settings
-        for name in setting.options.get("settings", {})
-        if method in METHODS and name not in find_method(method).settings
-    ]
 
 
 FINEST = 1e-14  # accuracy: no Fourier order is left out that could matter

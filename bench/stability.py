@@ -12,6 +12,7 @@ import sys
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -223,23 +224,15 @@ class Check:
         return not self.counts or self.value <= self.limit
 
 
-@dataclass(frozen=True)
-class Examined:
-    """The checks of a case, its c, and the oracle's part in it: "yes" or why there is none."""
-
-    checks: list[Check]
-    c: float
-    oracle: str
-
-
-def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> Examined:
-    """Solves the case and checks the answer. ``oracle``: its answer, whose numbers are then solved, or a word that says
-    why there is none."""
+def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> dict[str, Any]:
+    """Solves the case and checks the answer: its checks, its c, and the oracle's part in it, "yes" or why there is
+    none. ``oracle``: its answer, whose numbers are then solved, or a word that says why there is none."""
     answer = oracle if isinstance(oracle, OracleAnswer) else None
     case = case if answer is None else answer.case
     c = max(answer.c.values()) if answer is not None else estimate_c(case)
     limit = max(TARGET, 10.0 * c)
-    return Examined([*check_case(case, answer, options, limit)], c, "yes" if answer is not None else str(oracle))
+    checks = [*check_case(case, answer, options, limit)]
+    return {"checks": checks, "c": c, "oracle": "yes" if answer is not None else str(oracle)}
 
 
 def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
@@ -251,28 +244,32 @@ def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit:
     other = solve_field(case, cut_layers_otherwise(case), phi[few], options.algorithm, options.threads)
     yield check_finite(field.stokes, field.flux_up, field.flux_down, brdf.mueller, brdf.transmission, other.stokes)
     if oracle is not None:
-        yield from check_against_oracle(case, solve_in_oracle_light(case, field, options), oracle)
+        lit_as_there = replace(case, beam=BEAM), case.scene, phi, options.algorithm, options.threads
+        yield from check_against_oracle(case, field if case.beam == BEAM else solve_field(*lit_as_there), oracle)
     # the BRDF times the irradiance is the radiance at the top, the BTDF times the irradiance that at the bottom
     lit = case.mu0 * np.array(case.beam)
-    yield Check(
-        "BRDF and radiance",
-        measure_relative_difference((brdf.mueller[0] @ lit)[None], select_outgoing_light(field, few)[0]),
-        limit,
-    )
+    up = field.mu > 0.0
+    gap = measure_relative_difference((brdf.mueller[0] @ lit)[None], field.stokes[:1, up][:, :, few])
+    yield Check("BRDF and radiance", gap, limit)
     if brdf.transmission is not None:
         places = [brdf.mu_o.tolist().index(-mu) for mu in case.mu[case.mu < 0.0]]
         below = (brdf.transmission[0, places] @ lit)[None]
-        yield Check(
-            "BTDF and radiance", measure_relative_difference(below, select_outgoing_light(field, few)[1]), limit
-        )
+        gap = measure_relative_difference(below, field.stokes[-1:, ~up][:, :, few])
+        yield Check("BTDF and radiance", gap, limit)
     yield Check("layer cut otherwise", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit)
     yield Check("layer cut otherwise, fluxes", measure_flux_gap(other, field), limit)
-    alone = oracle is None and not case.is_thin
-    yield from check_other_algorithm(case, field, phi[few], few, options, limit, alone)
+    counts = oracle is None and not case.is_thin
+    with suppress(AccuracyError):  # the other algorithm may say that it cannot
+        other = solve_field(case, case.scene, phi[few], OTHER[field.diagnostics["algorithm"]], options.threads)
+        gap = measure_relative_difference(other.stokes, field.stokes[:, :, few])
+        yield Check("both algorithms", gap, limit, counts)
+        yield Check("both algorithms, fluxes", measure_flux_gap(other, field), limit, counts)
     net = field.flux_down + field.direct - field.flux_up - (0.0 if field.direct_up is None else field.direct_up)
     for part, where in zip(np.split(net, net.size // case.tau.size), ("", " on lower sides"), strict=False):
         yield from check_energy(case, part, field.direct[0], where)
-    yield from check_closed_scene(case, brdf)
+    if case.reflects_everything and case.is_white((0, 0.0)):  # it reflects everything
+        gap = find_largest(np.abs(brdf.total_reflectance - 1.0))
+        yield Check("reflectance of 1", gap, choose_energy_limit(case), kind="energy")
     yield Check("reciprocity", measure_reciprocity_gap(brdf), limit)
     if case.media and case.base is None and brdf.transmission is not None:
         from_below = solve_brdf(case, options, phi[few], "bottom")
@@ -282,26 +279,6 @@ def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit:
         yield Check("physical beams", measure_unphysical_matrix(brdf.specular[:, None]), TARGET, kind="other")
     yield Check("physical BRDF", measure_unphysical_matrix(brdf.mueller), TARGET, case.resolved, "other")
     yield Check("physical light", measure_unphysical_light(field.stokes), TARGET, case.resolved, "other")
-
-
-def solve_in_oracle_light(case: Case, field: Field, options: Options) -> Field:
-    """The field of the beam that the oracle's table is for."""
-    if case.beam == BEAM:
-        return field
-    return solve_field(replace(case, beam=BEAM), case.scene, field.phi, options.algorithm, options.threads)
-
-
-def check_other_algorithm(
-    case: Case, field: Field, phi: Array, few: Array, options: Options, limit: float, counts: bool
-) -> Iterator[Check]:
-    """The field by the other algorithm, unless that one says that it cannot."""
-    algorithm = OTHER[field.diagnostics["algorithm"]]
-    try:
-        other = solve_field(case, case.scene, phi, algorithm, options.threads)
-    except AccuracyError:
-        return
-    yield Check("both algorithms", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit, counts)
-    yield Check("both algorithms, fluxes", measure_flux_gap(other, field), limit, counts)
 
 
 def estimate_c(case: Case) -> float:
@@ -382,12 +359,6 @@ def check_flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) ->
         yield Check("transmitted flux, omega = 1", float(gap / max(through, NOTHING)), TRANSMITTED, kind="oracle")
 
 
-def select_outgoing_light(field: Field, few: Array) -> tuple[Array, Array]:
-    """Light up at the top and down at the bottom, at some azimuths: (1, mu, phi, 4) each."""
-    up = field.mu > 0.0
-    return field.stokes[:1, up][:, :, few], field.stokes[-1:, ~up][:, :, few]
-
-
 def measure_flux_gap(got: Field, right: Field) -> float:
     """Fluxes of two fields, relative to all that crosses that depth, the beam included."""
     size = np.abs(right.flux_up) + np.abs(right.flux_down) + np.abs(right.direct)
@@ -415,17 +386,6 @@ def choose_energy_limit(case: Case) -> float:
     """What energy may be off by: 1e-13, 1e-12 under surfaces, or the general target where the nodes do not carry all
     terms."""
     return (SURFACE_ENERGY if case.media else ENERGY) if case.resolved else TARGET
-
-
-def check_closed_scene(case: Case, brdf: Brdf) -> Iterator[Check]:
-    """A scene that absorbs nothing and lets nothing out below reflects everything."""
-    if case.reflects_everything and case.is_white((0, 0.0)):
-        yield Check(
-            "reflectance of 1",
-            find_largest(np.abs(brdf.total_reflectance - 1.0)),
-            choose_energy_limit(case),
-            kind="energy",
-        )
 
 
 def measure_reciprocity_gap(brdf: Brdf) -> float:
@@ -616,8 +576,7 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            examined = examine_case(case, find_oracle_answer(case, table), options)
-            found = {"checks": examined.checks, "c": examined.c, "oracle": examined.oracle}
+            found = examine_case(case, find_oracle_answer(case, table), options)
         except (AccuracyError, SceneError) as error:
             found["trouble"] = f"refused: {error}"
         except Exception as error:

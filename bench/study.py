@@ -97,16 +97,18 @@ class Study(Generic[Case, Way, Row]):
         return rows
 
 
-def carry_out(study: Study[Any, Any, Any], output: Path, fresh: bool = False) -> None:
-    """Measures a study with a bar of progress, prints what was found, writes its page and says where."""
-    folder = make_folder(output)
+def carry_out(study: Study[Any, Any, Any], output: Path | None, fresh: bool = False) -> None:
+    """Measures a study with a bar of progress, prints what was found, writes its page, unless ``output`` is None, and
+    says where."""
+    folder = Path() if output is None else make_folder(output)
     with show_progress() as (phase, tick):
         others = OthersClock(study.helpers)
         rows = study.measure_rows(folder, fresh, join_progress(phase, tick))
     busy = others.statement()
     print("\n".join(filter(None, [study.describe(rows), f"  {busy}"])))
-    for path in study.page(rows, folder, "; ".join(filter(None, [study.settings, busy]))):
-        say_written(path)
+    if output is not None:
+        for path in study.page(rows, folder, "; ".join(filter(None, [study.settings, busy]))):
+            say_written(path)
     study.require(rows)
 
 

@@ -30,7 +30,7 @@ COMPARED = {"yes": 260, "no stable answer": 1}  # of the oracle's cases; the pag
 
 def checked(case: Case, **options: Any) -> dict[str, stability.Check]:
     """The checks of a case by name."""
-    return {check.name: check for check in stability.examine_case(case, "none", stability.Options(**options)).checks}
+    return {check.name: check for check in stability.examine_case(case, "none", stability.Options(**options))["checks"]}
 
 
 def find_uncovered(rows: list[tuple[int, ...]], axes: dict[str, tuple[Any, ...]], strength: int) -> set[Any]:
