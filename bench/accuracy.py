@@ -7,7 +7,7 @@ fewest nodes that hold, from the folder's errors.csv: `docs/scripts/fewest_nodes
 import csv
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -321,15 +321,11 @@ def describe_outcome(outcome: Outcome) -> str:
 def write_pages(outcomes: Sequence[Outcome], folder: Path, settings: str) -> list[Path]:
     """accuracy.csv, accuracy.md and accuracy.png in the folder. Raises MissingExtraError, OSError."""
     table, page, picture = (folder / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
-    write_rows(table, [item.name for item in fields(Outcome)], [list_csv_cells(outcome) for outcome in outcomes])
+    cells = ([f"{one:.3g}" if isinstance(one, float) else one for one in astuple(each)] for each in outcomes)
+    write_rows(table, [item.name for item in fields(Outcome)], cells)
     write_text(page, make_markdown(outcomes, read_errors(folder / TABLE), settings))
     save(draw_figure(outcomes), picture)
     return [table, page, picture]
-
-
-def list_csv_cells(outcome: Outcome) -> list[object]:
-    """Numbers with as many digits as they have."""
-    return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
 
 
 def make_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors], settings: str) -> str:
@@ -339,21 +335,14 @@ def make_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors], settin
     for given, title in KINDS:
         part = [outcome for outcome in outcomes if outcome.given == given]
         if part:
-            text += f"\n## {title.capitalize()}\n\n{describe_sweep(part)}\n\n" + make_outcome_table(part)
+            broken, saved = sum(not each.kept for each in part), sum(each.saved for each in part)
+            text += (
+                f"\n## {title.capitalize()}\n\n{len(part)} requests, {broken} not kept; requested over achieved: "
+                f"at least {min(each.slack for each in part):.2g}, median {compute_median_slack(part):.2g} over the "
+                f"{saved} that did with fewer nodes or orders than the finest.\n\n{make_outcome_table(part)}"
+            )
     fewest = make_ratio_table(errors, outcomes)
     return text + (f"\n## Nodes chosen over the fewest that hold\n\n{fewest}" if fewest else "")
-
-
-def describe_sweep(outcomes: Sequence[Outcome]) -> str:
-    """What the sweep showed, in a sentence or two."""
-    broken = sum(not outcome.kept for outcome in outcomes)
-    closest = min(outcome.slack for outcome in outcomes)
-    saved = [outcome for outcome in outcomes if outcome.saved]
-    return (
-        f"{len(outcomes)} requests, {broken} not kept; requested over achieved: at least {closest:.2g}, median "
-        f"{compute_median_slack(outcomes):.2g} over the {len(saved)} that did with fewer nodes or orders than the "
-        "finest."
-    )
 
 
 def make_outcome_table(outcomes: Sequence[Outcome]) -> str:

@@ -30,7 +30,6 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "benchmarks"  # in the source tree alone
-MISSING = "the benchmarks are in docs/reference/benchmarks of vrte's sources: give their folder by --folder"
 SET_IN = "#     "  # begins a line of the scene
 KEYS = ("quantity", "mu_in", "mu_out", "phi_deg", "tau", "side", "incident")
 STOKES = ("I", "Q", "U", "V")
@@ -96,7 +95,7 @@ def find_benchmarks(folder: Path | None = None, scene: str | None = None) -> lis
     place = folder or FOLDER
     found = [path for path in sorted(place.glob("*.csv")) if is_benchmark(path)]
     if not found:
-        raise SceneError(MISSING if folder is None else f"no benchmarks in {place}")
+        raise SceneError(f"no benchmarks in {place}")
     chosen = [path for path in found if scene in (None, path.stem)]
     if not chosen:
         raise SceneError(f"--scene must be one of {', '.join(path.stem for path in found)}, not {scene!r}")

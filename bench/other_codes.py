@@ -19,7 +19,7 @@ import importlib.util
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -272,10 +272,6 @@ class Peer:
     polarization: bool = False
     conservative: bool = True
 
-    def check(self, asked: Asked) -> None:
-        """Raises SceneError for what it does not take."""
-        asked.check(self.name, self.polarization, self.conservative)
-
     @property
     def is_installed(self) -> bool:
         """Whether it can be imported."""
@@ -284,26 +280,15 @@ class Peer:
     @property
     def made_by(self) -> str:
         """Its version and what asks it: another gives other rows."""
-        return f"{version(self.name)} {hash_sources()}"
+        return f"{version(self.name)} {hash_files([Path(__file__)])[:16]}"
 
 
 UP_TO_64 = (4, 8, 16, 32, 64)
 PEERS = {
     peer.name: peer
     for peer in (
-        Peer(
-            "nanodisort",
-            "",
-            (*UP_TO_64, 128),
-            prepare_nanodisort,
-        ),
-        Peer(
-            "PythonicDISORT",
-            "",
-            UP_TO_64,
-            lambda asked, streams: partial(solve_pythonic_disort, asked, streams),
-            conservative=False,
-        ),
+        Peer("nanodisort", "", (*UP_TO_64, 128), prepare_nanodisort),
+        Peer("PythonicDISORT", "", UP_TO_64, partial(partial, solve_pythonic_disort), conservative=False),
         Peer("sasktran2", " (light up, no V)", UP_TO_64, prepare_sasktran2, polarization=True),
     )
 }
@@ -313,7 +298,7 @@ def prepare_solve(name: str, asked: Asked, streams: int) -> Solve:
     """What answers, each call anew. Raises SceneError for what the peer does not take, PeerError where it fails,
     MissingExtraError where it is not installed."""
     peer = PEERS[name]
-    peer.check(asked)
+    asked.check(name, peer.polarization, peer.conservative)
     import_peer(name)
     solve = guard_call(name, lambda: peer.prepare(asked, streams))
     return lambda: guard_call(name, solve)
@@ -347,9 +332,3 @@ def describe_peers() -> str:
     absent = ", ".join(peer.name for peer in PEERS.values() if not peer.is_installed)
     texts = [f"other codes: {here or 'none'}", f"not installed: {absent} (pip install 'vrte[bench]')" if absent else ""]
     return "; ".join(text for text in texts if text)
-
-
-@cache
-def hash_sources() -> str:
-    """A fingerprint of this file."""
-    return hash_files([Path(__file__)])[:16]

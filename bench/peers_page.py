@@ -1,14 +1,11 @@
 """The page of docs/ that carries the comparison with the peers."""
 
 import os
-import platform
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, Problem, Row, shortfalls, wanted_keywords
-from bench.study import find_processor_name, make_markdown_list, make_markdown_table, show_two_digits
-from vrte.basics.running import count_usable_cpus
+from bench.study import list_run_facts, make_markdown_list, make_markdown_table, show_two_digits
 
 COLUMNS = ("scene", "streams", "code", "cold [ms]", "over vrte", "warm [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")
@@ -93,14 +90,8 @@ def load() -> str:
 
 def made_with(load_before: str) -> str:
     """Date, machine, load and versions, as a Markdown list."""
-    codes = ", ".join(f"{name} {version(name)}" for name in ("vrte", "nanodisort", "sasktran2", "numpy", "scipy"))
-    keywords = (
-        ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items()) or "none beyond nodes and threads"
-    )
-    facts = [
-        f"{datetime.now(UTC):%Y-%m-%d}, {find_processor_name()}, {count_usable_cpus()} cores",
-        f"load (1, 5, 15 minutes) {load_before} before, {load()} after",
-        f"{codes}, Python {platform.python_version()}, {platform.system()}",
-        f"keywords of vrte.radiance: {keywords}",
-    ]
-    return make_markdown_list(facts)
+    codes = ", ".join(f"{name} {version(name)}" for name in ("nanodisort", "sasktran2"))
+    wanted = ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items())
+    said = f"load (1, 5, 15 minutes) {load_before} before, {load()} after"
+    keywords = f"keywords of vrte.radiance: {wanted or 'none beyond nodes and threads'}"
+    return make_markdown_list([*list_run_facts(said), codes, keywords])

@@ -60,7 +60,6 @@ from vrte.results.field import Field
 from vrte.scene.scene import Scene
 
 TABLE = Path(__file__).parents[1] / "tests" / "stability_oracle.npz"  # in the source tree alone
-MISSING = f"no answers of ball arithmetic: they are tests/{TABLE.name} in vrte's sources, to be given by --oracle FILE"
 LEFT_OUT = ("missing", "out of date")  # of what the oracle should have answered: python -m tests.oracle_table does
 
 
@@ -82,18 +81,10 @@ class OracleAnswer:
 Table = Mapping[str, Array]
 
 
-def read_oracle_table(path: Path | None) -> Table:
-    """The table of a file, or that of the source tree; empty where vrte is used without its source tree.
-
-    Raises SceneError for a file that is none.
-    """
-    if path is None and not TABLE.is_file():
-        return {}
-    try:
-        with np.load(path or TABLE, allow_pickle=False) as table:
-            return dict(table)
-    except (OSError, ValueError, TypeError, AttributeError, EOFError) as error:
-        raise SceneError(f"{path or TABLE} cannot be read as a table of the oracle: {error}") from error
+def read_oracle_table() -> Table:
+    """The table of the source tree."""
+    with np.load(TABLE, allow_pickle=False) as table:
+        return dict(table)
 
 
 def find_oracle_answer(case: Case, table: Table) -> OracleAnswer | str:
@@ -154,11 +145,6 @@ def make_azimuths(case: Case) -> Array:
     highest = max(case.terms, LOBE_ORDERS if case.base_kind == "lobe" else 0)
     steps = 8 * -(-(highest + max(case.orders) + 2) // 8)
     return np.arange(steps, dtype=np.float64) * (360.0 / steps)
-
-
-def choose_few_azimuths(phi: Array) -> Array:
-    """Places of 0, 45, 180 and 315 degrees among the equal steps."""
-    return np.array([0, 1, 4, 7]) * (phi.size // 8)
 
 
 def solve_field(case: Case, scene: Scene, phi: Array, algorithm: str, threads: int | None) -> Field:
@@ -238,7 +224,7 @@ def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> di
 def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
     """Every check there is."""
     phi = make_azimuths(case)
-    few = choose_few_azimuths(phi)
+    few = np.array([0, 1, 4, 7]) * (phi.size // 8)  # 0, 45, 180 and 315 degrees
     field = solve_field(case, case.scene, phi, options.algorithm, options.threads)
     brdf = solve_brdf(case, options, phi[few])
     other = solve_field(case, cut_layers_otherwise(case), phi[few], options.algorithm, options.threads)
@@ -565,7 +551,7 @@ def make_study(
         require=require_all,
         kept=(Record, LOG),
         mark=mark,
-        settings=settings if table else f"{settings}, {MISSING}",
+        settings=settings,
     )
 
 
@@ -689,7 +675,11 @@ def list_blocks(records: Sequence[Record]) -> list[str]:
     surfaces = make_rows("surfaces", group_by(under, "conditions", [*SURFACE_CONDITIONS, ORDINARY]))
     for axis in ("pile", "index", "base", "nodes"):
         surfaces += make_rows(axis, group_by(under, axis))
-    corners = [list_corner_cells(record) for record in records if record.reason]
+    corners = []
+    for one in (record for record in records if record.reason):
+        c = one.c if one.oracle == "yes" else None
+        figures = one.worst("oracle"), c, one.worst("consistency"), one.worst("energy")
+        corners.append([one.name, one.reason, *map(show_number, figures), f"{one.seconds:.1f}", one.verdict])
     short, known = (
         make_markdown_list(
             f"{record.name}: {'; '.join(getattr(record, name))}" for record in records if getattr(record, name)
@@ -707,13 +697,6 @@ def list_blocks(records: Sequence[Record]) -> list[str]:
     return blocks + (["## Out of reach, and why\n", known] if known else [])
 
 
-def list_corner_cells(record: Record) -> list[str]:
-    """One corner's row."""
-    c = record.c if record.oracle == "yes" else None
-    figures = [record.worst("oracle"), c, record.worst("consistency"), record.worst("energy")]
-    return [record.name, record.reason, *map(show_number, figures), f"{record.seconds:.1f}", record.verdict]
-
-
 def write_page(records: Sequence[Record], folder: Path, settings: str) -> list[Path]:
     """stability.md in the folder, beside stability_cases.csv, where the records are already. Raises OSError."""
     scenes = f"{len(records)} scenes, {math.fsum(record.seconds for record in records):.0f} s"
@@ -724,12 +707,10 @@ def write_page(records: Sequence[Record], folder: Path, settings: str) -> list[P
 
 def measure_stability(options: Any) -> None:
     """The study that the command line asks for."""
-    cases, answers = find_matching_cases(options.cases, options.quick), read_oracle_table(options.oracle)
+    cases, answers = find_matching_cases(options.cases, options.quick), read_oracle_table()
     settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
     study = make_study(cases, answers, Options(options.algorithm, options.threads), settings)
     carry_out(study, options.output, options.fresh)
-    if not answers:
-        print(f"  {MISSING}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -743,9 +724,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_study(command, "some forty small scenes instead of all")
     add_options(command, "algorithm", "threads")
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
-    command.add_argument(
-        "--oracle", metavar="FILE", type=Path, help="answers of ball arithmetic; default: those of the tests"
-    )
     command.set_defaults(algorithm=OPTIONS["algorithm"].default)
     return run_command(command, measure_stability, arguments)
 

@@ -323,23 +323,28 @@ def read_covering_rows(name: str) -> list[tuple[int, ...]]:
     return [tuple(int(digit, 16) for digit in row) for row in rows]
 
 
-def make_covering_cases() -> Iterator[Case]:
+def make_covering_cases(name: str) -> Iterator[Case]:
     """The covering array's cases; their number decides which higher Fourier order is looked at."""
-    for number, row in enumerate(read_covering_rows("plain")):
-        thickness, albedo, phase, sun, view, base, layering, nodes = (
-            choices[place] for choices, place in zip(AXES.values(), row, strict=True)
-        )
-        slabs, main = arrange_slabs(phase, albedo, thickness, layering)
+    axes = SURFACE_AXES if name == "under surfaces" else AXES
+    for number, row in enumerate(read_covering_rows(name)):
+        of = {axis: choices[place] for (axis, choices), place in zip(axes.items(), row, strict=True)}
+        scatters = f"{of['phase']} w={show_albedo(of['albedo'])} t={of['thickness']:g}"
+        asked = f"{of['base']} sun={of['sun']} view={of['view']} N={of['nodes']}"
+        media: tuple[float, ...] = ()
+        if axes is AXES:
+            slabs, main = arrange_slabs(of["phase"], of["albedo"], of["thickness"], of["layering"])
+            title = f"{scatters} {of['layering']} {asked}"
+        else:
+            slab = Slab(of["phase"], of["albedo"], of["thickness"])
+            slabs, main, media = arrange_pile(slab, of["pile"], of["index"])
+            title = f"n={of['index']:.5g} {of['pile']}: {scatters} {asked}"
         yield Case(
-            name=f"{phase} w={show_albedo(albedo)} t={thickness:g} {layering} {base} sun={sun} view={view} N={nodes}",
-            nodes=nodes,
-            slabs=slabs,
-            main=main,
-            base_kind=base,
-            sun=sun,
-            view=view,
+            title,
+            *(of["nodes"], slabs, main, of["base"], of["sun"], of["view"]),
             orders=(0, 1 + number % 2),
-            layering=layering,
+            layering=of.get("layering", ""),
+            media=media,
+            pile=of.get("pile", ""),
         )
 
 
@@ -354,7 +359,7 @@ def show_albedo(albedo: float) -> str:
 
 SURFACE_COSINES = ("1", "0.5", "critical", "node", "1e-3", "1e-8")
 PILES = ("under a surface", "plate", "below the air", "coated")
-SURFACE_AXES: dict[str, tuple[float | str, ...]] = {
+SURFACE_AXES: dict[str, tuple[Any, ...]] = {
     "thickness": (1e-6, 1e-2, 1.0, 1e2, 1e4, 1e6, math.inf),
     "albedo": (0.0, 0.5, 1.0 - 1e-6, 1.0 - 1e-12, 1.0),
     "phase": ("isotropic", "rayleigh", "glass-x1", "metal-x1", "spheroids"),
@@ -382,31 +387,6 @@ def arrange_pile(slab: Slab, pile: str, index: float) -> tuple[tuple[Slab, ...],
         return (COAT, slab), 1, (1.0, math.sqrt(index), index, index)
     last = 1.0 if pile == "plate" and math.isfinite(slab.thickness) else index
     return (slab,), 0, (1.0, index, last)
-
-
-def make_surface_cases() -> Iterator[Case]:
-    """The covering array's cases; each looks one unit in the last place to both sides of the critical angle, too."""
-    for number, row in enumerate(read_covering_rows("under surfaces")):
-        values = dict(
-            zip(SURFACE_AXES, (choices[k] for choices, k in zip(SURFACE_AXES.values(), row, strict=True)), strict=True)
-        )
-        albedo, thickness, index = (float(values[name]) for name in ("albedo", "thickness", "index"))
-        slabs, main, media = arrange_pile(Slab(str(values["phase"]), albedo, thickness), str(values["pile"]), index)
-        told = " ".join(f"{name}={values[name]}" for name in ("sun", "view"))
-        yield Case(
-            f"n={index:.5g} {values['pile']}: {values['phase']} w={show_albedo(albedo)} t={thickness:g} "
-            f"{values['base']} {told} N={values['nodes']}",
-            nodes=int(values["nodes"]),
-            slabs=slabs,
-            main=main,
-            base_kind=str(values["base"]),
-            sun=str(values["sun"]),
-            view=str(values["view"]),
-            orders=(0, 1 + number % 2),
-            layering="",
-            media=media,
-            pile=str(values["pile"]),
-        )
 
 
 QUICK_SCENES = 24  # of the covering array, beside the corners
@@ -578,7 +558,7 @@ def list_all_cases() -> tuple[Case, ...]:
     >>> len(list_all_cases()) >= 450
     True
     """
-    return (*CORNERS, *make_covering_cases(), *SURFACE_CORNERS, *make_surface_cases())
+    return (*CORNERS, *make_covering_cases("plain"), *SURFACE_CORNERS, *make_covering_cases("under surfaces"))
 
 
 def list_oracle_cases() -> tuple[Case, ...]:

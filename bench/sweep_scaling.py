@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.workers import Worker
+from vrte.basics.cost import say_time
 
 ROUNDS = 5
 WAVELENGTHS = [0.45, 0.48, 0.51, 0.54, 0.57, 0.6, 0.63, 0.66]
@@ -131,17 +132,9 @@ def report(taken: dict[str, list[float]]) -> str:
         seconds = MILLION * cost / (machines * CORES * scaling)
         rate, total = MILLION * size / seconds, MILLION * size
         lines.append(
-            f"| {machines} | {machines * CORES} | {in_words(seconds)} | {rate / 1e6:,.1f} MB | {total / 1e9:,.0f} GB |"
+            f"| {machines} | {machines * CORES} | {say_time(seconds)} | {rate / 1e6:,.1f} MB | {total / 1e9:,.0f} GB |"
         )
     return "\n".join(lines)
-
-
-def in_words(seconds: float) -> str:
-    """A time with two digits."""
-    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= length:
-            return f"{seconds / length:.1f} {unit}"
-    return f"{seconds:.1f} s"
 
 
 def main() -> None:

@@ -32,7 +32,6 @@ from bench.study import (
     make_markdown_list,
     make_markdown_table,
     run_command,
-    write_rows,
     write_text,
 )
 from vrte.basics.arrays import Array
@@ -353,11 +352,7 @@ def require_right_answers(rows: Sequence[Solved]) -> None:
         raise AccuracyError(f"the answers differ by more than {AGREE_TO:g}: {', '.join(wrong)}")
 
 
-PAGE, CSV, FIGURE = "tables.md", "tables.csv", "figure_1.png"
-CSV_COLUMNS = (
-    *("problem", "configuration", "kernels", "linear_algebra", "backend", "algorithm", "step"),
-    *("median_s", "least_s", "greatest_s", "rounds", "paper_s", "paper_over_ours", "difference_from_default"),
-)
+PAGE, FIGURE = "tables.md", "figure_1.png"
 MARK = "\\*"
 COUNTED_FROM = Configuration.TWO  # what "relative" is relative to: the paper's sequential solver
 CONFIGURATIONS_NOTE = """\
@@ -389,9 +384,9 @@ Bars = dict[str, dict[str, float]]  # label of a bar: step: seconds
 
 
 def write_page(found: Measured, folder: Path, settings: str, facts: Sequence[str]) -> list[Path]:
-    """figure_1.png, tables.md and tables.csv in the folder; ``facts``: what linear algebra and device were at work, and
+    """figure_1.png and tables.md in the folder; ``facts``: what linear algebra and device were at work, and
     what was not measured. Raises OSError, MissingExtraError without matplotlib."""
-    paths = [folder / name for name in (FIGURE, PAGE, CSV)]
+    paths = [folder / name for name in (FIGURE, PAGE)]
     save(draw_step_costs(found), paths[0])
     rows = [[c.label, c.kernels, c.linear_algebra, f"`{c.backend}`", f"`{c.algorithm}`"] for c in found.configurations]
     blocks = [
@@ -408,28 +403,7 @@ def write_page(found: Measured, folder: Path, settings: str, facts: Sequence[str
         totals = [] if steps else [make_totals_table(found, problem.name)]
         blocks += [title, *steps, *totals, *([BRDF_NOTE] if problem.name == BRDF else [])]
     write_text(paths[1], "\n".join(blocks).rstrip() + "\n")
-    write_rows(paths[2], CSV_COLUMNS, list_csv_rows(found))
     return paths
-
-
-def list_csv_rows(found: Measured) -> list[list[object]]:
-    """A row for each step of each problem in each configuration, the total last."""
-    rows = list[list[object]]()
-    for problem, each in ((problem.name, each) for problem in found.problems for each in found.configurations):
-        for step in (*OWN_STEPS, TOTAL):
-            times, printed = found.times(problem, each, step), found.printed(problem, each, step)
-            if times is None:
-                continue
-            ratio = "" if printed is None or times.median <= 0.0 else f"{printed / times.median:.4g}"
-            rows.append(
-                [
-                    *(problem, each.label, each.kernels, each.linear_algebra, each.backend, each.algorithm, step),
-                    *(f"{seconds:.6f}" for seconds in (times.median, times.least, times.greatest)),
-                    *(times.rounds, "" if printed is None else printed, ratio),
-                    f"{found.check(problem, each).gap:.1e}",
-                ]
-            )
-    return rows
 
 
 def make_totals_table(found: Measured, problem: str) -> str:

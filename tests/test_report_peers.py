@@ -85,7 +85,7 @@ def refused(scene: vrte.Scene, stokes: np.ndarray = NATURAL) -> dict[str, str]:
     found = {}
     for name, peer in other_codes.PEERS.items():
         try:
-            peer.check(asked(scene, stokes))
+            asked(scene, stokes).check(name, peer.polarization, peer.conservative)
         except SceneError as error:
             found[name] = str(error)
     return found

@@ -24,7 +24,6 @@ from .helpers import assert_close, close_to
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases
-TABLE = Path(__file__).with_name(stability.TABLE.name)
 COMPARED = {"yes": 260, "no stable answer": 1}  # of the oracle's cases; the page says how many
 
 
@@ -265,14 +264,14 @@ def test_what_the_oracle_was_given_is_what_is_solved() -> None:
 
 
 def test_the_table_has_all_that_the_oracle_can_answer() -> None:
-    table = stability.read_oracle_table(TABLE)
+    table = stability.read_oracle_table()
     answers = [stability.find_oracle_answer(case, table) for case in stability_cases.list_oracle_cases()]
     assert Counter(answer if isinstance(answer, str) else "yes" for answer in answers) == COMPARED
 
 
 def test_its_numbers_are_those_of_today() -> None:
     """But for the rounding that differs from one processor to another; of eigenvalues in the ninth digit."""
-    table, listed = stability.read_oracle_table(TABLE), stability_cases.list_oracle_cases()
+    table, listed = stability.read_oracle_table(), stability_cases.list_oracle_cases()
     for phase in {slab.phase for case in listed for slab in case.slabs}:
         computed = find_phase_matrix(phase).coefficients
         assert_close(table[f"phase/{phase}"], computed, rtol=0.0, atol=1e-12)
@@ -362,15 +361,3 @@ def test_a_known_reason_is_told_and_does_not_count(
     assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == 0
     assert "nothing is less than nothing" in capsys.readouterr().out
     assert "nothing is less than nothing" in (tmp_path / "stability.md").read_text()
-
-
-def test_without_the_oracle_the_run_says_where_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(stability, "TABLE", tmp_path / TABLE.name)
-    assert call_study("stability", "--cases", "thickness 0", "-o", tmp_path / "without") == 0
-    assert "to be given by --oracle FILE" in capsys.readouterr().out
-    assert "to be given by --oracle FILE" in (tmp_path / "without" / "stability.md").read_text()
-    assert call_study("stability", "--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", TABLE) == 0
-    assert "--oracle" not in capsys.readouterr().out
-    assert [row["oracle"] for row in rows_of(tmp_path / "with" / "stability_cases.csv")] == ["yes"]

@@ -20,8 +20,6 @@ STUDIES = (["tables", "--quick"], ["cost"], ["methods", "--quick"], ["stability"
         ("stability --algorithm guessing", "invalid choice"),
         ("stability --threads 0", "whole number from 1"),
         ("stability --colour", "unrecognized arguments"),
-        ("stability --oracle nothing.npz", "cannot be read as a table of the oracle"),
-        (f"stability --oracle {__file__}", "cannot be read as a table of the oracle"),
     ],
 )
 def test_bad_options_are_one_line_and_code_2(
