@@ -14,7 +14,7 @@ from bench import accuracy
 from bench.accuracy import PROBES
 from bench.study import Study
 from tests import exact
-from vrte.discrete_ordinates.planning import choose_quadrature, needs
+from vrte.discrete_ordinates.planning import choose_quadrature, order_bounds
 from vrte.methods import discrete_ordinates
 
 ERRORS = Path(__file__).parents[1] / "docs" / "explanation" / "accuracy" / "errors.csv"
@@ -264,9 +264,9 @@ def test_no_light_along_the_directions_is_no_reason_for_more_nodes(mu: list[floa
 def test_nothing_is_lowered_before_two_orders_are_known() -> None:
     found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
     bounds = 0.1 ** np.arange(5.0)[:, None, None]
-    known = needs.OrderBounds(np.full((1, 5), 0.1), np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
-    assert np.array_equal(needs.calibrate_bounds(known, bounds, found), bounds)
-    lowered = needs.calibrate_bounds(known, bounds, found | {2: np.full((1, 1), 1e-10)})
+    known = order_bounds.OrderBounds(np.full((1, 5), 0.1), np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
+    assert np.array_equal(order_bounds.calibrate_bounds(known, bounds, found), bounds)
+    lowered = order_bounds.calibrate_bounds(known, bounds, found | {2: np.full((1, 1), 1e-10)})
     assert (lowered[3:] < bounds[3:]).all()
     assert np.array_equal(lowered[:3], bounds[:3])
 
@@ -290,9 +290,9 @@ def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 def test_bounds_beyond_all_numbers_make_no_arithmetic_go_wrong() -> None:
     bounds = np.full((6, 1, 1), 1e308)
     bounds[1], bounds[4] = np.inf, 1e-310
-    known = needs.OrderBounds(np.full((1, 6), 0.1), np.full(6, 0.1), np.ones(6), np.ones((6, 2)))
+    known = order_bounds.OrderBounds(np.full((1, 6), 0.1), np.full(6, 0.1), np.ones(6), np.ones((6, 2)))
     found = {order: np.full((1, 1), size) for order, size in enumerate((1.0, 1e-320, 1e-10, 0.0))}
     with np.errstate(all="raise", under="ignore"):
-        assert needs.count_orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
-        assert np.isfinite(needs.calibrate_bounds(known, bounds, found)[2:]).all()
-        needs.calibrate_bounds(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})
+        assert order_bounds.count_orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
+        assert np.isfinite(order_bounds.calibrate_bounds(known, bounds, found)[2:]).all()
+        order_bounds.calibrate_bounds(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})

@@ -47,7 +47,7 @@ def ask(
     ]
 
 
-def in_doubles(session: Any, asked: Sequence[Any], tolerance: float = TIGHT) -> invariance.Endless:
+def in_doubles(session: Any, asked: Sequence[Any], tolerance: float = TIGHT) -> invariance.SemiInfinite:
     """The same in doubles, to another tolerance."""
     return invariance.reflect_semi_infinite(
         session, *mixed.upload_all(session, [*asked[:-1], np.full(asked[1].size, tolerance)])
