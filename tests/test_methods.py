@@ -79,9 +79,9 @@ def layers(count: int = 1, phase: vrte.PhaseMatrix = ISOTROPIC, thickness: float
 
 REFUSED = {
     "polarization": (vrte.Scene(layers(phase=RAYLEIGH)), "phase matrix that polarizes"),
-    "layers": (vrte.Scene(layers(2)), "pile of several layers"),
+    "layers": (vrte.Scene(layers(2)), "stack of several layers"),
     "base": (vrte.Scene(layers(), vrte.Lambertian(0.5)), "base"),
-    "endless": (vrte.Scene(layers(thickness=np.inf)), "layer without end"),
+    "endless": (vrte.Scene(layers(thickness=np.inf)), "semi-infinite layer"),
     "interfaces": (vrte.Scene([GLASS, *layers()]), "refracting or mirroring surface"),
     "interfaces below": (vrte.Scene([*layers(), GLASS.turned]), "refracting or mirroring surface"),
     "interfaces, a mirror": (vrte.Scene(layers(), SILVER), "refracting or mirroring surface"),

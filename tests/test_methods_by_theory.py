@@ -16,8 +16,8 @@ from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.methods.diffusion import BOUNDARIES
 from vrte.methods.matrix_operator import propagator
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
+from vrte.methods.parts.method import discretise_request
 from vrte.methods.parts.slab import solve_riccati
-from vrte.methods.parts.task import discretise_request
 from vrte.methods.small_angle import expand_diffuse_part
 from vrte.request.request import make_radiance_request
 
@@ -375,6 +375,16 @@ def test_absorbing_law(albedo: float) -> None:
     rtol = 1e-12 if albedo < 0.99 else 1e-10  # what the exponentials cost near 1
     assert_close(2.0 * (field.flux_down + field.flux_up), E_0, rtol=rtol, atol=0.0)
     assert_close(field.flux_down - field.flux_up, E_z, rtol=rtol, atol=rtol)
+
+
+def test_diffuse_light_decays_in_a_clear_layer() -> None:
+    """As in one that hardly scatters, e^(-sqrt(3) t), whatever no scattering would otherwise leave out."""
+    one, other = (
+        diffuse(vrte.Scene([vrte.Layer(DIFFUSING, 0.9, 0.5), vrte.Layer(DIFFUSING, albedo, 1.0)]), [0.5, 1.0])
+        for albedo in (0.0, 1e-14)
+    )
+    assert one.flux_down.min() > 0.01
+    assert_close(one.flux_down, other.flux_down, rtol=1e-12, atol=0.0)
 
 
 def test_radiance_is_its_source_integrated() -> None:

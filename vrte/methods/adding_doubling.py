@@ -9,10 +9,9 @@ from vrte.basics import cost
 from vrte.basics.arrays import check_number, check_whole
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.in_depth import POINTS
-from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.method import Answer, Method, Setting, Task
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media, count_sizes
 from vrte.methods.parts.slab import Slab, make_thin_slab, solve_by_slabs
-from vrte.methods.parts.task import Task
 
 THICKEST, THINNEST = 8.0, 1e-6  # of the setting "thin", optical thickness over the cosine
 LOWEST = 1e-4  # cosine: below it starting layers are so thin that rounding is seen

@@ -18,8 +18,7 @@ from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
-from vrte.methods.parts.method import Answer, Method, Setting
-from vrte.methods.parts.task import Task
+from vrte.methods.parts.method import Answer, Method, Setting, Task
 from vrte.methods.parts.two_fluxes import (
     TwoFluxes,
     answer_two_fluxes,

@@ -15,8 +15,7 @@ from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
 from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.forecast import plan_within_limit
 from vrte.discrete_ordinates.planning.plan import Plan
-from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.task import Task
+from vrte.methods.parts.method import Answer, Method, Task
 from vrte.request.backends import Backend
 from vrte.request.how import EXACT, FINEST
 from vrte.request.request import Request

@@ -8,10 +8,9 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import check_number
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
-from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.method import Answer, Method, Setting, Task
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes
 from vrte.methods.parts.slab import POINTS, Count, Slab, grow_slab, reflect_semi_infinite, solve_by_slabs
-from vrte.methods.parts.task import Task
 
 FINEST_RTOL = 1e-13
 STEPS_TOGETHER = 100.0  # error of R and T over that of a step: 30 was seen
@@ -47,7 +46,7 @@ METHOD = Method(
     name="invariant-imbedding",
     solve=solve_by_invariant_imbedding,
     purpose="semi-infinite layers, and layers that grow in thickness; light at the two faces",
-    conserves="flux to rtol; to rounding below a layer without end",
+    conserves="flux to rtol; to rounding below a semi-infinite layer",
     source="dR/dtau as the thin layer of (2:8) on top; SDA for its algebraic form",
     depths=False,
     options=("nodes", "accuracy", "backend"),

@@ -7,8 +7,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_double_gauss
-from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.task import NODES, Task, discretise_request
+from vrte.methods.parts.method import NODES, Answer, Method, Task, discretise_request
 from vrte.request.wanted import Wanted
 
 

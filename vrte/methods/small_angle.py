@@ -15,8 +15,7 @@ from vrte.basics.divided_differences import divide_exp_once
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam
-from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.task import Task
+from vrte.methods.parts.method import Answer, Method, Task
 from vrte.scene.scene import Scene
 
 NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2

@@ -11,8 +11,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.task import Task
+from vrte.methods.parts.method import Answer, Method, Task
 from vrte.methods.parts.two_fluxes import (
     TwoFluxes,
     answer_two_fluxes,

@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.methods.auto.rules import RULES, Rule
-from vrte.methods.parts.task import NODES
+from vrte.methods.parts.method import NODES
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.scene.layer import Layer

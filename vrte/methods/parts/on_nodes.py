@@ -11,9 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
@@ -84,12 +82,8 @@ class OnNodes:
         table = problem.coefficients[layer, : problem.terms[layer]]
         rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
         strength = 0.5 * problem.albedo[layer] / rows[:, None, None, None]
-        if order == 0 and not problem.is_exact:
-            shifts = find_even_shifts(problem, int(problem.terms.max()))
-            back, ahead = scatter_once(order, table, rows, into, shifts) * strength
-        else:
-            ahead = _core.phase_matrices(order, table, rows, into) * strength
-            back = _core.phase_matrices(order, table, rows, -into) * strength * FLIP
+        shifts = find_even_shifts(problem, int(problem.terms.max()))
+        back, ahead = scatter_once(order, table, rows, into, shifts) * strength
         return Scattered(self.put_in_weights(ahead), self.put_in_weights(back))
 
     def put_in_weights(self, matrices: Array) -> Array:

@@ -20,9 +20,8 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
 from vrte.discrete_ordinates.orders.slab_response import Response, shape_response
 from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
-from vrte.methods.parts.method import Answer
+from vrte.methods.parts.method import Answer, Task
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media
-from vrte.methods.parts.task import Task
 
 LARGEST_RESIDUAL = 1e-6  # of the systems that join slabs in one medium: conservative ones of tau 1e8 leave 3e-9
 

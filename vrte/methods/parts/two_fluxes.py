@@ -27,8 +27,7 @@ from vrte.discrete_ordinates.orders.truncating import (
     find_peak_flux,
     find_spread_directions,
 )
-from vrte.methods.parts.method import Answer
-from vrte.methods.parts.task import Task, discretise_request, find_cosines
+from vrte.methods.parts.method import Answer, Task, discretise_request, find_cosines
 from vrte.request.how import FINEST
 from vrte.request.request import Request
 
