@@ -83,7 +83,7 @@ def test_a_laboratorys_name_is_taken_wherever_a_geometry_is_named(name: str, cie
     assert look.colour(name).L == look.colour(cie).L
     one, other = (vrte.Measurement("reflectance", 0.5, geometry=given).predict(grey) for given in (name, cie))
     assert one == other
-    assert Conditions(geometry=name).told == Conditions(geometry=cie).told.replace(cie, read_geometry(name).name)
+    assert Conditions(geometry=name).words == Conditions(geometry=cie).words.replace(cie, read_geometry(name).name)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from vrte.appearance.hiding import (
     find_contrast,
     find_hiding,
     find_hiding_film,
-    fit_even_bases,
+    fit_lambertian_bases,
     prepare_drawdown,
 )
 from vrte.appearance.panel import Panel, make_panel
@@ -51,7 +51,7 @@ def test_three_solves_tell_the_film_over_every_even_base(
     """f(A) = f(0) + u A/(1 - A r) with polarization: to rounding, and under surfaces to what the nodes miss."""
     film = {"phase": "rayleigh", "albedo": 0.95, "thickness": 0.3}
     panel = prepare(*above, film, *below, at=[0.5], nodes=nodes)
-    even = fit_even_bases(*(read(panel, albedo, geometry) for albedo in (0.0, 0.5, 1.0)))
+    even = fit_lambertian_bases(*(read(panel, albedo, geometry) for albedo in (0.0, 0.5, 1.0)))
     for albedo in (0.13, 0.8, 0.97):
         assert even.reflect(albedo) == close_to(read(panel, albedo, geometry), rtol=0.0, atol=within)
 
@@ -59,7 +59,7 @@ def test_three_solves_tell_the_film_over_every_even_base(
 def test_u_is_what_gets_down_times_what_gets_up() -> None:
     """By reciprocity both are transmittances from above, which fluxes at the bottom tell."""
     panel = prepare(SURFACE, {**GREY, "thickness": 2.0}, at=[0.5], nodes=20)
-    even = fit_even_bases(*(read(panel, albedo) for albedo in (0.0, 0.5, 1.0)))
+    even = fit_lambertian_bases(*(read(panel, albedo) for albedo in (0.0, 0.5, 1.0)))
     scene = panel.put_over(None).scenes[0]
     fields = [vrte.radiance(scene, mu, mu=[], tau=scene.thickness, nodes=20, accuracy=1e-4) for mu in (MU_I, 1.0)]
     down, up = (float((field.flux_down + field.direct)[0]) / field.mu0 for field in fields)
@@ -210,7 +210,7 @@ def test_what_makes_no_sense_is_refused(asked: dict[str, Any], words: str) -> No
         find_hiding(prepare(GREY), **asked)
 
 
-@pytest.mark.parametrize(("thickness", "words"), [(math.inf, "without end"), (0.0, "without thickness")])
+@pytest.mark.parametrize(("thickness", "words"), [(math.inf, "semi-infinite"), (0.0, "without thickness")])
 def test_a_film_has_to_begin_with_a_thickness(thickness: float, words: str) -> None:
     with pytest.raises(vrte.SceneError, match=f"the film is {words}"):
         find_hiding(prepare({**GREY, "thickness": thickness}, layer=1))

@@ -147,6 +147,7 @@ def test_stopped_it_keeps_the_best_so_far() -> None:
 
 
 ENDLESS = vrte.Scene([vrte.Layer(RAYLEIGH, 0.95, np.inf)], vrte.Lambertian(0.3))
+BEAMS = vrte.Measurement("specular_reflectance", 0.1, 0.01, theta_i_deg=[0.0, 60.0])
 THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 60.0])
 
 
@@ -155,6 +156,7 @@ THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 6
     [
         ({"scene": ENDLESS, "free": ["base.albedo"]}, "base.albedo"),
         ({"scene": ENDLESS, "rows": THROUGH, "free": ["layer[1].albedo"]}, "nothing comes out below a layer without"),
+        ({"rows": BEAMS, "free": ["base.albedo"]}, "free: base.albedo does nothing to these data"),
         ({"free": {"base.albedo": {"start": 0.5, "high": 0.4}}}, "starts at 0.5, outside its bounds 0 and 0.4"),
         ({"free": {"base.albedo": {"low": 0.5, "high": 0.4}}}, "needs low below high"),
         ({"free": {"base.albedo": {"strat": 0.5}}}, "takes a table of start, low, high, spacing"),

@@ -69,6 +69,9 @@ def test_instruments_and_colours_are_those_of_appearance() -> None:
     rows = vrte.Measurement("reflectance", 0.0, geometry=geometries, wavelength_um=0.55)
     expected = [look.reflectance(one)[1] for one in geometries]
     assert_close(rows.predict(content), expected, rtol=1e-9, atol=0.0)
+    rough = content | {"layer": [{"interface": {"above": 1.0, "below": 1.5, "roughness": 0.1}}, content["layer"][1]]}
+    port = vrte.appearance(rough, [0.55], geometries=["8:de"]).reflectance("8:de")
+    assert_close(rows.pick([1]).predict(rough), port, rtol=1e-9, atol=0.0)
     wavelengths = np.linspace(0.4, 0.7, 9)
     colour = vrte.appearance(content, wavelengths, geometries=["8:di"], illuminant="A", observer=2).colour("8:di")
     names = list("XYZLab")

@@ -86,7 +86,7 @@ def test_bad_input_ends_in_a_sentence(content: dict[str, Any], asked: dict[str, 
 def test_a_thickness_that_nobody_knows_is_told() -> None:
     with pytest.raises(vrte.SceneError, match="is given by its optical thickness: give it a thickness_um"):
         make_panel({"layer": [FILM]}, TWO).make_as_thick(3.0)
-    with pytest.raises(vrte.SceneError, match="without end, and can be made no thicker"):
+    with pytest.raises(vrte.SceneError, match="semi-infinite, and can be made no thicker"):
         make_panel({"layer": [FILM | {"thickness": math.inf}]}, TWO).scale_film(2.0)
 
 

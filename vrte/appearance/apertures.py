@@ -2,7 +2,7 @@
 
 Light falls in at an angle t in the plane x, z and would be mirrored along a = (sin t, 0, cos t), the axis of the
 receptor. With e_1 = (cos t, 0, -sin t), e_2 = (0, 1, 0) a direction of the receptor is d = x e_1 + y e_2 + z a. A
-source's extent is told by its mirror image: the same three numbers, so that a smooth surface images one on the other.
+source's extent is given by its mirror image: the same three numbers, so that a smooth surface images one on the other.
 
     share = (1/S) int_source dOmega int_receptor f(-d', d) (d . n) dOmega,    S = int_source dOmega
 

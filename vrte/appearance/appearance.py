@@ -25,7 +25,7 @@ from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
 from vrte.results.spectrum import Spectrum
 
-VISUAL = "45:0"  # what is looked at where nobody says how: the surface's mirror image is left out
+VISUAL = "45:0"  # the default: the surface's mirror image is left out
 
 
 class Reading(NamedTuple):

@@ -21,7 +21,7 @@ LIGHT_KNOWN_TO_NM = 690.0  # a table of an illuminant that ends before is none o
 # each lets pass errors of about 1.2 CIEDE2000 in daylight, for 95 % of 102 measured spectra
 MOST_BEYOND = (0.05, 0.05, 0.20)  # of X, Y, Z of the perfect white, below the first wavelength or above the last
 WIDEST_STEP_UM, STEPS_FROM_UM, STEPS_TO_UM = 0.04, 0.40, 0.70
-TOLD = 0.01  # share beyond the wavelengths from which on it is told
+LEAST_REPORTED = 0.01  # share beyond the wavelengths from which on it is reported
 
 
 def import_colour_science(purpose: str = "a colour", extra: str = "appearance") -> Any:
@@ -194,7 +194,9 @@ class Colour:
         found = []
         for shares, end_um, side in zip(self.beyond, self.known_um, ("below", "above"), strict=True):
             if large := [
-                f"{name} {100 * share:.0f} %" for name, share in zip("XYZ", shares, strict=True) if share > TOLD
+                f"{name} {100 * share:.0f} %"
+                for name, share in zip("XYZ", shares, strict=True)
+                if share > LEAST_REPORTED
             ]:
                 found.append(f"{', '.join(large)} {side} {end_um:g} µm, taken as at {end_um:g}")
         return "; ".join(found)

@@ -44,8 +44,8 @@ USUAL = 30  # solves of a panel: what progress begins with
 
 
 @dataclass(frozen=True, eq=False)
-class OverEvenBases:
-    """The reflectance factors (n,) of a film over an even base of any albedo A: f(A) = f(0) + u A/(1 - A r).
+class OverLambertian:
+    """The reflectance factors (n,) of a film over a Lambertian base of any albedo A: f(A) = f(0) + u A/(1 - A r).
 
     Exact with polarization and surfaces, for a Lambertian base sends back the same light whatever arrives: ``u`` is the
     film's transmittance down times that up over the square of its index, ``r`` what it sends back down of even light
@@ -59,7 +59,7 @@ class OverEvenBases:
     def reflect(self, albedo: float) -> Array:
         """The reflectance factor (n,) over a base of that albedo. Raises SceneError.
 
-        >>> OverEvenBases(np.array([0.5]), np.array([0.25]), np.array([0.5])).reflect(0.8).round(12).tolist()
+        >>> OverLambertian(np.array([0.5]), np.array([0.25]), np.array([0.5])).reflect(0.8).round(12).tolist()
         [0.833333333333]
         """
         albedo = check_number("albedo", albedo, 0.0, 1.0, "between 0 and 1")
@@ -67,16 +67,16 @@ class OverEvenBases:
         return found
 
 
-def fit_even_bases(black: Array, grey: Array, white: Array) -> OverEvenBases:
-    """What a film sends back over any even base, from its reflectance factors over albedos 0, 1/2 and 1.
+def fit_lambertian_bases(black: Array, grey: Array, white: Array) -> OverLambertian:
+    """What a film sends back over any Lambertian base, from its reflectance factors over albedos 0, 1/2 and 1.
 
-    >>> fit_even_bases(np.array([0.5]), np.array([2.0 / 3.0]), np.array([1.0])).r.round(12).tolist()
+    >>> fit_lambertian_bases(np.array([0.5]), np.array([2.0 / 3.0]), np.array([1.0])).r.round(12).tolist()
     [0.5]
     """
     half, whole = grey - black, white - black  # u/(2 - r) and u/(1 - r)
     seen = (half > 0.0) & (whole >= 2.0 * half)  # all else is rounding: the film hides its base, or is not there
     escapes = np.divide(half, whole - half, out=np.ones_like(half), where=seen)  # 1 - r
-    return OverEvenBases(black, whole * escapes, 1.0 - escapes)
+    return OverLambertian(black, whole * escapes, 1.0 - escapes)
 
 
 @dataclass(eq=False)
@@ -96,13 +96,13 @@ class Drawdown:
     found: dict[float, tuple[float, float]] = field(default_factory=dict)
 
     def read(self, times: float, albedo: float) -> Array:
-        """The reflectance factor (wavelength,) of a film so many times as thick over an even base."""
+        """The reflectance factor (wavelength,) of a film so many times as thick over a Lambertian base."""
         film = self.panel.put_over(Lambertian(albedo))
         film = film if times == 1.0 else film.scale_film(times)
-        known = self.solves < self.expected  # a guess; beyond it nothing is told until the end
-        told = share_progress(self.progress, self.solves, self.expected) if known else None
+        known = self.solves < self.expected  # a guess; beyond it nothing is reported until the end
+        part = share_progress(self.progress, self.solves, self.expected) if known else None
         self.solves += 1
-        return find_reflectance(solve_geometry(film, self.geometry, told), self.geometry, film.surface)
+        return find_reflectance(solve_geometry(film, self.geometry, part), self.geometry, film.surface)
 
     def measure(self, times: float) -> tuple[float, float]:
         """Y over both cards, where the perfect white has 1; solved once a thickness, and not at all where a thinner
@@ -160,7 +160,7 @@ def prepare_drawdown(
 
 def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
     """The same with as many nodes at all wavelengths as the film over that albedo takes at the first, the middle and
-    the last, and a few to spare. A panel whose nodes or method are said stays as it is."""
+    the last, and a few to spare. A panel whose nodes or method are given stays as it is."""
     if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
         return panel
     mu_i, mu_o, phi = geometry.directions
@@ -170,7 +170,7 @@ def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
 
 def find_hiding_film(drawdown: Drawdown, target: float, limit: float) -> tuple[float | None, str]:
     """How many times as thick a film has the contrast ratio ``target``, to 1e-3 of itself, and why if there is none:
-    ``limit`` is Y of one without end.
+    ``limit`` is Y of a semi-infinite one.
 
     Secants, in variables in which thin, absorbing and white films are all close to straight, kept between thicknesses
     known to be too thin and too thick. Raises SceneError where the film does not get there.
@@ -206,7 +206,7 @@ def stretch_contrast(contrast: Any) -> Array:
 
 
 def divide_luminances(black: Any, white: Any) -> Array:
-    """Y over black over Y over white; 0 where nothing comes back.
+    """Y over black over Y over white; 0 where nothing is reflected.
 
     >>> divide_luminances([0.4, 0.0], [0.8, 0.0]).tolist()
     [0.5, 0.0]
@@ -219,7 +219,7 @@ def divide_luminances(black: Any, white: Any) -> Array:
 class Hiding:
     """How well the film of a panel hides black and white cards, as `find_hiding` finds it.
 
-    ``over_even_bases``: reflectance factors (n,) at ``wavelength_um`` (n,) over a card of any albedo; ``without_end``:
+    ``over_lambertian``: reflectance factors (n,) at ``wavelength_um`` (n,) over a card of any albedo; ``without_end``:
     those of a semi-infinite film; ``luminance_without_end``: its Y, 1 for the perfect white. The hiding curve is exact
     at thicknesses ``times`` (m,) over the film's own: Y ``over_black``, ``over_white`` (m,). ``hiding_times``: the
     thickness of contrast ratio ``target``, or None and the ``reason``; ``length_um``: the film's thickness [um], None
@@ -233,7 +233,7 @@ class Hiding:
     white: float
     target: float
     wavelength_um: Array
-    over_even_bases: OverEvenBases
+    over_lambertian: OverLambertian
     without_end: Array
     luminance_without_end: float
     times: Array
@@ -258,12 +258,12 @@ class Hiding:
     @property
     def reflectance_over_black(self) -> Array:
         """The film's reflectance factor (n,) over the black card."""
-        return self.over_even_bases.reflect(self.black)
+        return self.over_lambertian.reflect(self.black)
 
     @property
     def reflectance_over_white(self) -> Array:
         """The film's reflectance factor (n,) over the white card."""
-        return self.over_even_bases.reflect(self.white)
+        return self.over_lambertian.reflect(self.white)
 
     @property
     def reflectances(self) -> dict[str, Array]:
@@ -278,8 +278,8 @@ class Hiding:
 
     @property
     def opacity(self) -> float:
-        """Y over a black base over Y without end: ISO 2471, where the geometry is diffuse."""
-        return float(divide_luminances(self.find_luminance(self.over_even_bases.bare), self.luminance_without_end))
+        """Y over a black base over Y of a semi-infinite film: ISO 2471, where the geometry is diffuse."""
+        return float(divide_luminances(self.find_luminance(self.over_lambertian.bare), self.luminance_without_end))
 
     @property
     def paper_opacity(self) -> float:
@@ -313,7 +313,7 @@ class Hiding:
 
     def compare_cards(self, black: float, white: float) -> float:
         """The contrast ratio of the film itself over Lambertian cards of any two albedos, from the closed form."""
-        dark, light = (self.find_luminance(self.over_even_bases.reflect(albedo)) for albedo in (black, white))
+        dark, light = (self.find_luminance(self.over_lambertian.reflect(albedo)) for albedo in (black, white))
         return float(divide_luminances(dark, light))
 
     def interpolate(self, times: Any) -> tuple[Array, Array]:
@@ -379,12 +379,12 @@ def find_hiding(
     target = check_number("target", target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
     thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
-        how = "without end, and hides everything" if thickness > 0.0 else "without thickness"
+        how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"
         raise SceneError(f"hiding: the film is {how}: give it a thickness to begin with, above 0 and not inf", "layer")
     drawdown = prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress)
     without_end = drawdown.read(math.inf, 0.0)
     limit = float(drawdown.weights @ without_end)
-    even = fit_even_bases(*(drawdown.read(1.0, albedo) for albedo in (0.0, 0.5, 1.0)))
+    even = fit_lambertian_bases(*(drawdown.read(1.0, albedo) for albedo in (0.0, 0.5, 1.0)))
     dark, light = (float(drawdown.weights @ even.reflect(albedo)) for albedo in drawdown.cards)
     drawdown.found[1.0] = dark, light
     hiding, reason = find_hiding_film(drawdown, target, limit)
@@ -400,7 +400,7 @@ def find_hiding(
         white=drawdown.cards[1],
         target=target,
         wavelength_um=panel.wavelength_um,
-        over_even_bases=even,
+        over_lambertian=even,
         without_end=without_end,
         luminance_without_end=limit,
         times=np.array(times),

@@ -2,7 +2,8 @@
 
 Light goes up and down evenly diffuse; over a length dx a share K dx of it is absorbed and a share S dx turned around, K
 and S in 1/um where lengths are in um. All functions take arrays, one value a wavelength, say, and are exact in the
-limits K = 0, S = 0, no film and film without end. Inside the film's own medium: `add_surface` puts the surface on top.
+limits K = 0, S = 0, no film and semi-infinite film. All is inside the film's own medium: `add_surface` puts the surface
+on top.
 
 Sources: Kubelka and Munk, Zeitschrift fuer technische Physik 12, 593 (1931); Saunderson, J. Opt. Soc. Am. 32, 727
 (1942); both from memory. All formulas are derived anew, from dI/dx = -(K + S) I + S J and its mirror image.
@@ -59,8 +60,8 @@ def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
     steep = np.divide(1.0, reach, out=np.full_like(reach, np.inf), where=reach > 0.0)
     alone = np.divide(s, steep + k + s, out=np.zeros_like(reach), where=s > 0.0)
     turned = np.multiply(k + s, reach, out=np.zeros_like(reach), where=k + s > 0.0)
-    fades = np.exp(-deep)
-    through: Array = 2.0 * fades / (1.0 + fades**2) / (1.0 + turned)
+    decay = np.exp(-deep)
+    through: Array = 2.0 * decay / (1.0 + decay**2) / (1.0 + turned)
     return alone, through
 
 

@@ -51,7 +51,7 @@ class Paint:
     glosses
         Gloss units by angle [degrees]; empty where there is no surface.
     hiding
-        How well its film hides cards; None where that cannot be said.
+        How well its film hides cards; None where there is no such film.
     two_fluxes
         K and S, in even light inside the film; None where there are none.
     lobe
@@ -257,23 +257,23 @@ def paint(
     source: Source | Panel = {"title": "Paint", "paint": fields} if scene is None else scene
     notes: list[str] = []
     with note_warnings(notes):
-        told = share_parts(progress)
+        parts = share_parts(progress)
         # what is refused is refused before the work
         weigh_wavelengths(find_wavelengths(source, wavelengths_um, folder), illuminant, observer)
-        panel = make_panel(source, wavelengths_um, folder, told[0], layer, **asked)
+        panel = make_panel(source, wavelengths_um, folder, parts[0], layer, **asked)
         light: dict[str, Any] = {"illuminant": illuminant, "observer": observer}
-        look = appearance(panel, **light, progress=told[1])
-        glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, told[2]), notes) or {}
-        hiding = try_part("hiding power", lambda: find_hiding(panel, white=white, **light, progress=told[3]), notes)
-        fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=told[4]), notes)
+        look = appearance(panel, **light, progress=parts[1])
+        glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, parts[2]), notes) or {}
+        hiding = try_part("hiding power", lambda: find_hiding(panel, white=white, **light, progress=parts[3]), notes)
+        fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)
         place = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
-        lobe = solve_lobe(panel, place, told[5])
+        lobe = solve_lobe(panel, place, parts[5])
     content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
     made_of = tuple(describe_content(content, Path(folder))) if content else (repr(panel),)
     title = panel.title or (Path(scene).stem.replace("_", " ") if isinstance(scene, str | os.PathLike) else "Paint")
     lobe_um = float(panel.wavelength_um[place])
-    said = (*list_approximations(content, look.colour()), *dict.fromkeys(notes))
-    return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, said)
+    known = (*list_approximations(content, look.colour()), *dict.fromkeys(notes))
+    return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, known)
 
 
 def share_parts(progress: Progress | None) -> list[Progress | None]:
@@ -300,14 +300,14 @@ def try_part(name: str, find: Callable[[], Found], notes: list[str]) -> Found | 
 
 @contextmanager
 def note_warnings(notes: list[str]) -> Iterator[None]:
-    """Notes what is warned of, beside where it is told anyway; but for how long something takes."""
+    """Notes what is warned of, beside the warnings themselves, but for those of long solves."""
     with warnings.catch_warnings():
-        told = warnings.showwarning
+        parts = warnings.showwarning
 
         def tell(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
             if not issubclass(category, LongSolveWarning):
                 notes.append(f"Warned of: {message}.")
-            told(message, category, *rest, **more)
+            parts(message, category, *rest, **more)
 
         warnings.showwarning = tell
         yield

@@ -30,7 +30,7 @@ from vrte.scene.layer import LARGEST_THICKNESS
 from vrte.scene.scene import Scene
 
 VISIBLE = 0.40, 0.70  # [um], as far as the substances are known
-WAVELENGTHS = 16  # where nobody says which
+WAVELENGTHS = 16  # by default
 ACCURACY = 1e-4  # of each reflectance: below what any instrument shows
 NOT_ASKED = ("brdf", "field", "render")  # tables of a scene file that say what others are to do with it
 FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progress", "time_limit_s")  # the panel's own
@@ -116,7 +116,7 @@ class Panel:
         def scale(scene: Scene) -> Scene:
             film = scene.layers[place]
             if np.isinf(film.thickness):
-                raise SceneError("the film is without end, and can be made no thicker: give it a thickness_um")
+                raise SceneError("the film is semi-infinite, and can be made no thicker: give it a thickness_um")
             thick = replace(film, thickness=film.thickness * times if ends else np.inf)
             if ends:
                 layers = *scene.layers[:place], thick, *scene.layers[place + 1 :]
@@ -163,9 +163,9 @@ class Panel:
         if rest:
             fixed = find_finest_nodes(found.values()) if "accuracy" in self.asked else {}
             others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
-            told = f"the other {len(rest)} wavelengths"
-            if not is_shared():  # who shares the cores has foretold all of it
-                warn_runtime_of_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
+            words = f"the other {len(rest)} wavelengths"
+            if not is_shared():  # who shares the cores has warned of all of it
+                warn_runtime_of_all(len(rest), lambda place: (others[place], 0.0), words, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))
             found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
         return Spectrum(self.wavelength_um, tuple(found[place] for place in range(count)))

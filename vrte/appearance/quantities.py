@@ -25,7 +25,7 @@ class Conditions:
     """How a panel is looked at: the geometry by its CIE name, the light, the observer [degrees], and the albedos of the
     black and the white card that films are put over, and the contrast ratio that counts as hidden. Raises SceneError.
 
-    >>> print(Conditions(observer=2).told)
+    >>> print(Conditions(observer=2).words)
     geometry 45:0, illuminant D65, observer 2 degrees, black of albedo 0, white of albedo 0.8, contrast ratio 0.98 hides
     """
 
@@ -45,7 +45,7 @@ class Conditions:
             raise SceneError.of("black", f"must be darker than the white, not {self.black:g} beside {self.white:g}")
 
     @property
-    def told(self) -> str:
+    def words(self) -> str:
         """All of the conditions in one line, for tables."""
         geometry = read_geometry(self.geometry).name
         return (

@@ -143,7 +143,7 @@ class KubelkaMunk:
 
     @property
     def diffusion(self) -> tuple[Array, Array]:
-        """K and S, (n,) each, by which two fluxes fade as diffuse light does.
+        """K and S, (n,) each, by which two fluxes decay as diffuse light does.
 
         They are twice the absorption, and 3/4 of the reduced scattering less 1/4 of the absorption. S < 0 says that
         light does not diffuse at all.
@@ -155,8 +155,8 @@ class KubelkaMunk:
     def over_diffusion(self) -> tuple[Array, Array]:
         """K and S (n,) over those of diffusion; NaN where a film does not absorb, or light in it does not diffuse."""
         absorbing, turning = (
-            np.divide(found, said, out=np.full_like(found, np.nan), where=said > 1e-9 * self.S)
-            for found, said in zip((self.K, self.S), self.diffusion, strict=True)
+            np.divide(found, given, out=np.full_like(found, np.nan), where=given > 1e-9 * self.S)
+            for found, given in zip((self.K, self.S), self.diffusion, strict=True)
         )
         return absorbing, turning
 
@@ -236,7 +236,7 @@ def find_kubelka_munk(
         raise SceneError("k1 and k2 are of a surface, and here is none", "k1" if k2 is None else "k2")
     first, second = (share_progress(progress, half, 2) for half in (0, 1))
     outer, over, even = find_surface_shares(panel, known, under, first)
-    outer, inner = settle_share("k1", k1, outer), settle_share("k2", k2, over.mean(axis=0))
+    outer, inner = choose_share("k1", k1, outer), choose_share("k2", k2, over.mean(axis=0))
     if is_inside(panel, known):
         K, S = find_slab_coefficients(*solve_film(panel, second), find_length(panel))
     else:
@@ -256,11 +256,11 @@ def find_kubelka_munk(
     return KubelkaMunk(panel, known, under, *(freeze_copy(one) for one in (K, S, outer, inner, over, even)))
 
 
-def settle_share(name: str, said: Any, found: Array) -> Array:
-    """A share of the surface's as somebody said it, one for all wavelengths or one each, or else as it was found."""
-    if said is None:
+def choose_share(name: str, given: Any, found: Array) -> Array:
+    """A share of the surface's as somebody given it, one for all wavelengths or one each, or else as it was found."""
+    if given is None:
         return found
-    shares = check_share(name, said)
+    shares = check_share(name, given)
     if shares.shape not in ((), found.shape):
         raise SceneError.of(name, f"must be one number, or one a wavelength, {found.size}, not of shape {shares.shape}")
     return np.broadcast_to(shares, found.shape)

@@ -26,7 +26,7 @@ WRITER = "a fit"
 PLAIN = [one.name for one in fields(Fit) if one.name not in (*ARRAYS, "measurement", "starts", "problem")]
 
 
-def find_fingerprint(problem: Problem, said: Mapping[str, Any]) -> str:
+def find_fingerprint(problem: Problem, record: Mapping[str, Any]) -> str:
     """Of all that decides about a fit: data, scene, the tables it names, free numbers, priors, and how it is made."""
     from vrte import __version__
 
@@ -43,7 +43,7 @@ def find_fingerprint(problem: Problem, said: Mapping[str, Any]) -> str:
     rows = {name: getattr(model.measurement, name).tolist() for name in COLUMNS}
     free = [asdict(one) for one in problem.parameters]
     options = [model.options, model.jacobian, model.colours_um.tolist()]
-    everything = [__version__, rows, scene, tables, free, problem.priors.tolist(), options, dict(said)]
+    everything = [__version__, rows, scene, tables, free, problem.priors.tolist(), options, dict(record)]
     return hashlib.sha256(json.dumps(everything, sort_keys=True, default=str).encode()).hexdigest()
 
 
@@ -61,14 +61,14 @@ class Journal:
         self.nodes: int | None = None
         if path is None or not os.path.lexists(check_file_name(path)):
             return
-        said = read_journal(path, WRITER)
-        if not isinstance(said, dict) or said.get("kind") != KIND or "fingerprint" not in said:
+        record = read_journal(path, WRITER)
+        if not isinstance(record, dict) or record.get("kind") != KIND or "fingerprint" not in record:
             raise SceneError(f"{os.fspath(path)}: no file of a fit that was under way", "resume")
-        if said["fingerprint"] != fingerprint:
+        if record["fingerprint"] != fingerprint:
             words = "is of another fit: other data, another scene, or other free numbers or options"
             raise SceneError(f"{os.fspath(path)} {words}", "resume")
-        self.finished = [Start(**one) for one in map(restore_tuples, said["finished"])]
-        self.here, self.nodes = said["here"], said["nodes"]
+        self.finished = [Start(**one) for one in map(restore_tuples, record["finished"])]
+        self.here, self.nodes = record["here"], record["nodes"]
 
     def note(self, values: Any, nodes: int | None) -> None:
         """Writes where the start is that is under way."""
@@ -85,25 +85,25 @@ class Journal:
         if self.path is None:
             return
         finished = [asdict(one) for one in self.finished]
-        said = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": self.nodes}
-        write_journal(self.path, said | {"finished": finished, "here": self.here})
+        record = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": self.nodes}
+        write_journal(self.path, record | {"finished": finished, "here": self.here})
 
 
-def restore_tuples(said: Mapping[str, Any]) -> dict[str, Any]:
+def restore_tuples(record: Mapping[str, Any]) -> dict[str, Any]:
     """Fields as JSON gives them, lists as tuples again."""
-    return {name: tuple(one) if isinstance(one, list) else one for name, one in said.items()}
+    return {name: tuple(one) if isinstance(one, list) else one for name, one in record.items()}
 
 
 def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
     """Writes a fit as JSON that ends in its checksum. Raises OSError."""
-    said: dict[str, Any] = {"kind": KIND, **{name: getattr(fit, name) for name in PLAIN}}
-    said |= {name: getattr(fit, name).tolist() for name in ARRAYS}
-    said["starts"] = [asdict(one) for one in fit.starts]
-    said["measurement"] = {name: getattr(fit.measurement, name).tolist() for name in COLUMNS}
+    record: dict[str, Any] = {"kind": KIND, **{name: getattr(fit, name) for name in PLAIN}}
+    record |= {name: getattr(fit, name).tolist() for name in ARRAYS}
+    record["starts"] = [asdict(one) for one in fit.starts]
+    record["measurement"] = {name: getattr(fit.measurement, name).tolist() for name in COLUMNS}
     problem = fit.problem
     if problem is not None and not isinstance(problem.model.source.source, Scene):
         model = problem.model
-        said["problem"] = {
+        record["problem"] = {
             "content": model.source.content_at(model.source.values),
             "options": model.options,
             "jacobian": model.jacobian,
@@ -113,24 +113,24 @@ def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
             "sigma": problem.sigma.tolist(),
             "loss": problem.loss,
         }
-    write_journal(path, said)
+    write_journal(path, record)
 
 
 def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Fit:
     """What `save_fit` wrote; tables that its scene names lie in ``folder``, by default beside the file. Raises
     SceneError, OSError."""
-    said = read_journal(path, WRITER)
+    record = read_journal(path, WRITER)
     try:
-        measurement = Measurement(**said["measurement"])
+        measurement = Measurement(**record["measurement"])
         fields: dict[str, Any] = {
-            name: tuple(one) if isinstance(one, list) else one for name, one in said.items() if name in PLAIN
+            name: tuple(one) if isinstance(one, list) else one for name, one in record.items() if name in PLAIN
         }
-        arrays: dict[str, Any] = {name: np.array(said[name], float) for name in ARRAYS}
-        starts = tuple(Start(**restore_tuples(one)) for one in said["starts"])
+        arrays: dict[str, Any] = {name: np.array(record[name], float) for name in ARRAYS}
+        starts = tuple(Start(**restore_tuples(one)) for one in record["starts"])
         problem = None
-        if "problem" in said:
+        if "problem" in record:
             problem = restore_problem(
-                said["problem"], measurement, fields, Path(path).parent if folder is None else Path(folder)
+                record["problem"], measurement, fields, Path(path).parent if folder is None else Path(folder)
             )
         return Fit(measurement=measurement, starts=starts, problem=problem, **fields, **arrays)
     except (KeyError, TypeError, ValueError) as error:
@@ -139,14 +139,16 @@ def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None
         raise SceneError(f"{os.fspath(path)}: no fit that vrte wrote ({type(error).__name__}: {error})") from error
 
 
-def restore_problem(said: Mapping[str, Any], measurement: Measurement, fields: Mapping[str, Any], folder: Path) -> Any:
+def restore_problem(
+    record: Mapping[str, Any], measurement: Measurement, fields: Mapping[str, Any], folder: Path
+) -> Any:
     """The problem of a saved fit."""
-    model = make_model(measurement, said["content"], fields["names"], folder=folder, jacobian=said["jacobian"])
-    model.options, model.nodes = dict(said["options"]), fields["nodes"]
-    if not np.array_equal(model.colours_um, said["colours_um"]):
-        asked = {"wavelengths_um": said["colours_um"], "folder": folder, "jacobian": said["jacobian"]}
-        model = make_model(measurement, said["content"], fields["names"], **asked)
-        model.options, model.nodes = dict(said["options"]), fields["nodes"]
-    parameters = tuple(Parameter(**one) for one in said["parameters"])
-    priors = np.array([[math.nan if one is None else one for one in pair] for pair in said["priors"]], float)
-    return Problem(model, parameters, priors.reshape(-1, 2), np.array(said["sigma"], float), said["loss"])
+    model = make_model(measurement, record["content"], fields["names"], folder=folder, jacobian=record["jacobian"])
+    model.options, model.nodes = dict(record["options"]), fields["nodes"]
+    if not np.array_equal(model.colours_um, record["colours_um"]):
+        asked = {"wavelengths_um": record["colours_um"], "folder": folder, "jacobian": record["jacobian"]}
+        model = make_model(measurement, record["content"], fields["names"], **asked)
+        model.options, model.nodes = dict(record["options"]), fields["nodes"]
+    parameters = tuple(Parameter(**one) for one in record["parameters"])
+    priors = np.array([[math.nan if one is None else one for one in pair] for pair in record["priors"]], float)
+    return Problem(model, parameters, priors.reshape(-1, 2), np.array(record["sigma"], float), record["loss"])

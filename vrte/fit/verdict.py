@@ -143,7 +143,11 @@ def find_correlations(covariance: Array) -> Array:
 
 
 def list_alike(names: Sequence[str], correlations: Array) -> list[tuple[str, str, float]]:
-    """Pairs of numbers that cannot be told apart, and their correlations."""
+    """Pairs of numbers that cannot be told apart, and their correlations.
+
+    >>> list_alike(["a", "b", "c"], np.array([[1.0, -0.995, 0.98], [-0.995, 1.0, 0.0], [0.98, 0.0, 1.0]]))
+    [('a', 'b', -0.995)]
+    """
     pairs = np.argwhere(np.triu(np.ones(correlations.shape), 1)).tolist()
     return [(names[i], names[j], float(correlations[i, j])) for i, j in pairs if abs(correlations[i, j]) > ALIKE]
 

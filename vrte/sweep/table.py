@@ -152,7 +152,7 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     said: dict[str, Any] = {
         "title": f"{TITLES[sweep.kind]} of particulate layers",
         "source": f"vrte {__version__}",
-        "comment": sweep.asked.conditions.told if sweep.kind == TABLE else CONVENTIONS,
+        "comment": sweep.asked.conditions.words if sweep.kind == TABLE else CONVENTIONS,
         "sweep": json.dumps(sweep.described(), default=str),
         "tables": json.dumps(sweep.tables()),
         "fingerprint": sweep.fingerprint(),
