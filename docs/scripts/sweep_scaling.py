@@ -1,4 +1,4 @@
-"""What a sweep takes of two cores, and what a table of a million scenes costs: `python -m bench.sweep_scaling`.
+"""What a sweep takes of two cores, and what a table of a million scenes costs: `python -m docs.scripts.sweep_scaling`.
 
 The same 200 scenes, in turns: by two independent processes with one thread and half of them each, by two threads, and
 by two Dask worker processes. A sweep's share is its scenes a second over those of the two processes. Prints the figures
