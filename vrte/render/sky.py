@@ -6,7 +6,6 @@ sun of irradiance 1 outside the atmosphere, at every wavelength: the spectrum of
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ DEPOLARIZATION = 0.0279  # of air; Young, Applied Optics 19, 3427 (1980)
 AZIMUTHS = 8  # molecules scatter into the orders 0, 1 and 2 alone: so many equal steps know them exactly
 ANGLES = 64  # from the zenith to the horizon, closer there, where the sky brightens within a few degrees
 STEEPEST = 1e-4  # cosine of what counts as the horizon
-SKY_ANGLES = 4096  # between which the sky is linear
 SKY_ACCURACY = 1e-5
 
 
@@ -47,27 +45,15 @@ class Sky:
         """The light at these wavelengths alone."""
         return replace(self, sun=self.sun[which], splines=self.splines[which], ground=self.ground[which])
 
-    @cached_property
-    def by_angle(self) -> tuple[Array, Array, Array]:
-        """Angles [rad] from the zenith between which the sky is linear, their numbers, and the Fourier orders of I, Q
-        and U there, (angle, wavelength, order, 3)."""
-        steps = make_horizon_angles(SKY_ANGLES, STEEPEST)
-        orders = np.moveaxis(self.splines[..., :3], 0, 1)
-        found = make_spline_matrix((self.theta,), (steps,)) @ orders.reshape(self.theta.size, -1)
-        return steps, np.arange(SKY_ANGLES, dtype=np.float64), found.reshape(SKY_ANGLES, *orders.shape[1:])
-
     def find(self, travel: Array) -> Array:
         """Stokes radiance (n, wavelength, 3) without V, which molecules do not make, of skylight along ``travel``
         (n, 3); in the frame of the vertical."""
-        steps, numbers, by_angle = self.by_angle
-        place = np.interp(np.arccos(np.clip(-travel[:, 2], STEEPEST, 1.0)), steps, numbers)
-        low = np.minimum(place.astype(np.intp), SKY_ANGLES - 2)
-        share = (place - low)[:, None, None, None]
-        orders = (1.0 - share) * by_angle[low] + share * by_angle[low + 1]
+        above = make_spline_matrix((self.theta,), (np.arccos(np.clip(-travel[:, 2], STEEPEST, 1.0)),))
+        orders = above @ np.moveaxis(self.splines[..., :3], 0, 1).reshape(self.theta.size, -1)
         azimuth = np.arctan2(travel[:, 1], travel[:, 0]) - np.arctan2(self.beam[1], self.beam[0])
         angles = azimuth[:, None] * np.arange(3)
         even, odd = np.cos(angles), np.sin(angles)
-        return np.einsum("nwms,nms->nws", orders, np.stack([even, even, odd], axis=-1))
+        return np.einsum("nwms,nms->nws", orders.reshape(-1, self.sun.size, 3, 3), np.stack([even, even, odd], axis=-1))
 
 
 def compute_optical_thickness(wavelength_um: Any) -> Array:

@@ -69,12 +69,12 @@ def compute_swatch(name: str, count: int = FEWEST, progress: Callable[[int, int]
     for place, wavelength in enumerate(wavelengths):
         layer = material(name, float(wavelength))
         host = layer.host_index or 1.0
-        pile: list[Any] = [layer] if host == 1.0 else [Interface(1.0, host), layer]
+        stack: list[Any] = [layer] if host == 1.0 else [Interface(1.0, host), layer]
         for row, base in enumerate((None, Lambertian(WHITE))):
             if row == 1 and np.isinf(layer.thickness):
                 found[1, place] = found[0, place]
                 continue
-            found[row, place] = brdf(Scene(pile, base), mu_i=[MU_I], mu_o=[1.0], nodes=NODES).reflectance[0]
+            found[row, place] = brdf(Scene(stack, base), mu_i=[MU_I], mu_o=[1.0], nodes=NODES).reflectance[0]
         if progress is not None:
             progress(place + 1, count)
     weighed = weigh_wavelengths(wavelengths)

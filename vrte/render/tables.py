@@ -133,7 +133,8 @@ class Lookup:
         theta, turn = tables[0].resolution.theta, tables[0].resolution.turn
         grid = make_horizon_angles(ANGLES, STEEPEST)
         fine = make_spline_matrix((theta,), (grid,)).toarray()
-        around = make_spline_matrix((turn,), (np.linspace(0.0, np.pi, AZIMUTHS),)).toarray()
+        half = np.linspace(0.0, np.pi, AZIMUTHS)
+        around = make_spline_matrix((turn,), (half,)).toarray()
         values = np.empty((ANGLES * ANGLES * AZIMUTHS, len(tables), 4, 3), dtype=np.float32)
         for place, table in enumerate(tables):
             splines = table.splines.reshape(*table.splines.shape[:3], 4, 4)[..., :3]
@@ -141,21 +142,9 @@ class Lookup:
             values[:, place] = found.reshape(-1, 4, 3)
 
         def find_rows(mu_i: Array, mu_o: Array, phi: Array) -> tuple[Any, Any]:
-            from scipy.sparse import csr_array
-
             mirrored = phi > np.pi
-            parts = [np.interp(np.arccos(mu), grid, np.arange(grid.size)) for mu in (mu_i, mu_o)]
-            parts.append(np.where(mirrored, 2.0 * np.pi - phi, phi) * ((AZIMUTHS - 1) / np.pi))
-            columns, shares = np.zeros((phi.size, 1), dtype=np.int32), np.ones((phi.size, 1), dtype=np.float32)
-            for part, count in zip(parts, (ANGLES, ANGLES, AZIMUTHS), strict=True):
-                low = np.clip(part.astype(np.int32), 0, count - 2)
-                share = (part - low).astype(np.float32)
-                both, weigh = np.stack([low, low + 1], axis=1), np.stack([1.0 - share, share], axis=1)
-                size = phi.size, 2 * columns.shape[1]
-                columns = (columns[:, :, None] * np.int32(count) + both[:, None, :]).reshape(size)
-                shares = (shares[:, :, None] * weigh[:, None, :]).reshape(size)
-            starts = np.arange(0, columns.size + 1, columns.shape[1], dtype=np.int32)
-            return csr_array((shares.ravel(), columns.ravel(), starts), shape=(phi.size, len(values))), mirrored
+            points = np.arccos(mu_i), np.arccos(mu_o), np.where(mirrored, 2.0 * np.pi - phi, phi)
+            return make_spline_matrix((grid, grid, half), points, degree=1).astype(np.float32), mirrored
 
         return cls(values, tables, find_rows)
 
