@@ -250,14 +250,16 @@ def test_the_same_on_the_same_nodes(fine: dict[str, object], name: str) -> None:
         compare(found.flux_down, right.flux_down, left)
     for side in ("top", "bottom") if ends and scene.base is None else ("top",):
         both = ({"nodes": 5, "accuracy": 1e-13, "truncation": "none"}, fine)
-        tables = [vrte.brdf(scene, MU, [0.3, 0.8], PHI, transmission=ends, illuminate=side, **how) for how in both]
+        tables = [
+            vrte.brdf(scene, MU, [0.3, 0.8, 0.05], PHI, transmission=ends, illuminate=side, **how) for how in both
+        ]
         for values in ("mueller", "transmission") if ends else ("mueller",):
             compare(getattr(tables[1], values), getattr(tables[0], values), left)
         for values in ("specular", "specular_transmission", "direct_transmittance"):
             np.testing.assert_array_equal(*(getattr(each, values) for each in tables))
     if side == "top" and "Mueller" not in name:  # Helmholtz: light sent back along its way
-        back = tables[1].mueller.transpose(1, 0, 2, 4, 3) * np.outer(Q, Q)
-        compare(back, tables[1].mueller, 20.0 * left)
+        there = tables[1].mueller[:, :2]
+        compare(there.transpose(1, 0, 2, 4, 3) * np.outer(Q, Q), there, 20.0 * left)
     if name == "spheres":  # far above what is compared
         assert np.abs(tables[0].mueller[..., 3, 0]).max() > 1e-5 * tables[0].mueller.max()
 

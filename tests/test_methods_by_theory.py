@@ -201,10 +201,12 @@ def by_orders(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
 def test_integrals_in_depth(z: float) -> None:
     """Against the closed form for S = s, its series for small z."""
     weights, x = weigh_downward(np.array(z), 4), np.append(find_gauss_depths(4), 1.0)
-    series = [(-z) ** k * x ** (k + 2) / np.prod(np.arange(1.0, k + 3)) for k in range(6)] if z < 1.0 else []
+    series = [(-z) ** k * x ** (k + 2) / np.prod(np.arange(1.0, k + 3)) for k in range(16)] if z < 1.0 else []
     right = np.sum(series, axis=0) if z < 1.0 else (x + np.expm1(-z * x) / z) / z
-    assert_close(weights @ find_gauss_depths(4), right, rtol=1e-6 if z == 0.3 else 1e-12, atol=0.0)
-    assert_close(weigh_upward(np.array(z), 4)[-1] @ (1.0 - find_gauss_depths(4)), right[-1], rtol=1e-6, atol=0.0)
+    assert_close(weights @ find_gauss_depths(4), right, rtol=1e-12, atol=0.0)
+    assert_close(weigh_upward(np.array(z), 4)[-1] @ (1.0 - find_gauss_depths(4)), right[-1], rtol=1e-12, atol=0.0)
+    of_eight = weigh_downward(np.array(z), 8)[-1] @ find_gauss_depths(8)
+    assert_close(of_eight, right[-1], rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12])
