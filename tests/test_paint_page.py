@@ -28,7 +28,7 @@ COAT = [
     {"interface": {"above": 1.0, "below": 1.5}},
     {"phase": {"henyey_greenstein": 0.5}, "albedo": 0.95, "thickness": 4.0},
 ]
-GREY: dict[str, Any] = {"title": "Grey <i>& more", "approximations": ["One phase function."], "layer": COAT}
+GREY: dict[str, Any] = {"title": "Grey <i>& more", "approximations": ["One <phase> function."], "layer": COAT}
 FILE = """
 title = "Red"
 wavelength_um = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
@@ -185,7 +185,7 @@ def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path)
     page = Page(text)
     assert page.open == []
     assert "Grey &lt;i&gt;&amp; more" in text
-    assert "One phase function." in text
+    assert "One &lt;phase&gt; function." in text
     images = [attributes for tag, attributes in page.tags if tag == "img"]
     assert len(images) == 7
     assert all(str(one["src"]).startswith("data:image/svg+xml;base64,") and one["alt"] for one in images)
