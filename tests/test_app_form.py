@@ -341,12 +341,12 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
     for place in (0, 2):
         surface = content["layer"][place]["interface"]
-        form.set_rough(surface, True)
+        form.set_rough(surface, "rough")
         assert form.is_rough(surface)
         surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
         assert problems(content) == {}
         assert tomllib.loads(write_content(content)) == content
-        form.set_rough(surface, False)
+        form.set_rough(surface, "smooth")
         assert surface.keys() == {"above", "below"}
     form.add_layer(content)
     assert content["layer"][3] == content["layer"][1]  # like the last that holds something
@@ -387,7 +387,7 @@ def test_a_first_surface_brings_its_binder() -> None:
 def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: str, words: str) -> None:
     content = fresh(nodes=0)
     form.add_interface(content)
-    form.set_rough(content["layer"][0]["interface"], True)
+    form.set_rough(content["layer"][0]["interface"], "rough")
     form.put(content, ("layer", 0, "interface", key), parse_field_text(text))
     found = problems(content)
     assert list(found) == ["nodes", f"layer[1].interface.{key}"]  # and the others all the same

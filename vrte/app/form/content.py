@@ -366,9 +366,9 @@ def is_rough(table: Content) -> bool:
     return table.get("roughness", 0) != 0
 
 
-def set_rough(table: Content, rough: bool) -> None:
-    """Facets, or a smooth surface, which has no distribution of slopes."""
-    if rough:
+def set_rough(table: Content, surface: str) -> None:
+    """One of SURFACES: facets, or a smooth surface, which has no distribution of slopes."""
+    if surface == "rough":
         table.setdefault("roughness", ROUGHNESS)
         return
     for key in FACETS:

@@ -21,13 +21,26 @@ class FormPanel(Controls):
     """The form of a scene."""
 
     def lay_out(self) -> None:
-        for part in ("light", "particles", "layers", "base", "directions", "inside", "accuracy"):
-            getattr(self, f"_{part}")()
-
-    def _light(self) -> None:
+        content = self.session.content
         with self.section("Light", "wb_sunny"):
             self.field("wavelength_um")
             self.key("host_index")
+        self._particles()
+        self._layers()
+        self._base()
+        with self.section("Directions of the BRDF", "explore", opened=False):
+            ui.label(LIST_HINT).classes("vrte-note")
+            degrees = form.is_in_degrees(content)
+            self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
+            for key in ("mu_i", "mu_o", "phi_deg"):
+                self.field("brdf", ANGLES.get(key, key) if degrees else key)
+        self._inside()
+        with self.section("Accuracy", "tune", opened=False):
+            with make_row():
+                self.field("accuracy")
+                self.field("nodes")
+            value, names = content.get("truncation", "auto"), {name: name for name in CHOICES}
+            self.choice(names, value, "truncation of forward peaks", partial(form.put, content, ("truncation",)))
 
     def _particles(self) -> None:
         known = self.session.content.get("particles", {})
@@ -92,7 +105,9 @@ class FormPanel(Controls):
             with make_row():
                 for key in ("above", "below"):
                     self.key("layer", place, "interface", key)
-            self._surface(layer["interface"], place)
+            rough, put = form.is_rough(layer["interface"]), partial(form.set_rough, layer["interface"])
+            self.choice(form.SURFACES, "rough" if rough else "smooth", "surface", put)
+            self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
         else:
             medium = form.get_medium(layer)
             names = {name: words for name, (words, _) in form.MEDIA.items()}
@@ -102,13 +117,6 @@ class FormPanel(Controls):
             if form.has_medium(content, place):
                 self.key("layer", place, "host_index")
         self.complaint("layer", place)
-
-    def _surface(self, table: form.Content, place: int) -> None:
-        """Whether the surface of an interface is smooth, and if not its facets."""
-        rough = form.is_rough(table)
-        names, now = form.SURFACES, "rough" if rough else "smooth"
-        self.choice(names, now, "surface", lambda chosen: form.set_rough(table, chosen == "rough"))
-        self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
         known = list(self.session.content.get("particles", {}))
@@ -149,34 +157,16 @@ class FormPanel(Controls):
             self.keys(("base", key) for key in (BASES[kind].keys if kind in BASES else ()))
             self.complaint("base")
 
-    def _directions(self) -> None:
-        content = self.session.content
-        with self.section("Directions of the BRDF", "explore", opened=False):
-            ui.label(LIST_HINT).classes("vrte-note")
-            degrees = form.is_in_degrees(content)
-            self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
-            for key in ("mu_i", "mu_o"):
-                self.field("brdf", ANGLES[key] if degrees else key)
-            self.field("brdf", "phi_deg")
-
     def _inside(self) -> None:
         content = self.session.content
-
-        def set_field(wanted: bool) -> None:
-            form.put(content, ("field",), copy.deepcopy(form.START["field"]) if wanted else None)
-
         with self.section("Inside the layers", "vertical_align_center", opened=False):
-            self.switch("the radiance field, too", "field" in content, set_field)
+            start = copy.deepcopy(form.START["field"])
+            self.switch(
+                "the radiance field, too",
+                "field" in content,
+                lambda wanted: form.put(content, ("field",), start if wanted else None),
+            )
             if "field" in content:
                 beam = ANGLES["mu0"] if ANGLES["mu0"] in content["field"] else "mu0"
                 for key in (beam, "tau", "phi_deg", "stokes", "mu"):
                     self.field("field", key)
-
-    def _accuracy(self) -> None:
-        content = self.session.content
-        with self.section("Accuracy", "tune", opened=False):
-            with make_row():
-                self.field("accuracy")
-                self.field("nodes")
-            value, names = content.get("truncation", "auto"), {name: name for name in CHOICES}
-            self.choice(names, value, "truncation of forward peaks", partial(form.put, content, ("truncation",)))

@@ -25,7 +25,7 @@ from vrte.app.solving.measuring import (
 )
 from vrte.app.solving.messages import Fit, Fitted, Refused
 from vrte.app.solving.tab_session import TabSession
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.toml_table import is_number, show_toml
 
 LOOK_EVERY = 0.1  # seconds between two looks whether something has come
@@ -45,11 +45,12 @@ class MeasurementPanel:
     def __init__(
         self,
         session: TabSession,
+        write: Callable[[Place, float], None],
         fill: Callable[[Content], None],
         plot: Callable[[], Any],
         draw: Callable[[Any], None],
     ) -> None:
-        self.session, self.fill, self.draw_figure = session, fill, draw
+        self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
         self.view = session.view
         self.view.setdefault("free", {})
         self.listed: list[FreeNumber] = []

@@ -234,7 +234,7 @@ class Page:
                 await self.adopt(data)
             elif is_measurement(data, suffix, wanted=self.session.view["tab"] == "measurement"):
                 self.results.tabs.set_value("measurement")
-                self.results.measurement.take(name, data)
+                self.results.live["measurement"].take(name, data)
             elif suffix in SUFFIXES:
                 self.session.start(Read(data, suffix))
             else:

@@ -75,6 +75,11 @@ LEGEND = {  # beside the figure it takes room that a phone has not
     "yanchor": "bottom",
     "font": {"size": 12},
 }
+SELECTS = {  # of each tab: what is chosen, in words, among what
+    "lobe": (("height", "distance from the centre", QUANTITIES), ("colour", "colour", QUANTITIES)),
+    "cuts": (("cut", "quantity", QUANTITIES),),
+    "inside": (("inside", "quantity", FIELD_QUANTITIES),),
+}
 LIVE = ("appearance", "measurement")  # tabs of the form's scene, whether it is solved or not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
@@ -99,9 +104,14 @@ class ResultPanel:
         self.view.update(VIEW | self.view)
         self.plots: dict[str, Any] = {}
         self.areas: dict[str, Any] = {}
+        self.texts: dict[str, Any] = {}  # below each figure
+        self.live: dict[str, Any] = {}  # panels of the tabs that show the form's scene
         self.captions: dict[str, tuple[Any, Any]] = {}  # of each figure: its title, and the line below it
         ui.label("Result").classes("vrte-hidden").props("role=heading aria-level=2")
-        self._tabs()
+        with ui.tabs(value=self.view["tab"], on_change=lambda event: self.set("tab", event.value)) as self.tabs:
+            for name, (title, symbol) in TABS.items():
+                ui.tab(name, title, icon=symbol)
+        self.tabs.props("dense no-caps inline-label align=left active-color=primary").classes("w-full vrte-tabs")
         with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto").props("tabindex=0"):
             self.stale = ui.label(CHANGED).classes("vrte-warning w-full mt-2").props("role=status")
             self.notes = add_message("vrte-warning w-full mt-2")
@@ -110,17 +120,10 @@ class ResultPanel:
             for name in TABS:
                 self.areas[name] = ui.column().classes("w-full grow gap-0 no-wrap")
                 with self.areas[name]:
-                    getattr(self, f"_{name}")()
+                    self._lay_out(name)
         self.refresh()
 
     # layout
-
-    def _tabs(self) -> None:
-        with ui.tabs(value=self.view["tab"], on_change=lambda event: self.set("tab", event.value)) as tabs:
-            for name, (title, symbol) in TABS.items():
-                ui.tab(name, title, icon=symbol)
-        tabs.props("dense no-caps inline-label align=left active-color=primary").classes("w-full vrte-tabs")
-        self.tabs = tabs
 
     def _controls(self) -> None:
         """What all tabs share: incidence, wavelength, incident light."""
@@ -147,48 +150,35 @@ class ResultPanel:
             )
         return around, text, bar
 
-    def _lobe(self) -> None:
-        with ui.row().classes("w-full gap-2 pt-2"):
-            self._quantity("height", "distance from the centre", QUANTITIES)
-            self._quantity("colour", "colour", QUANTITIES)
-        lobe = self._plot("lobe").props("tabindex=0")
-        lobe.on("keydown", js_handler=f"event => vrte.turn(event, {lobe.id})")
-        ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
-
-    def _cuts(self) -> None:
-        with ui.row().classes("w-full pt-2"):
-            self._quantity("cut", "quantity", QUANTITIES)
-        self._plot("cuts")
-
-    def _reflectance(self) -> None:
-        self._plot("reflectance")
-        self.shares = ui.column().classes("w-full gap-2 pb-4")
-
-    def _appearance(self) -> None:
-        figure = partial(self._plot, "appearance"), partial(self._draw, "appearance")
-        self.appearance = AppearancePanel(self.session, self.write, self.fill, *figure)
-
-    def _measurement(self) -> None:
-        figure = partial(self._plot, "measurement"), partial(self._draw, "measurement")
-        self.measurement = MeasurementPanel(self.session, self.fill, *figure)
-
-    def _inside(self) -> None:
-        with ui.row().classes("w-full items-center gap-3 pt-2"):
-            self._quantity("inside", "quantity", FIELD_QUANTITIES)
-            each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
-            each.on_value_change(lambda event: self.set("shares", bool(event.value)))
-        self._plot("inside")
-
-    def _scattering(self) -> None:
-        with ui.row().classes("w-full pt-2"):
-            self.layer = select([], None, "layer", partial(self.set, "layer"))
-        with ui.element("div").classes("vrte-pair"):
-            for name in ("scattering", "coefficients"):
-                with ui.column().classes("gap-0 no-wrap"):
-                    self._plot(name)
-
-    def _plan(self) -> None:
-        self.plan = ui.column().classes("w-full gap-2 py-3")
+    def _lay_out(self, tab: str) -> None:
+        """What a tab holds, empty."""
+        if tab in LIVE:
+            panel = AppearancePanel if tab == "appearance" else MeasurementPanel
+            figure = partial(self._plot, tab), partial(self._draw, tab)
+            self.live[tab] = panel(self.session, self.write, self.fill, *figure)
+            return
+        if tab in SELECTS:
+            with ui.row().classes("w-full items-center gap-2 pt-2"):
+                for key, label, names in SELECTS[tab]:
+                    select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
+                if tab == "inside":
+                    each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
+                    each.on_value_change(lambda event: self.set("shares", bool(event.value)))
+        if tab == "scattering":
+            with ui.row().classes("w-full pt-2"):
+                self.layer = select([], None, "layer", partial(self.set, "layer"))
+            with ui.element("div").classes("vrte-pair"):
+                for name in ("scattering", "coefficients"):
+                    with ui.column().classes("gap-0 no-wrap"):
+                        self._plot(name)
+        elif tab != "plan":
+            self._plot(tab)
+        if tab == "lobe":
+            lobe = self.plots["lobe"].props("tabindex=0")
+            lobe.on("keydown", js_handler=f"event => vrte.turn(event, {lobe.id})")
+            ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
+        if tab in ("reflectance", "plan"):
+            self.texts[tab] = ui.column().classes("w-full gap-2 pb-4" if tab == "reflectance" else "w-full gap-2 py-3")
 
     def _plot(self, name: str) -> Any:
         """An empty figure below its title: there it can be as long as it likes."""
@@ -196,9 +186,6 @@ class ResultPanel:
         self.captions[name] = title, ui.label().classes("vrte-under")
         self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=figure")
         return self.plots[name]
-
-    def _quantity(self, key: str, label: str, names: tuple[str, ...]) -> None:
-        select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
 
     # what is looked at
 
@@ -264,7 +251,7 @@ class ResultPanel:
         self._tell(outcome)
         try:
             if live:
-                getattr(self, tab).refresh()
+                self.live[tab].refresh()
             elif outcome is not None:
                 self._show(tab, outcome)
             text = "" if outcome or live else NOTHING
@@ -359,7 +346,7 @@ class ResultPanel:
         """After a change of the form."""
         self.mark_stale()
         if self.view["tab"] in LIVE:
-            getattr(self, self.view["tab"]).refresh()
+            self.live[self.view["tab"]].refresh()
 
     def has_figure(self) -> bool:
         """Whether the open tab shows one."""
@@ -368,9 +355,9 @@ class ResultPanel:
 
     def _write_shares(self, outcome: Outcome, found: Reflectances) -> None:
         """Swatches, and the numbers of the figure."""
-        self.shares.clear()
+        self.texts["reflectance"].clear()
         place = self.view["place"]
-        with self.shares:
+        with self.texts["reflectance"]:
             with ui.row().classes("gap-4"):
                 for name, colours in found.colours.items():
                     with ui.column().classes("gap-1"):
@@ -387,9 +374,9 @@ class ResultPanel:
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
-        self.plan.clear()
+        self.texts["plan"].clear()
         result = (outcome.brdfs or outcome.fields)[self.view["wavelength"]]
-        with self.plan:
+        with self.texts["plan"]:
             if outcome.plan is None:
                 ui.label(NO_PLAN)
             else:
