@@ -13,15 +13,15 @@ from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, parse_field
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.keys import Choice, FilePath, Flag, Key, Numbers, Substance
+from vrte.formats.keys import Choice, FilePath, Flag, Numbers, Substance
 from vrte.formats.media import TABLE
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import show_toml
 from vrte.optics.refractive_index import MATERIALS
 
 
-def add_heading(text: str) -> None:
-    ui.label(text).classes("vrte-heading").props("role=heading aria-level=3")
+def add_heading(text: str, level: int = 3) -> None:
+    ui.label(text).classes("vrte-heading").props(f"role=heading aria-level={level}")
 
 
 def add_table_row(tag: str, cells: list[str]) -> list[Any]:
@@ -202,7 +202,8 @@ class Controls:
         elif isinstance(key, Flag):
             usual = key.usual(form.get_value(content, place[:-1]))
             now = usual if value is None else value is True
-            self.switch(about.label, now, lambda ticked: put(find_flag(key, ticked, usual)))
+            told = key.needed or key.start is not None  # else a box as it usually is puts in nothing
+            self.switch(about.label, now, lambda ticked: put(ticked if told or ticked != usual else None))
             self.complaint(*place)
         else:
             self.field(*place)
@@ -316,11 +317,6 @@ class Controls:
     def enter(self, place: Place, field: Any) -> None:
         """A field, or what stands for one, where messages about it find it."""
         self.fields[place] = field, self.section_now
-
-
-def find_flag(key: Key, ticked: bool, usual: bool) -> bool | None:
-    """What a box puts in: nothing where it is as ``usual``, without."""
-    return ticked if ticked != usual or key.needed or key.start is not None else None
 
 
 def make_row(wrap: str = "no-wrap") -> Any:

@@ -1,7 +1,7 @@
 """Scenes and materials to begin with."""
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from nicegui import ui
 
 from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_content, begin_with_material, parse_content
+from vrte.app.page.controls import add_heading
 from vrte.formats.materials import ReadyMaterial, list_materials
 from vrte.formats.paints import ReadyPaint, list_paints
 
@@ -30,7 +31,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
         fill(*fill_with_material(material))
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
-        make_heading("Scenes to begin with")
+        add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(FOLDER.glob("*.toml")):
                 title = parse_content(path.read_bytes())["render"]["title"]
@@ -40,10 +41,12 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
                     drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
                     picture.props["src"] = f"data:image/png;base64,{drawn}"
                     ui.label(title)
-        make_heading("Paints to begin with")
-        make_buttons([*list_paints().values()], choose_material)
-        make_heading("Materials to begin with")
-        make_buttons([*list_materials().values()], choose_material)
+        for title, known in (("Paints", list_paints()), ("Materials", list_materials())):
+            add_heading(f"{title} to begin with", 2)
+            with ui.row().classes("justify-center gap-1"):
+                for one in known.values():
+                    button = ui.button(one.title, on_click=partial(choose_material, one))
+                    button.props("flat no-caps dense").classes("px-2").tooltip(one.description)
     dialog.on("hide", dialog.delete)
     dialog.open()
 
@@ -59,16 +62,3 @@ def list_paint_starts() -> dict[str, Callable[[], tuple[Content, tuple[str, ...]
     films = [one for one in list_materials().values() if "thickness_um" in one.layer]
     known: list[Ready] = [*list_paints().values(), *films]
     return {one.title: partial(fill_with_material, one) for one in known}
-
-
-def make_buttons(known: Sequence[Ready], choose: Callable[[Ready], None]) -> None:
-    """A button each, which tells what it is."""
-    with ui.row().classes("justify-center gap-1"):
-        for one in known:
-            button = ui.button(one.title, on_click=partial(choose, one))
-            button.props("flat no-caps dense").classes("px-2").tooltip(one.description)
-
-
-def make_heading(text: str) -> None:
-    """What stands above a part of the gallery."""
-    ui.label(text).classes("vrte-heading").props("role=heading aria-level=2")

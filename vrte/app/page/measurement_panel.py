@@ -136,6 +136,11 @@ class MeasurementPanel:
 
     # what somebody does
 
+    async def take_upload(self, event: Any) -> None:
+        """A file that somebody has chosen."""
+        self.upload.reset()
+        self.take(str(event.file.name), await event.file.read())
+
     def take(self, name: str, data: bytes) -> None:
         """A measurement: it is read aside, and shown beside the scene."""
         suffix = Path(name).suffix.lower()
@@ -147,11 +152,6 @@ class MeasurementPanel:
             self.view["kept"] = self.view.pop("kept", self.view.get("measurement"))  # until this one is read
             self.view |= {"measurement": (name[:100], data, suffix), "refused": ""}
             self.refresh()
-
-    async def take_upload(self, event: Any) -> None:
-        """A file that somebody has chosen."""
-        self.upload.reset()
-        self.take(str(event.file.name), await event.file.read())
 
     def refuse(self, why: str) -> None:
         """What is wrong with a file; the measurement stays as it was."""

@@ -66,18 +66,13 @@ class Page:
                 self.results = ResultPanel(session, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
-        self._show_start()
-        self.follow()
-        ui.timer(0.2, self.follow)
-
-    def _show_start(self) -> None:
-        """A first page shows something to turn."""
-        session = self.session
-        if session.outcome is None and session.job is None and session.content == START:
+        if session.outcome is None and session.job is None and session.content == START:  # something to turn
             if Page.start_outcome is None:
                 session.start()
             else:
                 self.take(Page.start_outcome)
+        self.follow()
+        ui.timer(0.2, self.follow)
 
     # layout
 
