@@ -3,6 +3,8 @@
 import ast
 import inspect
 import re
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
 CLASSES = {
-    **vars(vrte),
+    **{name: getattr(vrte, name) for name in vrte.__all__},
     **vars(import_module("vrte.optics.phase_matrix")),
     **vars(import_module("vrte.results.result")),
     **vars(import_module("vrte.appearance.hiding")),
@@ -80,3 +82,31 @@ def test_nobody_asks_for_the_class_of_a_boundary() -> None:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
                 assert not bases & {each.id for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}, path
+
+
+@pytest.mark.parametrize("work", ["import vrte", "from vrte.cli import main; main(['--help'])"])
+def test_few_modules_load_at_first(work: str) -> None:
+    """120 modules of vrte at most, and 0.25 s of processor time beside NumPy and SciPy; no heavy library."""
+    lines = [
+        "import argparse, importlib.metadata, sys, time, numpy, scipy.linalg",
+        "begin = time.process_time()",
+        f"try:\n    {work}\nexcept SystemExit: pass",
+        "seconds = time.process_time() - begin",
+        "modules = [name for name in sys.modules if name.split('.')[0] == 'vrte']",
+        "heavy = {'xarray', 'matplotlib', 'rich', 'scipy.optimize', 'scipy.interpolate'} & {*sys.modules}",
+        "print(); print(len(modules), seconds, len(heavy))",
+    ]
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=True)
+    modules, seconds, heavy = done.stdout.splitlines()[-1].split()
+    assert int(modules) <= 120
+    assert float(seconds) <= 0.25
+    assert int(heavy) == 0
+
+
+def test_all_public_names_are_listed_and_only_they() -> None:
+    assert {*vrte.__all__} <= {*dir(vrte)}
+    assert list(vrte.__all__) == sorted(vrte.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'brdff'"):
+        _ = vrte.brdff  # type: ignore[attr-defined]
+    import_module("vrte.fit")  # a folder of the same name does not take the place of the call
+    assert inspect.isfunction(vrte.fit)

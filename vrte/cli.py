@@ -21,7 +21,6 @@ from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.running import is_left_working
 from vrte.basics.starting import IS_COMMAND, WORDS, end
-from vrte.calls.versions import describe_versions
 from vrte.commands.common import Parser
 from vrte.commands.pages import find_page
 from vrte.commands.parser import explain_study, make_parser
@@ -61,10 +60,13 @@ def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -
                 if hasattr(stream, "reconfigure"):
                     stream.reconfigure(errors="vrte")
             if parser is None:
-                parser = make_parser()
-                explain_study(parser, sys.argv[1:] if arguments is None else arguments)
+                typed = sys.argv[1:] if arguments is None else arguments
+                parser = make_parser(typed)
+                explain_study(parser, typed)
             options = parser.parse_args(arguments)
             if options.version:
+                from vrte.calls.versions import describe_versions
+
                 print(describe_versions() if options.verbose else f"vrte {__version__}", flush=True)
                 return 0
             if options.verbose or options.run is None:

@@ -9,19 +9,18 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from vrte.basics.cost import say_time
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.commands.pages import OF_COMMANDS, locate_page
+from vrte.commands.pages import locate_page
 from vrte.commands.starters import KINDS
-from vrte.formats.scene_file import SceneFile
-from vrte.formats.zarr_folder import METADATA
-from vrte.request.how import OPTIONS
-from vrte.results.field import Field
-from vrte.results.spectrum import Spectrum, check_ascending
+
+if TYPE_CHECKING:
+    from vrte.formats.scene_file import SceneFile
+    from vrte.results.spectrum import Spectrum
 
 Tick = Callable[[int, int], None]
 METAVARS = {int: "N", float: "X"}
@@ -50,18 +49,10 @@ class Parser(argparse.ArgumentParser):
         return f" ({', '.join(told)})" if told and self.page else ""
 
 
-def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str, *examples: tuple[str, str]
-) -> Any:
-    """The parser of a command; ``told`` says in one line what comes of it."""
-    command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
-    command.examples, command.page = examples, OF_COMMANDS[name]
-    command.set_defaults(run=run)
-    return command
-
-
 def add_options(command: argparse.ArgumentParser, *names: str) -> None:
     """Options of a call by name, with the words that vrte/request/how.py has for them."""
+    from vrte.request.how import OPTIONS
+
     for name in names:
         option, flag = OPTIONS[name], f"--{name.replace('_', '-')}"
         if option.of is bool:
@@ -78,6 +69,8 @@ def make_option_reader(name: str) -> Callable[[str], Any]:
     >>> make_option_reader("nodes")("8"), make_option_reader("time_limit_s")("inf")
     (8, inf)
     """
+    from vrte.request.how import OPTIONS
+
     option = OPTIONS[name]
 
     def read(text: str) -> Any:
@@ -102,6 +95,8 @@ def make_whole_number_reader(low: int, high: int) -> Callable[[str], int]:
 
 def read_wavelengths(text: str) -> list[float]:
     """What reads ascending wavelengths, with commas between them."""
+    from vrte.results.spectrum import check_ascending
+
     try:
         found: list[float] = check_ascending([float(item) for item in text.split(",")]).tolist()
     except ValueError:  # a SceneError is one
@@ -119,6 +114,8 @@ def make_folder(folder: Path) -> Path:
 
 def check_output(path: Path, *suffixes: str) -> None:
     """Whether a file can be written there, of any suffix or of these, before the work is done. Raises SceneError."""
+    from vrte.formats.zarr_folder import METADATA
+
     if suffixes and path.suffix.lower() not in suffixes:
         raise SceneError(f"the output {path} must end in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
@@ -165,6 +162,8 @@ def label_errors(path: Path) -> Iterator[None]:
 
 def tell_derivatives(result: Any, made: dict[str, Any]) -> None:
     """The largest of each derivative of f00 or of I, of which radiance, and how it was found; one line each."""
+    from vrte.results.field import Field
+
     for name, values in (result.jacobian or {}).items():
         is_field = isinstance(result, Field)
         of = np.abs(result.stokes if is_field else result.mueller[..., 0])[..., 0].max(initial=0.0)
@@ -190,9 +189,9 @@ class Found:
     """The scene at each wavelength, the result of them all, and two spectra where a table for Mitsuba is asked for: the
     table's and those that check it, and the indices above and below the surface that is taken off for it."""
 
-    files: list[SceneFile]
+    files: "list[SceneFile]"
     result: Any
-    table: tuple[Spectrum, Spectrum] | None = None
+    table: "tuple[Spectrum, Spectrum] | None" = None
     surface: tuple[float, float] | None = None
 
 

@@ -6,23 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import import_extra
-from vrte.commands.common import add_command
+from vrte.commands.common import Parser
 from vrte.formats.materials import list_materials
 from vrte.optics.refractive_index import MATERIALS
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte completion`, which prints a script for a shell, to the commands."""
-    command = add_command(
-        commands,
-        "completion",
-        run,
-        "a script by which a shell completes what is typed after vrte, to be kept in a file",
-        ("vrte completion bash > ~/.local/share/bash-completion/completions/vrte", "for bash, from the next shell on"),
-        ("vrte completion fish > ~/.config/fish/completions/vrte.fish", "for fish, in its own folder"),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte completion`."""
     command.add_argument("shell", choices=SHELLS, help="which shell it is for")
 
 

@@ -2,26 +2,15 @@
 
 import argparse
 import sys
-from typing import Any
 
 from vrte.basics.errors import DeviceError
-from vrte.commands.common import add_command, show_progress
+from vrte.commands.common import Parser, show_progress
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte devices`, which lists OpenCL devices, to the commands."""
-    told = "a list of OpenCL platforms and devices, and which one is taken"
-    devices = add_command(
-        commands,
-        "devices",
-        run,
-        told,
-        ("vrte devices", "what there is, and which one is taken"),
-        ("vrte devices --measure", "and how many products each computes in a second"),
-        ("vrte devices --verify", "whether it computes what the processor does"),
-    )
-    devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
-    devices.add_argument(
+def add(command: Parser) -> None:
+    """The arguments of `vrte devices`."""
+    command.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    command.add_argument(
         "--verify",
         metavar="INDEX",
         nargs="?",

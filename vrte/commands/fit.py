@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from vrte import __version__
 from vrte.basics.errors import SceneError
 from vrte.commands.common import (
-    add_command,
+    Parser,
     add_options,
     check_extra,
     check_output,
@@ -26,20 +25,8 @@ from vrte.pictures.figures import save_figure
 OUTPUTS = (".html", ".json", ".toml", *PICTURES)
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte fit`, which finds the numbers of a scene that fit a measurement, to the commands."""
-    told = "the numbers of a scene that fit a measurement best, with error bars"
-    command = add_command(
-        commands,
-        "fit",
-        run,
-        told,
-        ("vrte fit examples/fit_film.toml -o film.html", "thickness and albedo of a film, as a page with pictures"),
-        (
-            "vrte fit examples/fit_film.toml --resume film.state -o film.toml",
-            "the fitted scene as a file; after Ctrl-C the same goes on from there",
-        ),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte fit`."""
     command.add_argument("file", metavar="FILE.toml", type=Path, help="a scene file with a table [fit]")
     told = "any number of times: .html a page, .toml the fitted scene, .json all of it, .png (.svg, .pdf) a picture"
     command.add_argument("-o", "--output", metavar="OUT", type=Path, action="append", default=[], help=told)

@@ -4,24 +4,15 @@ import argparse
 import importlib.util
 import shlex
 from pathlib import Path
-from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import add_command, check_output, say_written
+from vrte.commands.common import Parser, check_output, say_written
 from vrte.commands.starters import FOLDER, KINDS
 from vrte.formats.atomic import write_atomically
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte init`, which writes scene files to begin with, to the commands."""
-    command = add_command(
-        commands,
-        "init",
-        run,
-        "a commented scene file to begin with; without a kind, a list of them",
-        ("vrte init", "lists the kinds"),
-        ("vrte init paint -o white.toml", "writes a white paint into white.toml, and says what to type next"),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte init`."""
     command.add_argument("kind", nargs="?", choices=tuple(KINDS), help="what the scene is of")
     command.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="default: KIND.toml, here")
     command.add_argument("--force", action="store_true", help="writes over a file that is there")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import add_command, check_extra, check_output, read_wavelengths, say_written, show_progress
+from vrte.commands.common import Parser, check_extra, check_output, read_wavelengths, say_written, show_progress
 from vrte.formats.atomic import write_atomically, write_sealed_text
 from vrte.formats.index_table import read_index
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
@@ -31,37 +31,25 @@ CROSS_SECTIONS = "cross sections [µm²]"
 Columns = dict[str, list[float]]
 
 
-def add(commands: Any) -> None:
-    """`vrte material [NAME]`."""
-    told = "the index of a substance and how its spheres scatter, or how a ready material does; without a name, a list"
-    material = add_command(
-        commands,
-        "material",
-        run,
-        told,
-        ("vrte material gold --wavelength-um 0.64", "n and k of gold, and where they come from"),
-        (
-            "vrte material rutile --range-um 0.45:0.7:6 --radius-um 0.11 --host-index 1.5 -o rutile.csv",
-            "n, k and how spheres of rutile in a resin scatter, as a table",
-        ),
-    )
-    material.add_argument(
+def add(command: Parser) -> None:
+    """The arguments of `vrte material`."""
+    command.add_argument(
         "name",
         nargs="?",
         help='a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k); '
         "or a ready material (`vrte materials`), or a .toml of your own",
     )
-    where = material.add_mutually_exclusive_group()
+    where = command.add_mutually_exclusive_group()
     where.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
     where.add_argument("--wavelengths-um", metavar="UM,UM,...", type=read_wavelengths, help="ascending: a table")
     where.add_argument(
         "--range-um", metavar="LOW:HIGH:COUNT", type=read_range, help="so many, evenly from LOW to HIGH: a table"
     )
-    material.add_argument("--radius-um", type=float, metavar="UM", help="of spheres: albedo, g, cross sections too")
-    material.add_argument("--host-index", type=float, metavar="N", help="around the spheres; default: 1")
-    material.add_argument("-o", "--output", type=Path, metavar="OUT.csv", help="the table, every digit")
-    material.add_argument("--plot", type=Path, metavar="OUT.png", help="a picture; .svg and .pdf too")
-    material.add_argument(
+    command.add_argument("--radius-um", type=float, metavar="UM", help="of spheres: albedo, g, cross sections too")
+    command.add_argument("--host-index", type=float, metavar="N", help="around the spheres; default: 1")
+    command.add_argument("-o", "--output", type=Path, metavar="OUT.csv", help="the table, every digit")
+    command.add_argument("--plot", type=Path, metavar="OUT.png", help="a picture; .svg and .pdf too")
+    command.add_argument(
         "--scene", type=Path, metavar="OUT.toml", help="of a ready material: a scene file to begin with"
     )
 

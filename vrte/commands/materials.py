@@ -2,10 +2,9 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from vrte.commands.common import (
-    add_command,
+    Parser,
     check_extra,
     check_output,
     make_whole_number_reader,
@@ -17,17 +16,8 @@ from vrte.pictures.figures import SUFFIXES, save_figure
 from vrte.render.colour import FEWEST, MOST
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte materials`, which lists paints, powders and snow, to the commands."""
-    told = "the ready materials, paints, powders and snow, that scene files name"
-    command = add_command(
-        commands,
-        "materials",
-        run,
-        told,
-        ("vrte materials", "lists them, one line each"),
-        ("vrte materials -o cards.png", "and draws the colour of each: a minute"),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte materials`."""
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, help="a card of each; .svg and .pdf too")
     command.add_argument(
         "--wavelengths",

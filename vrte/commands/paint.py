@@ -2,10 +2,9 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from vrte.commands.common import (
-    add_command,
+    Parser,
     add_options,
     check_extra,
     check_output,
@@ -16,20 +15,8 @@ from vrte.commands.common import (
 )
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte paint`, which makes the page of a paint, to the commands."""
-    told = "colour, hiding, gloss, Kubelka-Munk and more of a paint on one page"
-    command = add_command(
-        commands,
-        "paint",
-        run,
-        told,
-        ("vrte paint paint.toml", "its page, paint.html"),
-        (
-            "vrte paint paint.toml -o white.html --csv white.csv --illuminant A",
-            "for lamp light, and all numbers as a table",
-        ),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte paint`."""
     command.add_argument("scene", metavar="PAINT.toml", type=Path, help="with a table [paint], or any other scene")
     command.add_argument("-o", "--output", metavar="OUT.html", type=Path, help="the page; default: PAINT.html, here")
     command.add_argument("--png", metavar="OUT.png", type=Path, help="its pictures on one sheet")

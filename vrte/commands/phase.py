@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import add_command, check_extra, check_output, say_written
+from vrte.commands.common import Parser, check_extra, check_output, say_written
 from vrte.formats.coefficient_table import write_coefficients
 from vrte.formats.scattering import CSV, read_scattering
 from vrte.formats.scattering_table import read_angle_table
@@ -28,39 +28,31 @@ OPTIONS = (
 )
 
 
-def add(commands: Any) -> None:
-    """`vrte phase [FILE]`."""
-    told = "a table of scattering matrices over angle as a phase matrix; without a file, conventions of other codes"
-    phase = add_command(
-        commands,
-        "phase",
-        run,
-        told,
-        ("vrte phase", "lists the conventions of other codes"),
-        (
-            "vrte phase examples/rayleigh.csv -o rayleigh.csv",
-            "the coefficients of a table over angle, as scene files take them",
-        ),
+def add(command: Parser) -> None:
+    """The arguments of `vrte phase`."""
+    command.add_argument("file", nargs="?", type=Path, help="a .csv with named columns, or NetCDF (.nc, .cdf)")
+    command.add_argument(
+        "--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: the file's"
     )
-    phase.add_argument("file", nargs="?", type=Path, help="a .csv with named columns, or NetCDF (.nc, .cdf)")
-    phase.add_argument("--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: the file's")
-    phase.add_argument("--normalise", action="store_true", default=None, help="divide by the integral, whatever it is")
-    phase.add_argument("--spheres", action="store_true", default=None, help="F22 = F11 and F44 = F33, left out")
-    phase.add_argument("--ends", choices=(EXTRAPOLATE,), help="where the angles do not reach 0 and 180 degrees")
-    phase.add_argument("--accuracy", type=float, metavar="X", help="error of the expansion over F11")
-    phase.add_argument("--tolerance", type=float, metavar="X", help="how far below zero eigenvalues may be")
-    phase.add_argument("--wavelength-um", type=float, metavar="UM", help="of a NetCDF file with several")
-    phase.add_argument("--effective-radius-um", type=float, metavar="UM", help="of a NetCDF file with several")
-    phase.add_argument("--humidity-percent", type=float, metavar="X", help="of a NetCDF file with several")
-    phase.add_argument(
+    command.add_argument(
+        "--normalise", action="store_true", default=None, help="divide by the integral, whatever it is"
+    )
+    command.add_argument("--spheres", action="store_true", default=None, help="F22 = F11 and F44 = F33, left out")
+    command.add_argument("--ends", choices=(EXTRAPOLATE,), help="where the angles do not reach 0 and 180 degrees")
+    command.add_argument("--accuracy", type=float, metavar="X", help="error of the expansion over F11")
+    command.add_argument("--tolerance", type=float, metavar="X", help="how far below zero eigenvalues may be")
+    command.add_argument("--wavelength-um", type=float, metavar="UM", help="of a NetCDF file with several")
+    command.add_argument("--effective-radius-um", type=float, metavar="UM", help="of a NetCDF file with several")
+    command.add_argument("--humidity-percent", type=float, metavar="X", help="of a NetCDF file with several")
+    command.add_argument(
         "--recognise",
         action="store_true",
         help="which convention the file is in: a code's numbers for the sphere below",
     )
-    phase.add_argument(
+    command.add_argument(
         "-o", "--output", type=Path, metavar="OUT.csv", help="the coefficients, as scene files take them"
     )
-    phase.add_argument("--plot", type=Path, metavar="OUT.png", help="the expansion over the table; .svg and .pdf too")
+    command.add_argument("--plot", type=Path, metavar="OUT.png", help="the expansion over the table; .svg and .pdf too")
 
 
 def run(options: argparse.Namespace) -> None:

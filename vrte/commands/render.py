@@ -7,7 +7,7 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.commands.common import (
-    add_command,
+    Parser,
     check_extra,
     check_output,
     join_progress,
@@ -20,20 +20,8 @@ from vrte.render.setting import LARGEST_SIZE, OBJECTS, SMALLEST_SIZE, SPHERE, ch
 from vrte.render.shapes import SUFFIXES
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte render`, which draws spheres with the BRDFs of scenes, to the commands."""
-    told = "pictures of spheres and other objects with the BRDFs of scenes, under a polarized sky"
-    command = add_command(
-        commands,
-        "render",
-        run,
-        told,
-        ("vrte render paint.toml -o paint.png", "a sphere of the paint, its colour and its polarization"),
-        (
-            "vrte render paint.toml powder.toml --object vase --sheet -o both.png",
-            "vases, and the lobes of both materials",
-        ),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte render`."""
     command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a picture each")
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True, help="the picture")
     command.add_argument(

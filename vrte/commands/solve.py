@@ -16,9 +16,9 @@ from vrte.calls.radiance import radiance
 from vrte.commands import spectrum
 from vrte.commands.common import (
     Found,
+    Parser,
     Seconds,
     Tick,
-    add_command,
     add_options,
     check_extra,
     check_output,
@@ -50,35 +50,9 @@ EXTRAS = {  # by suffix
 }
 
 
-def add(commands: Any) -> None:
-    """`vrte brdf` and `vrte field`."""
-    of_brdf = add_one(
-        commands,
-        "brdf",
-        "the Mueller BRDF of a scene, at one wavelength or several",
-        ("vrte brdf powder.toml --plot powder.png", "its lobes as a picture"),
-        (
-            "vrte brdf paint.toml --wavelengths-um 0.45,0.55,0.65 -o paint.csv",
-            "three wavelengths, a row a direction",
-        ),
-    )
-    spectrum.add_options(of_brdf)
-    of_field = add_one(
-        commands,
-        "field",
-        "the Stokes field inside and above a scene",
-        ("vrte field cloud.toml --plot cloud.png", "light above and below a cloud, as a picture"),
-        (
-            "vrte field cloud.toml --nodes 24 --verify -o cloud.csv",
-            "finer, checked by another algorithm, as a table",
-        ),
-    )
-    told = "of an interface, for depths tau at one; default: above, so that 0 is outside"
-    of_field.add_argument("--side", choices=SIDES, help=told)
-
-
-def add_one(commands: Any, kind: str, told: str, *examples: tuple[str, str]) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = add_command(commands, kind, run, told, *examples)
+def add(command: Parser) -> None:
+    """The arguments of `vrte brdf` and of `vrte field`."""
+    kind = command.prog.split()[-1]
     command.epilog = "What is said here wins over the scene file."
     command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
     command.add_argument("scene", metavar="SCENE.toml", type=Path, help="what light meets, and what is asked")
@@ -91,7 +65,11 @@ def add_one(commands: Any, kind: str, told: str, *examples: tuple[str, str]) -> 
     command.add_argument("--derivative", metavar="NAME", dest="derivatives", action="append", default=[], help=told)
     told = "a setting of the method, any number of times"
     command.add_argument("--set", metavar="NAME=VALUE", type=read_setting, action="append", default=[], help=told)
-    return command
+    if kind == "brdf":
+        spectrum.add_options(command)
+    else:
+        told = "of an interface, for depths tau at one; default: above, so that 0 is outside"
+        command.add_argument("--side", choices=SIDES, help=told)
 
 
 def read_setting(text: str) -> tuple[str, Any]:

@@ -3,15 +3,15 @@
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
 from vrte.commands.common import (
+    Parser,
     Tick,
-    add_command,
     add_options,
     check_extra,
     check_output,
@@ -35,20 +35,8 @@ if TYPE_CHECKING:
 MOST_NAMED = 3  # failures that --strict names
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte sweep`, which solves many scenes into one table, to the commands."""
-    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table"
-    command = add_command(
-        commands,
-        "sweep",
-        run,
-        told,
-        (
-            "vrte sweep examples/gold_table.toml -o gold.zarr",
-            "588 gold powders, by radius and wavelength, into a folder",
-        ),
-        ("vrte sweep examples/gold_table.toml -o gold.nc --workers 2", "the same as one file, on two cores"),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte sweep`."""
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(
         "-o", "--output", metavar="TABLE.zarr", type=Path, required=True, help=".zarr for large tables, or .nc"

@@ -7,7 +7,7 @@ from signal import SIGTERM
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import add_command, check_extra, make_whole_number_reader
+from vrte.commands.common import Parser, check_extra, make_whole_number_reader
 
 PORT = 8765
 OPEN = "--open-to-network"
@@ -17,16 +17,8 @@ MEANING = (
 )
 
 
-def add(commands: Any) -> None:
-    """Adds `vrte view`, which serves a local web page, to the commands."""
-    command = add_command(
-        commands,
-        "view",
-        run,
-        "a local web page: describe a scene as a form, solve it, turn its BRDF around",
-        ("vrte view powder.toml", "the page, with this scene in it"),
-        ("vrte view --no-browser --port 9000", "prints the address and opens nothing"),
-    )
+def add(command: Parser) -> None:
+    """The arguments of `vrte view`."""
     command.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a scene (.toml) or a result (.nc, .csv)")
     command.add_argument("--host", default="127.0.0.1", help="where to listen; default: 127.0.0.1, this machine alone")
     command.add_argument(
