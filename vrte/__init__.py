@@ -29,12 +29,17 @@ except ModuleNotFoundError as error:
 from vrte.basics.arguments import open_front_door as _open_front_door
 
 _INNER = ("quadrature", "compute_elements", "compute_f", "compute_phase_function", "weigh")  # called while solving
+_lines = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text("utf-8")).body
 _MODULES: dict[str, tuple[str, str]] = {  # of each public name: the module and the name there
-    str(alias.asname): (str(line.module), alias.name)
-    for line in _ast.parse(_Path(__file__).with_suffix(".pyi").read_text("utf-8")).body
+    alias.asname or alias.name: (str(line.module), alias.name)
+    for line in _lines
     if isinstance(line, _ast.ImportFrom)
     for alias in line.names
 }
+for _line in _lines:
+    match _line:
+        case _ast.Assign([_ast.Name(_new)], _ast.Name(_old)):  # a public name that differs from that in its module
+            _MODULES[_new] = _MODULES.pop(_old)
 __all__ = sorted(_MODULES)
 _opened: set[str] = set()  # public names whose arguments are checked
 

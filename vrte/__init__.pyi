@@ -36,6 +36,7 @@ from vrte.fit import read_measurement as read_measurement
 from vrte.formats import load as load
 from vrte.formats.base_file import read_base as read_base
 from vrte.formats.index_table import read_index as read_index
+from vrte.formats.materials import list_materials
 from vrte.formats.scattering import read_scattering as read_scattering
 from vrte.formats.scene_family import SceneFamily as SceneFamily
 from vrte.formats.size_table import read_sizes as read_sizes
@@ -84,4 +85,5 @@ from vrte.scene.variation import Variation as Variation
 from vrte.sweep import interpolate as interpolate
 from vrte.sweep import sweep as sweep
 
+materials = list_materials
 __version__: str
