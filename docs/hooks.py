@@ -16,9 +16,8 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT))  # of bench
 
-from bench.methods.page import make_html  # noqa: E402
-from bench.methods.rows import Row  # noqa: E402
-
+from bench.methods import Row  # noqa: E402
+from bench.methods_page import make_html  # noqa: E402
 from bench.study import Records  # noqa: E402
 
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
