@@ -1,1 +1,1 @@
-"""The commands of `vrte`, one a file: ``add`` makes its part of the parser, and sets what runs."""
+"""The commands of `vrte`, listed in parser.py; the module of each has ``add``, its arguments, and ``run``."""
