@@ -262,7 +262,7 @@ def test_particles_of_many_terms_say_so(monkeypatch: pytest.MonkeyPatch) -> None
 def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[float] = []
     monkeypatch.setattr(cost, "LOOKING", 0.02)
-    monkeypatch.setattr(cost, "foretell", lambda seconds, *others: told.append(seconds))
+    monkeypatch.setattr(cost, "warn_runtime", lambda seconds, *others: told.append(seconds))
     request = make_request("brdf", vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), mu_i=0.5, mu_o=0.5, nodes=4)
 
     def asked_at(place: int) -> tuple[Request, float]:
