@@ -112,11 +112,7 @@ KINDS = {
 
 @functools.cache
 def find_kind(declared: Any) -> Kind:
-    """The kind of values that a declared type takes.
-
-    >>> find_kind(float | None).words, find_kind(list[int]).takes([1, "x"])
-    ('a number or None', False)
-    """
+    """The kind of values that a declared type takes."""
     origin, parts = get_origin(declared), get_args(declared)
     if declared in KINDS:
         return KINDS[declared]
@@ -240,11 +236,7 @@ def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
 
 
 def show_given(name: str, value: Any) -> str:
-    """What was given in place of an argument, and what makes the right thing of it, where that is known.
-
-    >>> show_given("base", 0.3)
-    '0.3; a base of that albedo is vrte.Lambertian(0.3)'
-    """
+    """What was given in place of an argument, and what makes the right thing of it, where that is known."""
     shown = show_value(value) if type(value) in SHOWN else f"an object of type {type(value).__name__}"
     if isinstance(value, type | FunctionType):
         shown = f"{value.__name__} itself, which has to be called: {value.__name__}(...)"

@@ -41,48 +41,13 @@ class SceneError(ValueError):
 
     @classmethod
     def of(cls, name: str, words: str) -> "SceneError":
-        """The error of one argument.
-
-        Parameters
-        ----------
-        name : str
-            The argument; before a colon it may say whose it is, "layer: albedo".
-        words : str
-            What is wrong with it, to go on the sentence.
-
-        Returns
-        -------
-        SceneError
-            Its place is the argument.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.SceneError.of("layer: albedo", "must be between 0 and 1, not 2").place
-        ('albedo',)
-        """
+        """The error of one argument: ``name`` may say before a colon whose it is, "layer: albedo", and the words go on
+        the sentence."""
         return cls(f"{name} {words}", name.rpartition(": ")[2])
 
     def behind(self, words: object) -> "SceneError":
-        """The same error, its sentence behind words that say what it is about.
-
-        Parameters
-        ----------
-        words : object
-            As they print: the name of a file, a wavelength.
-
-        Returns
-        -------
-        SceneError
-            Of the same place.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> error = vrte.SceneError("albedo must be between 0 and 1, not 2", "albedo")
-        >>> print(error.behind("scene.toml"))
-        scene.toml: albedo must be between 0 and 1, not 2
-        """
+        """The same error, of the same place, behind words that say what it is about: the name of a file, a
+        wavelength."""
         return SceneError(f"{words}: {self}", *self.place)
 
 

@@ -12,14 +12,7 @@ LARGEST_SHARE = 0.1  # of it that one entry may take: larger ones are made anew 
 
 
 class Remembered:
-    """A store of read-only arrays, the least recently used of which go first; safe in threads.
-
-    >>> import numpy as np
-    >>> store = Remembered()
-    >>> first = store.find("ones", lambda: (np.ones(3),))
-    >>> store.find("ones", lambda: (np.zeros(3),)) is first
-    True
-    """
+    """A store of read-only arrays, the least recently used of which go first; safe in threads."""
 
     def __init__(self, most_bytes: float = MOST_BYTES) -> None:
         self.most_bytes, self.bytes = most_bytes, 0

@@ -40,33 +40,13 @@ class _Tableau:
 
 
 def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: Arrays | None = None) -> list[Array]:
-    """Slopes of several arrays over a number, at its ``value``.
+    """Slopes of several arrays over a number at its ``value``; ``at`` gives the arrays there, and ``here`` is what it
+    gives at the value itself.
 
-    From central differences, or one-sided ones where ``at`` raises a SceneError on the other side, at steps from
-    ``step`` on that are halved until no array's slopes change any more; extrapolated to no step. Each array takes the
-    step that fits it best. Where an array has the same value on both sides, infinity among them, its slope is 0.
-
-    Parameters
-    ----------
-    at
-        The arrays at a value; of the same shapes at all of them.
-    value, step
-        Where, and the largest step, above 0.
-    here
-        The arrays at the value itself, where they are known; one side alone asks for them.
-
-    Raises
-    ------
-    SceneError
-        That of ``at``, where the value can be changed to neither side.
-
-    Source: W. Romberg's and L. F. Richardson's extrapolation; C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
-
-    Examples
-    --------
-    >>> (slope,) = find_slopes(lambda x: [np.exp([x])], 1.0, 0.1)
-    >>> f"{slope[0]:.12f}"
-    '2.718281828459'
+    Central differences, or one-sided ones where ``at`` raises a SceneError on the other side, at steps that are halved
+    from ``step`` on until no array's slopes change any more; extrapolated to no step. Each array takes the step that
+    fits it best. An array that is the same on both sides, infinity included, has the slope 0. Raises the SceneError of
+    ``at`` where neither side is allowed. Source: C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
     """
     step = 2.0 ** round(np.log2(step))
     first: dict[int, Arrays] = {}

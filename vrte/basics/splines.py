@@ -58,11 +58,7 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degr
 
 def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
     """The weight (points, n) of each value on a grid (n,) at the points; one polynomial goes through all values where
-    they are no more than its degree needs.
-
-    >>> compute_weights(np.array([0.0, 1.0, 2.0]), np.array([0.5])).tolist()
-    [[0.375, 0.75, -0.125]]
-    """
+    they are no more than its degree needs."""
     coefficients = compute_coefficients((grid,), np.eye(grid.size), degree)
     found: Array = make_spline_matrix((grid,), (points,), degree) @ coefficients
     return found
@@ -77,11 +73,7 @@ def repeat_grid(
     grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf, margin: int = MARGIN
 ) -> tuple[Array, NDArray[np.intp]]:
     """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and
-    ``margin`` more at each end; and which of ``grid`` (n,) each is.
-
-    >>> [part.size for part in repeat_grid(np.arange(36) * (np.pi / 18))]
-    [69, 69]
-    """
+    ``margin`` more at each end; and which of ``grid`` (n,) each is."""
     turns = -(-margin // grid.size) + 1
     count = np.arange(-turns * grid.size, (turns + 1) * grid.size + 1)
     going_on = grid[count % grid.size] + period * (count // grid.size)
@@ -92,11 +84,7 @@ def repeat_grid(
 
 def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
     """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, from 0 to below 360, and where each is in the
-    two one after the other.
-
-    >>> mirror_azimuths(np.array([0.0, 90.0]))[0].tolist()
-    [0.0, 90.0, 270.0]
-    """
+    two one after the other."""
     found, places = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
     return found, places
 
@@ -126,12 +114,8 @@ def extend_over_pole(
 
 
 def extend_over_horizon(s: Array, values: Array, axis: int = 0, margin: int = MARGIN) -> tuple[Array, Array]:
-    """Variables (m,) of `stretch_cosines` and values beyond the horizon, s = 1, whose mirror image they are: even in
-    1 - s. ``s`` (n,) ascends, from wherever, to 1 or below; ``values`` have it as their ``axis``.
-
-    >>> extend_over_horizon(np.array([0.5, 0.9]), np.array([1.0, 2.0]))[0].tolist()
-    [0.5, 0.9, 1.1, 1.5]
-    """
+    """Variables (m,) of `stretch_cosines` and values beyond the horizon, s = 1, whose mirror image they are: even in 1
+    - s. ``s`` (n,) ascends, from wherever, to 1 or below; ``values`` have it as their ``axis``."""
     there = np.flatnonzero(s < 1.0 - POLE)[-margin:][::-1]
     return np.concatenate([s, 2.0 - s[there]]), np.concatenate([values, values.take(there, axis)], axis)
 
@@ -144,11 +128,7 @@ def stretch_cosines(mu: Array) -> Array:
 
 
 def make_cosines(count: int) -> Array:
-    """So many cosines (count,), descending, evenly spaced in s of `stretch_cosines`, half a step from both its ends.
-
-    >>> make_cosines(3).round(4).tolist()
-    [0.9185, 0.444, 0.0535]
-    """
+    """So many cosines (count,), descending, evenly spaced in s of `stretch_cosines`, half a step from both its ends."""
     middles = (np.arange(count) + 0.5) / count
     found: Array = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))
     return found

@@ -19,11 +19,7 @@ Item = TypeVar("Item")
 
 def sample_around(make: Callable[[float], Item], value: float, step: float) -> list[tuple[float, Item]]:
     """Weights and what ``make`` makes of numbers around ``value``: the weighted sum is the derivative, to the fourth
-    order of the step, which is rounded to a power of 2. Raises the first SceneError where neither side has room.
-
-    >>> sum(weight * item for weight, item in sample_around(lambda x: x**4, 1.0, 0.01)).__round__(9)
-    4.0
-    """
+    order of the step, which is rounded to a power of 2. Raises the first SceneError where neither side has room."""
     step = 2.0 ** round(math.log2(step))  # so that points near a bound, such as 1, are met exactly
     refused: SceneError | None = None
     for stencil in STENCILS:

@@ -35,31 +35,8 @@ EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
 
 @dataclass(frozen=True, eq=False)
 class ScatteringTable:
-    """A scattering matrix over the scattering angle, in vrte's signs, the mean of F11 over the sphere being 1.
-
-    Attributes
-    ----------
-    angle_deg
-        Scattering angles [degrees], (angles,).
-    F11
-        The phase function, (angles,).
-    F12
-        The element F12 = F21, (angles,).
-    F22
-        The element F22, (angles,).
-    F33
-        The element F33, (angles,).
-    F34
-        The element F34 = -F43, (angles,).
-    F44
-        The element F44, (angles,).
-
-    Examples
-    --------
-    >>> import vrte
-    >>> vrte.rayleigh().to_angles([0.0, 90.0]).F11.tolist()
-    [1.5, 0.75]
-    """
+    """A scattering matrix over scattering angles [degrees], each array (angles,), in vrte's signs; the mean of F11 over
+    the sphere is 1."""
 
     angle_deg: Array
     F11: Array
@@ -79,34 +56,11 @@ class ScatteringTable:
 class Expansion:
     """How a phase matrix came from a table over angle, and how far it is off.
 
-    Attributes
-    ----------
-    table
-        The table as it was given, normalised, in vrte's signs.
-    convention
-        The name of the table's own convention.
-    integral
-        The mean of its F11 over the sphere, over what the convention says it is (over 1 where that says nothing).
-    way
-        How it was integrated, and what was assumed beyond its ends.
-    error
-        The largest |difference| of an element over F11, at each angle of the table, (angles,); over 1e-3 where F11 is
-        less.
-    lowest_eigenvalue
-        The table's lowest coherency eigenvalue, over F11; particles have none below 0.
-    lowest_angle_deg
-        Where that is [degrees].
-    albedo
-        Of single scattering, where the table's file says it; else None.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import vrte
-    >>> angle = np.arange(0.0, 181.0, 5.0)
-    >>> F11 = 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)
-    >>> vrte.PhaseMatrix.from_angles(angle, F11).expansion.largest_error < 1e-12
-    True
+    ``table`` is as it was given, normalised, in vrte's signs, ``convention`` the name of its own; ``integral`` the mean
+    of its F11 over the sphere, over what the convention says (over 1 where that says nothing); ``way`` how it was
+    integrated, and what was assumed beyond its ends. ``error`` (angles,) is the largest |difference| of an element over
+    F11 (over 1e-3 where F11 is less), ``lowest_eigenvalue`` the table's lowest coherency eigenvalue over F11, at
+    ``lowest_angle_deg`` [degrees]. ``albedo`` is that of single scattering where the table's file says it.
     """
 
     table: ScatteringTable

@@ -177,12 +177,8 @@ def check_coated_spheres(
     size: SizeDistribution | None = None,
     host_index: Material = 1.0,
 ) -> Particles:
-    """All that `coated_spheres` checks, without its work: parameters and errors as there, particles as `check_spheres`.
-
-    >>> check_coated_spheres(2.7, 1.5, core_radius_um=0.2, radius_um=0.1, wavelength_um=0.5)
-    Traceback (most recent call last):
-    vrte.SceneError: core_radius_um must be above 0 and less than radius_um, 0.1 um, not 0.2
-    """
+    """All that `coated_spheres` checks, without its work: parameters and errors as there, particles as
+    `check_spheres`."""
     return check_ball(
         *_make_ball(core, shell, wavelength_um, core_radius_um, shell_um, core_ratio, radius_um, size, host_index)
     )
@@ -245,13 +241,7 @@ def compute_coated_coefficients(
     core_index: complex, shell_index: complex, core_size: float, size: float
 ) -> tuple[Complex, Complex]:
     """a_n and b_n from n = 1 of a sphere with the size parameter ``size`` around a core of ``core_size``, indices
-    relative to the host.
-
-    >>> a, b = compute_coated_coefficients(1.5, 1.5, 0.2, 0.3)
-    >>> from vrte.optics.spheres import compute_mie_coefficients
-    >>> bool(abs(a - compute_mie_coefficients(1.5, 0.3)[0]).max() < 1e-17)
-    True
-    """
+    relative to the host."""
     orders = count_orders(size)
     return drop_negligible(
         *coated_sphere_coefficients(complex(core_index), complex(shell_index), core_size, size, orders)

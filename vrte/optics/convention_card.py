@@ -19,11 +19,7 @@ ALIKE = 2e-3  # of F11: four digits are enough, and no two conventions are as ne
 
 @lru_cache(maxsize=1)
 def make_reference_sphere() -> Particles:
-    """The sphere of the card: index 1.5, radius 0.5 um, wavelength 1 um.
-
-    >>> round(make_reference_sphere().asymmetry, 6)
-    0.729242
-    """
+    """The sphere of the card: index 1.5, radius 0.5 um, wavelength 1 um."""
     return spheres(INDEX, radius_um=RADIUS_UM, wavelength_um=WAVELENGTH_UM)
 
 

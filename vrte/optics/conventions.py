@@ -48,11 +48,7 @@ class Convention:
 
     @property
     def in_words(self) -> str:
-        """Its columns, scale and signs.
-
-        >>> CONVENTIONS["miev0"].in_words
-        'F11, F12, F22, F33, -F34, F44; F11 is (S1 S1* + S2 S2*)/2 of dimensionless amplitudes'
-        """
+        """Its columns, scale and signs."""
         columns = [f"-{name}" if name.startswith("F34") and self.circular < 0 else name for name in self.columns]
         return f"{', '.join(columns)}; {SCALES[self.scale][0]}"
 

@@ -244,12 +244,7 @@ def check_packing(packing: Any) -> str:
 
 
 def pack(particles: Particles, volume_fraction: float, packing: str) -> Particles:
-    """The particles as they scatter where they fill a part of the volume. Raises SceneError for what it cannot do.
-
-    >>> from vrte.optics.spheres import spheres
-    >>> pack(spheres(1.5, radius_um=0.1, wavelength_um=0.5), 0.01, "independent").albedo
-    1.0
-    """
+    """The particles as they scatter where they fill a part of the volume. Raises SceneError for what it cannot do."""
     if packing != INDEPENDENT and not (particles.balls or particles.stands_in):
         raise SceneError(
             f'layer: packing="{packing}" needs spheres of known substance and size, as from vrte.spheres: other '

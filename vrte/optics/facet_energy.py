@@ -35,12 +35,7 @@ EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever t
 
 
 def share_energy(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
-    """Shares R, T of unpolarized light along mu (n,) that facets reflect and let through, (n,) each.
-
-    >>> reflected, through = share_energy(RoughSurface(1.0, 1.5, 0.3, shadowing=True), np.array([0.2, 1.0]))
-    >>> (reflected + through).round(4).tolist()
-    [0.9497, 1.0]
-    """
+    """Shares R, T of unpolarized light along mu (n,) that facets reflect and let through, (n,) each."""
     reflected, through = (part[:, 0] for part in share_once(surface, mu))
     if not surface.conserving:
         return reflected, through

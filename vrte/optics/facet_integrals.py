@@ -29,12 +29,7 @@ CLOSE = np.array([-0.1, -0.01, -1e-3, 0.0, 1e-3, 0.01, 0.1])  # [rad] to critica
 def integrate_azimuths(
     surface: RoughSurface, transmitted: bool, mu_i: Array, mu_o: Array, n_order: int, accuracy: float, threads: int = 1
 ) -> Array:
-    """R^m of pairs of directions (pair,), (pair, order, 16): the integral of f with cos, sin(m phi), as in (1:6).
-
-    >>> orders = integrate_azimuths(RoughSurface(1.0, 1.5, 0.5), False, np.array([0.9]), np.array([0.8]), 2, 1e-9)
-    >>> orders.shape, bool(orders[0, 0, 0] > orders[0, 1, 0] > 0.0)
-    ((1, 2, 16), True)
-    """
+    """R^m of pairs of directions (pair,), (pair, order, 16): the integral of f with cos, sin(m phi), as in (1:6)."""
     found = np.empty((mu_i.size, n_order, 16))
     points, reach = choose_points(accuracy)
     x, weights = make_double_gauss(points)

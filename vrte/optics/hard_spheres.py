@@ -23,25 +23,8 @@ from vrte.optics.populations import Complex
 
 
 def compute_structure_factor(q_um: ArrayLike, radius_um: float, volume_fraction: float) -> Array:
-    """The structure factor S(q) of hard spheres of one size: their light together over that of each alone.
-
-    Parameters
-    ----------
-    q_um : array_like
-        2 k sin(theta/2) [1/um], (n,), with the wavenumber k in the medium.
-    radius_um : float
-        [um].
-    volume_fraction : float
-        From 0 to below 1.
-
-    Returns
-    -------
-    array
-        (n,).
-
-    >>> compute_structure_factor([2.0, 5.0, 7.0, 20.0], 0.5, 0.2).round(8)
-    array([0.27826114, 1.00833682, 1.13690732, 1.00852169])
-    """
+    """Structure factor S(q) (n,) of hard spheres of one radius [um]: their light together over that of each alone, at q
+    = 2 k sin(theta/2) [1/um] (n,), k in the medium."""
     q = np.asarray(q_um, dtype=np.float64)
     alone = np.ones((1, 1, q.size), dtype=np.complex128)
     return np.abs(join_amplitudes(alone, q, np.array([radius_um]), np.ones(1), volume_fraction)[0, 0]) ** 2

@@ -136,58 +136,21 @@ class PhaseMatrix:
         accuracy: float | None = None,
         tolerance: float = 0.0,
     ) -> "PhaseMatrix":
-        """The phase matrix of a scattering matrix that is tabulated over angle.
+        """The phase matrix of a scattering matrix tabulated over scattering angles [degrees], ascending from 0 to 180.
 
-        Parameters
-        ----------
-        angle_deg : array_like (angles,)
-            Scattering angles [degrees], ascending from 0 to 180.
-        F11 : array_like (angles,)
-            The phase function, or what ``convention`` has in its place; alone it is a scalar one.
-        F12, F22, F33, F34, F44 : array_like (angles,), optional
-            The other elements, or what ``convention`` has in their places.
-        convention : str
-            Signs, ratios and scale of the table: a name of `vrte.optics.conventions.CONVENTIONS`
-            (docs/how_to/importing.md).
-        normalise : bool
-            Divide by the mean of F11 over the sphere, whatever it is. Without, it must be within 5 % of the
-            convention's.
-        spheres : bool
-            F22 = F11 and F44 = F33, which are left out then.
-        ends : "extrapolate" or None
-            What to do where the table does not reach 0 or 180 degrees: by default it is refused; "extrapolate" goes on
-            with log F11 and the ratios as parabolas, which a peak of diffraction may well exceed.
-        accuracy : float, optional
-            The largest error at an angle of the table, over F11, that may remain: as few terms as that takes. Left out:
-            5e-5 where the table is interpolated, rounding where it need not be.
-        tolerance : float
-            As of a PhaseMatrix: what a coherency eigenvalue may be below zero.
+        F11 to F44 (angles,) are the elements, or what ``convention`` has in their places: a name of
+        `vrte.optics.conventions.CONVENTIONS` (docs/how_to/importing.md); F11 alone is a scalar phase function.
+        ``normalise`` divides by the mean of F11 over the sphere, which must otherwise be within 5 % of the
+        convention's. ``spheres``: F22 = F11 and F44 = F33, which are left out then. A table that does not reach 0 or
+        180 degrees is refused, or goes on with ``ends="extrapolate"``: log F11 and the ratios as parabolas, which a
+        peak of diffraction may well exceed. ``accuracy`` is the largest error over F11 that may remain at an angle of
+        the table (5e-5 where it is interpolated, rounding elsewhere), ``tolerance`` as of a PhaseMatrix.
 
-        Returns
-        -------
-        PhaseMatrix
-            Its ``expansion`` tells the integral found and the errors; `plot` draws it over the table. Between the
-            angles it is exact where they are a quadrature (even steps from 0 to 180 degrees, Gauss-Legendre) that the
-            matrix does not exceed, elsewhere a spline of log F11 and of the ratios to it.
-
-        Raises
-        ------
-        SceneError
-            Naming the argument and the angle. An AccuracyWarning tells steps that may miss a peak, or an accuracy that
-            4096 terms do not reach.
-
-        References
-        ----------
-        De Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984), section 3; coherency test: Hovenier and
-        van der Mee, JQSRT 55, 649 (1996).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> angle = np.arange(0.0, 181.0, 5.0)
-        >>> vrte.PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).a1.round(12).tolist()
-        [1.0, 0.0, 0.5]
+        Its ``expansion`` tells the integral found and the errors. Between the angles it is exact where they are a
+        quadrature (even steps from 0 to 180 degrees, Gauss-Legendre) that the matrix does not exceed, elsewhere a
+        spline of log F11 and of the ratios to it. An AccuracyWarning tells of steps that may miss a peak, and of an
+        accuracy that 4096 terms do not reach. Source: de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984),
+        section 3; coherency test: Hovenier and van der Mee, JQSRT 55, 649 (1996).
         """
         from vrte.optics.angle_tables import expand_table
 
@@ -203,29 +166,8 @@ class PhaseMatrix:
         )
 
     def to_angles(self, angle_deg: Any = None) -> "ScatteringTable":
-        """The six elements of the scattering matrix over the scattering angle.
-
-        Parameters
-        ----------
-        angle_deg : array_like (angles,), optional
-            Scattering angles [degrees]; default: so many even steps that the way back is exact.
-
-        Returns
-        -------
-        ScatteringTable
-            angle_deg, F11, F12, F22, F33, F34 and F44, each (angles,).
-
-        Raises
-        ------
-        SceneError
-            For an angle that is not finite.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.rayleigh().to_angles([0.0, 90.0]).F12.round(12).tolist()
-        [0.0, -0.75]
-        """
+        """The six elements over scattering angles [degrees] (angles,), by default so many even steps that the way back
+        is exact."""
         from vrte.optics.angle_tables import tabulate_phase_matrix
 
         return tabulate_phase_matrix(self, angle_deg)
@@ -251,29 +193,7 @@ class PhaseMatrix:
         return not self.coefficients[:, 1:].any()
 
     def scattering_matrix(self, angle_deg: Any) -> Array:
-        """The scattering matrix F, referred to the scattering plane.
-
-        Parameters
-        ----------
-        angle_deg : array_like
-            Scattering angles [degrees], any shape.
-
-        Returns
-        -------
-        ndarray (..., 4, 4)
-            The mean of F11 over the sphere is 1.
-
-        Raises
-        ------
-        SceneError
-            For an angle that is not finite.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.rayleigh().scattering_matrix(0.0).diagonal().tolist()
-        [1.5, 1.5, 1.5, 1.5]
-        """
+        """The scattering matrix F (..., 4, 4), referred to the scattering plane, at angles [degrees] (...)."""
         angles = check_numbers("angle_deg", angle_deg)
         if not np.isfinite(angles).all():
             raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
@@ -291,14 +211,7 @@ class PhaseMatrix:
 
     @property
     def in_words(self) -> str:
-        """Its asymmetry, terms and kind.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.rayleigh().in_words
-        'g 0, 3 terms, polarizing'
-        """
+        """Its asymmetry, terms and kind."""
         terms = "1 term" if self.terms == 1 else f"{self.terms} terms"
         return f"g {self.asymmetry:.4g}, {terms}, {'scalar' if self.is_scalar else 'polarizing'}"
 
@@ -306,48 +219,13 @@ class PhaseMatrix:
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """A figure of F11, and the other elements over it, against the scattering angle.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            With the table that it came from, where it came from one.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the extra "plot".
-
-        Examples
-        --------
-        >>> import vrte
-        >>> len(vrte.rayleigh().plot().axes) > 0
-        True
-        """
+        """A matplotlib figure of F11, and of the other elements over it, against the scattering angle, beside the table
+        that it came from."""
         return view(self, "plot")
 
     def compute_elements(self, cosine: Array, gap: Array | None = None) -> Array:
-        """The six elements as functions of the scattering angle's cosine, for many angles.
-
-        Parameters
-        ----------
-        cosine : ndarray (n,)
-            Ascending, from -1 to 1.
-        gap : ndarray (n,), optional
-            1 - cosine, where that has more digits than the cosine.
-
-        Returns
-        -------
-        ndarray (6, n)
-            a1, a2, a3, a4, b1, b2: F11, F22, F33, F44, F12, F34.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> vrte.rayleigh().compute_elements(np.array([-1.0, 0.0, 1.0]))[0].round(12).tolist()
-        [1.5, 0.75, 1.5]
-        """
+        """F11, F22, F33, F44, F12, F34 (6, n) at ascending cosines of the scattering angle (n,); ``gap`` is 1 - cosine,
+        where that has more digits."""
         pieces = np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE)
         return np.concatenate(
             [self._elements_at_once(cosine[here], None if gap is None else gap[here]) for here in pieces], axis=1
@@ -518,11 +396,7 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
 
 
 def count_henyey_greenstein_terms(g: float) -> int:
-    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean.
-
-    >>> count_henyey_greenstein_terms(0.0), count_henyey_greenstein_terms(0.5)
-    (2, 50)
-    """
+    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean."""
     size = min(abs(g), 1.0 - 1e-6)  # what is nearer to 1 has far too many anyway
     terms = 2
     while size and size**terms * (2 * terms + 1) / (1.0 - size) ** 2 > LEFT_OUT:

@@ -122,23 +122,7 @@ LONGEST_NAME = 200  # characters of which similar names are looked for
 
 @dataclass(frozen=True)
 class RefractiveIndex:
-    """A refractive index n + i k, and in words where it comes from.
-
-    Parameters
-    ----------
-    n : float
-        Refractive index.
-    k : float
-        Absorption index, >= 0.
-    source : str
-        Where both come from.
-
-    Examples
-    --------
-    >>> from vrte.optics.refractive_index import RefractiveIndex
-    >>> RefractiveIndex(1.5, 0.01, "given").value
-    (1.5+0.01j)
-    """
+    """A refractive index n + i k, k >= 0, and in words where it comes from."""
 
     n: float
     k: float
@@ -200,29 +184,8 @@ class IndexTable:
             raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
 
     def at(self, wavelength_um: float) -> complex:
-        """The refractive index n + i k at a wavelength.
-
-        Parameters
-        ----------
-        wavelength_um : float
-            In vacuum [um], within the table.
-
-        Returns
-        -------
-        complex
-            Linear between the rows.
-
-        Raises
-        ------
-        SceneError
-            Outside of the table, with its range.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> round(vrte.IndexTable((0.4, 0.7), (2.0, 1.4), (0.3, 0.0)).at(0.55).real, 12)
-        1.7
-        """
+        """n + i k at a wavelength in vacuum [um], linear between the rows. Raises SceneError outside of the table, with
+        its range."""
         check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
         n, k = (float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k))
         return complex(n, k)
@@ -300,9 +263,6 @@ def find_wavelength_range(material: Material) -> tuple[float, float]:
     """The vacuum wavelengths [um] from and to which an index is known: of a name, the part that all its tables share.
 
     Raises SceneError for an unknown name.
-
-    >>> find_wavelength_range("rutile"), find_wavelength_range(1.5)
-    ((0.43, 1.53), (0.0, inf))
     """
     if isinstance(material, IndexTable):
         return material.wavelengths_um[0], material.wavelengths_um[-1]

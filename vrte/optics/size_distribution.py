@@ -51,26 +51,7 @@ class Monodisperse:
         object.__setattr__(self, "radius_um", check_length("radius_um", self.radius_um))
 
     def quadrature(self, count: int = 1, moment: int = 6) -> tuple[Array, Array]:
-        """The one radius, with the weight 1.
-
-        Parameters
-        ----------
-        count, moment : int, optional
-            Not needed here: every size distribution takes them.
-
-        Returns
-        -------
-        radii : ndarray (1,)
-            The radius [um].
-        weights : ndarray (1,)
-            Its number share, 1.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Monodisperse(0.6).quadrature()
-        (array([0.6]), array([1.]))
-        """
+        """The one radius [um] (1,), with the weight 1."""
         return np.array([self.radius_um]), np.ones(1)
 
 
@@ -106,29 +87,8 @@ class Lognormal:
         object.__setattr__(self, "sigma", check_number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii and weights in equal steps of the logarithm of the radius, exponentially accurate.
-
-        Parameters
-        ----------
-        count : int
-            How many radii.
-        moment : int, optional
-            The highest power of the radius whose mean they still reach.
-
-        Returns
-        -------
-        radii : ndarray (n,)
-            Radii [um].
-        weights : ndarray (n,)
-            Their number shares.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> radii, weights = vrte.Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
-        >>> round(weights.sum().item(), 6)
-        1.0
-        """
+        """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius, which is
+        exponentially accurate up to the mean of radius^moment."""
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
@@ -167,29 +127,8 @@ class Gamma:
         object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii and weights in equal steps of the logarithm of the radius, exponentially accurate.
-
-        Parameters
-        ----------
-        count : int
-            How many radii.
-        moment : int, optional
-            The highest power of the radius whose mean they still reach.
-
-        Returns
-        -------
-        radii : ndarray (n,)
-            Radii [um].
-        weights : ndarray (n,)
-            Their number shares.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> radii, weights = vrte.Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
-        >>> round(weights.sum().item(), 4)
-        1.0
-        """
+        """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius, which is
+        exponentially accurate up to the mean of radius^moment."""
         from scipy.special import gammainccinv, gammaincinv, gammaln
 
         shape, scale = (1.0 - 2.0 * self.v_eff) / self.v_eff, self.r_eff_um * self.v_eff
@@ -248,28 +187,8 @@ class Tabulated:
         object.__setattr__(self, "density", density)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii and weights of the trapezoidal rule, each stretch of the table in 2^k equal parts.
-
-        Parameters
-        ----------
-        count : int
-            About how many radii in all.
-        moment : int, optional
-            Not needed here: the table has ends.
-
-        Returns
-        -------
-        radii : ndarray (n,)
-            Radii [um].
-        weights : ndarray (n,)
-            Their number shares, whose sum is 1.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(3)[1].round(9).tolist()
-        [0.25, 0.5, 0.25]
-        """
+        """Radii [um] (n,) and their number shares (n,), by the trapezoidal rule, each stretch of the table in 2^k equal
+        parts, about ``count`` radii in all."""
         knots = np.asarray(self.radius_um)
         parts = 2 ** math.ceil(math.log2(max(1.0, (count - 1) / (knots.size - 1))))
         inside = np.arange(parts) / parts

@@ -181,11 +181,7 @@ def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveInd
 
 
 def find_host_index(host_index: Material, wavelength_um: float) -> RefractiveIndex:
-    """n + ik of the medium around particles. Raises SceneError, naming it, where it absorbs too much.
-
-    >>> find_host_index((1.5, 1e-4), 0.5).value
-    (1.5+0.0001j)
-    """
+    """n + ik of the medium around particles. Raises SceneError, naming it, where it absorbs too much."""
     low, high, allowed = HOST_ALLOWED
     try:
         found = refractive_index(host_index, wavelength_um)
@@ -262,21 +258,13 @@ def compute_mie_coefficients(relative_index: complex, size: float) -> tuple[Comp
     """a_n and b_n from n = 1 of a sphere with the size parameter ``size``, index relative to the host.
 
     Source: Bohren and Huffman (1983), (4.53).
-
-    >>> a, b = compute_mie_coefficients(1.5 + 1.0j, 1e-3)
-    >>> f"{1.5j * a[0] / 1e-9:.5f}"  # (m^2 - 1)/(m^2 + 2) of the dipole
-    '0.50160+0.46006j'
     """
     return drop_negligible(*sphere_coefficients(complex(relative_index), size, count_orders(size)))
 
 
 def count_orders(size: float) -> int:
     """How many a_n and b_n to work out: Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are
-    asked for, and those that hold nothing are dropped.
-
-    >>> count_orders(1.0)
-    15
-    """
+    asked for, and those that hold nothing are dropped."""
     return int(size + 6.0 * size ** (1.0 / 3.0) + 8.0)
 
 

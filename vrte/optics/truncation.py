@@ -39,12 +39,7 @@ class Truncated:
 
 
 def truncate_layer(name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
-    """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle".
-
-    >>> from vrte.optics.phase_matrix import henyey_greenstein
-    >>> truncate_layer("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
-    5.0
-    """
+    """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle"."""
     if name == "none":
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
     return remove_forward_peak(phase_matrix, albedo, thickness, terms)
@@ -54,10 +49,6 @@ def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: flo
     """The layer without its forward peak, ``terms`` >= 1 coefficients at most.
 
     With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
-
-    >>> from vrte.optics.phase_matrix import henyey_greenstein
-    >>> round(remove_forward_peak(henyey_greenstein(0.5, 60), 1.0, 8.0, 2).thickness, 12)  # f = 0.5**2
-    6.0
     """
     f = find_peak_fraction(phase_matrix, terms)
     if f == 0.0:

@@ -162,11 +162,7 @@ def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Arr
 
 def multiply_angles(phi: Array, n_order: int, with_sine: bool) -> tuple[Array, ...]:
     """cos(m phi), and sin(m phi) where that is asked for, (piece, n_order, point), of phi (piece, point) [rad]: turned
-    by phi from order to order, which is quicker than as many cosines.
-
-    >>> [wave[0, 2].round(12).tolist() for wave in multiply_angles(np.array([[0.0, np.pi / 4]]), 3, True)]
-    [[1.0, 0.0], [0.0, 1.0]]
-    """
+    by phi from order to order, which is quicker than as many cosines."""
     turn = np.exp(1j * phi)
     waves = [np.empty((phi.shape[0], n_order, phi.shape[1])) for _ in range(1 + with_sine)]
     now = np.ones_like(turn)
@@ -179,12 +175,7 @@ def multiply_angles(phi: Array, n_order: int, with_sine: bool) -> tuple[Array, .
 
 @cache
 def make_piece_rule(intervals: int) -> tuple[Array, Array]:
-    """Clenshaw and Curtis's points from 0 to 1, both among them, and weights; ``intervals`` even.
-
-    >>> points, weights = make_piece_rule(16)
-    >>> (weights @ points**15).round(14).item()
-    0.0625
-    """
+    """Clenshaw and Curtis's points from 0 to 1, both among them, and weights; ``intervals`` even."""
     k = np.arange(intervals + 1)
     j = np.arange(1, intervals // 2 + 1)
     share = np.where(j == intervals // 2, 1.0, 2.0) / (4.0 * j**2 - 1.0)
@@ -198,9 +189,6 @@ def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Arra
 
     Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
     little. The ends themselves, steps 0 and ``count``, weigh nothing.
-
-    >>> round(float(make_azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
-    3.14159265359
     """
     t = np.pi * steps / count
     return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2

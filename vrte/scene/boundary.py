@@ -79,143 +79,40 @@ class Boundary:
         return 0.0
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
-        """Mueller matrices of the diffuse reflection of a beam.
-
-        Parameters
-        ----------
-        mu_i, mu_o : ndarray
-            Positive cosines of incidence and exit, which broadcast with each other and with ``phi_deg``.
-        phi_deg : ndarray
-            Azimuths [degrees], outgoing minus incident, both along the direction of travel.
-
-        Returns
-        -------
-        ndarray (..., S, S)
-            f [1/sr] of the first S Stokes parameters, which all others leave dark, on a shape that broadcasts with that
-            of the directions.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> vrte.Lambertian(0.3).reflect(np.array(0.5), np.array(0.9), np.array(0.0)).round(6).tolist()
-        [[0.095493]]
-        """
+        """Mueller matrices f [1/sr] (..., S, S) of the diffuse reflection of a beam, S the Stokes parameters that it
+        does not leave dark; positive cosines and the azimuth [degrees], outgoing minus incident along the direction of
+        travel, broadcast with each other."""
         return np.zeros((1, 1))
 
     def reflect_orders(
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
-        """Fourier orders R^m of the reflection of diffuse light.
+        """Fourier orders R^m (order, n_in, n_out, 4, 4) of the reflection of diffuse light, (1:35), and how many
+        azimuths they took.
 
-        Parameters
-        ----------
-        mu_i : ndarray (n_in,)
-            Positive cosines of incidence.
-        mu_o : ndarray (n_out,)
-            Positive cosines of exit.
-        pairs : ndarray of bool (n_in, n_out)
-            Which pairs of them are wanted.
-        n_order : int
-            How many orders there may be.
-        allowed : callable
-            How far each order may be off, of the size of the light that comes back.
-
-        Returns
-        -------
-        orders : ndarray (order, n_in, n_out, 4, 4)
-            Orders beyond those given back are dark.
-        azimuths : int
-            How many azimuths it took.
-
-        References
-        ----------
-        (1:35).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> cosine, all_pairs = np.array([0.5]), np.ones((1, 1), bool)
-        >>> vrte.Lambertian(0.3).reflect_orders(cosine, cosine, all_pairs, 4, lambda size: 1e-9 * size)[0].shape
-        (1, 1, 1, 4, 4)
+        Of positive cosines mu_i (n_in,) and mu_o (n_out,) the ``pairs`` (n_in, n_out) are computed, up to ``n_order``
+        orders; those not given back are dark. ``allowed`` says how far each order may be off, of the size of the light
+        that is reflected.
         """
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
 
     def put_in_medium(self, index: float) -> "Boundary":
-        """The same boundary as light meets it in another medium.
-
-        Parameters
-        ----------
-        index : float
-            Refractive index of the medium.
-
-        Returns
-        -------
-        Boundary
-            Itself, where that makes no difference.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Lambertian(0.3).put_in_medium(1.5)
-        Lambertian(albedo=0.3)
-        """
+        """The same boundary as light meets it in a medium of that refractive index."""
         return self
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
-        """Mueller matrices of a beam that comes back as a beam.
-
-        Parameters
-        ----------
-        index : float
-            Refractive index of the medium of the light.
-        mu : ndarray (n,)
-            Positive cosines of incidence there.
-
-        Returns
-        -------
-        ndarray (n, 4, 4)
-            Shares of the beam's power, without unit.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> vrte.Lambertian(0.3).reflect_beam(1.0, np.array([0.5])).any().item()
-        False
-        """
+        """Mueller matrices (n, 4, 4) of a beam that comes back as a beam, shares of its power: positive cosines (n,) in
+        the medium of that refractive index."""
         return np.zeros((mu.size, 4, 4))
 
     def transmit_straight(self, mu: Array) -> Array:
-        """Mueller matrices of light that goes through and keeps its direction.
-
-        Parameters
-        ----------
-        mu : ndarray (n,)
-            Positive cosines of the light.
-
-        Returns
-        -------
-        ndarray (n, 4, 4)
-            Zero for every base.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> vrte.Lambertian(0.3).transmit_straight(np.array([0.5])).any().item()
-        False
-        """
+        """Mueller matrices (n, 4, 4) of light that goes through and keeps its direction, positive cosines (n,): zero
+        for every base."""
         return np.zeros((mu.size, 4, 4))
 
 
 class Transparent(Boundary):
-    """Nothing at all: light leaves as it comes, and none comes back. It lies above every pile.
-
-    >>> TRANSPARENT.transmit_straight(np.array([0.5]))[0].diagonal().tolist()
-    [1.0, 1.0, 1.0, 1.0]
-    """
+    """Nothing at all: light leaves as it comes, and none comes back. It lies above every pile."""
 
     @property
     def name(self) -> str:
@@ -267,50 +164,13 @@ class Lambertian(Boundary):
 
 
 class SampledBase(Boundary):
-    """A base that is known by its f of any two directions: made from this class, it has `reflect` and no more.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.scene.boundary import SampledBase
-    >>> class Chalk(SampledBase):
-    ...     def reflect(self, mu_i, mu_o, phi_deg):
-    ...         return (0.2 + 0.0 * (mu_i + mu_o + phi_deg))[..., None, None]
-    >>> chalk, cosine = Chalk(), np.array([0.5])
-    >>> orders, azimuths = chalk.reflect_orders(cosine, cosine, np.ones((1, 1), bool), 2, lambda size: 1e-9 * size)
-    >>> (orders[:, 0, 0, 0, 0] / np.pi).round(12) + 0.0
-    array([0.4, 0. ])
-    """
+    """A base that is known by its f of any two directions: made from this class, it has `reflect` and no more."""
 
     orders_reflected = math.inf
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
-        """The share of unpolarized light that comes back into all directions.
-
-        Parameters
-        ----------
-        mu_i : float or array_like (n,)
-            Positive cosines of incidence.
-        points : int, optional
-            Of the quadrature over mu_o and over half of the azimuths.
-
-        Returns
-        -------
-        ndarray (n,)
-            From 0 to 1.
-
-        References
-        ----------
-        (1:35), order 0.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> grey = vrte.MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))
-        >>> grey.reflectance([0.5]).round(12) / np.pi
-        array([0.1])
-        """
+        """The share of unpolarized light that is reflected (n,), of positive cosines (n,); ``points`` of the quadrature
+        over mu_o and over half of the azimuths. Source: (1:35), order 0."""
         mu_o, weight = make_exit_rule(points)
         phi, share = make_azimuth_rule(np.arange(1, points), points)
         found = self.reflect(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]

@@ -85,24 +85,7 @@ class Facets(Boundary):
         return RoughSurface(self.medium, self.index, *how, closed=True)
 
     def reflectance(self, mu_i: Any) -> Array:
-        """The share of unpolarized light that comes back.
-
-        Parameters
-        ----------
-        mu_i : float or array_like (n,)
-            Positive cosines of incidence.
-
-        Returns
-        -------
-        ndarray (n,)
-            From 0 to 1.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Facets((0.2, 3.0), 0.5, conserving=False).reflectance([0.3, 1.0]).round(3).tolist()
-        [0.821, 0.87]
-        """
+        """The share of unpolarized light that comes back."""
         return share_energy(self.facets, check_cosines("mu_i", mu_i))[0]
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:

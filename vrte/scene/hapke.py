@@ -98,25 +98,8 @@ class Hapke(ScalarBase):
         self.check_formula()
 
     def compute_phase_function(self, cosine: Array) -> Array:
-        """The phase function P of a grain, its mean over the sphere 1.
-
-        Parameters
-        ----------
-        cosine : ndarray
-            Of the phase angle: 1 straight back.
-
-        Returns
-        -------
-        ndarray
-            On the same shape.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> vrte.Hapke(0.6, linear=0.5).compute_phase_function(np.array([1.0, -1.0])).tolist()
-        [1.5, 0.5]
-        """
+        """The phase function P of a grain, its mean over the sphere 1, at the cosine of the phase angle (...), 1
+        straight back."""
         a = self.asymmetry
         legendre = 1.0 + self.linear * cosine + self.quadratic * 0.5 * (3.0 * cosine**2 - 1.0)
         found: Array = legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5

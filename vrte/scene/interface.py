@@ -80,27 +80,8 @@ class Interface:
         return RoughSurface(self.index_above, self.index_below, *how)
 
     def share(self, mu: Any) -> tuple[Array, Array]:
-        """Shares of unpolarized light from above that are reflected and let through.
-
-        Parameters
-        ----------
-        mu : float or array_like (n,)
-            Positive cosines in the medium above.
-
-        Returns
-        -------
-        reflected : ndarray (n,)
-            The share that is reflected.
-        through : ndarray (n,)
-            The share that is let through; what both lack of 1 is hidden by other facets.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> reflected, through = vrte.Interface(1.0, 1.5, 0.5, conserving=False).share([0.3, 1.0])
-        >>> (reflected + through).round(3).tolist()
-        [0.954, 0.997]
-        """
+        """Shares of unpolarized light from above that are reflected and let through, (n,) each, at positive cosines in
+        the medium above (n,); what both lack of 1 is hidden by other facets."""
         mu = check_cosines("mu", mu)
         if self.is_smooth:
             index = self.index_below / self.index_above
@@ -113,24 +94,8 @@ class Interface:
         return replace(self, index_above=self.index_below, index_below=self.index_above)
 
     def put_between(self, above: float, below: float) -> "Interface | None":
-        """The same surface between media as a scene has them, of indices like its own.
-
-        Parameters
-        ----------
-        above, below : float
-            Their refractive indices.
-
-        Returns
-        -------
-        Interface or None
-            None where nothing is refracted.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Interface(1.0, 1.5).put_between(1.0, 1.5).index_below
-        1.5
-        """
+        """The same surface between media as a scene has them, of refractive indices like its own; None where nothing is
+        refracted."""
         if self.index_above == self.index_below:
             return None
         alike = (above, below) == (self.index_above, self.index_below)
@@ -138,14 +103,7 @@ class Interface:
 
     @property
     def in_words(self) -> str:
-        """Both indices, and how rough it is.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Interface(1.0, 1.5, roughness=0.1).in_words
-        'interface, index 1 above and 1.5 below, roughness 0.1 (beckmann)'
-        """
+        """Both indices, and how rough it is."""
         energy = "" if self.conserving else ", not conserving" if self.shadowing else ", without shadowing"
         rough = "" if self.is_smooth else f", roughness {self.roughness:g} ({self.distribution}{energy})"
         return f"interface, index {self.index_above:g} above and {self.index_below:g} below{rough}"

@@ -61,14 +61,7 @@ class Layer:
 
     @property
     def in_words(self) -> str:
-        """Its optical thickness, albedo, and phase matrix.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=2.0).in_words
-        'optical thickness 2, albedo 0.9, g 0, 1 term, scalar'
-        """
+        """Its optical thickness, albedo, and phase matrix."""
         return f"optical thickness {self.thickness:.6g}, albedo {self.albedo:.6g}, {self.phase_matrix.in_words}"
 
     def _repr_html_(self) -> str:
@@ -83,42 +76,19 @@ class Layer:
         volume_fraction: float | None = None,
         packing: str = "independent",
     ) -> "Layer":
-        """A layer of particles in their host medium.
+        """A layer of particles in their host medium, of an optical ``thickness`` (>= 0 or inf), or of a geometrical one
+        [um] together with a volume fraction.
 
-        Parameters
-        ----------
-        particles : Particles
-            What it consists of, in their host medium.
-        thickness : float, optional
-            Optical, >= 0 or inf; or
-        thickness_um : float, optional
-            Geometrical [um], together with volume_fraction.
-        volume_fraction : float, optional
-            What part of the layer is particles, between 0 and 1. With ``thickness`` it is needed where the host absorbs
-            more than 3.2e-5 a micrometre (less is left out then) or the packing is not independent, else refused.
-        packing : {"independent", "percus-yevick", "effective-medium", "coherent-potential"}
-            How their being close is reckoned with: not at all; by the structure factor of hard spheres, all sizes of
-            them; or by an effective index of the medium around each sphere, Maxwell Garnett's or the coherent
-            potential's. Each has its domain (docs/how_to/particles.md), outside of which a PackingWarning says so;
-            independence up to a volume fraction of 0.1, the others up to 0.3.
+        ``volume_fraction`` is the part of the layer that is particles, between 0 and 1. Beside ``thickness`` it is
+        needed where the host absorbs more than 3.2e-5 a micrometre (less is left out then) or the packing is not
+        independent, else refused. ``packing`` says how their being close is accounted for: not at all ("independent");
+        by the structure factor of hard spheres, all sizes of them ("percus-yevick"); or by an effective index of the
+        medium around each sphere, Maxwell Garnett's ("effective-medium") or the coherent potential's
+        ("coherent-potential"). Each has its domain (docs/how_to/particles.md), outside of which a PackingWarning says
+        so: independence up to a volume fraction of 0.1, the others up to 0.3.
 
-        Returns
-        -------
-        Layer
-            What the host absorbs between the particles counts as extinction without scattering. Its ``host_index`` is
-            that of the host, whatever the packing: surfaces are of binder.
-
-        Raises
-        ------
-        SceneError
-            For both thicknesses or neither, a volume fraction missing or not used, and what a packing cannot do.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> dust = vrte.Particles(vrte.rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
-        >>> vrte.Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
-        1.0
+        What the host absorbs between the particles counts as extinction without scattering. The layer's ``host_index``
+        is that of the host, whatever the packing: surfaces are of binder.
         """
         if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
@@ -147,33 +117,9 @@ class Layer:
 
     @staticmethod
     def clear(thickness_um: float, host_index: Material, wavelength_um: float) -> "Layer":
-        """A layer without particles: a clear coat, or a tinted one that absorbs and does not scatter.
-
-        Parameters
-        ----------
-        thickness_um : float
-            Geometrical [um].
-        host_index : str, complex, pair, IndexTable or RefractiveIndex
-            Of what it consists of, n + ik with k up to 0.01 n.
-        wavelength_um : float
-            In vacuum [um].
-
-        Returns
-        -------
-        Layer
-            Of the optical thickness 4 pi k/wavelength times its own.
-
-        Raises
-        ------
-        SceneError
-            Naming the argument.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> round(vrte.Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
-        0.251327
-        """
+        """A layer without particles, a clear coat or a tinted one: of a geometrical thickness [um] and an index n + ik
+        with k up to 0.01 n, at a wavelength in vacuum [um]; its optical thickness is 4 pi k/wavelength times its
+        own."""
         host = find_host_index(host_index, check_wavelength(wavelength_um))
         length = check_number(
             "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
@@ -182,13 +128,8 @@ class Layer:
 
 
 def is_fraction_needed(particles: Particles, packing: str) -> bool:
-    """Whether a layer of a given optical thickness depends on its volume fraction: the host absorbs, or packing asks.
-
-    >>> from vrte.optics.spheres import spheres
-    >>> tinted = spheres(1.5, radius_um=0.1, wavelength_um=0.5, host_index=1.3 + 1e-3j)
-    >>> is_fraction_needed(tinted, "independent")
-    True
-    """
+    """Whether a layer of a given optical thickness depends on its volume fraction: the host absorbs, or packing
+    asks."""
     return packing != INDEPENDENT or particles.host_absorption > CLEAR_HOST
 
 

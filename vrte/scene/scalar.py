@@ -30,11 +30,7 @@ class Angles(NamedTuple):
 
 
 def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
-    """Sums of equal signs, so that the phase angle keeps its digits near 0 and pi.
-
-    >>> find_angles(0.5, 0.5, 180.0).phase.item(), round(np.degrees(find_angles(1.0, 0.5, 0.0).phase).item(), 12)
-    (0.0, 60.0)
-    """
+    """Sums of equal signs, so that the phase angle keeps its digits near 0 and pi."""
     half = 0.5 * np.radians(np.asarray(phi_deg, float))
     mu_i, mu_o, half = np.broadcast_arrays(np.asarray(mu_i, float), np.asarray(mu_o, float), half)
     sine_i, sine_o = (np.sqrt((1.0 - mu) * (1.0 + mu)) for mu in (mu_i, mu_o))
@@ -48,12 +44,7 @@ def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
 
 
 def describe_limits(make: object, name: str) -> str:
-    """What a number of a base may be, in words.
-
-    >>> from vrte.scene.hapke import Hapke
-    >>> describe_limits(Hapke, "linear")
-    '-2 to 2'
-    """
+    """What a number of a base may be, in words."""
     low, high = make.LIMITS[name]  # type: ignore[attr-defined]
     return f"{low:g} to {high:g}"
 
@@ -70,41 +61,12 @@ class ScalarBase(SampledBase):
     """A base with a formula for f_00, which leaves light unpolarized; f that would be negative is 0.
 
     Made from this class, a base has `compute_f`, and asks for `check_formula` as it is made.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.scene.scalar import ScalarBase
-    >>> class Moon(ScalarBase):
-    ...     def compute_f(self, angles):
-    ...         return 0.1 / (np.pi * (angles.mu_i + angles.mu_o))
-    >>> round(Moon().reflectance(1.0).item(), 4)
-    0.0614
     """
 
     LIMITS: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what each of its numbers may be, from and to
 
     def compute_f(self, angles: Angles) -> Array:
-        """The formula for f_00.
-
-        Parameters
-        ----------
-        angles : Angles
-            Cosines, tangents and phase angles of pairs of directions, on one shape.
-
-        Returns
-        -------
-        ndarray
-            f_00 [1/sr], of that shape.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> from vrte.scene.scalar import find_angles
-        >>> round(vrte.Hapke(0.6).compute_f(find_angles(1.0, 1.0, 0.0)).item() * np.pi, 4)
-        0.2081
-        """
+        """f_00 [1/sr] of pairs of directions, on their shape."""
         raise NotImplementedError
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
@@ -112,23 +74,8 @@ class ScalarBase(SampledBase):
         return found
 
     def check_formula(self) -> None:
-        """Whether a surface can reflect so at zenith angles up to 75 degrees; beyond, it warns where none can.
-
-        Raises
-        ------
-        SceneError
-            Where f is negative, or more light comes back than falls in.
-
-        Warns
-        -----
-        FittedRangeWarning
-            Where f is so beyond 75 degrees; below mu_i = 0.05 of more than 0.05/mu_i times as much light as falls in.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Hapke(0.6).check_formula()
-        """
+        """Whether a surface can reflect so at zenith angles up to 75 degrees: f >= 0, and no more light than falls in.
+        Raises SceneError; beyond 75 degrees it warns, of more than 0.05/mu_i times as much light below mu_i = 0.05."""
         angles = find_angles(LOOKED_AT[:, None, None], LOOKED_AT[:, None], AZIMUTHS)
         f, lower = self.compute_f(angles), np.minimum(angles.mu_i, angles.mu_o)
         within, beyond = (np.where(there, f, 0.0) for there in (lower >= STEEPEST, lower < STEEPEST))
@@ -160,27 +107,6 @@ class ScalarBase(SampledBase):
             self.warn_beyond(f"{share:.3g} of the light that comes along mu_i = {CHECKED_COSINES[most]:g} comes back")
 
     def warn_beyond(self, words: str) -> None:
-        """Warns of what the formula does beyond the zenith angles that it was fitted to.
-
-        Parameters
-        ----------
-        words : str
-            What it does there.
-
-        Warns
-        -----
-        FittedRangeWarning
-            Always.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> import warnings
-        >>> with warnings.catch_warnings(record=True) as told:
-        ...     warnings.simplefilter("always")
-        ...     vrte.Hapke(0.6).warn_beyond("it is bright")
-        >>> print(told[0].message)
-        base: Hapke was fitted to zenith angles up to about 75; beyond, it is bright
-        """
+        """Warns of what the formula does beyond the zenith angles that it was fitted to."""
         where = f"base: {self.name} was fitted to zenith angles up to about 75; beyond, {words}"
         warn_user(where, FittedRangeWarning)

@@ -133,19 +133,7 @@ class Scene:
         return self.has_interfaces or self.below.keeps_beams
 
     def turned(self) -> "Scene":
-        """The scene upside down, without its base.
-
-        Returns
-        -------
-        Scene
-            Its interfaces turned with it.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)]).turned().index_below
-        1.0
-        """
+        """The scene upside down, its interfaces turned with it, without its base."""
         return self._upside_down
 
     @cached_property
@@ -187,14 +175,7 @@ class Scene:
 
     @property
     def base_in_words(self) -> str:
-        """What lies beneath, or that nothing is seen of it.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
-        'black'
-        """
+        """What lies beneath, or that nothing is seen of it."""
         base = "black" if self.base is None else put_in_one_line(str(self.base), 80)
         return base if self.base_is_reached else f"{base}, which no light reaches"
 
@@ -205,12 +186,7 @@ class Scene:
 def build_like(
     scene: Scene, layers: Sequence[Layer], base: Boundary | None, interfaces: Sequence[Interface | None]
 ) -> Scene:
-    """A scene of as many layers as another, which are counted as they are there: by the list that it was made of.
-
-    >>> scene = Scene([Interface(1.0, 1.5), Layer(isotropic(), 1.0, 0.5)])
-    >>> build_like(scene, scene.layers, None, scene.interfaces).places
-    (1,)
-    """
+    """A scene of as many layers as another, which are counted as they are there: by the list that it was made of."""
     found = Scene(layers, base, interfaces)
     object.__setattr__(found, "_places", scene.places)
     return found

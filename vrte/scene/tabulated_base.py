@@ -188,63 +188,14 @@ class TabulatedBase(Boundary):
         return self.specular is not None and bool(self.specular.any())
 
     def weigh(self, mu_i: Array, mu_o: Array) -> tuple[Array, Array]:
-        """Weights that the table's cosines have in f at any others.
-
-        Parameters
-        ----------
-        mu_i : ndarray (n_in,)
-            Positive cosines of incidence.
-        mu_o : ndarray (n_out,)
-            Positive cosines of exit.
-
-        Returns
-        -------
-        into : ndarray (2, n_in, rows)
-            At ``mu_i``, of even Fourier orders and of odd ones; below the table's smallest cosine, those of that.
-        out : ndarray (2, n_out, columns)
-            The same at ``mu_o``.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> mu = [0.02, 0.3, 0.6, 1.0]
-        >>> f = np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4))
-        >>> white = vrte.TabulatedBase(mu, mu, [0, 90, 180], f)
-        >>> [each.shape for each in white.weigh(np.array([0.5]), np.array([0.2, 0.7]))]
-        [(2, 1, 4), (2, 2, 4)]
-        """
+        """Weights that the table's cosines have in f at positive cosines mu_i (n_in,) and mu_o (n_out,), of even and
+        odd Fourier orders: (2, n_in, rows) and (2, n_out, columns). Below the table's smallest cosine, they are those
+        of that."""
         return weigh_cosines(self._cosines[0], mu_i), weigh_cosines(self._cosines[1], mu_o)
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
-        """The share of unpolarized light that comes back, mirrored beams included.
-
-        Parameters
-        ----------
-        mu_i : float or array_like (n,)
-            Positive cosines of incidence.
-        points : int, optional
-            Of the quadrature over mu_o.
-
-        Returns
-        -------
-        ndarray (n,)
-            From 0 to 1.
-
-        References
-        ----------
-        (1:35), order 0.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> mu = [0.02, 0.3, 0.6, 1.0]
-        >>> f = np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4))
-        >>> grey = vrte.TabulatedBase(mu, mu, [0, 90, 180], f)
-        >>> (grey.reflectance([0.5]) / np.pi).round(12).tolist()
-        [0.1]
-        """
+        """The share of unpolarized light that is reflected (n,), mirrored beams included, of positive cosines (n,);
+        ``points`` of the quadrature over mu_o. Source: (1:35), order 0."""
         into = check_cosines("mu_i", mu_i)
         mu_o, weight = make_exit_rule(points)
         even = interpolate_orders(self._cosines, self._orders[:1], *self.weigh(into, mu_o))[0, :, :, 0, 0]
@@ -279,39 +230,7 @@ class TabulatedBase(Boundary):
     def reflect_orders(
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
-        """Fourier orders R^m from the table's own; of the last orders, none that may be left out.
-
-        Parameters
-        ----------
-        mu_i : ndarray (n_in,)
-            Positive cosines of incidence.
-        mu_o : ndarray (n_out,)
-            Positive cosines of exit.
-        pairs : ndarray of bool (n_in, n_out)
-            Which pairs of them are wanted.
-        n_order : int
-            How many orders there may be.
-        allowed : callable
-            How far each order may be off, of the size of the light that comes back.
-
-        Returns
-        -------
-        orders : ndarray (order, n_in, n_out, 4, 4)
-            Orders beyond those given back are dark.
-        azimuths : int
-            How many azimuths it took.
-
-        References
-        ----------
-        (1:35).
-
-        Examples
-        --------
-        >>> mu, all_pairs = [0.02, 0.3, 0.6, 1.0], np.ones((1, 1), bool)
-        >>> grey = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4)))
-        >>> grey.reflect_orders(np.array([0.5]), np.array([0.9]), all_pairs, 4, lambda size: 1e-9 * size)[0].shape
-        (1, 1, 1, 4, 4)
-        """
+        """Fourier orders R^m from the table's own; of the last orders, none that may be left out."""
         found = 2.0 * np.pi * interpolate_orders(self._cosines, self._orders[:n_order], *self.weigh(mu_i, mu_o))
         found[:, ~pairs] = 0.0
         size = np.abs(found).max(axis=(3, 4))
@@ -441,9 +360,5 @@ def estimate_error(cosines: tuple[Array, Array], weighted: Array, azimuths: int)
 
 
 def foretell_error(halved: float, quartered: float) -> float:
-    """The error that a sequence leads to, of every fourth point and every other: falling on at the same rate.
-
-    >>> foretell_error(1e-3, 1e-1), foretell_error(0.3, 0.2)
-    (1e-05, 0.3)
-    """
+    """The error that a sequence leads to, of every fourth point and every other: falling on at the same rate."""
     return float(halved * min(1.0, halved / quartered)) if quartered > 0.0 else 0.0

@@ -17,9 +17,6 @@ def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: f
     Differences of sixth order, central ones, or one-sided where ``base_at`` raises a SceneError on the other side; of a
     Lambertian base, which reflects in proportion to its albedo, the white one alone. Raises that SceneError where
     neither side is allowed.
-
-    >>> [(round(weight, 12), base.albedo) for weight, base in vary_base(lambda p: Lambertian(p**2), 0.5, 0.01)]
-    [(1.0, 1.0)]
     """
     for side, stencil in ((1.0, CENTRAL), (1.0, ONE_SIDED), (-1.0, ONE_SIDED)):
         try:

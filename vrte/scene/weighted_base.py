@@ -10,12 +10,7 @@ from vrte.scene.boundary import Allowed, Boundary
 
 @dataclass(frozen=True, eq=False)
 class WeightedBase(Boundary):
-    """What several boundaries reflect, weighted and added up; nobody asks whether that is physical.
-
-    >>> from vrte.scene.boundary import Lambertian
-    >>> WeightedBase(((1.0, Lambertian(0.5)), (-0.5, Lambertian(0.2)))).even_albedo
-    0.4
-    """
+    """What several boundaries reflect, weighted and added up; nobody asks whether that is physical."""
 
     parts: tuple[tuple[float, Boundary], ...]
 
