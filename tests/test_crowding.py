@@ -18,7 +18,6 @@ from tests.crowding_oracle import (
     structure_matrix_by_grid,
     structure_matrix_by_integration,
 )
-from vrte.optics.coated_spheres import compute_coated_coefficients
 from vrte.optics.crowding import PACKINGS, pack
 from vrte.optics.effective_medium import find_coherent_potential_index, find_maxwell_garnett_index
 from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
@@ -248,7 +247,7 @@ def test_coherent_potential_of_few_spheres_is_van_de_hulsts():
 def test_coherent_potential_leaves_the_phase_of_light_alone(fraction):
     index = find_coherent_potential_index(rutile().balls, fraction)
     k = 2.0 * math.pi * index / 0.55
-    a, b = compute_coated_coefficients(2.7 / index, 1.5 / index, k * 0.1, k * 0.1 * fraction ** (-1.0 / 3.0))
+    a, b = compute_mie_coefficients(2.7 / index, 1.5 / index, k * 0.1, k * 0.1 * fraction ** (-1.0 / 3.0))
     forward = np.sum((2 * np.arange(1, a.size + 1) + 1) * (a + b))
     assert abs(forward.imag) < 1e-9 * abs(forward)
     packed = pack(rutile(), fraction, "coherent-potential")

@@ -17,7 +17,7 @@ from vrte._core import (
 from vrte.formats import scene_family
 from vrte.optics.refractive_index import RefractiveIndex
 from vrte.optics.size_distribution import Monodisperse
-from vrte.optics.spheres import HomogeneousBall, count_orders
+from vrte.optics.spheres import Ball, count_orders
 from vrte.optics.vary_spheres import SphereNumbers, vary_spheres
 from vrte.scene.vary_layer import Filling, assemble_layer
 
@@ -123,7 +123,7 @@ def test_the_recursions_against_ball_arithmetic(given: tuple[Any, ...], orders: 
 def test_cross_sections_of_a_sphere() -> None:
     """(4.61) and (4.62), and their derivative with the index, summed up from ball arithmetic."""
     size, index = 2.0, 1.5 + 0.01j
-    ball = HomogeneousBall(RefractiveIndex(1.5, 0.01, ""), 2.0 * math.pi, 1.0, Monodisperse(size))
+    ball = Ball((RefractiveIndex(1.5, 0.01, ""),), 2.0 * math.pi, RefractiveIndex(1.0, 0.0, ""), Monodisperse(size))
     given = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * math.pi)
     numbers = SphereNumbers.of(ball, 1, 6)
     still = np.zeros(1)
@@ -230,7 +230,7 @@ def test_closed_forms_are_what_differences_come_to(name: str, monkeypatch: pytes
 def test_narrow_resonances_of_a_clear_sphere() -> None:
     """Where a difference would need steps of a millionth: the cross section as ball arithmetic sums it up."""
     size, index = 39.3, 1.6
-    ball = HomogeneousBall(RefractiveIndex(index, 0.0, ""), 2.0 * math.pi, 1.0, Monodisperse(size))
+    ball = Ball((RefractiveIndex(index, 0.0, ""),), 2.0 * math.pi, RefractiveIndex(1.0, 0.0, ""), Monodisperse(size))
     given = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * math.pi)
     change = SphereNumbers(np.array([[0.0], [1.0 + 0j]]), np.ones(1), np.zeros(1), np.zeros(()))
     (found,) = vary_spheres(ball, given, SphereNumbers.of(ball, 1, 6), [change])

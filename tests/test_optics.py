@@ -14,8 +14,8 @@ from flint import acb, ctx
 
 import vrte.basics.errors
 from vrte.basics.errors import SceneError
+from vrte.optics.particle_kind import SizeAverageWarning
 from vrte.optics.particles import Particles, mixture
-from vrte.optics.populations import SizeAverageWarning
 from vrte.optics.refractive_index import MATERIALS, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
 from vrte.optics.spheres import compute_mie_coefficients, spheres
@@ -127,7 +127,7 @@ def test_numbers_are_taken_as_they_are():
 )
 def test_index_errors(material, wavelength, words):
     with pytest.raises(SceneError, match=words):
-        refractive_index(material, wavelength)
+        vrte.refractive_index(material, wavelength)
 
 
 def test_the_database_needs_no_network_and_no_home(tmp_path):

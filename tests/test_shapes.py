@@ -11,8 +11,9 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.formats.scene_file import make_scene_file
-from vrte.optics import shape_sizes, shapes, transition_matrix
-from vrte.optics.populations import SizeAverageWarning
+from vrte.optics import particle_kind, shapes, transition_matrix
+from vrte.optics.particle_kind import SizeAverageWarning
+from vrte.optics.phase_matrix import arrange_coefficients
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID
 from vrte.sweep.optics import make_file_name
 
@@ -112,7 +113,7 @@ def handle(request: pytest.FixtureRequest):
 def test_orientations_added_up_one_by_one_give_the_same(handle) -> None:
     """The literal oracle: the solver's own Mueller matrices, Mishchenko's signs, over a grid of Euler angles."""
     solver, matrix, average = handle
-    phase_matrix = vrte.PhaseMatrix(*shape_sizes.arrange_coefficients(scale(average.sums)))
+    phase_matrix = vrte.PhaseMatrix(*arrange_coefficients(scale(average.sums)))
     orders = min(matrix.nmax, 8)  # what higher ones add is below the tolerance
     cosines, weights = find_gauss_legendre(2 * orders + 1)
     turns = np.arange(4 * orders + 1) * 360.0 / (4 * orders + 1)
@@ -208,9 +209,9 @@ def test_sizes_are_averaged_as_those_of_spheres() -> None:
 
 
 def test_sizes_that_do_not_settle_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shape_sizes, "MOST_RADII", 9)
-    monkeypatch.setattr(shape_sizes, "FEWEST_RADII", 5)
-    monkeypatch.setattr(shape_sizes, "DOUBTFUL", 1e-9)
+    monkeypatch.setattr(shapes, "MOST_RADII", 9)
+    monkeypatch.setattr(shapes, "FEWEST_RADII", 5)
+    monkeypatch.setattr(particle_kind, "DOUBTFUL", 1e-9)
     with pytest.warns(SizeAverageWarning, match="spheroids: not settled"):
         vrte.spheroids(1.5, aspect_ratio=1.2, size=vrte.Gamma(0.1, 0.1), wavelength_um=0.5)
 
@@ -225,13 +226,13 @@ def test_where_the_method_does_not_converge_one_sentence_says_so(capfd: pytest.C
 
 
 def test_convergence_that_is_poor_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shape_sizes, "FAIR", 1e-12)
+    monkeypatch.setattr(shapes, "FAIR", 1e-12)
     with pytest.warns(vrte.AccuracyWarning, match="cylinders: the null-field method hardly converges; .*reciprocal to"):
         vrte.cylinders(1.5, aspect_ratio=1.0, radius_um=0.1, wavelength_um=0.5)
 
 
 def test_long_work_is_foretold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shape_sizes.cost, "LONG", 1e-9)
+    monkeypatch.setattr(shapes.cost, "LONG", 1e-9)
     with pytest.warns(vrte.LongSolveWarning, match="most of it for the largest spheroids"):
         vrte.spheroids(1.5, aspect_ratio=1.5, radius_um=0.1, wavelength_um=0.5)
 
@@ -264,7 +265,7 @@ def test_bad_input_is_refused_by_make_and_check_alike(kind: str, changes: dict, 
 
 
 def test_checks_do_no_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shape_sizes, "average_orientations", None)
+    monkeypatch.setattr(shapes, "average_orientations", None)
     assert shapes.check_cylinders(1.6, host_index=(1.3, 1e-4), **GOOD).host_absorption > 0.0
     assert shapes.check_spheroids(1.6, **GOOD).balls == ()
 

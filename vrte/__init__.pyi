@@ -40,7 +40,6 @@ from vrte.formats.materials import list_materials
 from vrte.formats.scattering import read_scattering as read_scattering
 from vrte.formats.scene_family import SceneFamily as SceneFamily
 from vrte.formats.size_table import read_sizes as read_sizes
-from vrte.optics.coated_spheres import coated_spheres as coated_spheres
 from vrte.optics.convention_card import recognise_convention as recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning as IndependentScatteringWarning
 from vrte.optics.crowding import PackingWarning as PackingWarning
@@ -60,6 +59,7 @@ from vrte.optics.size_distribution import Gamma as Gamma
 from vrte.optics.size_distribution import Lognormal as Lognormal
 from vrte.optics.size_distribution import Monodisperse as Monodisperse
 from vrte.optics.size_distribution import Tabulated as Tabulated
+from vrte.optics.spheres import coated_spheres as coated_spheres
 from vrte.optics.spheres import spheres as spheres
 from vrte.results import over_hemisphere as over_hemisphere
 from vrte.results import quantities as quantities

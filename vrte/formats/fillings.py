@@ -15,7 +15,8 @@ from vrte.formats.particle_sources import check_particles, describe_value
 from vrte.formats.toml_table import Table
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.particles import Particles
-from vrte.optics.vary_spheres import ParticleSlopes, SmoothBall, SphereNumbers
+from vrte.optics.spheres import Ball
+from vrte.optics.vary_spheres import ParticleSlopes, SphereNumbers
 from vrte.scene.layer import is_fraction_needed
 from vrte.scene.vary_layer import Filling, vary_layer
 
@@ -40,7 +41,7 @@ class Recorder:
     def find_numbers(self, kind: int, settled: Settled) -> SphereNumbers | None:
         """What a kind of particle depends on, averaged over so many radii; None where no derivatives are known."""
         balls = self.particles[kind].balls
-        if len(balls) != 1 or not isinstance(balls[0][0], SmoothBall):
+        if len(balls) != 1 or not isinstance(balls[0][0], Ball):
             return None
         return SphereNumbers.of(balls[0][0], *(settled[0] if settled else ONE_SIZE))
 

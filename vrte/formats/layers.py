@@ -12,8 +12,8 @@ from vrte.formats.particle_sources import Compute, Make, prepare_particles
 from vrte.formats.phases import read_phase
 from vrte.formats.toml_table import Table, locate_errors, shorten_text, show_key, suggest_nearest
 from vrte.optics.crowding import INDEPENDENT, PACKINGS
+from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles, mixture
-from vrte.optics.spheres import find_host_index
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer, is_fraction_needed
 from vrte.scene.scene import MOST_LAYERS

@@ -15,10 +15,9 @@ from vrte.formats.keys import SUBSTANCE_HINT, Key, Number, Reading, Substance, c
 from vrte.formats.media import ONE_WAVELENGTH, WAVE_KEYS, check_material, read_material
 from vrte.formats.sizes import HALVED, SIZE_KEYS, read_size
 from vrte.formats.toml_table import Table, locate_errors
-from vrte.optics.coated_spheres import check_coated_spheres, coated_spheres
 from vrte.optics.particles import Particles
 from vrte.optics.shapes import check_cylinders, check_spheroids, cylinders, spheroids
-from vrte.optics.spheres import check_spheres, spheres
+from vrte.optics.spheres import check_coated_spheres, check_spheres, coated_spheres, spheres
 
 SPHERES = "spheres"  # where a table names no source
 

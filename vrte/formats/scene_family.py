@@ -28,7 +28,8 @@ from vrte.formats.toml_table import Table
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Held, SizeDistribution
-from vrte.optics.vary_spheres import ParticleSlopes, SmoothBall, SphereNumbers, vary_spheres
+from vrte.optics.spheres import Ball
+from vrte.optics.vary_spheres import ParticleSlopes, SphereNumbers, vary_spheres
 from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
@@ -372,7 +373,7 @@ class Neighbourhood:
             if users and numbers is not None:
                 changes = [drafts[place].numbers[kind] for place in users]
                 ball = self.seen.particles[kind].balls[0][0]
-                slopes = vary_spheres(cast(SmoothBall, ball), self.held.particles[kind], numbers, changes)
+                slopes = vary_spheres(cast(Ball, ball), self.held.particles[kind], numbers, changes)
                 for place, slope in zip(users, slopes, strict=True):
                     found[place][kind] = slope
         return found

@@ -16,8 +16,12 @@ from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, s
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.spherical_functions import find_gap
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
-from vrte.optics.expansion import arrange_coefficients
-from vrte.optics.phase_matrix import NEGATIVE_ALLOWED, PhaseMatrix, find_lowest_coherency_eigenvalue
+from vrte.optics.phase_matrix import (
+    NEGATIVE_ALLOWED,
+    PhaseMatrix,
+    arrange_coefficients,
+    find_lowest_coherency_eigenvalue,
+)
 from vrte.optics.table_interpolation import ElementSpline, count_terms, follow_errors, integrate_exactly
 
 MOST_ANGLES = 20_000

@@ -21,19 +21,16 @@ from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 from vrte.optics.populations import (
     LEFT_OUT,
-    Ball,
     Population,
+    average_population,
     compute_angular_functions,
     count_terms,
     expand_elements,
     find_amplitudes,
-    find_wavenumber,
     make_phase_matrix,
-    settle_population,
     sum_amplitudes,
     sum_bulk,
 )
-from vrte.optics.refractive_index import RefractiveIndex
 from vrte.optics.spheres import average_ball
 
 INDEPENDENT, PERCUS_YEVICK = "independent", "percus-yevick"
@@ -104,8 +101,8 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
     many nodes until the terms left out are below 1e-12, or what rounding leaves of them.
     """
     kinds = _share_out(particles)
-    populations = [settle_population(ball)[0] for ball, _ in kinds]
-    factor = 2.0 * math.pi / find_wavenumber(kinds[0][0]) ** 2
+    populations = [average_population(ball)[0] for ball, _ in kinds]
+    factor = 2.0 * math.pi / kinds[0][0].wavenumber ** 2
     absorbed = 0.0
     for (ball, share), population in zip(kinds, populations, strict=True):
         extinction, scattering, _, _ = sum_bulk(population)
@@ -175,7 +172,7 @@ def check_effective_medium(particles: Particles, volume_fraction: float) -> None
         radii, weights, permittivities = list_sizes(particles.balls)
         ball = particles.balls[0][0]
         contrast = np.abs(np.sqrt(permittivities) / ball.host - 1.0)
-        shift = 2.0 * find_wavenumber(ball) * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
+        shift = 2.0 * ball.wavenumber * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
         if shift > SHIFTED:
             _warn(
                 f'packing="{EFFECTIVE_MEDIUM}" is for small spheres: the phase shift 2 k r |m - 1| is {shift:.3g} '
@@ -195,8 +192,8 @@ def scatter_in_medium(
 ) -> Particles:
     """Each sphere alone, in a medium whose index is that of host and spheres together."""
     kinds = _share_out(particles)
-    around = RefractiveIndex(find_index(kinds, volume_fraction), 0.0, "of host and spheres together")
-    alone = mixture([(average_ball(ball.put_in(around.n), around), share) for ball, share in kinds])
+    index = find_index(kinds, volume_fraction)
+    alone = mixture([(average_ball(ball.put_in(index)), share) for ball, share in kinds])
     return replace(
         alone,
         host_index=particles.host_index,
@@ -263,7 +260,7 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
 class _Crowd:
     """Particles, told from others by what packing knows of them."""
 
-    balls: tuple[tuple[Ball, float], ...]
+    balls: tuple[tuple[Any, float], ...]
     host_absorption: float
     particles: Particles = field(compare=False)
 
@@ -273,7 +270,7 @@ def _scatter_remembered(crowd: _Crowd, volume_fraction: float, packing: str) -> 
     return PACKINGS[packing].scatter(crowd.particles, volume_fraction)
 
 
-def _share_out(particles: Particles) -> list[tuple[Ball, float]]:
+def _share_out(particles: Particles) -> list[tuple[Any, float]]:
     """What spheres are made of, with number shares that sum to 1."""
     total = math.fsum(share for _, share in particles.balls)
     return [(ball, share / total) for ball, share in particles.balls if share > 0.0]

@@ -5,16 +5,17 @@ Both give a real index, that of the wave's phase; what is scattered out of it is
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from vrte._core import coated_sphere_coefficients
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.optics.populations import FEWEST_RADII, Ball, check_quadrature
+from vrte.optics.populations import FEWEST_RADII
 from vrte.optics.spheres import count_orders
 
-Kinds = Sequence[tuple[Ball, float]]  # with number shares, in one host at one wavelength
+Kinds = Sequence[tuple[Any, float]]  # balls with number shares, in one host at one wavelength
 FEW = 1e-3  # volume fraction up to which an index rises in proportion to it
 STEP, STEP_OF_PHASE, FURTHEST = 0.01, 0.1, 2.0  # of the host's index, in search of another; of a sphere; a factor
 
@@ -23,7 +24,7 @@ def list_sizes(kinds: Kinds) -> tuple[Array, Array, Array]:
     """Radii [um] of spheres of all kinds, their number shares, and the permittivity of each: all (sizes,)."""
     radii, weights, permittivities = [], [], []
     for ball, share in kinds:
-        some, counts = check_quadrature(ball.size, FEWEST_RADII, 6)
+        some, counts = ball.read_quadrature(FEWEST_RADII, 6)
         radii.append(some)
         weights.append(share * counts)
         permittivities.append([ball.find_permittivity(float(radius)) for radius in some])

@@ -4,13 +4,15 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from vrte.basics.arrays import check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.phase_matrix import PhaseMatrix, check_mixture, mix
-from vrte.optics.populations import Ball
+
+if TYPE_CHECKING:
+    from vrte.optics.particle_kind import ParticleKind
 
 LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
 LARGEST_ABSORPTION = 1e6  # of a medium [1/um]
@@ -41,7 +43,7 @@ class Particles:
         Refractive index of the medium that they lie in; None: any.
     host_absorption : float
         Of that medium [1/um], 4 pi k/wavelength: what it takes of the light between them.
-    balls : tuple of (Ball, float)
+    balls : tuple of (ParticleKind, float)
         What spheres among them are made of, with number shares; empty where that is not known, or not all are spheres.
     stands_in : bool
         Whether these are none, but something to go on with while a scene is only checked.
@@ -67,7 +69,7 @@ class Particles:
     description: str = ""
     host_index: float | None = None
     host_absorption: float = 0.0
-    balls: tuple[tuple[Ball, float], ...] = ()
+    balls: tuple[tuple["ParticleKind", float], ...] = ()
     stands_in: bool = False
 
     def __post_init__(self) -> None:

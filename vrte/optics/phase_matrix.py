@@ -280,6 +280,30 @@ class PhaseMatrix:
             object.__setattr__(self, name, freeze_copy(values) if isinstance(values, np.ndarray) else values)
 
 
+def project_elements(cosine: Array, combined: Array, terms: int, gap: Array | None = None) -> Array:
+    """Integrals over the cosine (terms, 6, ...) of six combinations of a scattering matrix times their functions.
+
+    ``combined`` (6, n, ...), on nodes ``cosine`` (n,), ascending, times their weights: F11 and F44 with d^l_00, -F12
+    and -F34 with d^l_02, F22 + F33 with d^l_22, F22 - F33 with d^l_2,-2. ``gap`` as in `compute_wigner_functions`.
+    """
+    more = combined.shape[2:]
+    plain, crossed = (np.stack((combined[k], combined[k + 1]), axis=1).reshape(cosine.size, -1) for k in (0, 2))
+    sums = np.empty((terms, 6, *more))
+    for first, block in compute_wigner_functions(PAIRS, terms, cosine, gap):
+        rows = slice(first, first + len(block))
+        sums[rows, :2], sums[rows, 2:4] = (
+            (block[:, kind] @ pair).reshape(-1, 2, *more) for kind, pair in enumerate((plain, crossed))
+        )
+        sums[rows, 4], sums[rows, 5] = block[:, 2] @ combined[4], block[:, 3] @ combined[5]
+    return sums
+
+
+def arrange_coefficients(sums: Array) -> tuple[Array, ...]:
+    """a1, a2, a3, a4, b1, b2 from integrals (terms, 6) that have their factor."""
+    a1, a4, b1, b2, total, difference = sums.T
+    return a1, 0.5 * (total + difference), 0.5 * (total - difference), a4, b1, b2
+
+
 def find_lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
     """The lowest eigenvalue of the coherency matrix of F, which no real particle makes negative.
 

@@ -1,78 +1,31 @@
 """Spheres of many sizes: from the coefficients a_n and b_n of each to what a layer needs to know of all.
 
-What a sphere is made of is a `Ball`, which knows its coefficients at any radius. Amplitudes S1 and S2 and coefficients
-are those of Bohren and Huffman, "Absorption and scattering of light by small particles" (1983), chapter 4, for a
-refractive index n + i k.
+Amplitudes S1 and S2 and coefficients are those of Bohren and Huffman, "Absorption and scattering of light by small
+particles" (1983), chapter 4, for a refractive index n + i k.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, check_vector
-from vrte.basics.errors import LongSolveWarning, SceneError, warn_user
+from vrte.basics.arrays import Array
+from vrte.basics.errors import LongSolveWarning, warn_user
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
-from vrte.optics.expansion import arrange_coefficients, project_elements
-from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.size_distribution import Held, SizeDistribution
+from vrte.optics.phase_matrix import PhaseMatrix, arrange_coefficients, project_elements
 
 Complex = NDArray[np.complex128]
 
-LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
 NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
 LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
 FEWEST_RADII, MOST_RADII = 129, 2049
-SETTLED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
-DOUBTFUL = 1e-2  # relative change of a cross section at MOST_RADII from which the user is warned
+CONVERGED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
 ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
 ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
-
-
-class SizeAverageWarning(UserWarning):
-    """The average over sizes still changes with the number of radii (sharp resonances of clear spheres)."""
-
-
-class Ball(Protocol):
-    """One kind of sphere: what it is made of, what is around it, and how large it is, by `size`. Hashable, as frozen
-    dataclasses are: equal ones are packed once."""
-
-    @property
-    def size(self) -> SizeDistribution:
-        """The distribution of outer radii."""
-
-    @property
-    def host(self) -> float:
-        """The real refractive index around it."""
-
-    @property
-    def wavelength_um(self) -> float:
-        """In vacuum [um]."""
-
-    @property
-    def absorbs(self) -> bool:
-        """Whether extinction is more than scattering."""
-
-    @property
-    def in_words(self) -> str:
-        """What it is, but for sizes and light."""
-
-    def check_radii(self, radii: Array) -> None:
-        """Raises SceneError where the largest of ascending radii [um] is too large."""
-
-    def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
-        """a_n and b_n from n = 1 of a sphere of this outer radius."""
-
-    def find_permittivity(self, radius_um: float) -> complex:
-        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius."""
-
-    def put_in(self, host: float) -> "Ball":
-        """The same in a medium of another index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +39,6 @@ class Population:
     b: Complex
 
 
-def find_wavenumber(ball: Ball) -> float:
-    """k = 2 pi n/wavelength in the medium around a ball [1/um]."""
-    return 2.0 * math.pi * ball.host / ball.wavelength_um
-
-
 def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     """a_n and b_n without the orders at the end that hold nothing."""
     strength = np.maximum(np.abs(a), np.abs(b)).tolist()  # some 20 numbers, thousands of times: no arrays
@@ -100,53 +48,22 @@ def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     return a[:orders], b[:orders]
 
 
-def settle_population(ball: Ball) -> tuple[Population, Array]:
-    """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
-    held = ball.size if isinstance(ball.size, Held) else None
-    if held and (settled := held.find(ball.host)):
-        return make_population(ball, check_quadrature(ball.size, *settled), {}), np.zeros(4)
-    coarsest = check_quadrature(ball.size, 2, 6)[0]
-    moment = 6 if find_wavenumber(ball) * coarsest[-1] <= ALL_SIZES_UP_TO else 4
+def average_population(ball: Any) -> tuple[Population, int, float]:
+    """Spheres of a `Ball` of as many radii as it takes, how many, and the last relative change of cross sections."""
     known: dict[float, tuple[Complex, Complex]] = {}
-    count = max(FEWEST_RADII, coarsest.size)
-    most = max(MOST_RADII, 2 * count - 1)
-    population = make_population(ball, check_quadrature(ball.size, count, moment), known)
-    changes = np.zeros(4)
-    sums = sum_bulk(population)
-    while population.sizes.size > 1 and count < most:
-        count = 2 * count - 1
-        population = make_population(ball, check_quadrature(ball.size, count, moment), known)
-        before, sums = sums, sum_bulk(population)
-        changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
-        if np.all(changes <= SETTLED):
-            break
-    if held:
-        held.keep(count, moment)
-    return population, changes
 
+    def average(count: int, moment: int) -> tuple[Population, Array, int]:
+        population = make_population(ball, ball.read_quadrature(count, moment), known)
+        return population, sum_bulk(population), population.sizes.size
 
-def check_quadrature(
-    distribution: SizeDistribution, count: int, moment: int, whose: str = "spheres"
-) -> tuple[Array, Array]:
-    """Radii and weights, checked: a distribution may be anybody's."""
-    try:
-        radii, weights = distribution.quadrature(count, moment)
-    except Exception as reason:
-        name = type(distribution).__name__
-        raise SceneError(f"{whose}: size: {name}.quadrature failed with {type(reason).__name__}") from reason
-    radii, weights = (
-        check_vector(f"{whose}: size: the radii", radii),
-        check_vector(f"{whose}: size: the weights", weights),
-    )
-    if radii.size != weights.size or radii[0] <= 0.0 or (np.diff(radii) < 0.0).any():
-        raise SceneError(f"{whose}: size: the radii must increase from above 0, with one weight for each")
-    if (weights < 0.0).any() or not weights.any():
-        raise SceneError(f"{whose}: size: the weights must be >= 0 and not all zero")
-    return radii, weights
+    largest = ball.wavenumber * ball.read_quadrature(2, 6)[0][-1]
+    moment = 6 if largest <= ALL_SIZES_UP_TO else 4
+    found: tuple[Population, int, float] = ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
+    return found
 
 
 def make_population(
-    ball: Ball, quadrature: tuple[Array, Array], known: dict[float, tuple[Complex, Complex]]
+    ball: Any, quadrature: tuple[Array, Array], known: dict[float, tuple[Complex, Complex]]
 ) -> Population:
     """Mie coefficients at all the radii, padded with zeros; those not ``known`` are worked out and kept there."""
     radii, weights = quadrature
@@ -159,18 +76,7 @@ def make_population(
     for row, radius in enumerate(radii):
         found = known[radius]
         a[row, : found[0].size], b[row, : found[1].size] = found
-    return Population(radii, find_wavenumber(ball) * radii, weights, a, b)
-
-
-def check_size_parameter(ball: Ball, radii: Array) -> float:
-    """The size parameter of the largest of ascending radii [um]. Raises SceneError where it is too large."""
-    size = float(find_wavenumber(ball) * radii[-1])
-    if size > LARGEST_SIZE:
-        raise SceneError(
-            f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, not {size:.4g} "
-            f"(a radius of {radii[-1]:.4g} um: did you mean nanometres, {radii[-1] / 1e3:.4g} um?)"
-        )
-    return size
+    return Population(radii, ball.wavenumber * radii, weights, a, b)
 
 
 def sum_bulk(population: Population) -> Array:
@@ -214,8 +120,8 @@ def expand_elements(find_elements: Callable[[Array], Array], terms: int) -> tupl
     pieces = range(0, terms, ANGLES_AT_ONCE)
     elements = [find_elements(cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
     plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
-    plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
-    sums = project_elements(cosine, plain, crossed, plus, minus, terms)
+    combined = np.stack([0.5 * (plus + minus), 0.5 * (plus - minus), -f12, -f34, plus, minus])
+    sums = project_elements(cosine, combined, terms)
     integral = float(sums[0, 0])
     sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / integral
     return sums, integral

@@ -1,23 +1,62 @@
 """Spheroids and cylinders in random orientation, averaged over sizes: the extra "shapes"."""
 
+import math
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from vrte.basics.arrays import check_number
-from vrte.basics.errors import SceneError
-from vrte.optics.particles import Particles
-from vrte.optics.refractive_index import Material, refractive_index
-from vrte.optics.shape_sizes import WORDS, Shape, average_shape, find_largest_radius
-from vrte.optics.size_distribution import SizeDistribution
-from vrte.optics.spheres import (
-    SAME_INDEX,
-    check_light,
-    choose_distribution,
-    find_absorption,
-    make_stand_in_matrix,
-)
-from vrte.optics.transition_matrix import CYLINDER, SPHEROID, import_solver
+import numpy as np
 
+from vrte.basics import cost
+from vrte.basics.arrays import Array, check_number
+from vrte.basics.errors import AccuracyWarning, LongSolveWarning, SceneError, warn_user
+from vrte.basics.running import count_usable_cpus
+from vrte.optics.particle_kind import ParticleKind, check_kind, describe_convergence, describe_index, make_check
+from vrte.optics.particles import Particles
+from vrte.optics.populations import make_phase_matrix
+from vrte.optics.refractive_index import Material
+from vrte.optics.size_distribution import SizeDistribution
+from vrte.optics.transition_matrix import (
+    CYLINDER,
+    FAIR,
+    SPHEROID,
+    Average,
+    average_orientations,
+    count_orders,
+    find_reach,
+    import_solver,
+)
+
+WORDS = {SPHEROID: "spheroids", CYLINDER: "cylinders"}
 ASPECT_ALLOWED = 0.1, 10.0, "a width over a length, from 0.1 to 10"
+SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 50.0  # size parameters of the sphere of equal volume, and of that around a particle
+TOO_SMALL = 1e-2 * SMALLEST_SIZE  # for the solver's Bessel functions; left out beside larger ones
+TAIL = 1e-4  # of the sum of cross sections: what is held by larger sizes than those worked out
+FEWEST_RADII, MOST_RADII = 17, 129
+CONVERGED = np.array([1e-4, 1e-4, 1e-4, 1e-3])  # relative: extinction, scattering, asymmetry, backscattering
+REFUSED = 1e-2  # error of amplitudes, or of energy
+MOMENT = 4  # of the radius, up to which radii are averaged over
+
+
+@dataclass(frozen=True)
+class Shape(ParticleKind):
+    """Particles of one ``shape``, SPHEROID or CYLINDER, and width over length; radii are those of spheres of equal
+    volume."""
+
+    shape: int
+    aspect_ratio: float
+
+    @property
+    def words(self) -> str:
+        return WORDS[self.shape]
+
+    @property
+    def reach(self) -> float:
+        """The size parameter of the sphere around a particle over its radius [1/um]."""
+        return find_reach(self.shape, self.aspect_ratio) * self.wavenumber
+
+    def list_balls(self) -> tuple[()]:
+        return ()
 
 
 def spheroids(
@@ -83,25 +122,8 @@ def spheroids(
     >>> dust.albedo, dust.phase_matrix.a2[2] > dust.phase_matrix.a3[2]
     (1.0, np.True_)
     """
-    return average_shape(_make_shape(SPHEROID, material, wavelength_um, aspect_ratio, radius_um, size, host_index))
-
-
-def check_spheroids(
-    material: Material,
-    *,
-    wavelength_um: float,
-    aspect_ratio: float,
-    radius_um: float | None = None,
-    size: SizeDistribution | None = None,
-    host_index: Material = 1.0,
-) -> Particles:
-    """All that `spheroids` checks, without its work: what comes back is Rayleigh's, to go on with.
-
-    >>> check_spheroids(1.5, aspect_ratio=-2.0, radius_um=0.1, wavelength_um=0.5)
-    Traceback (most recent call last):
-    vrte.SceneError: aspect_ratio must be a width over a length, from 0.1 to 10, not -2.0
-    """
-    return check_shape(_make_shape(SPHEROID, material, wavelength_um, aspect_ratio, radius_um, size, host_index))
+    how = {"aspect_ratio": aspect_ratio, "radius_um": radius_um, "size": size, "host_index": host_index}
+    return average_shape(make_shape(SPHEROID, material, wavelength_um=wavelength_um, **how))
 
 
 def cylinders(
@@ -158,59 +180,123 @@ def cylinders(
     >>> f"{crystals.volume_um3:.6f}"  # that of the sphere
     '0.004189'
     """
-    return average_shape(_make_shape(CYLINDER, material, wavelength_um, aspect_ratio, radius_um, size, host_index))
+    how = {"aspect_ratio": aspect_ratio, "radius_um": radius_um, "size": size, "host_index": host_index}
+    return average_shape(make_shape(CYLINDER, material, wavelength_um=wavelength_um, **how))
 
 
-def check_cylinders(
+def make_shape(
+    shape: int,
     material: Material,
     *,
-    wavelength_um: float,
-    aspect_ratio: float,
-    radius_um: float | None = None,
-    size: SizeDistribution | None = None,
-    host_index: Material = 1.0,
-) -> Particles:
-    """All that `cylinders` checks, without its work: what comes back is Rayleigh's, to go on with.
-
-    >>> check_cylinders(1.5, aspect_ratio=1.0, wavelength_um=0.5)
-    Traceback (most recent call last):
-    vrte.SceneError: cylinders: give either radius_um or size
-    """
-    return check_shape(_make_shape(CYLINDER, material, wavelength_um, aspect_ratio, radius_um, size, host_index))
-
-
-def _make_shape(
-    kind: int,
-    material: Material,
     wavelength_um: Any,
     aspect_ratio: Any,
-    radius_um: Any,
-    size: SizeDistribution | None,
-    host_index: Material,
+    radius_um: Any = None,
+    size: Any = None,
+    host_index: Any = 1.0,
 ) -> Shape:
-    """The particles, all of them checked, and the solver's presence."""
-    words = WORDS[kind]
-    index, (host, wavelength) = refractive_index(material, wavelength_um), check_light(wavelength_um, host_index)
-    if abs(index.value / host.n - 1.0) < SAME_INDEX:
-        raise SceneError(
-            f"{words}: the particles have the refractive index of their host, {host.n:g}, so they scatter nothing"
-        )
-    aspect = check_number("aspect_ratio", aspect_ratio, *ASPECT_ALLOWED)
-    shape = Shape(kind, index, wavelength, host, aspect, choose_distribution(radius_um, size, words))
-    find_largest_radius(shape)
+    """What `spheroids` and `cylinders` average over, checked, and the solver's presence."""
+    common = check_kind(WORDS[shape], {"index": material}, wavelength_um, host_index, radius_um, size)
+    found = Shape(*common, shape, check_number("aspect_ratio", aspect_ratio, *ASPECT_ALLOWED))
+    find_largest_radius(found)
     import_solver()
-    return shape
+    return found
 
 
-def check_shape(shape: Shape) -> Particles:
-    """Particles to go on with: Rayleigh's, of extinction and volume 1."""
-    return Particles(
-        make_stand_in_matrix(),
-        1.0,
-        0.0,
-        extinction_um2=1.0,
-        scattering_um2=1.0,
-        volume_um3=1.0,
-        host_index=shape.host.n,
-        host_absorption=find_absorption(shape.host, shape.wavelength_um),
+check_spheroids, check_cylinders = (make_check(partial(make_shape, shape)) for shape in (SPHEROID, CYLINDER))
+
+
+def find_largest_radius(shape: Shape) -> float:
+    """The radius beyond which sizes hold little; those scatter as it does, by their areas. Raises SceneError."""
+    radii, weights = shape.read_quadrature(MOST_RADII, MOMENT)
+    parameters = shape.wavenumber * radii
+    if parameters[-1] < SMALLEST_SIZE:
+        raise SceneError(
+            f"{shape.words}: the size parameter 2 pi r/wavelength must be at least {SMALLEST_SIZE:g}, not "
+            f"{parameters[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
+        )
+    section = weights * radii**2 * np.minimum(2.0, parameters) ** 4  # small ones scatter as r^6
+    beyond = np.cumsum(section[::-1])[::-1] - section  # what larger ones hold
+    largest = float(radii[np.argmax(beyond <= TAIL * section.sum())])
+    around = shape.reach * largest
+    if around > LARGEST_SIZE:
+        raise SceneError(
+            f"{shape.words}: the size parameter 2 pi r/wavelength of the sphere around the largest must be at most "
+            f"{LARGEST_SIZE:g}, not {around:.4g} (a radius of {largest:.4g} um: did you mean nanometres, "
+            f"{largest / 1e3:.4g} um?)"
+        )
+    return largest
+
+
+def average_shape(shape: Shape) -> Particles:
+    """Particles averaged over orientations and sizes; warns where the null-field method hardly converges."""
+    largest, known = find_largest_radius(shape), dict[float, Average]()
+    average = partial(add_sizes, shape, largest, known)
+    mean, count, change = shape.average_sizes(average, MOMENT, (FEWEST_RADII, MOST_RADII), CONVERGED)
+    extinction, scattering = mean.extinction / shape.wavenumber**2, mean.scattering / shape.wavenumber**2
+    energy = 0.0 if shape.absorbs else abs(extinction / scattering - 1.0)
+    description = (
+        f"{shape.words} in random orientation, aspect ratio {shape.aspect_ratio:g}, volumes of {shape.size}, "
+        f"{shape.where}, {describe_index(shape.substances[0])}, reciprocal to {max(mean.error, 1e-16):.0e}"
+        f"{'' if shape.absorbs else f', energy kept to {max(energy, 1e-16):.0e}'}"
+        f"{describe_convergence(count, change, f' up to {largest:.3g} um')}"
     )
+    if max(mean.error, energy) > FAIR:
+        warn_user(f"{shape.words}: the null-field method hardly converges; {description}", AccuracyWarning)
+    sums = mean.sums * ((2.0 * np.arange(len(mean.sums))[:, None] + 1.0) / mean.sums[0, 0])
+    radii, weights = shape.read_quadrature(MOST_RADII, MOMENT)
+    volume = float(weights @ (4.0 / 3.0 * math.pi * radii**3))
+    return shape.make_particles(make_phase_matrix(sums), extinction, scattering, volume, description, change)
+
+
+def add_sizes(
+    shape: Shape, largest: float, known: dict[float, Average], count: int, moment: int
+) -> tuple[Average, Array, int]:
+    """The mean over ``count`` radii up to a ``moment``; k^2 times extinction, scattering, asymmetry x scattering and
+    backscattering (4,); how many radii count. Those not ``known`` are worked out and kept there."""
+    radii, weights = shape.read_quadrature(count, moment)
+    counts = shape.wavenumber * radii >= TOO_SMALL
+    radii, weights = radii[counts], weights[counts]
+    solved = np.minimum(radii, largest)
+    new = {radius for radius in solved.tolist() if radius not in known}
+    warn_of_time(shape, new)
+    for radius in sorted(new, reverse=True):  # what may fail comes first
+        known[radius] = solve_size(shape, radius)
+    parts = [known[radius] for radius in solved.tolist()]
+    weights = weights * (radii / solved) ** 2  # of larger ones: their areas
+    sums = np.zeros((max(len(part.sums) for part in parts), 6))
+    for weight, part in zip(weights, parts, strict=True):
+        sums[: len(part.sums)] += weight * part.sums
+    numbers = [[part.extinction, part.scattering, part.scattering * part.error] for part in parts]
+    extinction, scattering, errors = weights @ numbers
+    mean = Average(float(extinction), float(scattering), sums, float(errors / scattering))
+    alternate = (-1.0) ** np.arange(len(sums)) * (2.0 * np.arange(len(sums)) + 1.0)
+    asymmetry, back = 2.0 * math.pi * sums[1, 0], 2.0 * math.pi * alternate @ sums[:, 0]
+    return mean, np.array([mean.extinction, mean.scattering, asymmetry, back]), np.unique(solved).size
+
+
+def warn_of_time(shape: Shape, radii: set[float]) -> None:
+    """Says what will take long."""
+    work = sum((1.2 * count_orders(shape.reach * radius)) ** 6 for radius in radii)
+    seconds = cost.SECONDS_OF_ORDERS * work / count_usable_cpus()
+    if seconds > cost.LONG:
+        told = f"this will take about {cost.say_time(seconds)}, most of it for the largest {shape.words}"
+        warn_user(f"{told}; smaller or rounder ones take less", LongSolveWarning)
+
+
+def solve_size(shape: Shape, radius_um: float) -> Average:
+    """One size in random orientation. Raises SceneError where the null-field method does not converge."""
+    size = shape.wavenumber * radius_um
+    (index,) = shape.relative_indices
+    found = average_orientations(shape.shape, shape.aspect_ratio, size, index)
+    lost = math.inf
+    if found is not None:
+        excess = found.scattering / found.extinction - 1.0
+        lost = max(found.error, excess if shape.absorbs else abs(excess))
+    if found is None or not lost <= REFUSED:
+        raise SceneError(
+            f"{shape.words}: the null-field method does not converge to {REFUSED:g} at an aspect ratio of "
+            f"{shape.aspect_ratio:g}, a size parameter of {size:.4g} and an index {index.real:.4g} + "
+            f"{index.imag:.3g}i relative to the host (a sphere of equal volume of {radius_um:.4g} um): "
+            "smaller or rounder ones do"
+        )
+    return found

@@ -1,83 +1,122 @@
-"""Homogeneous spheres after Mie, averaged over sizes."""
+"""Spheres after Mie, of one substance or of a core in a shell: pigments, hollow spheres, droplets on grains."""
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-from vrte._core import sphere_coefficients, sphere_slopes
-from vrte.basics.arrays import Array, check_number, show_value
-from vrte.basics.errors import SceneError, warn_user
-from vrte.optics.particles import HOST_ALLOWED, Particles
-from vrte.optics.phase_matrix import PhaseMatrix, rayleigh
+from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_coefficients, sphere_slopes
+from vrte.basics.arrays import Array, check_number
+from vrte.basics.errors import SceneError
+from vrte.optics.particle_kind import (
+    ParticleKind,
+    check_kind,
+    describe_convergence,
+    describe_index,
+    make_check,
+)
+from vrte.optics.particles import Particles
 from vrte.optics.populations import (
-    DOUBTFUL,
     FEWEST_RADII,
-    Ball,
     Complex,
-    Population,
-    SizeAverageWarning,
-    check_quadrature,
-    check_size_parameter,
+    average_population,
     drop_negligible,
     expand_population,
-    find_wavenumber,
-    settle_population,
     sum_bulk,
 )
-from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, check_wavelength, refractive_index
-from vrte.optics.size_distribution import Monodisperse, SizeDistribution
+from vrte.optics.refractive_index import Material, RefractiveIndex
+from vrte.optics.size_distribution import SizeDistribution, check_length
 
+LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
-SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
-ABSORBING_UP_TO = 0.01  # k over n of a host: amplitudes are wrong by m/(m - 1) times that where it is taken as clear
+BELOW_ONE = math.nextafter(1.0, 0.0)
+SMALLEST_RATIO = 1e-6  # of the core's radius to the whole: it holds 1e-18 of the volume
 
 
 @dataclass(frozen=True)
-class HomogeneousBall:
-    """A sphere of one substance: a `vrte.optics.populations.Ball`."""
+class Ball(ParticleKind):
+    """Spheres of one substance, or of a core in a shell: the core's radius is ``core_ratio`` times the outer one, less
+    ``shell_um``."""
 
-    index: RefractiveIndex
-    wavelength_um: float
-    host: float
-    size: SizeDistribution
-
-    @property
-    def relative_index(self) -> complex:
-        """Relative to the host's."""
-        return self.index.value / self.host
-
-    @property
-    def absorbs(self) -> bool:
-        return self.relative_index.imag > 0.0
+    core_ratio: float = 1.0
+    shell_um: float = 0.0
 
     @property
     def in_words(self) -> str:
-        return f"index {self.index.n:.6g} + {self.index.k:.6g}i ({self.index.source})"
+        """What it consists of."""
+        if len(self.substances) == 1:
+            return describe_index(self.substances[0])
+        core, shell = map(describe_index, self.substances)
+        if self.shell_um:
+            return f"a shell of {self.shell_um:.6g} um, {shell}, around a core, {core}"
+        return f"a core of {self.core_ratio:.6g} of the radius, {core}, in a shell, {shell}"
+
+    def find_core_radius(self, radius_um: Any) -> Any:
+        """The radius of the core [um] of spheres of outer radii [um]."""
+        return self.core_ratio * radius_um - self.shell_um
+
+    def list_sizes(self, radius_um: Any) -> list[Any]:
+        """Size parameters of core and whole, or of the whole alone, of outer radii [um]."""
+        radii = [self.find_core_radius(radius_um), radius_um]
+        return [self.wavenumber * radius for radius in radii[-len(self.substances) :]]
 
     def check_radii(self, radii: Array) -> None:
-        check_phase(self.relative_index.real, check_size_parameter(self, radii), radii[-1])
+        """Raises SceneError where the smallest of ascending radii [um] is too small, or the largest too large."""
+        size = float(self.wavenumber * radii[-1])
+        if size > LARGEST_SIZE:
+            raise SceneError(
+                f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, not {size:.4g} "
+                f"(a radius of {radii[-1]:.4g} um: did you mean nanometres, {radii[-1] / 1e3:.4g} um?)"
+            )
+        if self.find_core_radius(float(radii[0])) <= 0.0:
+            raise SceneError.of(
+                "shell_um",
+                f"must be less than the smallest radius that is averaged over, {radii[0]:.4g} um, not "
+                f"{self.shell_um:.4g}: sizes are those of whole spheres, and core_ratio fits all of them",
+            )
+        for index, part in zip(self.relative_indices, self.list_sizes(float(radii[-1])), strict=True):
+            if index.real * part > LARGEST_PHASE:
+                raise SceneError(
+                    f"spheres: the index relative to the host times the size parameter must be at most "
+                    f"{LARGEST_PHASE:g}, not {index.real * part:.4g} (a radius of {radii[-1]:.4g} um)"
+                )
 
     def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
-        return compute_mie_coefficients(self.relative_index, find_wavenumber(self) * radius_um)
+        """a_n and b_n from n = 1 of a sphere of this outer radius [um]."""
+        return compute_mie_coefficients(*self.relative_indices, *self.list_sizes(radius_um))
 
     def list_arguments(self, radii: Array) -> Complex:
-        """What the coefficients of spheres are functions of, (2, sizes): relative index and size parameter."""
-        size = find_wavenumber(self) * radii
-        return np.stack([np.full(size.shape, self.relative_index), size.astype(complex)])
+        """What the coefficients of spheres are functions of, (arguments, sizes): relative indices and size parameters,
+        both from the inside out."""
+        indices = [np.full(radii.shape, index) for index in self.relative_indices]
+        return np.stack([*indices, *(size + 0j for size in self.list_sizes(radii))])
 
     def find_slopes(self, radius_um: float) -> Complex:
-        """a_n and b_n, and their derivatives with each of these, (3, 2, orders)."""
-        size = find_wavenumber(self) * radius_um
-        return sphere_slopes(complex(self.relative_index), size, count_orders(size))
+        """a_n and b_n, and their derivatives with each argument, (1 + arguments, 2, orders)."""
+        find: Any = sphere_slopes if len(self.substances) == 1 else coated_sphere_slopes
+        sizes = self.list_sizes(radius_um)
+        found: Complex = find(*map(complex, self.relative_indices), *sizes, count_orders(sizes[-1]))
+        return found
 
     def find_permittivity(self, radius_um: float) -> complex:
-        return self.index.value**2
+        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius [um].
 
-    def put_in(self, host: float) -> "HomogeneousBall":
-        return replace(self, host=host)
+        Source: Bohren and Huffman (1983), (5.36), solved for one substance.
+        """
+        core, shell = self.substances[0].value ** 2, self.substances[-1].value ** 2
+        if len(self.substances) == 1:
+            return shell
+        dipole = (self.find_core_radius(radius_um) / radius_um) ** 3 * (core - shell) / (core + 2.0 * shell)
+        return shell * (1.0 + 2.0 * dipole) / (1.0 - dipole)
+
+    def put_in(self, host: float) -> "Ball":
+        """The same in a medium of another index."""
+        return replace(self, medium=RefractiveIndex(host, 0.0, "of host and spheres together"))
+
+    def make_stand_in(self) -> Particles:
+        self.check_radii(self.read_quadrature(FEWEST_RADII, 6)[0])
+        return super().make_stand_in()
 
 
 def spheres(
@@ -130,163 +169,145 @@ def spheres(
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """
-    ball, host = _make_ball(material, wavelength_um, radius_um, size, host_index)
-    return average_ball(ball, host)
+    return average_ball(
+        make_ball(material, wavelength_um=wavelength_um, radius_um=radius_um, size=size, host_index=host_index)
+    )
 
 
-def check_spheres(
+def make_ball(
     material: Material,
     *,
+    wavelength_um: Any,
+    radius_um: Any = None,
+    size: SizeDistribution | None = None,
+    host_index: Material = 1.0,
+) -> Ball:
+    """What `spheres` averages over, checked: arguments and errors as there."""
+    return Ball(*check_kind("spheres", {"index": material}, wavelength_um, host_index, radius_um, size))
+
+
+def coated_spheres(
+    core: Material,
+    shell: Material,
+    *,
     wavelength_um: float,
+    core_radius_um: float | None = None,
+    shell_um: float | None = None,
+    core_ratio: float | None = None,
     radius_um: float | None = None,
     size: SizeDistribution | None = None,
     host_index: Material = 1.0,
 ) -> Particles:
-    """All that `spheres` checks, without its work: parameters and errors as there.
+    """Spheres of a core and a shell, of one radius or of a size distribution, in a host medium.
 
-    What comes back are no such particles, but Rayleigh's, of extinction and volume 1: something to go on with.
+    Hollow spheres have "air", or 1.0, for their core.
 
-    >>> check_spheres(1.5, radius_um=-1.0, wavelength_um=0.5)
-    Traceback (most recent call last):
-    vrte.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
+    Parameters
+    ----------
+    core, shell : str, complex, pair, IndexTable or RefractiveIndex
+        What they consist of, all that `refractive_index` takes: a name, a database path, n + i k or (n, k).
+    wavelength_um : float
+        In vacuum [um]; inside the host it is shorter by ``host_index``.
+    core_radius_um : float, optional
+        Of the core [um], less than ``radius_um`` and only with it, or
+    shell_um : float, optional
+        thickness of the shell [um], the same on spheres of all sizes, or
+    core_ratio : float, optional
+        radius of the core over the whole radius, below 1, the same in spheres of all sizes: one of the three.
+    radius_um : float, optional
+        Of all of them, the shell included [um], or
+    size : Lognormal, Gamma, Monodisperse or Tabulated, optional
+        the distribution of their radii, shells included.
+    host_index : str, complex, pair, IndexTable or RefractiveIndex
+        Of the medium around them, as in `spheres`.
+
+    Returns
+    -------
+    Particles
+        Averaged over sizes as in `spheres`; ``volume_um3`` is that of core and shell.
+
+    Raises
+    ------
+    SceneError
+        Naming the argument: for none or two of the three that say how thick the shell is, a shell that is thicker than
+        the smallest sphere, both or neither of radius_um and size, and all that `spheres` refuses.
+
+    References
+    ----------
+    Bohren and Huffman (1983), section 8.1.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> hollow = vrte.coated_spheres(1.0, 1.59, core_ratio=0.8, radius_um=0.25, wavelength_um=0.55, host_index=1.33)
+    >>> f"{hollow.scattering_um2 / hollow.volume_um3:.3f} 1/um"
+    '0.715 1/um'
     """
-    return check_ball(*_make_ball(material, wavelength_um, radius_um, size, host_index))
-
-
-def _make_ball(
-    material: Material, wavelength_um: Any, radius_um: Any, size: SizeDistribution | None, host_index: Material
-) -> tuple[HomogeneousBall, RefractiveIndex]:
-    """The ball, and the index of the medium around it, checked."""
-    index, (host, wavelength) = refractive_index(material, wavelength_um), check_light(wavelength_um, host_index)
-    if abs(index.value / host.n - 1.0) < SAME_INDEX:
-        raise SceneError(
-            f"spheres: the particles have the refractive index of their host, {host.n:g}, so they scatter nothing"
-        )
-    return HomogeneousBall(index, wavelength, host.n, choose_distribution(radius_um, size)), host
-
-
-def check_phase(relative_index: float, size: float, radius_um: float) -> None:
-    """Raises SceneError where a relative index times the size parameter of a radius is too large."""
-    if relative_index * size > LARGEST_PHASE:
-        raise SceneError(
-            f"spheres: the index relative to the host times the size parameter must be at most {LARGEST_PHASE:g}, "
-            f"not {relative_index * size:.4g} (a radius of {radius_um:.4g} um)"
-        )
-
-
-def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveIndex, float]:
-    """The index of the medium around particles, and the wavelength in vacuum [um]. Raises SceneError."""
-    wavelength = check_wavelength(wavelength_um)
-    return find_host_index(host_index, wavelength), wavelength
-
-
-def find_host_index(host_index: Material, wavelength_um: float) -> RefractiveIndex:
-    """n + ik of the medium around particles. Raises SceneError, naming it, where it absorbs too much."""
-    low, high, allowed = HOST_ALLOWED
-    try:
-        found = refractive_index(host_index, wavelength_um)
-        check_number("host_index", found.n, low, high, allowed)
-    except SceneError as error:
-        if isinstance(host_index, (str, IndexTable)):
-            raise SceneError(f"host_{error}", "host_index") from error
-        given = f"{allowed}, or n + ik that absorbs little, not {show_value(host_index)}"
-        raise SceneError.of("host_index", f"must be {given}") from None
-    if found.k > ABSORBING_UP_TO * found.n:
-        raise SceneError(
-            f"host_index: {found.n:.6g} + {found.k:.3g}i absorbs too much: light goes through media with k from 0 to "
-            f"{ABSORBING_UP_TO:g} n, taken as clear around particles and at surfaces; what absorbs more is for bases",
-            "host_index",
-        )
-    return found
-
-
-def average_ball(ball: Ball, host: RefractiveIndex) -> Particles:
-    """Particles of one kind, averaged over sizes; says so where these have not settled."""
-    population, changes = settle_population(ball)
-    description = _describe_spheres(ball, population, float(changes[:2].max()))
-    if changes[:2].max() > DOUBTFUL:
-        warn_user(f"spheres: not settled; {description}", SizeAverageWarning)
-    extinction, scattering, _, _ = sum_bulk(population) * (2.0 * math.pi / find_wavenumber(ball) ** 2)
-    if not ball.absorbs:
-        extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that
-    phase_matrix = expand_population(population)
-    volumes = 4.0 / 3.0 * math.pi * (population.sizes / find_wavenumber(ball)) ** 3
-    return Particles(
-        phase_matrix=phase_matrix,
-        albedo=min(1.0, float(scattering / extinction)),
-        asymmetry=phase_matrix.asymmetry,
-        extinction_um2=float(extinction),
-        scattering_um2=float(scattering),
-        volume_um3=float(population.weights @ volumes),
-        description=description,
-        host_index=host.n,
-        host_absorption=find_absorption(host, ball.wavelength_um),
-        balls=((ball, 1.0),),
+    thickness = {"core_radius_um": core_radius_um, "shell_um": shell_um, "core_ratio": core_ratio}
+    sizes = {"radius_um": radius_um, "size": size}
+    return average_ball(
+        make_coated_ball(core, shell, wavelength_um=wavelength_um, host_index=host_index, **thickness, **sizes)
     )
 
 
-def find_absorption(host: RefractiveIndex, wavelength_um: float) -> float:
-    """What a medium absorbs, 4 pi k/wavelength [1/um]."""
-    return 4.0 * math.pi * host.k / wavelength_um
+def make_coated_ball(
+    core: Material,
+    shell: Material,
+    *,
+    wavelength_um: Any,
+    core_radius_um: Any = None,
+    shell_um: Any = None,
+    core_ratio: Any = None,
+    radius_um: Any = None,
+    size: Any = None,
+    host_index: Material = 1.0,
+) -> Ball:
+    """What `coated_spheres` averages over, checked: arguments and errors as there."""
+    words = "coated_spheres"
+    if sum(given is not None for given in (core_radius_um, shell_um, core_ratio)) != 1:
+        raise SceneError(f"{words}: give exactly one of core_radius_um, shell_um and core_ratio")
+    common = check_kind(words, {"core": core, "shell": shell}, wavelength_um, host_index, radius_um, size)
+    if shell_um is not None:
+        return Ball(*common, shell_um=check_length("shell_um", shell_um))
+    if core_ratio is not None:
+        allowed = f"a ratio of radii from {SMALLEST_RATIO:g} to below 1"
+        return Ball(*common, check_number("core_ratio", core_ratio, SMALLEST_RATIO, BELOW_ONE, allowed))
+    if radius_um is None:
+        raise SceneError.of("core_radius_um", "goes with radius_um; spheres of many sizes need shell_um or core_ratio")
+    radius = float(radius_um)
+    allowed = f"above 0 and less than radius_um, {radius:g} um"
+    inner = check_number("core_radius_um", core_radius_um, SMALLEST_RATIO * radius, radius, allowed)
+    if inner == radius:
+        raise SceneError.of("core_radius_um", f"must be {allowed}, not {inner:g}")
+    return Ball(*common, inner / radius)
 
 
-def check_ball(ball: Ball, host: RefractiveIndex) -> Particles:
-    """All that `average_ball` checks, and particles to go on with: Rayleigh's, of extinction and volume 1."""
-    radii, _ = check_quadrature(ball.size, FEWEST_RADII, 6)
-    ball.check_radii(radii)
-    return Particles(
-        make_stand_in_matrix(),
-        1.0,
-        0.0,
-        extinction_um2=1.0,
-        scattering_um2=1.0,
-        volume_um3=1.0,
-        host_index=host.n,
-        host_absorption=find_absorption(host, ball.wavelength_um),
-        balls=((ball, 1.0),),
-        stands_in=True,
-    )
+check_spheres, check_coated_spheres = make_check(make_ball), make_check(make_coated_ball)
 
 
-@cache
-def make_stand_in_matrix() -> PhaseMatrix:
-    """Of particles that are none: Rayleigh's."""
-    return rayleigh()
+def average_ball(ball: Ball) -> Particles:
+    """Spheres of one kind, averaged over sizes."""
+    population, count, change = average_population(ball)
+    description = f"spheres, {ball.size}, {ball.where}, {ball.in_words}{describe_convergence(count, change)}"
+    extinction, scattering, _, _ = sum_bulk(population) * (2.0 * math.pi / ball.wavenumber**2)
+    volume = population.weights @ (4.0 / 3.0 * math.pi * (population.sizes / ball.wavenumber) ** 3)
+    areas = float(extinction), float(scattering), float(volume)
+    return ball.make_particles(expand_population(population), *areas, description, change)
 
 
-def compute_mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:
-    """a_n and b_n from n = 1 of a sphere with the size parameter ``size``, index relative to the host.
+def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
+    """a_n and b_n from n = 1 of a sphere: of its index relative to the host and its size parameter, or of the indices
+    of core and shell and the size parameters of core and whole.
 
-    Source: Bohren and Huffman (1983), (4.53).
+    Source: Bohren and Huffman (1983), (4.53) and section 8.1.
     """
-    return drop_negligible(*sphere_coefficients(complex(relative_index), size, count_orders(size)))
+    half = len(numbers) // 2
+    indices, sizes = map(complex, numbers[:half]), numbers[half:]
+    find: Any = sphere_coefficients if half == 1 else coated_sphere_coefficients
+    return drop_negligible(*find(*indices, *sizes, count_orders(sizes[-1])))
 
 
 def count_orders(size: float) -> int:
     """How many a_n and b_n to work out: Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are
     asked for, and those that hold nothing are dropped."""
     return int(size + 6.0 * size ** (1.0 / 3.0) + 8.0)
-
-
-def choose_distribution(
-    radius_um: float | None, size: SizeDistribution | None, whose: str = "spheres"
-) -> SizeDistribution:
-    """The distribution of radii that one of two arguments gives. Raises SceneError."""
-    if (radius_um is None) == (size is None):
-        raise SceneError(f"{whose}: give either radius_um or size")
-    if size is None:
-        return Monodisperse(radius_um)  # type: ignore[arg-type]
-    if isinstance(size, type) or not callable(getattr(size, "quadrature", None)):
-        raise SceneError(
-            f"{whose}: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
-        )
-    return size
-
-
-def _describe_spheres(ball: Ball, population: Population, change: float) -> str:
-    """One line: what the spheres are, where their index comes from and how well their sizes are averaged."""
-    where = f"at {ball.wavelength_um:g} um" + (f" in a host of index {ball.host:g}" if ball.host != 1.0 else "")
-    text = f"spheres, {ball.size}, {where}, {ball.in_words}"
-    if population.sizes.size > 1:
-        text += f", {population.sizes.size} radii, cross sections settled to {max(change, 1e-16):.0e}"
-    return text

@@ -9,8 +9,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gap, find_gauss_legendre
-from vrte.optics.expansion import project_elements
-from vrte.optics.phase_matrix import NEGATIVE_ALLOWED, PAIRS, find_lowest_coherency_eigenvalue
+from vrte.optics.phase_matrix import NEGATIVE_ALLOWED, PAIRS, find_lowest_coherency_eigenvalue, project_elements
 
 NEAR = 1e-9  # degrees: as far from an angle of a quadrature is on it
 FEWEST = 8  # angles from which a decay of the spectrum can be seen
@@ -28,9 +27,7 @@ def combine_elements(elements: Array) -> Array:
 
 def integrate_elements(theta: Array, weights: Array, elements: Array, terms: int) -> Array:
     """Integrals (terms, 6) of elements on the nodes of a quadrature in the cosine: angles [radians], descending."""
-    f11, f44, f12, f34, plus, minus = weights * combine_elements(elements)
-    plain, crossed = np.stack([f11, f44], axis=1), np.stack([f12, f34], axis=1)
-    return project_elements(np.cos(theta), plain, crossed, plus, minus, terms, find_gap(theta))
+    return project_elements(np.cos(theta), weights * combine_elements(elements), terms, find_gap(theta))
 
 
 def integrate_exactly(angles: Array, elements: Array) -> Array | None:

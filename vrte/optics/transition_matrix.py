@@ -28,7 +28,7 @@ from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import import_extra
 from vrte.basics.running import count_usable_cpus
 from vrte.basics.spherical_functions import find_gauss_legendre
-from vrte.optics.expansion import project_elements
+from vrte.optics.phase_matrix import project_elements
 
 Complex = NDArray[np.complex128]
 
@@ -289,9 +289,7 @@ def expand_average(matrix: Complex) -> Array:
         same, turned = fields.swapaxes(-1, -2) @ outgoing
         elements += multiply_fields(same, turned, shares[part])
     f11, f44, plus, minus, f12, f34 = measure * elements
-    return project_elements(
-        scattered, np.stack([f11, f44], axis=1), -np.stack([f12, f34], axis=1), plus, minus, scattered.size
-    )
+    return project_elements(scattered, np.stack([f11, f44, -f12, -f34, plus, minus]), scattered.size)
 
 
 def multiply_fields(same: Complex, turned: Complex, shares: Array) -> Array:

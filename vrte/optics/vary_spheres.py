@@ -7,37 +7,22 @@ and linear in the weights of sizes. The radii, their number and the number of te
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
-from vrte.optics.expansion import arrange_coefficients
+from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.optics.particles import Particles
-from vrte.optics.phase_matrix import PAIRS
+from vrte.optics.phase_matrix import arrange_coefficients, project_elements
 from vrte.optics.populations import (
     ANGLES_AT_ONCE,
     SIZES_AT_ONCE,
-    Ball,
     Complex,
-    check_quadrature,
     compute_angular_functions,
     drop_negligible,
     find_amplitudes,
-    find_wavenumber,
 )
-
-
-@runtime_checkable
-class SmoothBall(Ball, Protocol):
-    """A sphere whose coefficients' derivatives are known."""
-
-    def list_arguments(self, radii: Array) -> Complex:
-        """What they are functions of, (arguments, sizes)."""
-
-    def find_slopes(self, radius_um: float) -> Complex:
-        """a_n and b_n, and their derivatives with each argument, (1 + arguments, 2, orders)."""
+from vrte.optics.spheres import Ball
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +36,10 @@ class SphereNumbers:
     wavenumber: Array
 
     @classmethod
-    def of(cls, ball: SmoothBall, count: int, moment: int) -> "SphereNumbers":
+    def of(cls, ball: Ball, count: int, moment: int) -> "SphereNumbers":
         """Of a ball, averaged over ``count`` radii up to a ``moment``."""
-        radii, weights = check_quadrature(ball.size, count, moment)
-        return cls(ball.list_arguments(radii), radii, weights, np.array(find_wavenumber(ball)))
+        radii, weights = ball.read_quadrature(count, moment)
+        return cls(ball.list_arguments(radii), radii, weights, np.array(ball.wavenumber))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +53,7 @@ class ParticleSlopes:
 
 
 def vary_spheres(
-    ball: SmoothBall, particles: Particles, numbers: SphereNumbers, changes: Sequence[SphereNumbers]
+    ball: Ball, particles: Particles, numbers: SphereNumbers, changes: Sequence[SphereNumbers]
 ) -> list[ParticleSlopes]:
     """Derivatives of the ``particles`` that a ball's average over sizes is, for each of several changes of what it
     depends on. Source: the derivative of Bohren and Huffman (1983), (4.61), (4.62) and (4.77)."""
@@ -138,11 +123,5 @@ def _differentiate_integrals(
     plus, minus, f12, f34 = (
         (0.5 * gauss * part).T for part in (*squares, -cross.real, cross.imag)
     )  # as sum_amplitudes
-    plain, crossed = 0.5 * np.hstack([plus + minus, plus - minus]), -np.hstack([f12, f34])
-    found = np.empty((terms, 6, changes))
-    for first, block in compute_wigner_functions(PAIRS, terms, cosine):
-        rows = slice(first, first + len(block))
-        found[rows, :2] = (block[:, 0] @ plain).reshape(-1, 2, changes)
-        found[rows, 2:4] = (block[:, 1] @ crossed).reshape(-1, 2, changes)
-        found[rows, 4], found[rows, 5] = block[:, 2] @ plus, block[:, 3] @ minus
-    return np.moveaxis(found, 2, 0)
+    combined = np.stack([0.5 * (plus + minus), 0.5 * (plus - minus), -f12, -f34, plus, minus])
+    return np.moveaxis(project_elements(cosine, combined, terms), 2, 0)

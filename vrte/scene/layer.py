@@ -8,10 +8,10 @@ from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.crowding import INDEPENDENT, check_packing, pack
+from vrte.optics.particle_kind import find_absorption, find_host_index
 from vrte.optics.particles import HOST_ALLOWED, Particles
 from vrte.optics.phase_matrix import PhaseMatrix, isotropic
 from vrte.optics.refractive_index import Material, check_wavelength
-from vrte.optics.spheres import find_absorption, find_host_index
 
 CLEAR_HOST = 3.2e-5  # absorption of a medium [1/um] that an optical thickness alone leaves out: k = 1e-6 at 0.4 um
 LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant

@@ -37,9 +37,9 @@ from vrte.formats.scene_keys import (
     split_key,
 )
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
+from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
-from vrte.optics.spheres import find_host_index
 from vrte.sweep.results import RESERVED, TABLE, Asked, Results, Sample, describe_results, make_sample, read_asked
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
