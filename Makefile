@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo gallery docs tables report stability benchmarks cost test test-all test-lowest test-pythons wheel lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery docs tables report stability benchmarks cost faults test test-all test-lowest test-pythons wheel lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make stability    stiff and extreme scenes, solved and checked: out/stability; taken up again where it stopped"
 	@echo "make benchmarks   ten scenes with surfaces to ten digits, computed again"
 	@echo "make report       error against run time of every method: out/report; taken up again where it stopped"
+	@echo "make faults       plants faults in a copy of the source, one at a time, and counts those that the quick tests catch"
 	@echo "make bench        the timings of bench/"
 	@echo "make bench-save   the timings against the LAPACK floor, kept in bench/history"
 	@echo "make bench-compare  the same, beside the last ones kept: fails where a case takes 1.3 times as much"
@@ -172,6 +173,9 @@ lint: $(VENV)/test.stamp
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo >/dev/null || $(BIN)/lint-imports --no-logo
+
+faults: $(VENV)/test.stamp
+	$(BIN)/python -m bench.faults
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -q bench

@@ -1,7 +1,7 @@
 """Hiding power: closed forms of bare cards, absorbing and endless films; the thickness that hides, from both sides."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -124,6 +124,32 @@ def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], 
     )
     assert thin < 0.98 < thick
     assert len(drawdown.found) <= 8
+
+
+@dataclass
+class TwoFluxFilm:
+    """A film by Kubelka and Munk's closed form over cards of albedos 0 and 0.8, in place of solves."""
+
+    absorption: float
+    scattering: float
+
+    def find_contrast(self, times: float) -> float:
+        a = 1.0 + self.absorption
+        root = math.sqrt(a * a - 1.0)
+        b = root / math.tanh(root * self.scattering * times)
+        return (a - 0.8 + b) / ((a + b) * (1.0 - 0.8 * (a - b)))
+
+
+@pytest.mark.parametrize("absorption", [1e-4, 0.01, 0.3])
+def test_the_search_ends_within_a_thousandth(absorption: float) -> None:
+    """Of the thickness that hides, whatever thickness it begins with."""
+    found = []
+    for scattering in np.geomspace(1e-3, 1e3, 25):
+        film: Any = TwoFluxFilm(absorption, float(scattering))
+        hiding, _ = find_hiding_film(film, 0.98, 1.0)
+        assert hiding is not None
+        found += [TwoFluxFilm(absorption, hiding * scattering * factor).find_contrast(1.0) for factor in (0.999, 1.001)]
+    assert max(found[::2]) < 0.98 < min(found[1::2])
 
 
 @pytest.fixture(scope="module")

@@ -40,6 +40,14 @@ def test_light_through_a_clear_layer_falls_off_after_beer():
     assert set(found.diagnostics["derivatives"]) == {DEPTH, BASE}
 
 
+def test_modes_that_doubling_contradicts_give_no_derivatives():
+    """1500 terms on 8 nodes have modes that neither decay nor grow: differences of solves take their place."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.99, 1500), 0.9, 0.5)])
+    with pytest.warns(vrte.AccuracyWarning):
+        found = vrte.brdf(scene, 0.5, [0.1, 0.9], nodes=8, truncation="none", derivatives=[ALBEDO])
+    assert "modes and doubling differ" in found.diagnostics["derivatives"][ALBEDO]
+
+
 def test_a_base_under_nothing_is_what_it_is():
     found = differentiate(vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0)), BASE)
     assert_close(found.jacobian[BASE][..., 0, 0], 1.0 / np.pi, rtol=1e-12, atol=0.0)

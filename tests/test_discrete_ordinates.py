@@ -604,6 +604,15 @@ def test_growing_modes_are_left_to_doubling() -> None:
     assert 0.0 < agreement["radiance"] < 1e-9
 
 
+@pytest.mark.parametrize("nodes", [24, 48])
+def test_nodes_near_the_horizon_cost_no_digits(nodes: int) -> None:
+    """Graded, the lowest lies at 1e-7 and below: modes would miss the accuracy, so auto doubles."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 1.0)], vrte.Lambertian(0.3))
+    asked = {"mu_i": [0.5, 1.0], "mu_o": [1e-3, 0.9], "nodes": nodes, "grading": 2}
+    found, right = (vrte.brdf(scene, **asked, accuracy=1e-10, algorithm=way) for way in ("auto", "doubling"))
+    assert largest_gap(found.mueller, right.mueller) < 1e-10
+
+
 @BOTH
 @pytest.mark.parametrize(("albedo", "thickness"), [(0.5, 100.0), (0.0, 300.0), (0.9, 1e4), (1e-12, 100.0)])
 def test_faint_light_keeps_its_digits(albedo: float, thickness: float, algorithm: str) -> None:

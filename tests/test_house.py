@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import vrte
+from bench.faults import FAULTS, ROOT, Fault
 from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
@@ -101,6 +102,13 @@ def test_few_modules_load_at_first(work: str) -> None:
     assert int(modules) <= 120
     assert float(seconds) <= 0.25
     assert int(heavy) == 0
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_faults_can_still_be_planted(fault: Fault) -> None:
+    """Each old text of the table of bench/faults.py stands once in its file, and the tests that it names are there."""
+    assert (ROOT / "vrte" / fault.file).read_text().count(fault.old) == 1
+    assert all((ROOT / "tests" / f"test_{name}.py").is_file() for name in fault.tests.split())
 
 
 def test_all_public_names_are_listed_and_only_they() -> None:

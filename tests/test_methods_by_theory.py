@@ -5,9 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.special
 
 import vrte
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import Run
 from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
@@ -180,10 +181,18 @@ def test_cost_of_imbedding() -> None:
     assert field.diagnostics["doublings"] < 20
 
 
-def test_structure_preserving_doubling_of_numbers() -> None:
+@pytest.mark.parametrize("b", [0.3, 0.5, 0.7, 1.0, 4.0])
+def test_structure_preserving_doubling_of_numbers(b: float) -> None:
     """x^2 c - x (a + d) + b = 0, the smaller root."""
-    found, _ = solve_riccati(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
-    assert_close(found[0, 0], (5.0 - np.sqrt(25.0 - 2.0)) / 1.0, rtol=1e-14, atol=0.0)
+    found, _ = solve_riccati(*(np.array([[value]]) for value in (3.0, b, 0.5, 2.0)))
+    assert_close(found[0, 0], 2.0 * b / (5.0 + np.sqrt(25.0 - 2.0 * b)), rtol=2e-15, atol=0.0)
+
+
+@pytest.mark.parametrize("method", ["adding-doubling", "matrix-operator"])
+def test_slabs_that_no_system_joins_are_refused(method: str) -> None:
+    """Light between a white layer of thickness 1e12 and a white base hardly finds a way out."""
+    with pytest.raises(AccuracyError, match=r"residual of joints is .*ask for 'discrete-ordinates'"):
+        vrte.brdf(one_layer(RAYLEIGH, 1.0, 1e12, vrte.Lambertian(1.0)), 0.5, 0.5, nodes=4, method=method)
 
 
 # successive orders
@@ -197,14 +206,15 @@ def by_orders(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
     return vrte.brdf(scene, MU, MU, PHI, nodes=4, method="successive-orders", settings=settings)
 
 
-@pytest.mark.parametrize("z", [0.0, 1e-9, 0.3, 7.9, 8.1, 50.0, 1e9])
-def test_integrals_in_depth(z: float) -> None:
-    """Against the closed form for S = s, its series for small z."""
-    weights, x = weigh_downward(np.array(z), 4), np.append(find_gauss_depths(4), 1.0)
-    series = [(-z) ** k * x ** (k + 2) / np.prod(np.arange(1.0, k + 3)) for k in range(16)] if z < 1.0 else []
-    right = np.sum(series, axis=0) if z < 1.0 else (x + np.expm1(-z * x) / z) / z
-    assert_close(weights @ find_gauss_depths(4), right, rtol=1e-12, atol=0.0)
-    assert_close(weigh_upward(np.array(z), 4)[-1] @ (1.0 - find_gauss_depths(4)), right[-1], rtol=1e-12, atol=0.0)
+@pytest.mark.parametrize("power", [1, 3])
+@pytest.mark.parametrize("z", [0.0, 1e-9, 0.05, 0.3, 7.9, 8.1, 50.0, 1e9])
+def test_integrals_in_depth(z: float, power: int) -> None:
+    """Against the closed form for S = s^p, a confluent hypergeometric function."""
+    weights, s = weigh_downward(np.array(z), 4), find_gauss_depths(4)
+    x = np.append(s, 1.0)
+    right = x ** (power + 1) / (power + 1) * scipy.special.hyp1f1(1.0, power + 2.0, -z * x)
+    assert_close(weights @ s**power, right, rtol=1e-12, atol=0.0)
+    assert_close(weigh_upward(np.array(z), 4)[-1] @ (1.0 - s) ** power, right[-1], rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12])
@@ -405,6 +415,16 @@ def test_radiance_is_its_source_integrated() -> None:
     assert_close((found - once)[0, ..., 0], expected, rtol=1e-10, atol=0.0)
 
 
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+def test_radiance_over_a_base_is_what_the_base_sends_out(boundary: str) -> None:
+    """At the base, going up: its albedo times all flux down over pi, whatever the boundary."""
+    scene = one_layer(DIFFUSING, 0.9, 1.5, vrte.Lambertian(0.4))
+    asked = {"mu": [0.2, 1.0], "phi": 30.0, "tau": 1.5, "method": "diffusion", "settings": {"boundary": boundary}}
+    field = vrte.radiance(scene, MU0, **asked)
+    expected = 0.4 / np.pi * (field.flux_down + field.direct)
+    assert_close(field.stokes[0, :, 0, 0], expected * np.ones(2), rtol=1e-12, atol=0.0)
+
+
 def test_thick_layers_reflect_as_the_exact_method_says() -> None:
     """Scattering evenly and conservatively: the albedo within 2 %, whatever the boundary, each of which has a name."""
     scene = one_layer(ISOTROPIC, 1.0, 20.0)
@@ -518,6 +538,26 @@ def test_iterations_help() -> None:
     right = vrte.radiance(SCENES["scalar"], truncation="small-angle", **asked)
     errors = [off(iterate(SCENES["scalar"], asked, iterations=count), right) for count in (2, 4, 8, 16)]
     assert all(later < 0.8 * earlier for earlier, later in pairwise(errors)), errors
+
+
+@pytest.mark.parametrize("slope", [0.9, -0.9])
+def test_one_iteration_knows_where_light_goes(slope: float) -> None:
+    """Of scattering forward or back, by the net flux of the exact method: radiance to 11 % of the brightest."""
+    scene = one_layer(vrte.PhaseMatrix(a1=[1.0, slope]), 0.9, 0.5, vrte.Lambertian(0.4))
+    asked = AROUND | {"tau": [0.0, 0.5], "nodes": 8}
+    assert off(iterate(scene, asked, regular="discrete-ordinates"), vrte.radiance(scene, **asked)) < 0.11
+
+
+@pytest.mark.parametrize(("place", "within"), [(2, 0.15), (3, 0.3)])
+def test_two_iterations_know_the_signs_of_polarization(place: int, within: float) -> None:
+    """U or V comes in: what goes up of it beyond light scattered once, to a share of its largest."""
+    asked = {"mu": [0.3, 0.9], "phi": [0.0, 50.0, 180.0], "stokes": np.eye(4)[0] + 0.9 * np.eye(4)[place]}
+    scene = one_layer(MATRIX, 0.9, 0.5)
+    once = vrte.radiance(scene, MU0, method="single-scattering", **asked).stokes
+    right = vrte.radiance(scene, MU0, truncation="small-angle", nodes=16, **asked).stokes
+    how = {"method": "synthetic-iteration", "settings": {"regular": "discrete-ordinates", "iterations": 2}}
+    found = vrte.radiance(scene, MU0, nodes=16, **asked, **how).stokes
+    assert np.abs(found - right)[..., 2].max() < within * np.abs(right - once)[..., 2].max()
 
 
 @pytest.mark.parametrize("regular", ["two-stream", "diffusion"])

@@ -14,6 +14,7 @@ from vrte.calls.plan import make_request
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import cpu
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
+from vrte.discrete_ordinates.planning.order_bounds import OrderBounds, count_nodes_seen
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.results.solution import Solution
 
@@ -146,6 +147,24 @@ def difference(values: np.ndarray, exact: np.ndarray) -> np.ndarray:
     """The largest difference at each depth, relative to the largest Stokes parameter there, (n_level,)."""
     axes = tuple(range(1, exact.ndim))
     return np.abs(values - exact).max(axis=axes) / np.abs(exact).max(axis=axes)
+
+
+def test_light_from_a_bright_layer_below_a_dark_one_counts() -> None:
+    """8 thick, the dark layer leaves it 2e-5 of the brightest: more than the accuracy, so no order may end above it."""
+    scene = vrte.Scene([layer(vrte.isotropic(), 0.05, 8.0), layer(vrte.isotropic(), 1.0, 20.0)])
+    case = Case("depth", "brdf", scene, {"mu_i": 1.0, "mu_o": 1.0, "nodes": 8, "accuracy": 1e-6}, "")
+    (_, found), (_, expected) = solved(case), solved(case, all_but("depth"))
+    assert difference(found.parts[0], expected.parts[0])[0] <= 1e-6
+
+
+@pytest.mark.parametrize(("left", "nodes"), [(0.99, 2), (1.01, 3)])
+def test_nodes_left_out_pass_a_tenth_of_the_accuracy_at_most(left: float, nodes: int) -> None:
+    """Of each order, by 1/(1 - q)^2 more than once; ``left``: what node 3 passes, over what all left out may."""
+    q, accuracy, brightest, each = 0.75, 1e-6, 3.0, 1e-30
+    allowed = 0.1 * accuracy * brightest / 2 * (1.0 - q) ** 2
+    effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, left * allowed, each]])
+    needs = OrderBounds(np.full((1, 2), q), np.full(2, q), np.ones(2), effect)
+    assert count_nodes_seen(needs, brightest, accuracy).tolist() == [4, nodes]
 
 
 def test_transmission_that_nobody_asks_for_changes_no_reflection() -> None:

@@ -216,6 +216,18 @@ def test_scatterings_that_do_not_settle_are_told() -> None:
         scatter_by_fractions(discretise(1.0, 300.0), np.array([0], np.int32), 1e-8, Run(1))
 
 
+def test_moments_that_still_change_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GMRES that ends too early leaves a residual, and modes solve these orders again."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.1)])
+    asked: dict[str, Any] = {"mu": [0.2, 0.9], "phi": [0.0, 90.0], "nodes": 24, "accuracy": 1e-8}
+    right = vrte.radiance(scene, 0.6, **asked)
+    monkeypatch.setattr("vrte.discrete_ordinates.orders.tanh_poles.SETTLED", 1e4)
+    found = vrte.radiance(scene, 0.6, **asked)
+    assert "scatterings" in right.diagnostics["orders_by"]
+    assert found.diagnostics["orders_repeated"]["by"] == "modes"
+    assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-8 * right.stokes.max())
+
+
 @pytest.mark.parametrize("find", ["operators", "scatterings"])
 def test_scenes_do_not_see_each_other(find: str) -> None:
     """Scenes side by side, on two threads, give the bits of each alone, the fractions being the same."""

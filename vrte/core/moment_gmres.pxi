@@ -185,7 +185,7 @@ cdef inline void gemv_t(size_t size, int count, given basis, given vector, doubl
 cdef int find_moments(const ParityHalf* half, given first, double tolerance, doubles moments, doubles memory,
                       double* change) noexcept nogil:
     """moments = T moments + first, by GMRES down to the tolerance and one more scattering, which changes them by
-    `change`; 1 where they converge not, or that is more than ten times the tolerance."""
+    `change`; 1 where they converge not."""
     cdef int size = half.g * half.k, one = 1, step = 0, i, j
     cdef int most = MOST_SCATTERED
     cdef doubles basis = memory, H = basis + <size_t>(most + 1) * size
@@ -236,7 +236,7 @@ cdef int find_moments(const ParityHalf* half, given first, double tolerance, dou
         a = moments[i] - w[i]
         change[0] += a * a
     change[0] = sqrt(change[0])
-    return 0 if change[0] <= 10.0 * tolerance else 1
+    return 0
 
 
 cdef doubles place_half(ParityHalf* half, int n, int o, int mixed, doubles memory) noexcept nogil:

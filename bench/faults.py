@@ -1,0 +1,225 @@
+"""Plants faults in a copy of the source, one at a time, and counts those that the quick tests catch.
+
+`python -m bench.faults` takes the whole table, `--only NAME ...` some of it, `--list` names them. Each fault is first
+shown to the test files that are meant to catch it, then, where these pass, to all quick tests. Tests that fail without
+any fault are left out and named. A fault in the core is compiled, without optimization, in the copy.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+LEFT = shutil.ignore_patterns(".*", "out", "build", "dist", "__pycache__", "*.egg-info", "site")
+PYTEST = (sys.executable, "-m", "pytest", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-rfE")
+LONGEST = 1800  # seconds of a run of the tests: a fault that makes a loop endless is caught by the clock
+
+
+@dataclass(frozen=True)
+class Fault:
+    """``old`` stands once in ``file`` of vrte/; ``new`` in its place is wrong for the reason ``why``; ``tests``: files
+    of tests/ that are meant to catch it."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    why: str
+    tests: str
+
+
+def list_faults(*rows: tuple[str, str, str, str, str, str]) -> tuple[Fault, ...]:
+    return tuple(Fault(*row) for row in rows)
+
+
+CORE = list_faults(
+    ("givens", "core/moment_gmres.pxi", "c * b - cosines[2 * j + 1] * a", "c * b + cosines[2 * j + 1] * a",
+     "sign of a rotation of GMRES", "tanh_poles"),
+    ("nodes-gain", "core/bounds.pxi", "effect[m, count - 1] * gain * gain", "effect[m, count - 1]",
+     "light that is scattered again by way of a node that is left out counts once only", "plan"),
+    ("mie-slope", "core/mie.pxi", "over(make(n + 1, 0.0), z)) - 1.0", "over(make(n + 1, 0.0), z)) + 1.0",
+     "sign in the differential equation of Riccati-Bessel functions", "mie_derivatives"),
+    ("facet-v", "core/facets.pxi", "d2 * re * c2, d2 * im", "d2 * re * c2, -d2 * im",
+     "sign of U from V on facets of a metal", "facets rough"),
+    ("doubling-end", "core/doubling.pxi", "if gap < 1e-9 and", "if gap < 1e-2 and",
+     "doublings of a semi-infinite layer end too early", "discrete_ordinates"),
+    ("invariance-end", "core/invariance.pxi", "gap * rate / (1.0 - rate) / largest", "gap * rate / largest",
+     "the last step is taken for what all further steps change", "invariance"),
+    ("mirrored", "core/single_scattering.pxi", "(k % 4 >= 2) == (s.kind", "(k % 4 >= 2) != (s.kind",
+     "sign of U and V of light scattered once at azimuths beyond 180 degrees", "discrete_ordinates sums"),
+)  # fmt: skip
+
+DEVICE = list_faults(
+    ("device-beam", "cl/doubling.cl", "to[i] = -total;", "to[i] = total;",
+     "sign of the beam's source on a device", "opencl_doubling opencl_device"),
+    ("device-memory", "cl/errors.py", "SHARE = 0.9", "SHARE = 90.0",
+     "more than a device's memory is asked for", "opencl_drivers opencl_device"),
+)  # fmt: skip
+
+ORDINATES = list_faults(
+    ("share", "discrete_ordinates/planning/order_bounds.py", "\nSHARE = 0.1", "\nSHARE = 10.0",
+     "nodes and layers that matter are left out", "plan"),
+    ("kappa", "discrete_ordinates/planning/order_bounds.py", "0.8 * (1.0 - q), 0.0)", "1.8 * (1.0 - q), 0.0)",
+     "light of an order decays faster than it can", "plan"),
+    ("strongest", "discrete_ordinates/planning/choice.py", "STRONGEST = 0.98", "STRONGEST = 2.0",
+     "invariance is given orders whose iterations converge slowly", "invariance"),
+    ("thin", "discrete_ordinates/planning/choice.py", "\nTHIN = 1e-5", "\nTHIN = 0.0",
+     "modes are given layers whose fluxes they lose digits of", "discrete_ordinates"),
+    ("orders", "discrete_ordinates/planning/order_bounds.py", "ORDERS = 0.4", "ORDERS = 40.0",
+     "orders that matter are left out", "plan accuracy"),
+    ("safety", "discrete_ordinates/planning/order_bounds.py", "SAFETY = 3.0", "SAFETY = 0.01",
+     "orders to come are taken for weaker than those that were seen", "plan accuracy"),
+    ("lowest-node", "discrete_ordinates/planning/choice.py", "SHARE_OF_STEEP = 0.1", "SHARE_OF_STEEP = 1e9",
+     "modes are given nodes along which they lose digits", "discrete_ordinates"),
+    ("base-sign", "discrete_ordinates/orders/base.py", "(FLIP[:, None] * orders)", "(1.0 * orders)",
+     "sign of U and V that a base sends up", "boundaries"),
+    ("graded-flux", "discrete_ordinates/orders/phase_assembly.py", "and not problem.is_exact:", "and problem.is_exact:",
+     "nodes that are not Gauss's lose flux", "energy_balance discrete_ordinates"),
+    ("gmres", "discrete_ordinates/orders/routes.py", 'of_scatterings": 1e-9', 'of_scatterings": 1e9',
+     "moments that do not satisfy their equation are taken", "tanh_poles"),
+    ("residual", "discrete_ordinates/orders/routes.py", '"residual_of_modes": 1e-9,', '"residual_of_modes": 1e9,',
+     "modes that do not solve their equation are taken", "discrete_ordinates"),
+    ("radiance-index", "discrete_ordinates/execution/through_interfaces.py",
+     "vertex.escapes[level, rows] * sights.index[level] ** 2", "vertex.escapes[level, rows] * sights.index[level]",
+     "radiance over index^2 is what a ray keeps", "interfaces rough"),
+    ("small-angle", "discrete_ordinates/orders/small_angle.py",
+     "(1.0 - layer.albedo * f) * mu0", "(1.0 + layer.albedo * f) * mu0",
+     "sign in the depth of layers without their forward peak", "truncation"),
+    ("divided-thin", "discrete_ordinates/derivatives/functions.py", "\nTHIN = 0.5", "\nTHIN = 0.0",
+     "differences of nearly equal numbers are divided", "divided_differences derivative_algebra"),
+    ("derivative-net", "discrete_ordinates/derivatives/differentiate.py", "\nALLOWED = 1e-7", "\nALLOWED = 1e7",
+     "derivatives by modes that disagree with doubling are taken", "derivatives_api"),
+)  # fmt: skip
+
+METHODS = list_faults(
+    ("semi-infinite", "methods/parts/slab.py", "CONVERGED = 1e-15", "CONVERGED = 1e-5",
+     "the reflection of a semi-infinite layer has not converged", "methods_by_theory"),
+    ("steep", "methods/parts/in_depth.py", "STEEP = 8.0", "STEEP = 0.01",
+     "a recurrence is used where it loses digits", "methods_by_theory"),
+    ("join-residual", "methods/parts/slab.py", "LARGEST_RESIDUAL = 1e-6", "LARGEST_RESIDUAL = 1e6",
+     "slabs joined by a singular system are taken", "methods_by_theory"),
+    ("white-flux", "methods/adding_doubling.py", "balance_flux(slab) if conserves", "slab if conserves",
+     "white slabs lose what the starting layer misses", "methods_by_theory"),
+    ("diffusion-base", "methods/diffusion.py", "2.0 * albedo / c)", "albedo / c)",
+     "factor of the light that a base sends out under diffusion", "methods_by_theory"),
+    ("diffusion-flux", "methods/synthetic_iteration.py", "(down - up)[:-1]", "(up - down)[:-1]",
+     "sign of the net flux in the regular part", "methods_by_theory"),
+    ("synthetic-flip", "methods/synthetic_iteration.py", "*= problem.flip[:, None, None]", "*= 1.0",
+     "sign of U and V of light that goes up", "methods_by_theory"),
+)  # fmt: skip
+
+OTHERS = list_faults(
+    ("fresnel-v", "optics/fresnel.py", "= mixed.imag, -mixed.imag", "= -mixed.imag, mixed.imag",
+     "sign of V of light reflected by a metal, or totally", "interfaces optics"),
+    ("delta-m", "optics/truncation.py", "stretch, albedo / stretch)", "stretch, albedo)",
+     "light scattered once by all terms lacks the factor of the TMS method", "truncation"),
+    ("base-energy", "scene/base_checks.py", "ENERGY_ALLOWED = 1e-3", "ENERGY_ALLOWED = 1e3",
+     "a base may give back more than it gets", "bases bad_input"),
+    ("azimuth-sign", "scene/azimuths.py", "[[0.0, -1.0], [1.0, 0.0]]", "[[0.0, 1.0], [1.0, 0.0]]",
+     "sign of sin(m phi) in a base's Fourier orders", "boundaries bases"),
+    ("beam-energy", "calls/energy.py", "beams[:, :, 1] - beams[:, :, 0]", "beams[:, :, 1] + beams[:, :, 0]",
+     "sign of beams that go up in the balance of light", "energy_balance"),
+    ("per-mass", "formats/scattering.py", "PER_MASS = 1e-3", "PER_MASS = 1.0",
+     "unit of coefficients for a mass", "scattering_tables"),
+    ("seal", "formats/seal.py", "if first != COMMENT + make_seal(rest)", "if not first",
+     "tables of results that were changed are read", "foreign_files"),
+    ("unlikely", "fit/verdict.py", "UNLIKELY = 0.01", "UNLIKELY = 1e-9",
+     "models that do not fit are said to fit", "fit fit_verdict"),
+    ("hiding", "appearance/hiding.py", "\nCLOSE = 1e-3", "\nCLOSE = 0.3",
+     "the search for the hiding thickness ends too early", "appearance_hiding"),
+)  # fmt: skip
+
+FAULTS = CORE + DEVICE + ORDINATES + METHODS + OTHERS
+
+
+class Copy:
+    """A copy of the source in ``folder``, where faults are planted and tests run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.red = folder, set[str]()
+        shutil.copytree(ROOT, folder, ignore=LEFT)
+        setup = folder / "setup.py"
+        setup.write_text(setup.read_text().replace('"-O3"', '"-O0"'))
+        self.core = {path: path.read_bytes() for path in (folder / "vrte").glob("_core.*") if path.suffix != ".pyx"}
+
+    def run(self, command: Sequence[str], check: bool = False) -> tuple[int, str]:
+        """The exit code and the output of a command in the copy; 1 where it takes too long."""
+        environment = os.environ | {"PYTHONPATH": str(self.folder)}
+        try:
+            done = subprocess.run(
+                command, cwd=self.folder, env=environment, timeout=LONGEST, stdout=-1, stderr=-2, text=True, check=check
+            )
+        except subprocess.TimeoutExpired:
+            return 1, f"FAILED by the clock: {LONGEST} s"
+        return done.returncode, done.stdout
+
+    def find_failures(self, tests: Sequence[str], first: bool = True) -> list[str]:
+        """The tests that fail among files, or all quick ones for none; the first one alone, or all."""
+        how = ["-x"] if first and tests else ["-x", "-n", "2"] if first else ["-n", "2"]
+        code, output = self.run([*PYTEST, *how, *(f"--deselect={test}" for test in sorted(self.red)), *tests])
+        failed = re.findall(r"^(?:FAILED|ERROR) (.*?)(?: - .*)?$", output, re.MULTILINE)
+        if code not in (0, 1, 2) or (code and not failed):
+            raise SystemExit(f"pytest ended with {code}:\n{output[-2000:]}")
+        return failed
+
+    def plant(self, fault: Fault) -> str:
+        """Puts the fault in, and compiles it where it is one of the core; the file's text as it was. Raises SystemExit
+        where the old text does not stand once in the file."""
+        path = self.folder / "vrte" / fault.file
+        text = path.read_text()
+        if text.count(fault.old) != 1:
+            raise SystemExit(f"{fault.name}: {fault.old!r} stands {text.count(fault.old)} times in vrte/{fault.file}")
+        path.write_text(text.replace(fault.old, fault.new))
+        if fault in CORE:
+            self.run([sys.executable, "setup.py", "-q", "build_ext", "--inplace", "--force"], check=True)
+        return text
+
+    def restore(self, fault: Fault, text: str) -> None:
+        (self.folder / "vrte" / fault.file).write_text(text)
+        for path, content in self.core.items() if fault in CORE else ():
+            path.write_bytes(content)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m bench.faults", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=[fault.name for fault in FAULTS], default=())
+    parser.add_argument("--list", action="store_true", help="names the faults")
+    parser.add_argument("--named", action="store_true", help="runs the named test files alone, not all quick tests")
+    asked = parser.parse_args()
+    chosen = [fault for fault in FAULTS if not asked.only or fault.name in asked.only]
+    if asked.list:
+        print(*(f"{fault.name:20} {fault.file}: {fault.why}" for fault in chosen), sep="\n")
+        return 0
+    missed = []
+    with tempfile.TemporaryDirectory(prefix="vrte-faults-") as folder:
+        copy, whole = Copy(Path(folder) / "vrte"), False
+        named = {fault: [f"tests/test_{name}.py" for name in fault.tests.split()] for fault in chosen}
+        copy.red |= {*copy.find_failures(sorted({file for files in named.values() for file in files}), first=False)}
+        print("".join(f"fails without a fault: {test}\n" for test in sorted(copy.red)), end="", flush=True)
+        for fault in chosen:
+            begin, text = time.monotonic(), copy.plant(fault)
+            failed = copy.find_failures(named[fault])
+            if not failed and not asked.named:
+                if not whole:
+                    copy.restore(fault, text)
+                    copy.red |= {*copy.find_failures((), first=False)}
+                    whole, text = True, copy.plant(fault)
+                failed = copy.find_failures(())
+            copy.restore(fault, text)
+            missed += [] if failed else [fault.name]
+            verdict = f"caught by {failed[0]}" if failed else f"MISSED: {fault.why}"
+            print(f"{fault.name:20} {verdict} ({time.monotonic() - begin:.0f} s)", flush=True)
+    print(f"{len(chosen) - len(missed)} of {len(chosen)} caught; missed: {', '.join(missed) or 'none'}")
+    return bool(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
