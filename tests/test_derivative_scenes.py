@@ -12,8 +12,8 @@ import pytest
 
 import vrte
 from bench.cases import find_phase_matrix
+from vrte.basics.differences import sample_around
 from vrte.basics.errors import SceneError
-from vrte.basics.stencils import sample_around
 from vrte.scene.vary import list_numbers, vary_scene
 
 MU_I, MU_O, PHI, NODES = (0.15, 0.6), (0.35, 0.8), (20.0, 140.0), 4

@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.basics.stencils import sample_around
+from vrte.basics.differences import sample_around
 from vrte.calls.differences import differentiate_once
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import make_run, solve_request

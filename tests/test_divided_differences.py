@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vrte import _core
-from vrte.basics.divided_differences import divide_exp_once
+from vrte.basics.differences import divide_exp_once
 
 from .helpers import assert_close
 

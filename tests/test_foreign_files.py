@@ -152,7 +152,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         file.write(b"\n")
     said = printed_by(
         "import vrte\n"
-        "from vrte.basics.limits import limit_memory\n"
+        "from vrte.basics.memory import limit_memory\n"
         "limit_memory(4e8)\n"
         "for name, most in (('declared.csv', 2e9), ('declared.csv', 1e12), ('sparse.csv', 1e12)):\n"
         "    try: vrte.load(name, most_bytes=most)\n"

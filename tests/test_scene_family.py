@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.slopes import find_slopes
+from vrte.basics.differences import find_slopes
 from vrte.optics.size_distribution import Held, Lognormal
 from vrte.scene.boundary import Lambertian
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.arrays import replace_unchecked
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import assemble

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from vrte.basics import control_groups, running
+from vrte.basics import memory, running
 from vrte.basics.memory import find_available_bytes
 from vrte.basics.running import count_usable_cpus
-from vrte.basics.waiting import POLICY
+from vrte.basics.starting import POLICY
 
 TIMED = """
 import json, time, vrte
@@ -33,11 +33,11 @@ print(json.dumps([sum(spent[2]), sum(spent[1])]))
 @pytest.fixture
 def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A tree of control groups that is this process's own."""
-    monkeypatch.setattr(control_groups, "ROOT", tmp_path)
-    monkeypatch.setattr(control_groups, "OWN", tmp_path / "own")
-    control_groups.find_group_cores.cache_clear()
+    monkeypatch.setattr(memory, "ROOT", tmp_path)
+    monkeypatch.setattr(memory, "OWN", tmp_path / "own")
+    memory.find_group_cores.cache_clear()
     yield tmp_path
-    control_groups.find_group_cores.cache_clear()
+    memory.find_group_cores.cache_clear()
 
 
 def write_files(folder: Path, **contents: str) -> None:
@@ -100,4 +100,4 @@ def test_quotas_of_the_first_version_of_control_groups(groups: Path, monkeypatch
 
 
 def test_no_control_groups(groups: Path) -> None:
-    assert control_groups.find_group_cores() == control_groups.find_group_bytes() == math.inf
+    assert memory.find_group_cores() == memory.find_group_bytes() == math.inf

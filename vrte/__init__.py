@@ -13,7 +13,7 @@ from pathlib import Path as _Path
 from types import ModuleType as _ModuleType
 from typing import Any as _Any
 
-from vrte.basics.waiting import wait_passively as _wait_passively
+from vrte.basics.starting import wait_passively as _wait_passively
 
 try:
     with _wait_passively():

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterable, Sized
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from vrte.basics.errors import SceneError
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
+Record = TypeVar("Record")
 
 MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
 SMALLEST_COSINE = 1e-8  # of light: nearer to the horizon, nothing is solved
@@ -204,3 +205,12 @@ def put_in_one_line(text: str, most: int = SHOWN) -> str:
     """
     line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
     return line if len(line) <= most else f"{line[: most - 3]}..."
+
+
+def replace_unchecked(one: Record, **changes: Any) -> Record:
+    """A copy of a dataclass with other values in some of its fields: `dataclasses.replace` for those without checks of
+    their own, in a fifth of the time. What a copy has worked out of its fields is not passed on."""
+    found, held = object.__new__(type(one)), one.__dict__
+    names = type(one).__dataclass_fields__  # type: ignore[attr-defined]
+    found.__dict__.update({name: held[name] for name in names if name in held}, **changes)
+    return found

@@ -1,16 +1,46 @@
-"""BLAS has one thread inside a solve: the parallel loops are ours."""
+"""One thread of BLAS inside a solve, whose parallel loops are our own; and how many solves are under way, for forks.
+
+A process that was forked while another thread of its parent was solving would wait for ever for the locks of Python,
+BLAS and OpenMP that this thread held.
+"""
 
 import ctypes
+import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from vrte.basics.forked import count_solve
-
 _lock = threading.Lock()
 _state: dict[str, Any] = {"libraries": None, "setters": [], "before": [], "inside": 0}
 SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for end in ("64_", "_64", "")]
+FORKED = (
+    "this process was forked while another thread of its parent was solving, and would wait for that thread for ever: "
+    'start processes by multiprocessing.get_context("spawn"), or before or after the solve'
+)
+_under_way: list[None] = []  # one for each
+_forked = {"stranded": False}
+
+
+@contextmanager
+def count_solve() -> Iterator[None]:
+    """Counts a solve, or a part of one, as long as it lasts. Raises RuntimeError where nothing can be solved."""
+    if _forked["stranded"]:
+        raise RuntimeError(FORKED)
+    _under_way.append(None)
+    try:
+        yield
+    finally:
+        _under_way.pop()
+
+
+def find_out() -> None:
+    """Whether this process, just forked, has half a solve in it."""
+    _forked["stranded"] = bool(_under_way)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=find_out)
 
 
 @contextmanager

@@ -1,11 +1,15 @@
-"""Memory that there is, and shares of it that arrays are cut to."""
+"""Memory, cores and time that this process may take: of the machine, of its control groups, of limits of its own."""
 
+import math
 import os
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
-from vrte.basics.control_groups import find_group_bytes
 from vrte.basics.errors import SceneError
 
+ROOT, OWN = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
 PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
@@ -65,3 +69,65 @@ def find_machine_bytes() -> float:
         return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):
         return float("inf")
+
+
+def read_groups(controller: str, *names: str) -> Iterator[list[float]]:
+    """The numbers in files of those names, joined, of every group around this process that has them all, innermost
+    first; "max" is infinite."""
+    try:
+        lines = [line.split(":", 2) for line in OWN.read_text().splitlines()]
+    except OSError:
+        return
+    for _, controllers, path in lines:
+        if controllers and controller not in controllers.split(","):
+            continue
+        mount = ROOT / controller if controllers else ROOT  # version 1 has a tree for each controller, version 2 one
+        inner = mount / path.strip("/")
+        for group in (inner, *inner.parents):
+            with suppress(OSError, ValueError):
+                read = [(group / name).read_text() for name in names]
+                yield [float(word.replace("max", "inf")) for content in read for word in content.split()]
+            if group == mount:
+                break
+
+
+def find_group_bytes() -> float:
+    """Bytes that the tightest group leaves, infinite without a limit."""
+    files = ("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")
+    return min((limit - used for names in files for limit, used in read_groups("memory", *names)), default=math.inf)
+
+
+@cache
+def find_group_cores() -> float:
+    """Cores whose time the tightest group leaves, infinite without a quota."""
+    files = ("cpu.max",), ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+    found = [quota / period for names in files for quota, period in read_groups("cpu", *names) if quota > 0.0]
+    return min(found, default=math.inf)
+
+
+def limit_memory(size: float) -> None:
+    """So many bytes more than now, where the system has such a limit; if memory is short, this process goes first."""
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        taken = resource.getpagesize() * int(Path("/proc/self/statm").read_text().split()[0])
+        lower_limit(resource.RLIMIT_AS, taken + int(size))
+
+
+def limit_time(seconds: float) -> None:
+    """So many seconds of work from now on, where the system has such a limit: it ends also what nobody waits for."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        spent = resource.getrusage(resource.RUSAGE_SELF)
+        lower_limit(resource.RLIMIT_CPU, int(spent.ru_utime + spent.ru_stime + seconds) + 1)
+
+
+def lower_limit(kind: int, limit: int) -> None:
+    """Sets the soft limit of a resource, never above its hard one."""
+    import resource
+
+    hard = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (limit if hard < 0 else min(limit, hard), hard))

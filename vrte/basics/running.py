@@ -16,10 +16,9 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, check_whole
-from vrte.basics.control_groups import find_group_cores
-from vrte.basics.fields import replace_unchecked
-from vrte.basics.forked import count_solve
+from vrte.basics.arrays import Array, IntArray, check_whole, replace_unchecked
+from vrte.basics.blas import count_solve
+from vrte.basics.memory import find_group_cores
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")

@@ -1,4 +1,4 @@
-"""What a command answers to Ctrl-C and SIGTERM while its modules are still loading: one line, and it ends.
+"""What comes before all other modules: answers to Ctrl-C and SIGTERM while they load, and idle threads that sleep.
 
 `import vrte` imports this first, for `vrte` and `python -m vrte.cli` alone: other programs keep their own ways.
 """
@@ -6,10 +6,25 @@
 import os
 import signal
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
+POLICY = "OMP_WAIT_POLICY"  # read once, when the first library brings OpenMP; by default idle threads spin
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+@contextmanager
+def wait_passively() -> Iterator[None]:
+    """The policy for what is loaded within, where the user has set none; other programs' OpenMP keeps its own."""
+    if POLICY in os.environ:
+        yield
+        return
+    os.environ[POLICY] = "passive"
+    try:
+        yield
+    finally:
+        del os.environ[POLICY]
 
 
 def is_command() -> bool:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import settle_array
+from vrte.basics.arrays import replace_unchecked, settle_array
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
 from vrte.calls.energy import ROUNDING
 from vrte.discrete_ordinates.execution.batch_solve import Together, solve_together

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.differences import FARTHEST, STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
-from vrte.basics.stencils import FARTHEST, STEP, sample_around
 from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.methods.discrete_ordinates import solve_plans

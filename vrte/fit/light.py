@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, settle_array
+from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
-from vrte.basics.stencils import STEP, sample_around
 from vrte.fit.quantities import Shares
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.solution import Solution

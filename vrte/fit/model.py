@@ -16,9 +16,9 @@ from vrte.appearance.colours import find_colour
 from vrte.appearance.geometries import NODES, PORT_DEG, Geometry, read_geometry
 from vrte.appearance.panel import choose_wavelengths
 from vrte.basics.arrays import Array
+from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
-from vrte.basics.stencils import STEP, sample_around
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.side_by_side import run_side_by_side
 from vrte.fit.light import Group, Seen, Sight, join_groups, make_scene_jet

@@ -10,21 +10,25 @@ from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key
 from vrte.formats.media import ONE_WAVELENGTH, read_beside
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.scene.boundary import Boundary, Lambertian
-from vrte.scene.cox_munk import cox_munk
+from vrte.scene.cox_munk import MEASURED, MOST_WIND, cox_munk
 from vrte.scene.facets import Facets
 from vrte.scene.hapke import Hapke
-from vrte.scene.interface import ROUGHNESS_ALLOWED
+from vrte.scene.interface import LEAST_ROUGHNESS, MOST_ROUGHNESS, ROUGHNESS_ALLOWED
 from vrte.scene.mirror import Mirror
 from vrte.scene.ross_li import RossLi
 from vrte.scene.rpv import RPV
-from vrte.scene.scalar import ScalarBase, describe_limits
 
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
 ROUGHNESS = 0.1  # that a rough surface begins with
 SLOPES = {"beckmann": "Gaussian (Beckmann)", "ggx": "with long tails (GGX)"}
 H_WORDS = {"2002": "Hapke 2002, within 1 %", "1981": "Hapke 1981, within 4 %"}
 FACETS: dict[str, Key] = {  # how rough a surface is, of a base or an interface
-    "roughness": Number("roughness", ROUGHNESS, hint="slopes' rms times √2, 0.01 to 1.5", allowed=ROUGHNESS_ALLOWED),
+    "roughness": Number(
+        "roughness",
+        ROUGHNESS,
+        hint=f"slopes' rms times √2, {LEAST_ROUGHNESS:g} to {MOST_ROUGHNESS:g}",
+        allowed=ROUGHNESS_ALLOWED,
+    ),
     "distribution": Choice("slopes of facets", names=SLOPES, needed=False),
     "shadowing": Flag("facets hide each other (Smith)", needed=False, usual=lambda table: True),
     "conserving": Flag(
@@ -60,10 +64,11 @@ class BaseRow(NamedTuple):
 
 
 def limit(
-    make: type[ScalarBase], name: str, label: str, start: float | None = None, hint: str = "", **more: Any
+    make: type[Boundary], name: str, label: str, start: float | None = None, hint: str = "", **more: Any
 ) -> Number:
     """The key of a number that a base limits."""
-    return Number(label, start, hint="; ".join(filter(None, (describe_limits(make, name), hint))), **more)
+    low, high = make.LIMITS[name]
+    return Number(label, start, hint="; ".join(filter(None, (f"{low:g} to {high:g}", hint))), **more)
 
 
 BASES: dict[str, BaseRow] = {
@@ -77,7 +82,7 @@ BASES: dict[str, BaseRow] = {
         "rough sea, by the wind (Cox and Munk)",
         cox_munk,
         {
-            "wind": Number("wind", 7.0, hint="m/s, 0 to 40; measured up to 14"),
+            "wind": Number("wind", 7.0, hint=f"m/s, 0 to {MOST_WIND:g}; measured up to {MEASURED:g}"),
             "index": Index("water", [1.34, 0.0], hint=SUBSTANCE_HINT, empty="1.34", needed=False),
             "shadowing": Flag("waves hide each other (Smith)", needed=False),
         },

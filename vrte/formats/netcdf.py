@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
-from vrte.basics.limits import limit_memory, limit_time
+from vrte.basics.memory import limit_memory, limit_time
 from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import (
     BRDF,

@@ -14,8 +14,8 @@ from typing import Annotated, Any, cast
 import numpy as np
 
 from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
+from vrte.basics.differences import find_slopes
 from vrte.basics.errors import Place, SceneError
-from vrte.basics.slopes import find_slopes
 from vrte.formats.bases import find_base_limits, list_base_keys, read_base
 from vrte.formats.fillings import FilledLayer, Recorder, list_filled_layers, vary_filled_layer
 from vrte.formats.keys import Reading
@@ -33,8 +33,7 @@ from vrte.optics.vary_spheres import ParticleSlopes, SphereNumbers, vary_spheres
 from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary import BASE_STEP, LEAST_SCALE, vary_scene
-from vrte.scene.vary_base import vary_base
+from vrte.scene.vary import BASE_STEP, LEAST_SCALE, vary_base, vary_scene
 
 MOST_NAMES = 1000
 MOST_KINDS = 512  # of particles that a family remembers, some 10 kB each

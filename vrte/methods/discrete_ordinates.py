@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, replace_unchecked
 from vrte.basics.errors import AccuracyWarning, warn_user
-from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices

@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.divided_differences import divide_exp_once
+from vrte.basics.differences import divide_exp_once
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam

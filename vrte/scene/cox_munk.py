@@ -9,7 +9,7 @@ from vrte.basics.errors import FittedRangeWarning, warn_user
 from vrte.scene.facets import Facets
 
 CALM, BY_WIND = 0.003, 0.00512  # mean square slope, and how it grows with the wind [s/m]
-MEASURED, MOST_WIND = 14.0, 40.0  # [m/s]
+MEASURED, MOST_WIND = 14.0, 40.0  # wind [m/s]: up to which slopes were measured, and are extrapolated
 
 
 def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.34, shadowing: bool = False) -> Facets:

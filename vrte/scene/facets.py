@@ -4,7 +4,7 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from vrte.optics.facet_energy import restore_lost, share_energy
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Allowed, Boundary
-from vrte.scene.interface import Distribution, check_facets
+from vrte.scene.interface import ROUGHNESS, Distribution, check_facets
 from vrte.scene.mirror import check_complex_index
 
 
@@ -63,6 +63,7 @@ class Facets(Boundary):
 
     orders_reflected = math.inf
     mixes_stokes = True
+    LIMITS: ClassVar = {"roughness": ROUGHNESS}
     medium = 1.0  # refractive index of what lies above
 
     def __post_init__(self) -> None:

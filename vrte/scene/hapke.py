@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_choice
 from vrte.basics.errors import SceneError
-from vrte.scene.scalar import Angles, ScalarBase, check_limits
+from vrte.scene.scalar import Angles, ScalarBase
 
 
 def find_h_1981(albedo: float, mu: Array) -> Array:
@@ -87,7 +87,7 @@ class Hapke(ScalarBase):
     }
 
     def __post_init__(self) -> None:
-        check_limits(self)
+        self.check_limits()
         check_choice("base: h_function", self.h_function, H_FUNCTIONS)
         if self.asymmetry and (self.linear or self.quadratic):
             raise SceneError.of("base: asymmetry", "is instead of linear and quadratic: give one of both")

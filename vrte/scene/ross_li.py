@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.scene.scalar import Angles, ScalarBase, check_limits
+from vrte.scene.scalar import Angles, ScalarBase
 
 HOT_SPOT = np.radians(1.5)  # phase angle within which leaves hide their shadows, after Maignan et al.
 
@@ -61,10 +61,6 @@ class RossLi(ScalarBase):
         "crown_height": (0.0, 10.0),
         "crown_shape": (0.1, 10.0),
     }
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:
         volume = compute_ross_thick(angles, self.hot_spot)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.scene.scalar import Angles, ScalarBase, check_limits
+from vrte.scene.scalar import Angles, ScalarBase
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,6 @@ class RPV(ScalarBase):
     rho_c: float | None = None
 
     LIMITS: ClassVar = {"rho_0": (0.0, 10.0), "k": (0.0, 3.0), "asymmetry": (-0.999, 0.999), "rho_c": (0.0, 2.0)}
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:
         a, hot = self.asymmetry, min(self.rho_0, 2.0) if self.rho_c is None else self.rho_c

@@ -1,11 +1,10 @@
 """Bases known by their reflectance alone: light leaves them unpolarized, whatever its polarization was."""
 
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import Array
 from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
@@ -43,27 +42,15 @@ def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
     return Angles(mu_i, mu_o, tan_i, tan_o, cos_half**2 - sin_half**2, distance, phase)
 
 
-def describe_limits(make: object, name: str) -> str:
-    """What a number of a base may be, in words."""
-    low, high = make.LIMITS[name]  # type: ignore[attr-defined]
-    return f"{low:g} to {high:g}"
-
-
-def check_limits(base: "ScalarBase") -> None:
-    """Whether the numbers of a base are within its LIMITS; None passes where it is the default. Raises SceneError."""
-    for name, limits in base.LIMITS.items():
-        if (value := getattr(base, name)) is not None or getattr(type(base), name, 0.0) is not None:
-            found = check_number(f"base: {name}", value, *limits, f"from {describe_limits(base, name)}")
-            object.__setattr__(base, name, found)
-
-
 class ScalarBase(SampledBase):
     """A base with a formula for f_00, which leaves light unpolarized; f that would be negative is 0.
 
-    Made from this class, a base has `compute_f`, and asks for `check_formula` as it is made.
+    Made from this class, a base has `compute_f`, and asks for `check_formula` where it checks more than its numbers.
     """
 
-    LIMITS: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what each of its numbers may be, from and to
+    def __post_init__(self) -> None:
+        self.check_limits()
+        self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:
         """f_00 [1/sr] of pairs of directions, on their shape."""

@@ -15,16 +15,15 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, show_value
+from vrte.basics.differences import SEVEN_POINTS, sample_around
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
 from vrte.scene.base_checks import CHECKED_COSINES
-from vrte.scene.boundary import BLACK, Boundary
+from vrte.scene.boundary import BLACK, Boundary, Lambertian, WeightedBase
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene, build_like
 from vrte.scene.variation import Variation
-from vrte.scene.vary_base import vary_base
-from vrte.scene.weighted_base import WeightedBase
 
 BASE_STEP = 2.0**-8  # of a number of a base, differences of sixth order
 LEAST_SCALE = 0.01  # of a number of a base that is near 0: what it changes by is no smaller
@@ -33,6 +32,7 @@ KNOWN = (
     "layer[1].thickness, layer[1].albedo, layer[1].index, layer[1].coefficients[2].a1, base.albedo or another number "
     "of the base, interface[1].index, interface[1].roughness"
 )
+Weighted = tuple[tuple[float, Boundary], ...]
 LAYER = re.compile(r"layer\[(\d+)\]\.(?:(thickness|albedo|index)|coefficients\[(\d+)\]\.(a[1-4]|b[12]))")
 BASE = re.compile(r"base\.(\w+)(?:\.([nk]))?")
 INTERFACE = re.compile(r"interface\[(\d+)\]\.(index|roughness)")
@@ -155,6 +155,20 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
 
     none = np.zeros(len(scene.layers))
     return Variation(name, value, none, none, base=pairs, scene_at=scene_at)
+
+
+def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: float) -> Weighted:
+    """Weights and boundaries of the derivative of a base over a number, at its ``value``; none where it stays the same.
+
+    Differences of sixth order; of a Lambertian base, which reflects in proportion to its albedo, the white one alone.
+    Raises the SceneError of ``base_at`` where neither side is allowed.
+    """
+    pairs = [(weight, base or BLACK) for weight, base in sample_around(base_at, value, step, SEVEN_POINTS)]
+    if all(base == pairs[0][1] for _, base in pairs):
+        return ()
+    if all(isinstance(base, Lambertian) for _, base in pairs):
+        return ((sum(weight * base.even_albedo for weight, base in pairs), Lambertian(1.0)),)
+    return tuple(pairs)
 
 
 def list_numbers(base: Boundary) -> dict[str, float]:

@@ -17,7 +17,7 @@ from typing import Any
 from vrte.app.solving.messages import Limits, Message, Refused, Task
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
-from vrte.basics.limits import limit_memory, limit_time
+from vrte.basics.memory import limit_memory, limit_time
 
 MOST_NOTES = 30  # sentences about one answer
 ANSWERERS = {  # by the name of a task: a function, or a class of which one answers all such tasks

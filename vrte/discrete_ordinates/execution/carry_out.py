@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, replace_unchecked
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece

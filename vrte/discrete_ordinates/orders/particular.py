@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
-from vrte.basics.fields import replace_unchecked
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.homogeneous import Modes
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled

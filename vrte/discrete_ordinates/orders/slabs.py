@@ -6,9 +6,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.errors import AccuracyError
-from vrte.basics.fields import replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.doubling import Slabs

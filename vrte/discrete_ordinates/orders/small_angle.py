@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.divided_differences import divide_exp_once
+from vrte.basics.differences import divide_exp_once
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import measure_distance
 from vrte.discrete_ordinates.orders.truncating import ALONE, is_scalar

@@ -10,8 +10,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, IntArray
-from vrte.basics.fields import replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray
-from vrte.basics.fields import replace_unchecked
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms, is_by_scatterings

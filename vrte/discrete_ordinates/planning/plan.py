@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray
-from vrte.basics.fields import replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view

@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.divided_differences import divide_exp_once
+from vrte.basics.differences import divide_exp_once
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import UNTOLD

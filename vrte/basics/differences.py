@@ -1,17 +1,72 @@
-"""Slopes of functions that are only known by their values: differences at ever smaller steps, extrapolated to none."""
+"""Differences: divided ones of exp, derivatives by five or seven points, and slopes extrapolated to no step.
 
-from collections.abc import Callable, Sequence
+The core's divided differences are in core/complex.pxi, those of OpenCL in cl/complexes.cl.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 
+SMALL = 1e-5  # |a - b| below which exp[a, b] is taken from its series
+STEP = 2.0**-10  # of the scale on which something changes: rounding and its fourth power are then about as small
+# weights over the step by places in steps: central, and for the side above alone, which is mirrored for the one below
+FIVE_POINTS = (
+    {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12},
+    {0: -25 / 12, 1: 48 / 12, 2: -36 / 12, 3: 16 / 12, 4: -3 / 12},
+)
+SEVEN_POINTS = (
+    {3: 1 / 60, 2: -3 / 20, 1: 3 / 4, -1: -3 / 4, -2: 3 / 20, -3: -1 / 60},
+    {0: -49 / 20, 1: 6.0, 2: -15 / 2, 3: 20 / 3, 4: -15 / 4, 5: 6 / 5, 6: -1 / 6},
+)
+FARTHEST = 4  # steps that a point of FIVE_POINTS is away at most
+Item = TypeVar("Item")
 Arrays = Sequence[Array]
 LEVELS = 9  # times that a step is halved at most
-SETTLED = 2e-13  # of an array's largest slope: from there on a smaller step brings rounding alone
+CONVERGED = 2e-13  # of an array's largest slope: from there on a smaller step brings rounding alone
 SHRINKS = 4  # times that a step is quartered where neither side is allowed
+
+
+def divide_exp_once(a: Any, b: Any) -> Any:
+    """exp[a, b] = (e^a - e^b)/(a - b) for complex a, e^b where they meet, of any shapes; real parts <= 0."""
+    gap = a - b
+    small = np.abs(gap) < SMALL
+    # the larger one in front: expm1 of what does not grow
+    ahead = np.where(gap.real > 0.0, a, b)
+    turned = np.where(gap.real > 0.0, -gap, gap)
+    slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
+    return np.exp(ahead) * slope
+
+
+def sample_around(
+    make: Callable[[float], Item],
+    value: float,
+    step: float,
+    stencils: tuple[Mapping[int, float], Mapping[int, float]] = FIVE_POINTS,
+) -> list[tuple[float, Item]]:
+    """Weights and what ``make`` makes of numbers around ``value``: the weighted sum is the derivative, to the fourth
+    order of the step, rounded to a power of 2, or by SEVEN_POINTS to the sixth order of the step as it is. Raises the
+    first SceneError where neither side has room."""
+    central, one_sided = stencils
+    step = round_step(step) if stencils is FIVE_POINTS else step
+    refused: SceneError | None = None
+    for side, stencil in ((1.0, central), (1.0, one_sided), (-1.0, one_sided)):
+        try:
+            return [(side * weight / step, make(value + side * place * step)) for place, weight in stencil.items()]
+        except SceneError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
+
+
+def round_step(step: float) -> float:
+    """The nearest power of 2, so that points near a bound, such as 1, are met exactly."""
+    return 2.0 ** round(math.log2(step))
 
 
 @dataclass(eq=False)
@@ -35,8 +90,8 @@ class _Tableau:
         self.row = row
 
     @property
-    def is_settled(self) -> bool:
-        return self.error <= SETTLED * float(np.abs(self.best).max(initial=0.0))
+    def has_converged(self) -> bool:
+        return self.error <= CONVERGED * float(np.abs(self.best).max(initial=0.0))
 
 
 def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: Arrays | None = None) -> list[Array]:
@@ -48,7 +103,7 @@ def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: 
     fits it best. An array that is the same on both sides, infinity included, has the slope 0. Raises the SceneError of
     ``at`` where neither side is allowed. Source: C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
     """
-    step = 2.0 ** round(np.log2(step))
+    step = round_step(step)
     first: dict[int, Arrays] = {}
     for _ in range(SHRINKS + 1):
         refused: SceneError | None = None
@@ -80,7 +135,7 @@ def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: 
             continue
         for tableau, slope in zip(tableaus, slopes, strict=True):
             tableau.add(slope)
-        if all(tableau.is_settled for tableau in tableaus):
+        if all(tableau.has_converged for tableau in tableaus):
             break
     return [tableau.best for tableau in tableaus]
 
