@@ -29,11 +29,10 @@ class Named:
     also: tuple[str, ...] = ()
 
 
-_rows: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("named_materials.toml").read_text("utf-8"))
-MATERIALS = {
-    name: Named(**{key: tuple(value) if isinstance(value, list) else value for key, value in row.items()})
-    for name, row in _rows.items()
-}
+MATERIALS: dict[str, Named] = {}
+for _name, _row in tomllib.loads(Path(__file__).with_name("named_materials.toml").read_text("utf-8")).items():
+    _settled: dict[str, Any] = {key: tuple(each) if isinstance(each, list) else each for key, each in _row.items()}
+    MATERIALS[_name] = Named(**_settled)
 SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
 LIKE_NANOMETRES = (190.0, 3000.0)  # um: ultraviolet to near infrared, had they been nanometres
 LONGEST_NAME = 200  # characters of which similar names are looked for
