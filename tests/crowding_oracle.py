@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 from flint import arb, ctx
-from scipy.fft import dst
 from scipy.special import spherical_jn, spherical_yn
 
 from vrte.basics.arrays import Array
@@ -42,30 +41,6 @@ def structure_matrix_by_integration(q: float, diameters: Array, densities: Array
             integral = 0.5 * (high - low) * (weights @ inside)
             factor[i, j] -= 2.0 * math.pi * math.sqrt(densities[i] * densities[j]) * integral
     return np.linalg.inv(factor.conj().T @ factor)
-
-
-def structure_matrix_by_grid(
-    diameters: Array, densities: Array, step: float, points: int, rounds: int
-) -> tuple[Array, Array]:
-    """q (n,) and S_ij(q) (n, i, j): Percus and Yevick's two conditions, g = 0 inside and c = 0 outside of contact, and
-    the Ornstein-Zernike equation between them, repeated until they agree. Contacts lie halfway between grid points."""
-    r, q = step * np.arange(1, points), math.pi / (step * points) * np.arange(1, points)
-    contact = 0.5 * (diameters[:, None] + diameters)
-    root = np.sqrt(np.outer(densities, densities))
-    touching = r < contact[..., None]
-
-    def transform(values: Array, outward: Array, inward: Array, factor: float) -> Array:
-        return factor * dst(values * outward, type=1) / 2.0 / inward
-
-    direct = np.where(touching, -1.0, 0.0)
-    for _ in range(rounds):
-        c = root[..., None] * transform(direct, r, q, 4.0 * math.pi * step)
-        full = np.moveaxis(c, -1, 0)
-        h = np.moveaxis(np.linalg.inv(np.eye(diameters.size) - full) @ full, 0, -1)
-        indirect = transform((h - c) / root[..., None], q, r, 1.0 / (2.0 * math.pi**2) * (q[1] - q[0]))
-        direct = np.where(touching, 0.5 * direct - 0.5 * (1.0 + indirect), 0.0)
-    c = np.moveaxis(root[..., None] * transform(direct, r, q, 4.0 * math.pi * step), -1, 0)
-    return q, np.linalg.inv(np.eye(diameters.size) - c)
 
 
 def amplitudes_by_textbook(m: complex, x: float, cosine: float) -> tuple[complex, complex]:

@@ -4,7 +4,6 @@ import pickle
 import re
 import warnings
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -320,11 +319,6 @@ def test_angles_anywhere_are_those_of_the_scattering_matrix() -> None:
     assert_close(table.elements[[0, 2, 3, 5]].T, np.diagonal(full, axis1=1, axis2=2), rtol=1e-11, atol=0.0)
 
 
-def test_there_are_ten_conventions_and_more() -> None:
-    assert len(CONVENTIONS) >= 12
-    assert all(about.source and about.words for about in CONVENTIONS.values())
-
-
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_a_convention_is_recognised_by_four_digits_and_reads_back(name: str) -> None:
     about, sphere = find_convention(name), make_reference_sphere()
@@ -337,18 +331,6 @@ def test_a_convention_is_recognised_by_four_digits_and_reads_back(name: str) -> 
         angles, *tabulate_card(about, angles), convention=name, normalise=about.mean is None
     )
     assert differ(again, sphere.phase_matrix) <= 1e-10
-
-
-@pytest.mark.parametrize("name", CONVENTIONS)
-def test_the_page_has_the_card_as_it_is(name: str) -> None:
-    page = (Path(__file__).parents[1] / "docs" / "how_to" / "importing.md").read_text(encoding="utf-8")
-    (row,) = re.findall(rf"^\| `{name}` \| (\S+: .*) \|$", page, re.MULTILINE)
-    cells = [[float(value) for value in cell.partition(": ")[2].split(", ")] for cell in row.split(" | ")]
-    card = tabulate_card(CONVENTIONS[name])[[0, 2, 3, 4] if name == "chandrasekhar" else [0, 1, 3, 4]]
-    assert_close(cells, card, rtol=5e-4, atol=0.0)
-    (told,) = re.findall(rf"^\| `{name}` \| (\w.*) \|$", page.partition("who writes so")[2], re.MULTILINE)
-    about = CONVENTIONS[name]
-    assert told == f"{about.words} | {about.in_words} | {about.source}"
 
 
 def test_what_tells_nothing_apart_is_several_names() -> None:

@@ -1,7 +1,6 @@
 """Bases of one's own: published surfaces, how their azimuths are integrated, and what is refused."""
 
 import runpy
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -110,24 +109,6 @@ def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) 
     scale = np.sqrt(np.append(problem.weights * problem.nodes, 1.0))
     gap = np.abs(found - expected).max(axis=(0, 3, 4)) * scale[:, None] * scale
     assert gap.max() <= 1e-9 * (np.abs(expected).max(axis=(0, 3, 4)) * scale[:, None] * scale).max()
-
-
-def test_a_rough_sea_at_32_nodes_is_quick(rough_sea: Function) -> None:
-    """Each pair and azimuth is evaluated once, and only grazing pairs often."""
-    sampled: list[np.ndarray] = []
-
-    def counted(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
-        sampled.append(np.stack([values.ravel() for values in np.broadcast_arrays(mu_i, mu_o, phi_deg)], axis=1))
-        return rough_sea(mu_i, mu_o, phi_deg)
-
-    base, problem = problem_over(counted, 32, [0.5], [0.8])
-    sampled.clear()
-    find_reflected_orders(base, problem, 3, accuracy=1e-8)
-    samples = np.concatenate(sampled)
-    assert len(np.unique(samples, axis=0)) == len(samples) < 1.2e5
-    start = time.process_time()
-    vrte.brdf(vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.2)], vrte.MuellerBase(rough_sea)), 0.5, 0.8, 60, nodes=32)
-    assert time.process_time() - start < 2.0
 
 
 def test_the_accuracy_asked_for_is_that_of_the_light(rough_sea: Function) -> None:

@@ -2,20 +2,17 @@
 
 import csv
 import math
-import warnings
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 import vrte
 from docs.scripts import crowding
 from tests.crowding_oracle import (
     amplitudes_by_textbook,
     structure_factor_by_wertheim,
-    structure_matrix_by_grid,
     structure_matrix_by_integration,
 )
 from vrte.optics.crowding import PACKINGS, pack
@@ -53,16 +50,6 @@ def test_structure_factor_of_one_size_has_its_known_values():
     assert_close(compute_structure_factor([7.0], 0.5, 0.4), 1.83438842, rtol=0.0, atol=6e-9)
 
 
-@pytest.mark.parametrize(("fraction", "where", "highest"), [(0.15, 6.00, 1.17), (0.30, 6.37, 1.52), (0.45, 6.84, 2.52)])
-def test_peaks_are_where_a_textbook_draws_them(fraction, where, highest):
-    """Cipelletti, Trappe and Pine, "Scattering techniques", in "Fluids, colloids and soft materials" (2016), the plot
-    on page 137, from which others read these numbers: good to some hundredths."""
-    x = np.linspace(5.0, 8.0, 3001)
-    found = compute_structure_factor(x, 0.5, fraction)
-    assert found.max() == close_to(highest, rtol=0.0, atol=0.02)
-    assert x[found.argmax()] == close_to(where, rtol=0.0, atol=0.04)
-
-
 @pytest.mark.parametrize("fraction", [1e-6, 0.05, 0.2, 0.4, 0.6])
 def test_structure_factor_of_one_size_keeps_all_digits_at_any_angle(fraction):
     x = [1e-8, 1e-5, 1e-3, 0.01, 0.1, 0.5, 1.0, 3.0, 7.0, 30.0, 500.0]
@@ -76,14 +63,6 @@ def test_structure_factor_of_one_size_keeps_all_digits_at_any_angle(fraction):
     )
 
 
-def test_two_equal_sizes_are_one():
-    q = np.linspace(0.0, 40.0, 9)
-    together = join_amplitudes(
-        np.sqrt([[[0.3]], [[0.7]]]).reshape(1, 2, 1) + 0j * q, q, np.full(2, 0.4), np.array([0.3, 0.7]), 0.3
-    )
-    assert_close(np.sum(np.abs(together[0]) ** 2, axis=0), compute_structure_factor(q, 0.4, 0.3), rtol=1e-12, atol=0.0)
-
-
 @pytest.mark.parametrize("q", [0.0, 0.7, 5.0, 31.0])
 def test_mixture_is_that_of_the_dense_matrix(q):
     radii, shares, fraction = np.array([0.1, 0.25, 0.4, 0.41]), np.array([3.0, 1.0, 0.5, 0.2]), 0.35
@@ -91,19 +70,6 @@ def test_mixture_is_that_of_the_dense_matrix(q):
     dense = structure_matrix_by_integration(q, 2.0 * radii, densities)
     assert np.abs(dense.imag).max() < 1e-12
     assert_close(structure_matrix(q, radii, shares, fraction), dense, rtol=0.0, atol=1e-12)
-
-
-def test_mixture_obeys_the_ornstein_zernike_equation():
-    """A solution on a grid comes nearer with the square of its step."""
-    diameters, densities = np.array([0.6, 1.4]), np.array([0.3, 0.1])
-    fraction, errors = math.pi / 6.0 * densities @ diameters**3, []
-    for steps, points in ((21, 1024), (63, 4096)):  # 0.6, 1 and 1.4 lie halfway between points
-        q, found = structure_matrix_by_grid(diameters, densities, step=0.4 / steps, points=points, rounds=100)
-        near = np.searchsorted(q, [0.5, 2.0, 4.0, 6.5, 11.0])
-        exact = [structure_matrix(one, 0.5 * diameters, densities, fraction) for one in q[near]]
-        errors.append(np.abs(found[near] - exact).max())
-    assert errors[0] < 1e-4
-    assert errors[1] < errors[0] / 8.0
 
 
 def test_nothing_interferes_where_there_is_nobody():
@@ -164,27 +130,6 @@ def test_a_mixture_is_the_sum_over_all_pairs():
 
 def abs_product(one: complex, other: complex) -> complex:
     return one * np.conj(other)
-
-
-@pytest.mark.parametrize(("diameter", "wavelength"), [(0.3, 0.5), (0.46, 0.65)])
-@pytest.mark.parametrize("fraction", [0.01, 0.1, 0.2, 0.3, 0.4])
-def test_transport_length_of_a_latex_is_the_textbook_integral(diameter, wavelength, fraction):
-    """1/l* = n pi/k^6 int_0^2k F(q) S(q) q^3 dq, with F = (|S1|^2 + |S2|^2)/2 of amplitudes without dimension."""
-    radius, m = 0.5 * diameter, 1.59 / 1.33
-    k = 2.0 * math.pi * 1.33 / wavelength
-    number = fraction / (4.0 / 3.0 * math.pi * radius**3)
-
-    def integrand(q: float) -> float:
-        s1, s2 = amplitudes_by_textbook(m, k * radius, 1.0 - 0.5 * (q / k) ** 2)
-        return 0.5 * (abs(s1) ** 2 + abs(s2) ** 2) * structure_factor_by_wertheim(q * diameter, fraction) * q**3
-
-    # dsigma = F11/k^2 2 pi sin d(theta), 1 - cos = q^2/2k^2, sin d(theta) = q dq/k^2
-    rate = number * math.pi / k**6 * quad(integrand, 1e-9, 2.0 * k, epsabs=0.0, epsrel=1e-9, limit=200)[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", vrte.PackingWarning)
-        packed = pack(latex(radius, wavelength_um=wavelength), fraction, "percus-yevick")
-    found = fraction / packed.volume_um3 * packed.scattering_um2 * (1.0 - packed.asymmetry)
-    assert found == close_to(rate, rtol=1e-9, atol=0.0)
 
 
 @pytest.mark.parametrize("name", list(PACKINGS))

@@ -1,14 +1,11 @@
 """Rough bases: as functions of one's own give them, smooth where facets hardly tilt, in any medium, quickly."""
 
-import time
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.quadrature import make_refracted_nodes
-from vrte.discrete_ordinates.orders.rough import reflect_off_facets
 
 from .helpers import assert_close, close_to
 
@@ -65,20 +62,6 @@ def test_what_counts_is_the_index_over_that_of_the_medium() -> None:
     assert binder.below == binder.base
     found, expected = (vrte.brdf(scene, **SEEN, nodes=8).mueller for scene in (binder, air))
     assert_close(found, expected, rtol=0.0, atol=1e-13 * expected.max())
-
-
-@pytest.mark.slow
-def test_forty_orders_of_a_rough_base_are_quick() -> None:
-    """32 nodes, 20 directions in and out: under half a second on one processor that does nothing else; the best of
-    three, since the process may have other threads at work."""
-    nodes, mu = make_refracted_nodes([1.0], 32), np.linspace(0.05, 1.0, 20)
-    surface = vrte.Facets(1.34, 0.2).facets
-    seconds = []
-    for _ in range(3):
-        start = time.process_time()
-        reflect_off_facets(surface, nodes, mu, mu, 40, 1e-6)
-        seconds.append(time.process_time() - start)
-    assert min(seconds) < 1.0
 
 
 def test_what_bounces_between_facets_is_given_back() -> None:
