@@ -208,7 +208,7 @@ def test_what_does_not_settle_is_named_with_the_accuracy_there_is() -> None:
     ]
     plain = vrte.brdf(scenes[0], 0.5, 0.5, 90.0, nodes=2, accuracy=1e-8).mueller
     words = (
-        r"do not settle with \d+ azimuths: from mu_i 0\.\d+ to mu_o .* at accuracy 1e-08: what .* accuracy \de-0[5-6]"
+        r"do not converge with \d+ azimuths: from mu_i 0\.\d+ to mu_o .* at accuracy 1e-08: what .* accuracy \de-0[5-6]"
     )
     with pytest.warns(vrte.AccuracyWarning, match=words):
         found = vrte.brdf(scenes[1], 0.5, 0.5, 90.0, nodes=2, accuracy=1e-8).mueller
@@ -220,11 +220,11 @@ def test_what_does_not_settle_is_named_with_the_accuracy_there_is() -> None:
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lambda i, o, p: np.diag([1e3, 0, 0, 0]), r"gives back 3142 of the light that comes along mu_i = "),
+        (lambda i, o, p: np.diag([1e3, 0, 0, 0]), r"gives back 3142 of the light along mu_i = "),
         (lambda i, o, p: np.diag([0.33, 0, 0, 0]), r"gives back 1\.037 of the light .* at most 1\.001 is allowed"),
         (
             lambda i, o, p: (0.05 / np.maximum(i, 0.05 + 0.0 * (o + p)))[..., None, None] * np.diag([1.0, 0, 0, 0]),
-            r"gives back 3\.142 of the light that comes along mu_i = 0\.05, and at most 1\.001",
+            r"gives back 3\.142 of the light along mu_i = 0\.05, and at most 1\.001",
         ),
         (lambda i, o, p: np.diag([0.1, 0.1, 0.1, -0.1]), r"is not physical: .* eigenvalue -0\.05 where f_00 is 0\.1;"),
         (lambda i, o, p: np.diag([0.1, 0.2, 0.0, 0.0]), r"is not physical: .* eigenvalue -0\.025 where f_00 is 0\.1;"),

@@ -233,7 +233,7 @@ def test_every_algorithm_takes_a_scalar_base(how: dict[str, Any]) -> None:
 
 
 def test_more_light_than_falls_in_is_told_near_the_horizon() -> None:
-    words = r"RPV was fitted to zenith angles up to about 75; beyond, 1\.05 of the light that comes along mu_i = 0\.05"
+    words = r"RPV was fitted to zenith angles up to about 75; beyond, 1\.05 of the light along mu_i = 0\.05"
     with pytest.warns(vrte.FittedRangeWarning, match=words):
         assert vrte.RPV(0.3, 0.7).reflectance([0.3])[0] < 0.7
 
@@ -273,9 +273,9 @@ def test_the_orders_of_what_is_cut_are_those_of_a_bent_function() -> None:
         (lambda: vrte.RPV(-0.1, 0.7), r"base: rho_0 must be between 0 and 10, not -0\.1"),
         (lambda: vrte.RPV(0.1, 0.7, 1.0), r"base: asymmetry must be between -0\.999 and 0\.999, not 1"),
         (lambda: vrte.RPV(0.1, 0.7, rho_c=3.0), r"base: rho_c must be between 0 and 2, not 3"),
-        (lambda: vrte.RPV(0.9, 0.5), r"base: it gives back \d\.\d+ of the light that comes along mu_i = "),
+        (lambda: vrte.RPV(0.9, 0.5), r"base: it gives back \d\.\d+ of the light along mu_i = "),
         (lambda: vrte.Hapke(1.1), r"base: albedo must be between 0 and 1, not 1\.1"),
-        (lambda: vrte.Hapke(1.0), r"base: it gives back 1\.013 of the light that comes along mu_i = 0\.4"),
+        (lambda: vrte.Hapke(1.0), r"base: it gives back 1\.013 of the light along mu_i = 0\.4"),
         (lambda: vrte.Hapke(0.5, h_function="1993"), r"base: h_function must be '2002', '1981', not '1993'"),
         (lambda: vrte.Hapke(0.5, linear=1.5), r"base: linear must give a phase function of at least 0 .* not -0\.5"),
         (lambda: vrte.Hapke(0.5, linear=0.5, asymmetry=0.1), r"base: asymmetry is instead of linear and quadratic"),

@@ -396,7 +396,7 @@ def test_averages_say_how_far_they_have_settled(monkeypatch):
         4 / 3 * math.pi * 1e-3 * math.exp(4.5 * math.log(1.4) ** 2), rtol=1e-9, atol=0.0
     )
     monkeypatch.setattr("vrte.optics.populations.MOST_RADII", 257)
-    with pytest.warns(SizeAverageWarning, match="not settled; .* 257 radii, cross sections settled to .e-0"):
+    with pytest.warns(SizeAverageWarning, match="not converged; .* 257 radii, cross sections converged to .e-0"):
         spheres(2.7, size=Gamma(1.0, 0.2), wavelength_um=0.5)
 
 

@@ -205,14 +205,14 @@ def test_sizes_are_averaged_as_those_of_spheres() -> None:
     assert round_ones.scattering_um2 == close_to(spheres.scattering_um2, rtol=1e-4, atol=0.0)
     assert round_ones.volume_um3 == close_to(spheres.volume_um3, rtol=1e-9, atol=0.0)
     assert_close(round_ones.phase_matrix.a1[:6], spheres.phase_matrix.a1[:6], rtol=0.0, atol=5e-4)
-    assert "settled to" in round_ones.description
+    assert "converged to" in round_ones.description
 
 
 def test_sizes_that_do_not_settle_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shapes, "MOST_RADII", 9)
     monkeypatch.setattr(shapes, "FEWEST_RADII", 5)
     monkeypatch.setattr(particle_kind, "DOUBTFUL", 1e-9)
-    with pytest.warns(SizeAverageWarning, match="spheroids: not settled"):
+    with pytest.warns(SizeAverageWarning, match="spheroids: not converged"):
         vrte.spheroids(1.5, aspect_ratio=1.2, size=vrte.Gamma(0.1, 0.1), wavelength_um=0.5)
 
 

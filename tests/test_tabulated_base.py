@@ -251,7 +251,7 @@ def of_diagonal(*values: float) -> np.ndarray:
         ({"mueller": np.zeros((6, 6, 4, 4))}, r"base: mueller must have the shape \(6, 6, 3, 4, 4\) to fit its"),
         ({"mueller": np.full((6, 6, 3, 4, 4), np.nan)}, "base: mueller must be finite"),
         ({"mueller": of_diagonal(-0.1, 0, 0, 0)}, r"base: mueller must have f_00 >= 0, not -0\.1"),
-        ({"mueller": of_diagonal(0.5, 0, 0, 0)}, r"base: it gives back 1\.571 of the light that comes along mu_i = "),
+        ({"mueller": of_diagonal(0.5, 0, 0, 0)}, r"base: it gives back 1\.571 of the light along mu_i = "),
         ({"mueller": of_diagonal(0.1, 0.2, 0, 0)}, r"is not physical: .* eigenvalue -0\.025 where f_00 is 0\.1;"),
         ({"mueller": "all"}, "base: mueller must be real numbers, not 'all'"),
         ({"mueller": np.full((6, 6, 3, 4, 4), 0.01)}, r"base: f\(-phi\) must equal D f\(phi\) D"),

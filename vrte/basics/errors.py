@@ -52,7 +52,7 @@ class SceneError(ValueError):
 
 
 class AccuracyError(ArithmeticError):
-    """The solver's own residuals are too large to vouch for the answer; there is none.
+    """The solver's own residuals are too large to verify the answer; there is none.
 
     It is an ArithmeticError: another ``algorithm``, more ``nodes`` or a less extreme scene may help.
     """

@@ -113,7 +113,7 @@ def limit_memory(size: float) -> None:
         import resource
 
         taken = resource.getpagesize() * int(Path("/proc/self/statm").read_text().split()[0])
-        lower_limit(resource.RLIMIT_AS, taken + int(size))
+        reduce_limit(resource.RLIMIT_AS, taken + int(size))
 
 
 def limit_time(seconds: float) -> None:
@@ -122,10 +122,10 @@ def limit_time(seconds: float) -> None:
         import resource
 
         spent = resource.getrusage(resource.RUSAGE_SELF)
-        lower_limit(resource.RLIMIT_CPU, int(spent.ru_utime + spent.ru_stime + seconds) + 1)
+        reduce_limit(resource.RLIMIT_CPU, int(spent.ru_utime + spent.ru_stime + seconds) + 1)
 
 
-def lower_limit(kind: int, limit: int) -> None:
+def reduce_limit(kind: int, limit: int) -> None:
     """Sets the soft limit of a resource, never above its hard one."""
     import resource
 

@@ -102,7 +102,7 @@ def transmit_facets(
     distribution: str = "beckmann",
     shadowing: int = 0,
 ) -> Array:
-    """Mueller matrices f_t [1/sr] of what gets through, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
+    """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
     the cosine behind, ``index`` real and not 1."""
     way = Way(mu_i, mu_o, phi_deg, upward=False)
     across, along = way.measure_gap(index)

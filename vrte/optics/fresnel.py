@@ -21,7 +21,7 @@ def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
     index = np.asarray(index, complex)
     # n^2 - 1 as a product: exact where media are almost alike
     root: NDArray[np.complex128] = np.sqrt(np.asarray(mu) ** 2 + (index - 1.0) * (index + 1.0))
-    # it is the wave behind, n times the cosine, that fades: a metal's cosine itself may lie on either side by rounding
+    # it is the wave behind, n times the cosine, that decays: a metal's cosine itself may lie on either side by rounding
     return np.where(root.imag < 0.0, -root, root) / index
 
 
@@ -35,7 +35,7 @@ def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
 
 
 def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
-    """Mueller matrices of the power that gets through, (..., 4, 4): zero under total reflection, radiance is index^2
+    """Mueller matrices of the transmitted power, (..., 4, 4): zero under total reflection, radiance is index^2
     times as much. ``behind``: the cosine there, where it is known better than mu tells."""
     mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
     s = 2.0 * mu / (mu + index * behind)

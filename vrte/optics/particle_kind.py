@@ -94,8 +94,8 @@ class ParticleKind:
         by no more than ``converged`` (4,). A held distribution has as many radii as it once took.
         """
         held = self.size if isinstance(self.size, Held) else None
-        if held and (settled := held.find(self.host)):
-            found, _, used = average(*settled)
+        if held and (counts_taken := held.find(self.host)):
+            found, _, used = average(*counts_taken)
             return found, used, 0.0
         count = max(counts[0], self.read_quadrature(2, moment)[0].size)
         most, changes = max(counts[1], 2 * count - 1), np.zeros(4)
@@ -122,7 +122,7 @@ class ParticleKind:
         """The particles of these means over sizes; warns where the last radii changed cross sections by more than a
         hundredth."""
         if change > DOUBTFUL:
-            warn_user(f"{self.words}: not settled; {description}", SizeAverageWarning)
+            warn_user(f"{self.words}: not converged; {description}", SizeAverageWarning)
         if not self.absorbs:
             extinction_um2 = (
                 scattering_um2  # the two sums differ by rounding, and an albedo of 1 should be exactly that
@@ -230,7 +230,7 @@ def describe_index(index: RefractiveIndex) -> str:
 
 def describe_convergence(count: int, change: float, up_to: str = "") -> str:
     """Over how many radii an average was taken, and how far it has converged; nothing of one size."""
-    return f", {count} radii{up_to}, cross sections settled to {max(change, 1e-16):.0e}" if count > 1 else ""
+    return f", {count} radii{up_to}, cross sections converged to {max(change, 1e-16):.0e}" if count > 1 else ""
 
 
 def make_check(make: Callable[..., ParticleKind]) -> Callable[..., Particles]:

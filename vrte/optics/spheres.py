@@ -149,8 +149,8 @@ def spheres(
     Particles
         An average over sizes starts with 129 radii and doubles their number, keeping those it has, until extinction,
         scattering and asymmetry change by less than 1e-6 and backscattering by less than 1e-4, relative, or until there
-        are 2049. Clear spheres have resonances narrower than any such spacing: ``description`` says to what the cross
-        sections have settled (1e-3 for a clear index of 2.7), and a SizeAverageWarning is given above 1e-2.
+        are 2049. Clear spheres have resonances narrower than any such spacing: ``description`` says how far the cross
+        sections have converged (1e-3 for a clear index of 2.7), and a SizeAverageWarning is given above 1e-2.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Fourier integrals over azimuth of what a surface does, as closely as is allowed and no closer.
 
-Each pair of directions is sampled by itself: by a rule that settles at once on smooth functions, and where that does
-not settle, since f jumps or bends at some azimuth, in pieces that are halved where it does.
+Each pair of directions is sampled by itself: by a rule that converges at once on smooth functions, and where that does
+not converge, since f jumps or bends at some azimuth, in pieces that are halved where it does.
 """
 
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from vrte.basics.arrays import Array, BoolArray, settle_array
 from vrte.basics.errors import AccuracyError
 
 FEWEST_AZIMUTHS, ENOUGH, MOST_AZIMUTHS = 32, 1 << 9, 1 << 11  # of the rule for smooth functions, from 0 to 180 degrees
-WORTH = 0.1  # of the error, that twice as many azimuths may leave
-MOST_SAMPLES = 1 << 14  # of a pair, in pieces
+WORTH = 0.1  # part of the error that twice as many azimuths may leave on a smooth function
+MOST_SAMPLES = 1 << 14  # samples of f at one pair of directions, in pieces
 FEWEST_PIECES = 48  # whose points are nowhere farther apart than the smooth rule's: what that saw is not missed
 NARROW = 1.0 / 32.0  # of a half turn: pieces below have a share of the error of their own
-SMALLEST = 2.0**-44  # of a half turn: f that jumps there is settled to that
+SMALLEST = 2.0**-44  # of a half turn: width of the smallest piece, down to which a jump of f is halved
 SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
 SMOOTH = 200.0  # how much closer all points are than half of them where both are close, as QUADPACK has it
 
@@ -30,7 +30,7 @@ Sample = Callable[[Array, Array, Array], Array]  # f (..., S, S) of mu_i, mu_o, 
 
 
 class ConvergenceError(AccuracyError):
-    """Fourier integrals that do not settle: what was found of them, R^m with the most azimuths it took, and how many
+    """Fourier integrals that do not converge: what was found of them, R^m with the most azimuths it took, and how many
     times further off it may be than is allowed."""
 
     def __init__(self, message: str, found: tuple[Array, int], excess: float) -> None:
@@ -76,8 +76,8 @@ def integrate_orders(
     worst = int(np.argmax(error / most))
     if error[worst] > most[worst]:
         raise ConvergenceError(
-            f"the base's azimuthal orders do not settle with {azimuths} azimuths: from mu_i {into[worst]:.3g} to mu_o "
-            f"{out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is allowed",
+            f"the base's azimuthal orders do not converge with {azimuths} azimuths: from mu_i {into[worst]:.3g} to "
+            f"mu_o {out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is allowed",
             (found, azimuths),
             error[worst] / most[worst],
         )

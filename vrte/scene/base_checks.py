@@ -52,7 +52,7 @@ def make_exit_rule(points: int) -> tuple[Array, Array]:
 
 def check_energy(reflectance: Callable[[Array, int], Array]) -> None:
     """Whether a base gives back no more than it gets: ``reflectance`` of cosines (n,) and points of a quadrature is
-    looked at closer, until it settles, only where it seems to be too much. Raises SceneError."""
+    computed with more points, until it converges, only where it seems to be too much. Raises SceneError."""
     most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
     excess = reflectance(CHECKED_COSINES, COARSE) / most
     for place in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
@@ -66,6 +66,6 @@ def check_energy(reflectance: Callable[[Array, int], Array]) -> None:
             continue  # too narrow for this quadrature: the solver's own will tell
         if now > most[place]:
             raise SceneError(
-                f"base: it gives back {now:.4g} of the light that comes along mu_i = {mu_i[0]:g}, and at most "
+                f"base: it gives back {now:.4g} of the light along mu_i = {mu_i[0]:g}, and at most "
                 f"{most[place]:.4g} is allowed there (facets without shadows give back too much near the horizon)"
             )

@@ -1,6 +1,6 @@
-"""Where light goes that meets no particle: refracted and mirrored at every interface of a pile, along one direction.
+"""Where light goes that meets no particle: refracted and mirrored at every interface of a stack, along one direction.
 
-All in the flipped frame, in which light going up has U and V turned over: a pile and its mirror image then look alike.
+All in the flipped frame, in which light going up has U and V turned over: a stack and its mirror image then look alike.
 Numbers are powers through a horizontal plane, or radiances over the square of the refractive index: what Fresnel's
 transmitted power acts upon, the same on both sides.
 """
@@ -82,9 +82,9 @@ def make_joints(scene: Scene, cosines: Array) -> Joints:
     return found
 
 
-def pass_along(joints: Joints, fade: Array, sources: Passing) -> Passing:
+def pass_along(joints: Joints, decay: Array, sources: Passing) -> Passing:
     """Light everywhere, from ``sources`` that add to it on either side of every joint, ``arriving`` at the first being
-    what comes in from above, ``rising`` at the last what comes in from below; fade (layer, n) on the way through each
+    what comes in from above, ``rising`` at the last what comes in from below; decay (layer, n) on the way through each
     layer."""
     last = joints.above.shape[0] - 1
     one = np.eye(joints.above.shape[-1])
@@ -94,7 +94,7 @@ def pass_along(joints: Joints, fade: Array, sources: Passing) -> Passing:
     seen, own = back[last], sources.rising[last]
     for k in range(last, -1, -1):
         if k < last:
-            f = fade[k][:, None, None]
+            f = decay[k][:, None, None]
             own = f * (own + seen @ sources.arriving[k + 1]) + sources.rising[k]
             seen = f * f * seen
         back[k], sent[k] = seen, own
@@ -111,7 +111,7 @@ def pass_along(joints: Joints, fade: Array, sources: Passing) -> Passing:
         found.leaving[k] = joints.above[k] @ arriving + joints.up[k] @ found.rising[k] + sources.leaving[k]
         found.entering[k] = through + joints.below[k] @ found.rising[k]
         if k < last:
-            arriving = fade[k][:, None, None] * found.entering[k] + sources.arriving[k + 1]
+            arriving = decay[k][:, None, None] * found.entering[k] + sources.arriving[k + 1]
     return found
 
 
@@ -120,16 +120,16 @@ def find_decaying(thickness: Array, cosines: Array) -> Array:
     cosines (medium, n)."""
     inside = cosines[1:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        fade = np.exp(-thickness[:, None] / inside)
-    return np.where(inside > 0.0, fade, 0.0)
+        decay = np.exp(-thickness[:, None] / inside)
+    return np.where(inside > 0.0, decay, 0.0)
 
 
-def follow_beams(joints: Joints, fade: Array) -> Passing:
+def follow_beams(joints: Joints, decay: Array) -> Passing:
     """Mueller matrices of beams that come in from above, at every joint."""
     nothing = np.zeros_like(joints.above)
     arriving = nothing.copy()
     arriving[0] = np.eye(4)
-    return pass_along(joints, fade, Passing(arriving, nothing, nothing, nothing))
+    return pass_along(joints, decay, Passing(arriving, nothing, nothing, nothing))
 
 
 @dataclass(frozen=True, eq=False)

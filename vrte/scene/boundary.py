@@ -1,4 +1,4 @@
-"""What bounds a pile of layers above and below: what it reflects, and what it lets through.
+"""What bounds a stack of layers above and below: its reflection, and its transmission.
 
 A boundary answers for itself, and nobody asks for its class. A new one is a class made from `Boundary`, and a scene
 takes its objects as base (docs/how_to/extending.md).
@@ -27,18 +27,18 @@ from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, 
 
 
 class Boundary:
-    """What lies above or below a pile of layers; by itself it is black: nothing comes back, and nothing gets through.
+    """What lies above or below a stack of layers; by itself it is black: nothing is reflected, nothing transmitted.
 
     A new kind of base is a class made from this one; a scene takes its objects as base.
 
     Attributes
     ----------
     orders_reflected
-        Of how many Fourier orders light comes back: 0 none, 1 evenly, math.inf all.
+        How many Fourier orders are reflected: 0 none, 1 evenly (Lambertian), math.inf all.
     mixes_stokes
-        Whether light comes back, or gets through, as other Stokes parameters than it came.
+        Whether light is reflected, or transmitted, as other Stokes parameters than it came.
     keeps_beams
-        Whether a beam comes back as one, as `reflect_beam` says.
+        Whether a beam is reflected as a beam, as `reflect_beam` says.
     facets
         The rough surface that it is, or None.
     index_above
@@ -74,7 +74,7 @@ class Boundary:
 
     @property
     def is_uneven(self) -> bool:
-        """Whether light comes back in other ways than evenly and unpolarized."""
+        """Whether light is reflected otherwise than evenly and unpolarized."""
         return self.mixes_stokes or self.orders_reflected > 1
 
     @property
@@ -84,7 +84,7 @@ class Boundary:
 
     @property
     def even_albedo(self) -> float:
-        """The share of light that comes back evenly and unpolarized."""
+        """Albedo of its Lambertian part."""
         return 0.0
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
@@ -110,7 +110,7 @@ class Boundary:
         return self
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
-        """Mueller matrices (n, 4, 4) of a beam that comes back as a beam, shares of its power: positive cosines (n,) in
+        """Mueller matrices (n, 4, 4) of a beam that is reflected as a beam, over its power: positive cosines (n,) in
         the medium of that refractive index."""
         return np.zeros((mu.size, 4, 4))
 
@@ -121,7 +121,7 @@ class Boundary:
 
 
 class Transparent(Boundary):
-    """Nothing at all: light leaves as it comes, and none comes back. It lies above every pile."""
+    """Nothing at all: light is transmitted unchanged, none is reflected. It lies above every stack."""
 
     @property
     def name(self) -> str:
@@ -141,7 +141,7 @@ class Lambertian(Boundary):
     Parameters
     ----------
     albedo : float
-        The share of the light that comes back, 0 to 1; SceneError for another.
+        Reflected over incident flux, 0 to 1; SceneError for another.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A rough base: a metal or a dielectric without end, of many small facets."""
+"""A rough base: a semi-infinite metal or dielectric of many small facets."""
 
 import copy
 import math
@@ -86,7 +86,7 @@ class Facets(Boundary):
         return RoughSurface(self.medium, self.index, *how, closed=True)
 
     def reflectance(self, mu_i: Any) -> Array:
-        """The share of unpolarized light that comes back."""
+        """Reflectance for unpolarized light (n,) at positive cosines of incidence (n,)."""
         return share_energy(self.facets, check_cosines("mu_i", mu_i))[0]
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Hapke's base: a regolith, powder without end whose grains hide their shadows."""
+"""Hapke's base: a regolith, a semi-infinite powder whose grains hide their shadows."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -55,7 +55,7 @@ class Hapke(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field, or where more light comes back than falls in.
+        Naming the field, or where more light is reflected than falls in.
 
     References
     ----------

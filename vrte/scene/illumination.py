@@ -29,7 +29,7 @@ def turn_to_light(side: str, scene: Scene) -> Scene:
         )
     if not np.isfinite(scene.thickness):
         raise SceneError(
-            "illuminate='bottom' needs a finite thickness: a layer without end has no bottom", "illuminate"
+            "illuminate='bottom' needs a finite thickness: a semi-infinite layer has no bottom", "illuminate"
         )
     return scene.turned()
 

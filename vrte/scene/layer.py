@@ -14,7 +14,7 @@ from vrte.optics.phase_matrix import PhaseMatrix, isotropic
 from vrte.optics.refractive_index import Material, check_wavelength
 
 CLEAR_HOST = 3.2e-5  # absorption of a medium [1/um] that an optical thickness alone leaves out: k = 1e-6 at 0.4 um
-LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
+LARGEST_THICKNESS = 1e12  # optical thickness of a finite layer; beyond, a semi-infinite one is meant
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""A smooth base: a metal or a dielectric without end."""
+"""A smooth base: a semi-infinite metal or dielectric."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ def check_complex_index(name: str, index: Any) -> complex:
 
 @dataclass(frozen=True)
 class Mirror(Boundary):
-    """A smooth base that reflects beams as beams, after Fresnel: polished metal, glass, water without end.
+    """A smooth base that reflects beams as beams, after Fresnel: polished metal, deep glass or water.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class RossLi(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field, or where f is negative, or more light comes back than falls in, at zenith angles up to 75
+        Naming the field, or where f is negative, or more light is reflected than falls in, at zenith angles up to 75
         degrees.
 
     References

@@ -16,7 +16,7 @@ class RPV(ScalarBase):
     pi f = rho_0 (mu_i mu_o (mu_i + mu_o))^(k - 1) (1 - a^2)/(1 + a^2 + 2 a cos g)^(3/2) (1 + (1 - rho_c)/(1 + G)), with
     the asymmetry a, the phase angle g, and the distance G of both directions on a plane one unit above. Fitted to
     zenith angles up to about 75 degrees; for k < 1 it grows without bound at the horizon, where a FittedRangeWarning
-    tells that more light comes back than falls in.
+    tells that more light is reflected than falls in.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class RPV(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field, or where more light comes back than falls in at zenith angles up to 75 degrees.
+        Naming the field, or where more light is reflected than falls in at zenith angles up to 75 degrees.
 
     References
     ----------

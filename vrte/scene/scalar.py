@@ -9,7 +9,9 @@ from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
-LOOKED_AT = np.concatenate([[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]])  # cosines where f is looked at
+LOOKED_AT = np.concatenate(
+    [[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]]
+)  # cosines of both directions at which f is checked
 AZIMUTHS = np.linspace(0.0, 180.0, 13)
 STEEPEST = np.cos(np.radians(75.0))  # cosines above were measured, and formulas fitted to them
 
@@ -85,13 +87,13 @@ class ScalarBase(SampledBase):
         worst = int(np.argmax(np.where(CHECKED_COSINES >= STEEPEST, shares, 0.0)))
         if shares[worst] > 1.0 + ENERGY_ALLOWED:
             raise SceneError(
-                f"base: it gives back {shares[worst]:.4g} of the light that comes along mu_i = "
+                f"base: it gives back {shares[worst]:.4g} of the light along mu_i = "
                 f"{CHECKED_COSINES[worst]:g}, and at most 1 is allowed for zenith angles up to 75"
             )
         most = int(np.argmax(shares))
         if shares[most] > 1.0 + ENERGY_ALLOWED:
             share = self.reflectance(CHECKED_COSINES[most]).item()
-            self.warn_beyond(f"{share:.3g} of the light that comes along mu_i = {CHECKED_COSINES[most]:g} comes back")
+            self.warn_beyond(f"{share:.3g} of the light along mu_i = {CHECKED_COSINES[most]:g} is reflected")
 
     def warn_beyond(self, words: str) -> None:
         """Warns of what the formula does beyond the zenith angles that it was fitted to."""

@@ -34,7 +34,7 @@ class Scene:
         one by its method ``as_base()``, as the `vrte.Brdf` of another stack is.
     interfaces : sequence of Interface or None, optional
         Above each layer and below the last, one more than layers, which are then no interfaces themselves: what the
-        scene makes of a list with interfaces among its layers. Between two without a layer it puts a clear one of no
+        scene makes of a list with interfaces among its layers. Between two without a layer it puts an empty one of no
         thickness.
 
     Raises
@@ -58,13 +58,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         alone = isinstance(self.layers, Layer | Interface)
-        pile = tuple(check_list("layers", (self.layers,) if alone else self.layers, MOST_LAYERS))
-        for position, part in enumerate(pile, 1):
+        stack = tuple(check_list("layers", (self.layers,) if alone else self.layers, MOST_LAYERS))
+        for position, part in enumerate(stack, 1):
             if not isinstance(part, Layer | Interface):
                 raise SceneError(
                     f"layer {position} must be a vrte.Layer or a vrte.Interface, not {type(part).__name__}"
                 )
-            if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(pile):
+            if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(stack):
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
         as_base = getattr(self.base, "as_base", None)
@@ -75,14 +75,14 @@ class Scene:
                 "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror, vrte.Facets, "
                 f"vrte.TabulatedBase or a vrte.Brdf, not {show_given('base', self.base)}"
             )
-        if not pile and self.base is None:
+        if not stack and self.base is None:
             raise SceneError("a scene needs at least one layer, or a base")
         given = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
         if given:
-            pile = interleave(pile, given)
-        layers, interfaces, places = sort_pile(pile, self.base is not None)
+            stack = interleave(stack, given)
+        layers, interfaces, places = sort_stack(stack, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
-            raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
+            raise SceneError(f"interface {len(layers) + 1}: no light gets there through a semi-infinite layer")
         object.__setattr__(self, "layers", layers)
         numbered = tuple(range(len(layers))) if given else places
         object.__setattr__(self, "_places", numbered)
@@ -99,7 +99,7 @@ class Scene:
 
     @property
     def places(self) -> tuple[int | None, ...]:
-        """Where in the list that was given each layer stands; None for a clear one that the scene has added."""
+        """Where in the list that was given each layer stands; None for an empty one that the scene has added."""
         return self._places  # type: ignore[attr-defined]
 
     @property
@@ -149,17 +149,17 @@ class Scene:
 
     @property
     def base_is_reached(self) -> bool:
-        """False below a layer without end: the base then plays no part."""
+        """False below a semi-infinite layer: the base then plays no part."""
         return math.isfinite(self.thickness)
 
     @cached_property
     def below(self) -> Boundary:
-        """What bounds the pile below, as light meets it: black where none gets there."""
+        """What bounds the stack below, as light meets it: black where none gets there."""
         return self.base.put_in_medium(self.index_below) if self.base is not None and self.base_is_reached else BLACK
 
     @property
     def above(self) -> Boundary:
-        """What bounds the pile above: nothing."""
+        """What bounds the stack above: nothing."""
         return TRANSPARENT
 
     def __repr__(self) -> str:
@@ -208,12 +208,12 @@ def interleave(
 
 @cache
 def make_empty_layer() -> Layer:
-    """A clear layer of no thickness."""
+    """A non-scattering layer of no thickness."""
     return Layer(isotropic(), 0.0, 0.0)
 
 
-def sort_pile(
-    pile: Sequence[Layer | Interface], has_base: bool
+def sort_stack(
+    stack: Sequence[Layer | Interface], has_base: bool
 ) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
     """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
     without a layer, between one and a base, and above a base alone a clear one without thickness; and where in the list
@@ -227,7 +227,7 @@ def sort_pile(
         layers.append(layer)
         places.append(place)
 
-    for place, part in enumerate(pile):
+    for place, part in enumerate(stack):
         if isinstance(part, Interface):
             if len(interfaces) > len(layers):
                 add(clear, None)
@@ -257,7 +257,7 @@ def find_media(
         between[-1] = "the medium above it"
     names = ["the medium above", *between, "the medium below" if base_index is None else "the base"]
 
-    def settle(place: int, index: float | None, source: str) -> None:
+    def assign(place: int, index: float | None, source: str) -> None:
         known = media[place]
         if index is None:
             return
@@ -269,18 +269,18 @@ def find_media(
 
     for k, interface in enumerate(interfaces):
         if interface is not None:
-            settle(k, interface.index_above, "the interface below it")
-            settle(k + 1, interface.index_below, "the interface above it")
-    settle(len(media) - 1, base_index, "what the base was found in")
+            assign(k, interface.index_above, "the interface below it")
+            assign(k + 1, interface.index_below, "the interface above it")
+    assign(len(media) - 1, base_index, "what the base was found in")
     for k in (*range(len(interfaces)), *range(len(interfaces) - 1, -1, -1)):  # down, then up
         if interfaces[k] is None:
-            settle(k + 1, media[k], f"{names[k]}, without an interface between,")
-            settle(k, media[k + 1], f"{names[k + 1]}, without an interface between,")
-    settled = tuple(1.0 if index is None else index for index in media)
-    for low, high in itertools.pairwise(sorted(set(settled))):
+            assign(k + 1, media[k], f"{names[k]}, without an interface between,")
+            assign(k, media[k + 1], f"{names[k + 1]}, without an interface between,")
+    media_found = tuple(1.0 if index is None else index for index in media)
+    for low, high in itertools.pairwise(sorted(set(media_found))):
         if high - low < LEAST_STEP * high:
             raise SceneError(
                 f"media of the refractive indices {low:.12g} and {high:.12g} are too much alike to tell apart: give "
                 f"them one index, or indices that differ by {LEAST_STEP:g} of themselves"
             )
-    return settled
+    return media_found

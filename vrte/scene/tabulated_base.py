@@ -75,7 +75,7 @@ class TabulatedBase(Boundary):
     mueller : array_like (n_in, n_out, n_phi, 4, 4)
         f [1/sr], in the meridian planes.
     specular : array_like (n_in, 4, 4), optional
-        Mueller matrices of the share of a beam's power that comes back as a beam, where the table is that of something
+        Mueller matrices of the part of a beam's power that is reflected as a beam, where the table is that of something
         with a smooth surface; interpolated over mu_i alike.
     index_above : float, optional
         Refractive index of the medium that the table was found in, which the base then has to lie in; None for any.

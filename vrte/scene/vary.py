@@ -80,7 +80,7 @@ def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
     """With the optical thickness or the albedo of a layer."""
     layer, unit = scene.layers[place], np.eye(len(scene.layers))[place]
     if key == "thickness" and math.isinf(layer.thickness):
-        raise complain_of(name, "a layer without end has no thickness to change")
+        raise complain_of(name, "a semi-infinite layer has no thickness to change")
     if key == "albedo" and layer.thickness == 0.0:
         raise complain_of(name, "it does nothing: the layer has no thickness")
     none = np.zeros(len(scene.layers))
@@ -129,7 +129,7 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
     if base is None:
         raise complain_of(name, "the scene has no base: it is black below")
     if not scene.base_is_reached:
-        raise complain_of(name, "it does nothing: no light reaches the base below a layer without end")
+        raise complain_of(name, "it does nothing: no light reaches the base below a semi-infinite layer")
     numbers = list_numbers(base)
     word = key if part is None else f"{key}.{part}"
     if word not in numbers:
