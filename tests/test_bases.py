@@ -158,21 +158,6 @@ def test_facets_that_end_at_a_tilt_have_the_orders_of_both_sides_of_the_jump(
     assert gap.max() <= 0.1 * accuracy * largest.max()
 
 
-def test_facets_that_end_at_a_tilt_take_few_samples_at_24_nodes(rough_sea: Function) -> None:
-    """Before there were pieces, 8191 azimuths of a pair were too few, and it was refused at any accuracy."""
-    sampled = 0
-
-    def counted(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
-        nonlocal sampled
-        sampled += np.broadcast(mu_i, mu_o, phi_deg).size
-        return cut_sea(mu_i, mu_o, phi_deg, rough_sea)
-
-    base, problem = problem_over(counted, 24, [0.5], [0.8])
-    sampled = 0
-    find_reflected_orders(base, problem, 3, accuracy=1e-4)
-    assert sampled < 1400 * 25**2
-
-
 @pytest.mark.parametrize("width", [0.1, 0.3])
 def test_narrow_lobes_that_a_coarse_rule_sees_are_integrated(width: float) -> None:
     """Lobes of some tenths of a degree at azimuths of their own: pieces lose none that 512 azimuths show."""

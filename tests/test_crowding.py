@@ -1,6 +1,5 @@
 """Crowded particles: hard spheres of one and many sizes, effective media, and where each of them ends."""
 
-import csv
 import math
 from functools import partial
 from typing import Any
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 import vrte
-from docs.scripts import crowding
 from tests.crowding_oracle import (
     amplitudes_by_textbook,
     structure_factor_by_wertheim,
@@ -259,17 +257,6 @@ def test_outside_of_a_domain_a_warning_says_what_is_allowed(particles, fraction,
 def test_what_a_packing_cannot_do_is_refused(particles, fraction, packing, words):
     with pytest.raises(vrte.SceneError, match=words):
         Layer.of(particles(), thickness_um=1.0, volume_fraction=fraction, packing=packing)
-
-
-@pytest.mark.slow
-def test_the_study_draws_what_crowding_does(tmp_path):
-    assert crowding.main(["-o", str(tmp_path), "--fractions", "0.05", "0.3"]) == 0
-    rows = list(csv.DictReader((tmp_path / "crowding.csv").read_text().splitlines()))
-    latex_lengths = {row["packing"]: float(row["transport_length_um"]) for row in rows[1:8:2]}
-    assert latex_lengths["percus-yevick"] > 1.2 * latex_lengths["independent"]
-    white = {row["packing"]: float(row["reflectance"]) for row in rows[9::2]}
-    assert white["coherent-potential"] < white["percus-yevick"] < white["independent"] < 1.0
-    assert (tmp_path / "crowding.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from vrte.methods import find_method
 from vrte.request.how import EXACT, METHODS
 from vrte.scene.azimuths import make_azimuth_rule
 from vrte.scene.boundary import Boundary
-from vrte.scene.hapke import H_FUNCTIONS
 from vrte.scene.ross_li import compute_li_sparse, compute_ross_thick
 from vrte.scene.scalar import ScalarBase, find_angles
 
@@ -87,29 +86,6 @@ def tell_ross_li(base: vrte.RossLi, mu_i: float, mu_o: float, phi: float) -> flo
 ORACLES: dict[type, Callable[..., float]] = {vrte.Hapke: tell_hapke, vrte.RPV: tell_rpv, vrte.RossLi: tell_ross_li}
 
 
-def solve_h(albedo: float, mu: np.ndarray) -> np.ndarray:
-    """Chandrasekhar's H of isotropic scattering, 1/H = sqrt(1 - w) + w/2 integral x H(x)/(x + mu) dx, by iteration."""
-    t, weight = np.polynomial.legendre.leggauss(64)
-    x, weight = (0.5 * (t + 1.0)) ** 2, 0.5 * weight * (t + 1.0)  # dense at 0, where H is steep
-    h = np.ones(x.size)
-    for _ in range(2000):
-        h = 0.5 * (h + 1.0 / (math.sqrt(1.0 - albedo) + 0.5 * albedo * (weight * x * h / (x[:, None] + x)).sum(axis=1)))
-    return 1.0 / (math.sqrt(1.0 - albedo) + 0.5 * albedo * (weight * x * h / (mu[:, None] + x)).sum(axis=1))
-
-
-def test_h_functions_beside_the_exact_one() -> None:
-    """The formula of 2002 is within 1 per cent, that of 1981 within 4; both are exact for black grains."""
-    mu = np.array([0.001, 0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0])
-    assert_close(solve_h(1.0, np.array([0.5, 1.0])), [2.01278, 2.90781], rtol=2e-6, atol=0.0)  # Chandrasekhar
-    worst = dict.fromkeys(H_FUNCTIONS, 0.0)
-    for albedo in (0.1, 0.3, 0.6, 0.8, 0.9, 0.97, 0.99, 1.0):
-        for name, find in H_FUNCTIONS.items():
-            worst[name] = max(worst[name], np.abs(find(albedo, mu) / solve_h(albedo, mu) - 1.0).max())
-            assert find(0.0, mu) == close_to(1.0, rtol=1e-15, atol=0.0)
-    assert 0.009 < worst["2002"] < 0.01
-    assert 0.039 < worst["1981"] < 0.04
-
-
 def make_directions(count: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cosines from 0.05 to 1 and azimuths, by chance."""
     mu = np.random.default_rng(18).uniform(0.05, 1.0, (2, count))
@@ -128,18 +104,6 @@ def test_formulas_are_those_written_out_word_for_word(name: str) -> None:
     found = base.reflect(mu_i, mu_o, phi)
     assert found.shape == (mu_i.size, 1, 1)
     assert_close(found[:, 0, 0], expected, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("base", [*SCALAR.values(), vrte.cox_munk(7.0, shadowing=True)], ids=lambda base: base.name)
-def test_light_may_go_either_way(base: Boundary) -> None:
-    """f(mu_i, mu_o, phi) = Q f(mu_o, mu_i, phi)^T Q, Q = diag(1, 1, 1, -1), and no more comes back than falls in."""
-    mu_i, mu_o, phi = make_directions()
-    there, back = base.reflect(mu_i, mu_o, phi), base.reflect(mu_o, mu_i, phi)
-    turn = np.array([1.0, 1.0, 1.0, -1.0])[: there.shape[-1]]
-    assert_close(there, turn[:, None] * back.swapaxes(-1, -2) * turn, rtol=1e-9, atol=1e-12)
-    shares = base.reflectance([0.05, 0.3, 1.0])  # type: ignore[attr-defined]
-    assert (shares > 0.0).all()
-    assert (shares <= 1.0).all()
 
 
 # Spurr and Christi, VLIDORT 2.8.3 (2021), saved results of its test of BRDF kernels: pi f of light that falls in at 35
@@ -310,18 +274,3 @@ def test_scene_files_know_them_by_name(base: dict[str, Any], expected: Boundary)
     content = {"layer": [{"phase": "rayleigh", "albedo": 1, "thickness": 0.1}], "base": base}
     brdf = {"mu_i": 0.5, "mu_o": 0.5}
     assert make_scene_file(content | {"brdf": brdf}).scene.base == expected
-
-
-def test_a_sweep_over_the_numbers_of_a_base() -> None:
-    content = {
-        "nodes": 4,
-        "layer": [{"phase": "rayleigh", "albedo": 1, "thickness": 0.1}],
-        "base": {"kind": "rpv", "rho_0": 0.1, "k": 0.7},
-        "brdf": {"mu_i": 0.5, "mu_o": [0.3, 0.8]},
-        "axes": {"base.k": [0.6, 0.9]},
-    }
-    table = vrte.sweep(content, workers=1)
-    for k in (0.6, 0.9):
-        scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.1)], vrte.RPV(0.1, k))
-        expected = vrte.brdf(scene, 0.5, [0.3, 0.8], nodes=4).mueller
-        assert_close(table["mueller"].sel({"base.k": k}).values, expected, rtol=1e-12, atol=0.0)

@@ -82,23 +82,6 @@ def test_another_solver_finds_the_same_cross_sections(case: tuple[float, float, 
     assert_close(efficiencies, OTHERS[case], rtol=3e-8, atol=0.0)
 
 
-# of a prolate one, aspect ratio 0.5, size parameter 3, index 1.5 + 0.01i: l = 1, 2, 3, where b1 and b2 have its signs
-OTHER_COEFFICIENTS = np.array(
-    [
-        [2.2321472807, 0.0, 0.0, 2.2597306383, 0.0, 0.0],
-        [2.6008231296, 3.9397287925, 3.8071098770, 2.5768213427, -0.0052546225, -0.0018464756],
-        [2.3196113168, 3.1038576780, 3.0675239296, 2.3082622431, 0.0462583851, 0.2349042694],
-    ]
-)
-
-
-def test_another_solver_finds_the_same_coefficients_of_long_spheroids() -> None:
-    """Its b1 and b2 belong to Q and U of the opposite sign, one of the traps of docs/reference/conventions.md."""
-    found = vrte.spheroids(1.5 + 0.01j, aspect_ratio=0.5, radius_um=3.0, wavelength_um=IN_UNITS)
-    ours = found.phase_matrix.coefficients[1:4] * [1, 1, 1, 1, -1, -1]
-    assert_close(ours, OTHER_COEFFICIENTS, rtol=0.0, atol=2e-8)
-
-
 @pytest.fixture(scope="module", params=[(SPHEROID, 0.6), (CYLINDER, 1.5)], ids=["prolate", "disc"])
 def handle(request: pytest.FixtureRequest):
     """The solver, one of its matrices, and the average of ours."""
@@ -170,33 +153,6 @@ def test_clear_particles_conserve_energy_and_look_random(make, aspect_ratio: flo
     assert back[1, 1] < (1.0 - 5e-4) * back[0, 0]  # no sphere
     off = [ahead[0, 1], ahead[2, 3], back[0, 1], back[2, 3]]
     assert_close(off, 0.0, rtol=0.0, atol=1e-9 * ahead[0, 0])
-
-
-@pytest.mark.parametrize("aspect_ratio", [0.4, 2.5])
-def test_small_spheroids_have_the_polarizabilities_of_an_ellipsoid(aspect_ratio: float) -> None:
-    """Bohren and Huffman (1983), (5.32) to (5.34) and section 5.6: scattering, absorption, depolarization."""
-    index, radius = 1.6 + 0.3j, 0.01
-    if aspect_ratio < 1.0:
-        e2 = 1.0 - aspect_ratio**2
-        along = (1.0 - e2) / e2 * (math.atanh(math.sqrt(e2)) / math.sqrt(e2) - 1.0)
-    else:
-        g = math.sqrt(1.0 / (aspect_ratio**2 - 1.0))
-        across = 0.5 * g * (0.5 * math.pi - math.atan(g)) * (1.0 + g * g) - 0.5 * g * g
-        along = 1.0 - 2.0 * across
-    factors = np.array([along, 0.5 * (1.0 - along), 0.5 * (1.0 - along)])
-    alpha = 4.0 / 3.0 * math.pi * radius**3 * (index**2 - 1.0) / (1.0 + factors * (index**2 - 1.0))
-    found = vrte.spheroids(index, aspect_ratio=aspect_ratio, radius_um=radius, wavelength_um=IN_UNITS)
-    assert found.scattering_um2 == close_to(np.mean(np.abs(alpha) ** 2) / (6.0 * math.pi), rtol=1e-3, atol=0.0)
-    assert found.extinction_um2 - found.scattering_um2 == close_to(np.mean(alpha).imag, rtol=1e-3, atol=0.0)
-    mean, anisotropic = (
-        abs(alpha.mean()) ** 2,
-        0.5 * np.abs(alpha - np.roll(alpha, 1)) @ np.abs(alpha - np.roll(alpha, 1)),
-    )
-    sideways = found.phase_matrix.scattering_matrix(90.0)
-    polarized = -sideways[0, 1] / sideways[0, 0]
-    assert (1.0 - polarized) / (1.0 + polarized) == close_to(
-        6.0 * anisotropic / (45.0 * mean + 7.0 * anisotropic), rtol=1e-3, atol=0.0
-    )
 
 
 def test_sizes_are_averaged_as_those_of_spheres() -> None:
@@ -280,15 +236,6 @@ def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     for call in (shapes.spheroids, shapes.check_cylinders):
         with pytest.raises(vrte.MissingExtraError, match=r"pip install 'vrte\[shapes\]'"):
             call(1.6, **GOOD)
-
-
-def test_a_layer_of_them_reflects_all_that_it_does_not_absorb() -> None:
-    dust = vrte.spheroids((1.53, 0.0), aspect_ratio=2.0, radius_um=0.1, wavelength_um=0.5)
-    scene = vrte.Scene([vrte.Layer.of(dust, thickness=1.0)], vrte.Lambertian(1.0))
-    found = vrte.brdf(scene, [0.5], [0.2, 0.9], nodes=6)
-    assert np.isfinite(found.mueller).all()
-    with pytest.raises(vrte.SceneError):
-        vrte.Layer.of(dust, volume_fraction=0.2, thickness_um=10.0, packing="percus-yevick")
 
 
 # ---- scene files, sweeps

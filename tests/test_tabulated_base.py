@@ -71,18 +71,6 @@ def test_a_lambertian_table_is_exact() -> None:
     assert_close(found.reflectance, expected.reflectance, rtol=1e-13, atol=0.0)
 
 
-@pytest.mark.parametrize("grid", [make_cosines, lambda n: np.linspace(0.02, 1.0, n)], ids=["own grid", "even cosines"])
-def test_the_error_falls_with_the_sixth_power_of_the_step(grid: Callable[[int], np.ndarray]) -> None:
-    """Splines of degree 5, against the function itself at cosines above 0.1; in even cosines the step is that at the
-    normal, where s goes as the root."""
-    where = directions()
-    exact = dipoles(*where)
-    error = [np.abs(tabulate(dipoles, grid(n)).reflect(*where) - exact).max() / exact.max() for n in (10, 20, 40)]
-    assert error[1] < error[0] / 20
-    assert error[2] < error[1] / 20
-    assert error[2] < 1e-6
-
-
 def test_the_interpolation_is_that_of_splines_one_after_another(table: vrte.TabulatedBase) -> None:
     """A literal oracle at the table's own azimuths: f times the cosines' sum, over s of one direction and then of the
     other, on great circles over the normal and mirrored at the horizon."""
