@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import RefractedNodes, make_refracted_nodes
 from vrte.discrete_ordinates.orders.rough import RoughOrders, expand_interface
-from vrte.optics.facets import reflect_facets, transmit_facets
+from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 from .helpers import assert_close, close_to
@@ -80,7 +80,7 @@ def test_the_rough_sea_over_water_that_is_published() -> None:
             turn = np.arange(3) * np.radians(phi)
             factor = np.stack([np.cos(turn)] * 2 + [np.sin(turn)] * 2, axis=1) * np.array([[1.0], [2.0], [2.0]])
             light = (factor * orders[:, place]).sum(axis=0) / mu0
-            light += reflect_facets(1.34, SEA.roughness, mu0, seen[place], phi)[:, 0]
+            light += RoughSurface(1.0, 1.34, SEA.roughness).reflect(mu0, seen[place], phi)[:, 0]
             assert_close(np.pi * light[:3], expected, rtol=0.0, atol=5e-6)
 
 
@@ -132,7 +132,8 @@ def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) ->
     mu_o = np.concatenate([edge + size * 0.5 * (x + 1.0) for edge, size in ((0.0, 0.4), (0.4, 0.6))])  # 0.6 = 1.5 0.4:
     share = np.concatenate([0.2 * weight, 0.3 * weight]) * mu_o  # upright facets
     phi = (np.arange(400) + 0.5) * 360.0 / 400
-    ways = [f(1.5, 0.3, 0.6, mu_o[:, None], phi, distribution, True) for f in (reflect_facets, transmit_facets)]
+    surface = RoughSurface(1.0, 1.5, 0.3, distribution, shadowing=True)
+    ways = [f(0.6, mu_o[:, None], phi) for f in (surface.reflect, surface.transmit)]
     expected = 2.0 * np.pi * share @ sum(way[..., 0, 0].mean(axis=1) for way in ways)
     assert power == close_to(expected, rtol=0.0, atol=2e-6)
     assert 0.9 < power < 1.0

@@ -69,8 +69,8 @@ from vrte.results.spectrum import Spectrum as Spectrum
 from vrte.results.views import Views as Views
 from vrte.scene.boundary import Lambertian as Lambertian
 from vrte.scene.boundary import MuellerBase as MuellerBase
-from vrte.scene.cox_munk import cox_munk as cox_munk
 from vrte.scene.facets import Facets as Facets
+from vrte.scene.facets import cox_munk as cox_munk
 from vrte.scene.hapke import Hapke as Hapke
 from vrte.scene.illumination import hemisphere as hemisphere
 from vrte.scene.interface import Interface as Interface

@@ -166,7 +166,10 @@ def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
     known, found = sys.modules[call.__module__].__dict__, {}
     for name, one in inspect.signature(call).parameters.items():
         declared = Any if one.annotation is one.empty or one.kind in VARIADIC else one.annotation
-        parts = read_words(declared, known) if isinstance(declared, str) else split_union(declared)
+        if isinstance(declared, str):
+            parts = read_words(declared, known)
+        else:
+            parts = list(get_args(declared)) if get_origin(declared) in (Union, UnionType) else [declared]
         found[name] = join_kinds(parts, is_optional=one.default is None)
     return found
 
@@ -180,11 +183,6 @@ def read_words(declared: str, known: dict[str, Any]) -> list[Any]:
         except NameError:
             parts[place] = part.rpartition(".")[2]
     return parts
-
-
-def split_union(declared: Any) -> list[Any]:
-    """The parts of a union, or the one type that there is."""
-    return list(get_args(declared)) if get_origin(declared) in (Union, UnionType) else [declared]
 
 
 def check_arguments(call: Call, of: str = "") -> Call:

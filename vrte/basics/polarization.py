@@ -12,31 +12,19 @@ from vrte.basics.arrays import Array
 
 
 def find_degree_of_polarization(stokes: Any) -> Array:
-    """sqrt(Q^2 + U^2 + V^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...).
-
-    >>> find_degree_of_polarization([[2.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]).tolist()
-    [0.5, nan]
-    """
+    """sqrt(Q^2 + U^2 + V^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...)."""
     values = np.asarray(stokes, float)
     return _divide_by_intensity(np.sqrt((values[..., 1:] ** 2).sum(axis=-1)), values)
 
 
 def find_degree_of_linear_polarization(stokes: Any) -> Array:
-    """sqrt(Q^2 + U^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...).
-
-    >>> find_degree_of_linear_polarization([2.0, 0.0, 1.0, 1.0]).item()
-    0.5
-    """
+    """sqrt(Q^2 + U^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...)."""
     values = np.asarray(stokes, float)
     return _divide_by_intensity(np.hypot(values[..., 1], values[..., 2]), values)
 
 
 def find_degree_of_circular_polarization(stokes: Any) -> Array:
-    """V/I of Stokes vectors (..., 4), from -1 to 1; NaN where there is no light: (...).
-
-    >>> find_degree_of_circular_polarization([2.0, 0.0, 0.0, -1.0]).item()
-    -0.5
-    """
+    """V/I of Stokes vectors (..., 4), from -1 to 1; NaN where there is no light: (...)."""
     values = np.asarray(stokes, float)
     return _divide_by_intensity(values[..., 3], values)
 
@@ -44,11 +32,7 @@ def find_degree_of_circular_polarization(stokes: Any) -> Array:
 def find_angle_of_linear_polarization(stokes: Any) -> Array:
     """Half the argument of Q + iU, in degrees from 0 to below 180; NaN where nothing is linearly polarized: (...).
 
-    0 is within the meridian plane, 90 across it.
-
-    >>> find_angle_of_linear_polarization([[1.0, -0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.5]]).tolist()
-    [90.0, nan]
-    """
+    0 is within the meridian plane, 90 across it."""
     values = np.asarray(stokes, float)
     q, u = values[..., 1], values[..., 2]
     angle = np.degrees(0.5 * np.arctan2(u, q)) % 180.0

@@ -10,8 +10,7 @@ from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key
 from vrte.formats.media import ONE_WAVELENGTH, read_beside
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.scene.boundary import Boundary, Lambertian
-from vrte.scene.cox_munk import MEASURED, MOST_WIND, cox_munk
-from vrte.scene.facets import Facets
+from vrte.scene.facets import MEASURED, MOST_WIND, Facets, cox_munk
 from vrte.scene.hapke import Hapke
 from vrte.scene.interface import LEAST_ROUGHNESS, MOST_ROUGHNESS, ROUGHNESS_ALLOWED
 from vrte.scene.mirror import Mirror

@@ -56,21 +56,20 @@ def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: b
 def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
     """R and T of single bounces, of I and of what Q adds, (n, 2) each, by reciprocity: the I and Q that evenly lit
     facets send along mu."""
-    found = _SHARED.find((surface, mu.tobytes()), lambda: integrate_shares(surface, mu))
+
+    def integrate() -> tuple[Array, Array]:
+        nodes = place_nodes(surface)
+        cosines, weights = nodes.carried(surface.index_from)
+        sent = gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., :2, 0]
+        reflected = np.tensordot(weights * cosines, sent, 1)
+        if is_closed(surface):
+            return reflected, np.zeros_like(reflected)
+        cosines, weights = nodes.carried(surface.index.real)
+        sent = gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., :2, 0]
+        return reflected, surface.ratio.real**2 * np.tensordot(weights * cosines, sent, 1)
+
+    found = _SHARED.find((surface, mu.tobytes()), integrate)
     return found[0], found[1]
-
-
-def integrate_shares(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
-    """What `share_once` remembers."""
-    nodes = place_nodes(surface)
-    cosines, weights = nodes.carried(surface.index_from)
-    sent = gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., :2, 0]
-    reflected = np.tensordot(weights * cosines, sent, 1)
-    if is_closed(surface):
-        return reflected, np.zeros_like(reflected)
-    cosines, weights = nodes.carried(surface.index.real)
-    sent = gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., :2, 0]
-    return reflected, surface.ratio.real**2 * np.tensordot(weights * cosines, sent, 1)
 
 
 def find_lost(surface: RoughSurface, mu: Array) -> Array:

@@ -56,15 +56,43 @@ class RoughSurface:
         return 2 if self.conserving and transmitted else int(self.shadowing)
 
     def reflect(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
-        """Mueller matrices f_r [1/sr], (..., 4, 4)."""
-        f = reflect_facets(self.ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadows(False))
+        """Mueller matrices f_r [1/sr] of reflection, radiance out over irradiance in, (..., 4, 4)."""
+        way = Way(mu_i, mu_o, phi_deg, upward=True)
+        across, along = way.measure_gap(1.0)
+        cosine = 0.5 * np.sqrt(across + along)
+        strength = self.find_density(across / along) * (1.0 + across / along) ** 2
+        strength = strength / (4.0 * way.mu_i * way.mu_o) * self.shade(way, False)
+        f = way.turn(strength[..., None, None] * reflect_smooth(self.ratio, cosine))
         return self.restore_lost(f, mu_i, mu_o, False)
 
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
-        """Mueller matrices f_t [1/sr], (..., 4, 4)."""
-        ratio = self.ratio.real
-        f = transmit_facets(ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadows(True))
+        """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
+        the cosine behind, whose index is real and not the one before."""
+        index, way = self.ratio.real, Way(mu_i, mu_o, phi_deg, upward=False)
+        across, along = way.measure_gap(index)
+        size = np.sqrt(across + along)
+        less = 0.5 * sum(way.measure_gap(1.0))  # 1 - k_i k_o
+        sign = np.sign(index - 1.0)
+        cosine_i, cosine_o = sign * ((index - 1.0) - index * less) / size, sign * ((index - 1.0) + less) / size
+        lit = (cosine_i > 0.0) & (cosine_o > 0.0) & (sign * (index * way.mu_o - way.mu_i) > 0.0)
+        cosine_i, cosine_o = np.where(lit, cosine_i, 1.0), np.where(lit, cosine_o, 1.0)
+        tilt = across / np.where(lit, along, 1.0)
+        strength = self.find_density(tilt) * (1.0 + tilt) ** 2 * cosine_i * cosine_o / size**2
+        strength = strength * index**2 / (way.mu_i * way.mu_o) * self.shade(way, True)
+        f = way.turn(np.where(lit, strength, 0.0)[..., None, None] * transmit_smooth(index, cosine_i))
         return self.restore_lost(f, mu_i, mu_o, True)
+
+    def find_density(self, square: Any) -> Array:
+        """Density of facets by the square of their slope (...), per unit of both its components: (...)."""
+        return tell_density(self.roughness, self.distribution, square)
+
+    def shade(self, way: "Way", transmitted: bool) -> Any:
+        """Smith's factors of both directions, or the lesser of them, as `shadows` says."""
+        shadowing = self.shadows(transmitted)
+        if not shadowing:
+            return 1.0
+        both = [shade_facets(self.roughness, self.distribution, mu) for mu in (way.mu_i, way.mu_o)]
+        return both[0] * both[1] if shadowing == 1 else np.minimum(*both)
 
     def restore_lost(self, f: Array, mu_i: Any, mu_o: Any, transmitted: bool) -> Array:
         """f (..., 4, 4) with what single bounces lose, where that is asked for."""
@@ -73,49 +101,6 @@ class RoughSurface:
 
             f[..., :2, :2] += restore_lost(self, np.asarray(mu_i, float), np.asarray(mu_o, float), transmitted)
         return f
-
-
-def reflect_facets(
-    index: complex,
-    roughness: float,
-    mu_i: Any,
-    mu_o: Any,
-    phi_deg: Any,
-    distribution: str = "beckmann",
-    shadowing: int = 0,
-) -> Array:
-    """Mueller matrices f_r [1/sr] of reflection, radiance out over irradiance in, (..., 4, 4)."""
-    way = Way(mu_i, mu_o, phi_deg, upward=True)
-    across, along = way.measure_gap(1.0)
-    cosine = 0.5 * np.sqrt(across + along)
-    strength = tell_density(roughness, distribution, across / along) * (1.0 + across / along) ** 2
-    strength = strength / (4.0 * way.mu_i * way.mu_o) * way.shade(roughness, distribution, shadowing)
-    return way.turn(strength[..., None, None] * reflect_smooth(index, cosine))
-
-
-def transmit_facets(
-    index: float,
-    roughness: float,
-    mu_i: Any,
-    mu_o: Any,
-    phi_deg: Any,
-    distribution: str = "beckmann",
-    shadowing: int = 0,
-) -> Array:
-    """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
-    the cosine behind, ``index`` real and not 1."""
-    way = Way(mu_i, mu_o, phi_deg, upward=False)
-    across, along = way.measure_gap(index)
-    size = np.sqrt(across + along)
-    less = 0.5 * sum(way.measure_gap(1.0))  # 1 - k_i k_o
-    sign = np.sign(index - 1.0)
-    cosine_i, cosine_o = sign * ((index - 1.0) - index * less) / size, sign * ((index - 1.0) + less) / size
-    lit = (cosine_i > 0.0) & (cosine_o > 0.0) & (sign * (index * way.mu_o - way.mu_i) > 0.0)
-    cosine_i, cosine_o = np.where(lit, cosine_i, 1.0), np.where(lit, cosine_o, 1.0)
-    tilt = across / np.where(lit, along, 1.0)
-    strength = tell_density(roughness, distribution, tilt) * (1.0 + tilt) ** 2 * cosine_i * cosine_o / size**2
-    strength = strength * index**2 / (way.mu_i * way.mu_o) * way.shade(roughness, distribution, shadowing)
-    return way.turn(np.where(lit, strength, 0.0)[..., None, None] * transmit_smooth(index, cosine_i))
 
 
 def tell_density(roughness: float, distribution: str, square: Any) -> Array:
@@ -155,13 +140,6 @@ class Way:
         across = (self.sine_i - index * self.sine_o) ** 2 + 4.0 * index * self.sine_i * self.sine_o * self.sin_half**2
         vertical = self.mu_i + index * self.mu_o if self.upward else self.mu_i - index * self.mu_o
         return across, vertical**2
-
-    def shade(self, roughness: float, distribution: str, shadowing: int) -> Any:
-        """Smith's factors of both directions, or the lesser of them, as `RoughSurface.shadows` says."""
-        if not shadowing:
-            return 1.0
-        both = [shade_facets(roughness, distribution, mu) for mu in (self.mu_i, self.mu_o)]
-        return both[0] * both[1] if shadowing == 1 else np.minimum(*both)
 
     def turn(self, mueller: Array) -> Array:
         """From frames of the plane of incidence to meridian planes."""

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -145,10 +145,10 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
     pairs = [(kind, share / largest) for (kind, _), share in zip(pairs, shares, strict=True)]
     total = math.fsum(share for _, share in pairs)
 
-    def mean(value: Callable[[Particles], float]) -> float:
-        return math.fsum(value(kind) * share for kind, share in pairs) / total
-
-    extinction, scattering = mean(lambda kind: kind.extinction_um2), mean(lambda kind: kind.scattering_um2)
+    extinction, scattering, volume = (
+        math.fsum(getattr(kind, name) * share for kind, share in pairs) / total
+        for name in ("extinction_um2", "scattering_um2", "volume_um3")
+    )
     stands_in = any(kind.stands_in for kind, _ in pairs)
     phase_matrix = pairs[0][0].phase_matrix
     if not stands_in:
@@ -159,7 +159,7 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
         asymmetry=phase_matrix.asymmetry,
         extinction_um2=extinction,
         scattering_um2=scattering,
-        volume_um3=mean(lambda kind: kind.volume_um3),
+        volume_um3=volume,
         host_index=hosts[0] if hosts else None,
         host_absorption=max(kind.host_absorption for kind, _ in pairs),
         balls=tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)

@@ -83,15 +83,12 @@ def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
         raise complain_of(name, "a semi-infinite layer has no thickness to change")
     if key == "albedo" and layer.thickness == 0.0:
         raise complain_of(name, "it does nothing: the layer has no thickness")
-    none = np.zeros(len(scene.layers))
-    value = layer.thickness if key == "thickness" else layer.albedo
+    changes = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
 
     def scene_at(now: float) -> Scene:
-        moved = replace(layer, thickness=now) if key == "thickness" else replace(layer, albedo=now)
-        return replace_layer(scene, place, moved)
+        return replace_layer(scene, place, replace(layer, **{key: now}))  # type: ignore[arg-type]
 
-    thickness, albedo = (unit, none) if key == "thickness" else (none, unit)
-    return Variation(name, value, thickness, albedo, scene_at=scene_at)
+    return Variation(name, getattr(layer, key), **changes, scene_at=scene_at)
 
 
 def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: str) -> Variation:
@@ -110,17 +107,19 @@ def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: s
     tables[place] = unit
     matrix = layer.phase_matrix
     value = float(getattr(matrix, column)[degree]) if degree < matrix.terms else 0.0
+
+    def scene_at(now: float) -> Scene:
+        return replace_layer(scene, place, replace(layer, phase_matrix=add_coefficients(matrix, (now - value) * unit)))
+
+    return vary_beside_layers(scene, name, value, scene_at, coefficients=tuple(tables))
+
+
+def vary_beside_layers(
+    scene: Scene, name: str, value: float, scene_at: Callable[[float], Scene], **more: Any
+) -> Variation:
+    """A variation in which no layer's thickness and albedo change."""
     none = np.zeros(len(scene.layers))
-    return Variation(
-        name,
-        value,
-        none,
-        none,
-        tuple(tables),
-        scene_at=lambda now: replace_layer(
-            scene, place, replace(layer, phase_matrix=add_coefficients(matrix, (now - value) * unit))
-        ),
-    )
+    return Variation(name, value, none, none, scene_at=scene_at, **more)
 
 
 def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Variation:
@@ -153,8 +152,7 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
     def scene_at(now: float) -> Scene:
         return build_like(scene, scene.layers, base_at(now), scene.interfaces)
 
-    none = np.zeros(len(scene.layers))
-    return Variation(name, value, none, none, base=pairs, scene_at=scene_at)
+    return vary_beside_layers(scene, name, value, scene_at, base=pairs)
 
 
 def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: float) -> Weighted:
@@ -209,8 +207,7 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
         ]
         return build_like(scene, layers, scene.base, surfaces)
 
-    none = np.zeros(len(scene.layers))
-    return Variation(name, scene.media[place], none, none, scene_at=scene_at, is_outside=True)
+    return vary_beside_layers(scene, name, scene.media[place], scene_at, is_outside=True)
 
 
 def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
@@ -225,8 +222,7 @@ def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
         others[place] = replace(surface, roughness=roughness)
         return build_like(scene, scene.layers, scene.base, others)
 
-    none = np.zeros(len(scene.layers))
-    return Variation(name, surface.roughness, none, none, scene_at=scene_at, is_outside=True)
+    return vary_beside_layers(scene, name, surface.roughness, scene_at, is_outside=True)
 
 
 def replace_layer(scene: Scene, place: int, layer: Layer) -> Scene:
