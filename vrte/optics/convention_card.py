@@ -8,7 +8,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
 from vrte.optics.angle_tables import check_angles
-from vrte.optics.conventions import CONVENTIONS, ELEMENTS, RATIOS, Convention
+from vrte.optics.conventions import CONVENTIONS, ELEMENTS, Convention
 from vrte.optics.particles import Particles
 from vrte.optics.spheres import spheres
 
@@ -101,7 +101,7 @@ def _compare(given: dict[int, Array], card: Array, about: Convention) -> tuple[f
     """The largest difference over F11, of a ratio as it is, and the places of its column and angle."""
     worst = (0.0, 0, 0)
     for place, column in given.items():
-        scale = 1.0 if about.columns[place].lstrip("-") in RATIOS[1:] else np.abs(card[0])
+        scale = 1.0 if about.columns[place].endswith("/F11") else np.abs(card[0])
         off = np.abs(column - card[place]) / scale
         worst = max(worst, (float(off.max()), place, int(off.argmax())))
     return worst
@@ -112,6 +112,6 @@ def _is_scaled(given: dict[int, Array], card: Array, about: Convention) -> bool:
     if 0 not in given or not given[0].any():
         return False
     factor = float(np.median(card[0] / np.where(given[0] == 0.0, np.inf, given[0])))
-    ratio = [name.lstrip("-") in RATIOS[1:] for name in about.columns]
+    ratio = [name.endswith("/F11") for name in about.columns]
     scaled = {place: column * (1.0 if ratio[place] else factor) for place, column in given.items()}
     return bool(_compare(scaled, card, about)[0] <= ALIKE)

@@ -5,8 +5,10 @@ over the sphere 1. A row says what the columns of a table mean, where that is kn
 a row's source was not read it says so: docs/how_to/importing.md has a sphere by which to recognise a code's convention.
 """
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +16,6 @@ from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
 
 ELEMENTS = ("F11", "F12", "F22", "F33", "F34", "F44")
-RATIOS = ("F11", "F12/F11", "F22/F11", "F33/F11", "F34/F11", "F44/F11")
-DEGREE = (RATIOS[0], "-F12/F11", *RATIOS[2:])
 SCALES = {  # the scale of F11 in words; the mean of F11 over the sphere where that fixes it
     "mean": ("the mean of F11 over all directions is 1", 1.0),
     "solid-angle": ("the integral of F11 over the solid angle is 1", 0.25 / np.pi),
@@ -90,82 +90,9 @@ class Convention:
         return found
 
 
-CONVENTIONS: dict[str, Convention] = {
-    "vrte": Convention(
-        "vrte; Hovenier and van der Mee; de Rooij and van der Stap; the expansions that Mishchenko's programs print",
-        "docs/reference/conventions.md; their published expansions are reproduced (tests/test_phase_matrix.py)",
-    ),
-    "bohren-huffman": Convention(
-        "Bohren and Huffman's Mueller matrix S11, S12, S33, S34; MatrixElements of PyMieScatt; Draine's callbhmie",
-        "Bohren and Huffman (1983), (4.77); the sources of PyMieScatt and callbhmie",
-        "amplitudes",
-    ),
-    "bhmie": Convention(
-        "what the program of Bohren and Huffman's appendix A prints: S11 over that at 0 degrees, POL, S33, S34",
-        "Bohren and Huffman (1983), appendix A, CALLBH",
-        "forward",
-        DEGREE,
-    ),
-    "granada": Convention(
-        "measured tables of the Amsterdam-Granada database, from 3 to 174 or 177 degrees at most",
-        "iaa.es/scattering was read and has the angles; columns and scale from memory (Munoz et al., JQSRT 113, 565, "
-        "2012); the sign of F34 is an assumption, that of Hovenier and van der Mee",
-        "30-degrees",
-        DEGREE,
-    ),
-    "granada-synthetic": Convention(
-        "synthetic matrices of the same database, from 0 to 180 degrees",
-        "iaa.es/scattering/theory/synthetic.html was read: F11 has the mean 1, others are over F11; signs as granada",
-        "mean",
-        DEGREE,
-    ),
-    "ice": Convention(
-        "Yang's and Baum's ice crystals and TAMUdust2020: P11, P12/P11, P22/P11, P33/P11, P43/P11, P44/P11",
-        "the manual of TAMUdust2020 (P43 = -P34); PyMieDAP, which reads the SSEC files",
-        "mean",
-        RATIOS,
-        circular=-1,
-    ),
-    "chandrasekhar": Convention(
-        "Stokes vectors (I_l, I_r, U, V) in place of (I, Q, U, V); the sign of V as vrte has it",
-        "Chandrasekhar, Radiative transfer (1950), sections 15 to 17, from memory",
-        "mean",
-        ("Pll", "Plr", "Prr", "F33", "F34", "F44"),
-    ),
-    "solid-angle": Convention(
-        "phase functions in 1/sr of ocean optics and renderers",
-        "by definition",
-        "solid-angle",
-    ),
-    "miepython": Convention(
-        'phase_matrix of miepython with norm="one" (its own default, "albedo", is that times the albedo)',
-        "miepython 3.3.0 was run",
-        "solid-angle",
-        circular=-1,
-    ),
-    "miev0": Convention(
-        "Bohren and Huffman's formulas with amplitudes of fields that go as exp(+i omega t), indices n - ik: MIEV0",
-        "the amplitudes that Wiscombe's MIEV0 prints for x = 1, 1.5 - 1i",
-        "amplitudes",
-        circular=-1,
-    ),
-    "libradtran": Convention(
-        "NetCDF tables of libRadtran: what its tool for MIEV0 writes, and MYSTIC reads (indices n - ik)",
-        "libRadtran's sources were read: P34 is -Im(S1 S2*) of MIEV0's amplitudes, unchanged in the tool and in MYSTIC",
-        "mean",
-        circular=-1,
-    ),
-    "perpendicular": Convention(
-        "Stokes vectors with Q = I_r - I_l: axes across the scattering plane, as Mitsuba's measured_polarized has them",
-        "docs/how_to/exports.md, tried by a render",
-        "mean",
-        ("F11", "-F12", "F22", "F33", "F34", "F44"),
-    ),
-    "cross-section": Convention(
-        "differential cross sections, as in the scattering data of ARTS (there in m2/sr)",
-        "mie_phase_mat of atmlab; signs by definition",
-        "cross-section",
-    ),
+CONVENTIONS = {
+    name: Convention(**row | {"columns": tuple(row.get("columns", ELEMENTS))})
+    for name, row in tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).items()
 }
 
 
