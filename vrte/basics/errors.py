@@ -81,7 +81,7 @@ class UnitsWarning(UserWarning):
 class LongSolveWarning(UserWarning):
     """A solve will take more than 20 seconds: how long, what takes it, and what to change.
 
-    It is told before the work begins; ``time_limit_s`` refuses what would take longer still.
+    The warning comes before the work begins; ``time_limit_s`` refuses what would take longer still.
     """
 
 

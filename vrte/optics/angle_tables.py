@@ -89,19 +89,19 @@ class Expansion:
 
 def describe_expansion(matrix: PhaseMatrix) -> dict[str, str]:
     """What was found in the table that a phase matrix came from, in words: integral, peak, terms, error, coherency."""
-    told = matrix.expansion
-    assert told is not None  # it is from a table
+    found = matrix.expansion
+    assert found is not None  # it is from a table
     zero, half = find_peak(matrix)
     reach = "nowhere half as large" if half is None else f"half of that at {half:.3g} degrees"
     rows = {
-        "integral": f"{told.integral:.6g} (F11's mean over the sphere, over the convention's)",
+        "integral": f"{found.integral:.6g} (F11's mean over the sphere, over the convention's)",
         "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
         "asymmetry": f"{round(matrix.asymmetry, 9) + 0.0:.6g}",
         "terms": f"{matrix.terms}",
-        "error": f"{told.largest_error:.2g} of F11 at most, at {told.largest_error_angle_deg:g} degrees",
-        "coherency": f"lowest eigenvalue {told.lowest_eigenvalue:.2g} of F11, at {told.lowest_angle_deg:g} degrees",
+        "error": f"{found.largest_error:.2g} of F11 at most, at {found.largest_error_angle_deg:g} degrees",
+        "coherency": f"lowest eigenvalue {found.lowest_eigenvalue:.2g} of F11, at {found.lowest_angle_deg:g} degrees",
     }
-    return rows if told.albedo is None else rows | {"albedo": f"{told.albedo:.6g}"}
+    return rows if found.albedo is None else rows | {"albedo": f"{found.albedo:.6g}"}
 
 
 def find_peak(matrix: PhaseMatrix) -> tuple[float, float | None]:
@@ -166,15 +166,15 @@ def expand_table(
         warn_of_coarse_steps(whole_angles, whole, sums[0, 0])
         coefficients = expand_spline(spline, mean, whole_angles, whole / mean, accuracy or FINE_ENOUGH)
     error = settle_array(follow_errors(coefficients, angles, table.elements)[1])
-    told = Expansion(table, convention, integral, way, error, lowest, where)
-    if told.largest_error > (accuracy or FINE_ENOUGH):
+    found = Expansion(table, convention, integral, way, error, lowest, where)
+    if found.largest_error > (accuracy or FINE_ENOUGH):
         warn_user(
-            f"the expansion of a table over angle is off by {told.largest_error:.2g} of F11 at "
-            f"{told.largest_error_angle_deg:g} degrees, with {len(coefficients)} terms; {accuracy or FINE_ENOUGH:g} "
+            f"the expansion of a table over angle is off by {found.largest_error:.2g} of F11 at "
+            f"{found.largest_error_angle_deg:g} degrees, with {len(coefficients)} terms; {accuracy or FINE_ENOUGH:g} "
             "was asked for (accuracy=)",
             AccuracyWarning,
         )
-    return PhaseMatrix(*arrange_coefficients(coefficients), tolerance=tolerance, expansion=told)
+    return PhaseMatrix(*arrange_coefficients(coefficients), tolerance=tolerance, expansion=found)
 
 
 def check_angles(angle_deg: Any) -> Array:

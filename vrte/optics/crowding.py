@@ -93,7 +93,7 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
     and diameters of the spheres, the other elements likewise; of one size it is S(q) F. Expanded anew, with twice as
     many nodes until the terms left out are below 1e-12, or what rounding leaves of them.
     """
-    kinds = _share_out(particles)
+    kinds = _normalise_shares(particles)
     populations = [average_population(ball)[0] for ball, _ in kinds]
     factor = 2.0 * math.pi / kinds[0][0].wavenumber ** 2
     absorbed = 0.0
@@ -162,9 +162,9 @@ def scatter_in_medium(
     particles: Particles, volume_fraction: float, find_index: Callable[[Kinds, float], float]
 ) -> Particles:
     """Each sphere alone, in a medium whose index is that of host and spheres together."""
-    kinds = _share_out(particles)
+    kinds = _normalise_shares(particles)
     index = find_index(kinds, volume_fraction)
-    alone = mixture([(average_ball(ball.put_in(index)), share) for ball, share in kinds])
+    alone = mixture([(average_ball(ball.in_host(index)), share) for ball, share in kinds])
     return replace(
         alone,
         host_index=particles.host_index,
@@ -241,7 +241,7 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
 
 @dataclass(frozen=True)
 class _Crowd:
-    """Particles, told from others by what packing knows of them."""
+    """Particles; equal where all that a packing depends on is equal."""
 
     balls: tuple[tuple[Any, float], ...]
     host_absorption: float
@@ -253,7 +253,7 @@ def _scatter_remembered(crowd: _Crowd, volume_fraction: float, packing: str) -> 
     return PACKINGS[packing].scatter(crowd.particles, volume_fraction)
 
 
-def _share_out(particles: Particles) -> list[tuple[Any, float]]:
+def _normalise_shares(particles: Particles) -> list[tuple[Any, float]]:
     """What spheres are made of, with number shares that sum to 1."""
     total = math.fsum(share for _, share in particles.balls)
     return [(ball, share / total) for ball, share in particles.balls if share > 0.0]

@@ -57,7 +57,7 @@ class RoughSurface:
 
     def reflect(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_r [1/sr] of reflection, radiance out over irradiance in, (..., 4, 4)."""
-        way = Way(mu_i, mu_o, phi_deg, upward=True)
+        way = FacetGeometry(mu_i, mu_o, phi_deg, upward=True)
         across, along = way.measure_gap(1.0)
         cosine = 0.5 * np.sqrt(across + along)
         strength = self.find_density(across / along) * (1.0 + across / along) ** 2
@@ -68,7 +68,7 @@ class RoughSurface:
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
         the cosine behind, whose index is real and not the one before."""
-        index, way = self.ratio.real, Way(mu_i, mu_o, phi_deg, upward=False)
+        index, way = self.ratio.real, FacetGeometry(mu_i, mu_o, phi_deg, upward=False)
         across, along = way.measure_gap(index)
         size = np.sqrt(across + along)
         less = 0.5 * sum(way.measure_gap(1.0))  # 1 - k_i k_o
@@ -84,9 +84,11 @@ class RoughSurface:
 
     def find_density(self, square: Any) -> Array:
         """Density of facets by the square of their slope (...), per unit of both its components: (...)."""
-        return tell_density(self.roughness, self.distribution, square)
+        ratio = np.asarray(square) / self.roughness**2
+        shape: Array = np.exp(-ratio) if self.distribution == "beckmann" else (1.0 + ratio) ** -2
+        return shape / (np.pi * self.roughness**2)
 
-    def shade(self, way: "Way", transmitted: bool) -> Any:
+    def shade(self, way: "FacetGeometry", transmitted: bool) -> Any:
         """Smith's factors of both directions, or the lesser of them, as `shadows` says."""
         shadowing = self.shadows(transmitted)
         if not shadowing:
@@ -101,13 +103,6 @@ class RoughSurface:
 
             f[..., :2, :2] += restore_lost(self, np.asarray(mu_i, float), np.asarray(mu_o, float), transmitted)
         return f
-
-
-def tell_density(roughness: float, distribution: str, square: Any) -> Array:
-    """How many facets there are of a slope, by its square, per unit of both its components: (...)."""
-    ratio = np.asarray(square) / roughness**2
-    shape: Array = np.exp(-ratio) if distribution == "beckmann" else (1.0 + ratio) ** -2
-    return shape / (np.pi * roughness**2)
 
 
 def shade_facets(roughness: float, distribution: str, mu: Any) -> Array:
@@ -125,8 +120,8 @@ def shade_facets(roughness: float, distribution: str, mu: Any) -> Array:
     return found
 
 
-class Way:
-    """Where light comes from and goes to: cosines, sines and half the azimuth between, on one shape."""
+class FacetGeometry:
+    """Directions of incidence and exit: cosines, sines and half the azimuth between, on one shape."""
 
     def __init__(self, mu_i: Any, mu_o: Any, phi_deg: Any, upward: bool) -> None:
         half = 0.5 * np.radians(np.asarray(phi_deg, float))

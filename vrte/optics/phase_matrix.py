@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 MOST_TERMS = 100_000  # more than any particle has that can be computed; as many take seconds to check
-LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
+LEFT_OUT = 1e-12  # sum of the terms of a Henyey-Greenstein phase function that are left out, over its mean
 MOST_KINDS = 10_000  # in a mixture
 LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below overflow
-NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
-CUT_SHORT = 0.1  # of the mean of F11: an eigenvalue as far below zero comes from blunders in the table
+NEGATIVE_ALLOWED = 1e-4  # -(coherency eigenvalue)/F11 that is allowed: tables rounded to a few digits pass
+CUT_SHORT = 0.1  # -(coherency eigenvalue) over the mean of F11 that comes from blunders, not from a cut expansion
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
 ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
 SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")

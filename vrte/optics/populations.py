@@ -4,6 +4,7 @@ Amplitudes S1 and S2 and coefficients are those of Bohren and Huffman, "Absorpti
 particles" (1983), chapter 4, for a refractive index n + i k.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,14 +15,13 @@ from numpy.typing import NDArray
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.basics.errors import LongSolveWarning, warn_user
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.optics.phase_matrix import PhaseMatrix, arrange_coefficients, project_elements
 
 Complex = NDArray[np.complex128]
 
-NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
-LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
+NEGLIGIBLE = 1e-16  # |a_n|, |b_n| of orders left out, over the largest
+LEFT_OUT = 1e-12  # largest expansion coefficient left out; a1[0] is 1
 FEWEST_RADII, MOST_RADII = 129, 2049
 CONVERGED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
 ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
@@ -112,10 +112,12 @@ def expand_elements(find_elements: Callable[[Array], Array], terms: int) -> tupl
     ``find_elements`` gives F11 + F33, F11 - F33, F12 and F34 (4, angles) at ascending cosines of the scattering angle.
     Source: de Rooij and van der Stap (1984), section 3.
     """
-    seconds = cost.SECONDS_OF_TERMS * terms**2
-    if seconds > cost.LONG:
-        told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
-        warn_user(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning)
+    why, change = (
+        f", most of it for a phase matrix of {terms} terms",
+        "smaller particles, or a smaller host_index, take less",
+    )
+    change = "smaller particles, or a smaller host_index, take less"
+    cost.warn_runtime(cost.SECONDS_OF_TERMS * terms**2, math.inf, why, change)
     cosine, weights = find_gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)
     elements = [find_elements(cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]

@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number
-from vrte.basics.errors import AccuracyWarning, LongSolveWarning, SceneError, warn_user
+from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.running import count_usable_cpus
 from vrte.optics.particle_kind import ParticleKind, check_kind, describe_convergence, describe_index, make_check
 from vrte.optics.particles import Particles
@@ -277,10 +277,9 @@ def add_sizes(
 def warn_of_time(shape: Shape, radii: set[float]) -> None:
     """Says what will take long."""
     work = sum((1.2 * count_orders(shape.reach * radius)) ** 6 for radius in radii)
+    why = f", most of it for the largest {shape.words}"
     seconds = cost.SECONDS_OF_ORDERS * work / count_usable_cpus()
-    if seconds > cost.LONG:
-        told = f"this will take about {cost.say_time(seconds)}, most of it for the largest {shape.words}"
-        warn_user(f"{told}; smaller or rounder ones take less", LongSolveWarning)
+    cost.warn_runtime(seconds, math.inf, why, "smaller or rounder ones take less")
 
 
 def solve_size(shape: Shape, radius_um: float) -> Average:

@@ -110,7 +110,7 @@ class Ball(ParticleKind):
         dipole = (self.find_core_radius(radius_um) / radius_um) ** 3 * (core - shell) / (core + 2.0 * shell)
         return shell * (1.0 + 2.0 * dipole) / (1.0 - dipole)
 
-    def put_in(self, host: float) -> "Ball":
+    def in_host(self, host: float) -> "Ball":
         """The same in a medium of another index."""
         return replace(self, medium=RefractiveIndex(host, 0.0, "of host and spheres together"))
 

@@ -35,11 +35,11 @@ Complex = NDArray[np.complex128]
 SPHEROID, CYLINDER = -1, -2  # the solver's names
 NUDGE = 1e-7  # by which the solver moves polar angles towards 90 degrees [rad]
 TOLERANCES = 10.0 ** -np.arange(3, 11)  # of its cross sections of order 0, ever finer
-ENOUGH = 1e-7  # of amplitudes: not reciprocal by so much is as good as a phase matrix needs
-MOST_NODES = 300  # of its integrals over half a surface, beyond which it gives up
-FAIR = 1e-3  # what edges and lost digits often allow; beyond it users are told
+ENOUGH = 1e-7  # relative error of reciprocity of the amplitudes that is good enough for a phase matrix
+MOST_NODES = 300  # nodes of the solver's integrals over half a surface, beyond which it gives up
+FAIR = 1e-3  # relative error of amplitudes that edges and lost digits often leave; above it there is a warning
 SPARE_ORDERS = 30  # beyond those of a sphere around the particle
-TRIALS = 24  # directions at which reciprocity is measured
+TRIALS = 24  # pairs of directions at which reciprocity is measured
 ORIENTATIONS_AT_ONCE = 8  # bounds the memory
 
 _silencing = threading.Lock()
@@ -215,7 +215,7 @@ def find_nodes(orders: int) -> tuple[Array, Array]:
 
 
 def find_azimuths(orders: int) -> Array:
-    """Azimuths [rad] within half a circle at which cosines and sines up to ``orders`` are told apart."""
+    """Azimuths [rad] within half a circle at which cosines and sines up to ``orders`` are distinguished."""
     return (np.arange(orders + 1) + 0.5) * math.pi / (orders + 1)
 
 

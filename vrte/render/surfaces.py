@@ -26,7 +26,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
 from vrte.basics.splines import make_spline_matrix
-from vrte.optics.facets import RoughSurface, tell_density
+from vrte.optics.facets import RoughSurface
 from vrte.render.geometry import (
     NORTH,
     UP,
@@ -370,7 +370,7 @@ def spread_over_facets(surface: RoughSurface, points: Points) -> tuple[Array, Ar
     mu, azimuth, on_surface = convert_to_polar(travel, x, y, normal)
     lit = (cosine > 0.0) & (mu < 0.0)
     mu_i, share = np.where(lit, -mu, 1.0), np.tile(share, n)
-    density = tell_density(surface.roughness, surface.distribution, 1.0 / upright**2 - 1.0)
+    density = surface.find_density(1.0 / upright**2 - 1.0)
     weights = share / density * upright**3 * 4.0 * cosine * mu_i
     matrices = surface.reflect(mu_i, points.mu_o[owner], -np.degrees(azimuth))
     matrices = matrices * np.where(lit, weights, 0.0)[:, None, None]

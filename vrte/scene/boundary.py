@@ -78,7 +78,7 @@ class Boundary:
         return self.mixes_stokes or self.orders_reflected > 1
 
     @property
-    def told(self) -> dict[str, float]:
+    def diagnostics(self) -> dict[str, float]:
         """What the diagnostics of a result say of it beside its name."""
         return {}
 

@@ -16,7 +16,7 @@ class RossLi(ScalarBase):
     """A base of three kernels, pi f = f_iso + f_vol K_vol + f_geo K_geo; reciprocal and unpolarized.
 
     K_vol is Ross's of a thick canopy, K_geo Li's of sparse crowns, reciprocal. Fitted to zenith angles up to about 75
-    degrees: beyond, K_geo makes f negative, which is then taken as 0 and told in a FittedRangeWarning.
+    degrees: beyond, K_geo makes f negative, which is then taken as 0, with a FittedRangeWarning.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
-LOOKED_AT = np.concatenate(
+FORMULA_COSINES = np.concatenate(
     [[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]]
 )  # cosines of both directions at which f is checked
 AZIMUTHS = np.linspace(0.0, 180.0, 13)
@@ -65,7 +65,7 @@ class ScalarBase(SampledBase):
     def check_formula(self) -> None:
         """Whether a surface can reflect so at zenith angles up to 75 degrees: f >= 0, and no more light than falls in.
         Raises SceneError; beyond 75 degrees it warns, of more than 0.05/mu_i times as much light below mu_i = 0.05."""
-        angles = find_angles(LOOKED_AT[:, None, None], LOOKED_AT[:, None], AZIMUTHS)
+        angles = find_angles(FORMULA_COSINES[:, None, None], FORMULA_COSINES[:, None], AZIMUTHS)
         f, lower = self.compute_f(angles), np.minimum(angles.mu_i, angles.mu_o)
         within, beyond = (np.where(there, f, 0.0) for there in (lower >= STEEPEST, lower < STEEPEST))
 

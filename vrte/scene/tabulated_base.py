@@ -37,15 +37,15 @@ from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
 DEGREE = 5  # of the splines over cosines
 FEWEST_COSINES, FEWEST_AZIMUTHS = 2, 3
-WIDEST_GAP = 90.0  # degrees between azimuths, mirror images counted
-HOLE = 25.0  # degrees from the normal within which a table has to begin, or it is told
-FEWEST_QUARTERED = 12  # cosines
-COARSE = 1e-2  # error of the interpolation above which it is told
-SAME_AZIMUTHS = 1e-6  # degrees
+WIDEST_GAP = 90.0  # largest step between azimuths [degrees], mirror images counted
+HOLE = 25.0  # degrees from the normal: a table whose directions begin farther away gets a warning
+FEWEST_QUARTERED = 12  # cosines from which on a quarter of them tells an interpolation error
+COARSE = 1e-2  # relative interpolation error above which a table gets a warning
+SAME_AZIMUTHS = 1e-6  # azimuths closer than this are one [degrees]
 SYMMETRIC = 1e-8  # of the largest element, that mirror images may differ by
 ROUNDING = 1e-14  # of the largest order: below, an order is dark
 DARK = 1e-12  # of the largest element, that f_00 may be below zero
-MOST_CHECKED = 4096  # matrices
+MOST_CHECKED = 4096  # matrices of a table whose coherency is checked
 ODD = np.outer(FLIP, FLIP) < 0.0  # elements that are odd in azimuth
 ENTRY = 1.0 - 2.0 * (ODD & (np.arange(4)[:, None] < 2))  # sign of their sine: -1 in (I,Q)-(U,V)
 
@@ -180,7 +180,7 @@ class TabulatedBase(Boundary):
         return f"TabulatedBase({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {orders}{mirrors})"
 
     @property
-    def told(self) -> dict[str, float]:
+    def diagnostics(self) -> dict[str, float]:
         return {"base_interpolation_error": self.interpolation_error}
 
     @property

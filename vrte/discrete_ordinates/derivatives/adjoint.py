@@ -35,7 +35,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.orders.slab_response import Response
 from vrte.discrete_ordinates.planning.plan import Plan
-from vrte.optics.facets import Way
+from vrte.optics.facets import FacetGeometry
 from vrte.optics.truncation import expand_peak
 from vrte.results.solution import Solution
 from vrte.scene.boundary import BLACK
@@ -476,7 +476,7 @@ def pull_matrix(mu0: float, mu: Array, phi: Array, weights: Array, terms: int) -
     along signed cosines mu (n_mu,), at azimuths phi (n_phi,) [degrees]: weights (n_mu, n_phi, 4, 4)."""
     across = np.sqrt((1.0 - mu0) * (1.0 + mu0) * (1.0 - mu) * (1.0 + mu))[:, None] * np.cos(np.radians(phi))
     cosine = np.clip(across - mu0 * mu[:, None], -1.0, 1.0).ravel()
-    up, down = (Way(mu0, np.abs(mu)[:, None], phi, upward).turn_back(weights) for upward in (True, False))
+    up, down = (FacetGeometry(mu0, np.abs(mu)[:, None], phi, upward).turn_back(weights) for upward in (True, False))
     w = np.where((mu > 0.0)[:, None, None, None], up, down).reshape(-1, 4, 4)
     found = np.zeros((terms, 6))
     step = max(1, int(PIECE_BYTES / (6 * BYTES * terms)))

@@ -241,7 +241,7 @@ class Plan:
             "truncation_rule": self.truncation.reason,
             "peak_fractions": self.problem.fraction.tolist(),
             "base": describe_base(self.request.scene),
-            **self.request.scene.below.told,
+            **self.request.scene.below.diagnostics,
             **describe_interfaces(self.request.scene, self.request.mu0),
         }
 
