@@ -18,7 +18,6 @@ from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.small_angle import Spreading
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
-from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, find_lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_layer
 from vrte.request.request import make_radiance_request
 from vrte.request.wanted import Wanted
@@ -96,22 +95,6 @@ def test_the_first_coefficient_left_out_is_the_peaks() -> None:
 def test_without_a_forward_peak_there_is_nothing_to_take_off(backward: vrte.PhaseMatrix) -> None:
     layer = remove_forward_peak(backward, 0.9, 2.0, 7)
     assert (layer.fraction, layer.albedo, layer.thickness) == (0.0, 0.9, 2.0)
-
-
-def lowest_eigenvalue(coefficients: np.ndarray) -> float:
-    """Of the coherency matrix, over the scattering angles that PhaseMatrix checks; its trace has the mean 1."""
-    matrix = object.__new__(vrte.PhaseMatrix)  # without the check, which refuses what is looked at here
-    matrix.__setstate__(dict(zip(("a1", "a2", "a3", "a4", "b1", "b2"), coefficients.T, strict=True)))
-    return float(find_lowest_coherency_eigenvalue(*matrix.compute_elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
-
-
-@pytest.mark.parametrize(("terms", "allowed"), [(8, 0.06), (16, 0.014), (24, 0.006), (40, 4e-4), (64, 7e-6)])
-def test_truncated_haze_is_nearly_physical(terms: int, allowed: float) -> None:
-    """Nothing makes sure that the rest is a matrix that particles can have; it lacks less than a cut one."""
-    cut = lowest_eigenvalue(truncate_layer("none", find_phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
-    rest = lowest_eigenvalue(remove_forward_peak(find_phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
-    assert rest > -allowed
-    assert rest > 0.5 * cut
 
 
 def test_depths_inside_layers_are_those_of_the_scene() -> None:

@@ -247,7 +247,8 @@ def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[st
     for name in names:
         given = getattr(module, name)
         if isinstance(given, ModuleType):
-            open_front_door(given, [key for key, one in vars(given).items() if is_own(one, given.__name__)])
+            made = {key: one for key, one in vars(given).items() if isinstance(one, FunctionType) and key[0] != "_"}
+            open_front_door(given, [key for key, one in made.items() if one.__module__ == given.__name__])
         elif isinstance(given, type):
             for one in given.__mro__:
                 if one.__module__.startswith(PACKAGE):
@@ -256,11 +257,6 @@ def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[st
             checked = check_arguments(given)
             setattr(module, name, checked)
             setattr(sys.modules[given.__module__], given.__name__, checked)  # where pickles look for it
-
-
-def is_own(one: Any, module: str) -> bool:
-    """Whether something is a public function of a module, made there."""
-    return isinstance(one, FunctionType) and one.__module__ == module and not one.__name__.startswith("_")
 
 
 def check_methods(one: type, inner: set[str]) -> None:

@@ -34,13 +34,8 @@ def count_solve() -> Iterator[None]:
         _under_way.pop()
 
 
-def find_out() -> None:
-    """Whether this process, just forked, has half a solve in it."""
-    _forked["stranded"] = bool(_under_way)
-
-
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=find_out)
+    os.register_at_fork(after_in_child=lambda: _forked.update(stranded=bool(_under_way)))
 
 
 @contextmanager

@@ -39,8 +39,10 @@ EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
 
 @dataclass(frozen=True, eq=False)
 class ScatteringTable:
-    """A scattering matrix over scattering angles [degrees], each array (angles,), in vrte's signs; the mean of F11 over
-    the sphere is 1."""
+    """A scattering matrix over the scattering angle, in vrte's signs; the mean of F11 over the sphere is 1.
+
+    Angles [degrees] and elements are arrays (angles,).
+    """
 
     angle_deg: Array
     F11: Array

@@ -15,6 +15,7 @@ from vrte.optics.phase_matrix import PhaseMatrix, rayleigh
 from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, check_wavelength, refractive_index
 from vrte.optics.size_distribution import Held, Monodisperse, SizeDistribution
 
+make_stand_in_matrix = cache(rayleigh)
 SAME_INDEX = 1e-9  # |m - 1| of a relative index m where the coefficients a_n, b_n are down to their rounding
 ABSORBING_UP_TO = 0.01  # k over n of a host: amplitudes are wrong by m/(m - 1) times that where it is taken as clear
 DOUBTFUL = 1e-2  # relative change of a cross section with the last radii, from which the user is warned
@@ -151,12 +152,6 @@ class ParticleKind:
     def list_balls(self) -> tuple[tuple["ParticleKind", float], ...]:
         """Itself with the number share 1, where a packing can take it: spheres."""
         return ((self, 1.0),)
-
-
-@cache
-def make_stand_in_matrix() -> PhaseMatrix:
-    """Of particles that are none: Rayleigh's."""
-    return rayleigh()
 
 
 def check_kind(

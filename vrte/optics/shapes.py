@@ -258,7 +258,10 @@ def add_sizes(
     radii, weights = radii[counts], weights[counts]
     solved = np.minimum(radii, largest)
     new = {radius for radius in solved.tolist() if radius not in known}
-    warn_of_time(shape, new)
+    work = sum((1.2 * count_orders(shape.reach * radius)) ** 6 for radius in new)
+    seconds = cost.SECONDS_OF_ORDERS * work / count_usable_cpus()
+    why = f", most of it for the largest {shape.words}"
+    cost.warn_runtime(seconds, math.inf, why, "smaller or rounder ones take less")
     for radius in sorted(new, reverse=True):  # what may fail comes first
         known[radius] = solve_size(shape, radius)
     parts = [known[radius] for radius in solved.tolist()]
@@ -272,14 +275,6 @@ def add_sizes(
     alternate = (-1.0) ** np.arange(len(sums)) * (2.0 * np.arange(len(sums)) + 1.0)
     asymmetry, back = 2.0 * math.pi * sums[1, 0], 2.0 * math.pi * alternate @ sums[:, 0]
     return mean, np.array([mean.extinction, mean.scattering, asymmetry, back]), np.unique(solved).size
-
-
-def warn_of_time(shape: Shape, radii: set[float]) -> None:
-    """Says what will take long."""
-    work = sum((1.2 * count_orders(shape.reach * radius)) ** 6 for radius in radii)
-    why = f", most of it for the largest {shape.words}"
-    seconds = cost.SECONDS_OF_ORDERS * work / count_usable_cpus()
-    cost.warn_runtime(seconds, math.inf, why, "smaller or rounder ones take less")
 
 
 def solve_size(shape: Shape, radius_um: float) -> Average:

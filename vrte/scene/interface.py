@@ -10,7 +10,6 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 Distribution = Literal["beckmann", "ggx"]
-DISTRIBUTIONS = ("beckmann", "ggx")
 LOWEST_INDEX, HIGHEST_INDEX = 0.1, 10.0
 INDEX_ALLOWED = f"a real refractive index from {LOWEST_INDEX:g} to {HIGHEST_INDEX:g}"
 LEAST_ROUGHNESS, MOST_ROUGHNESS = ROUGHNESS = 0.01, 1.5  # alpha: below, facets are as good as a smooth interface

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Annotated, Any
 
@@ -55,6 +55,8 @@ class Scene:
     layers: Annotated[Sequence[Layer], Sequence[Layer | Interface] | Layer | Interface]
     base: Annotated[Boundary | None, Any] = None
     interfaces: Sequence[Interface | None] = ()
+    media: tuple[float, ...] = field(init=False)  # refractive indices from top to bottom: above, of each layer, below
+    places: tuple[int | None, ...] = field(init=False)  # of each layer in the list given; None for one added here
 
     def __post_init__(self) -> None:
         alone = isinstance(self.layers, Layer | Interface)
@@ -85,22 +87,12 @@ class Scene:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a semi-infinite layer")
         object.__setattr__(self, "layers", layers)
         numbered = tuple(range(len(layers))) if given else places
-        object.__setattr__(self, "_places", numbered)
-        object.__setattr__(self, "_media", find_media(layers, interfaces, numbered, self.base))
+        object.__setattr__(self, "places", numbered)
+        object.__setattr__(self, "media", find_media(layers, interfaces, numbered, self.base))
         refracting = (
             i and i.put_between(*sides) for i, sides in zip(interfaces, itertools.pairwise(self.media), strict=True)
         )
         object.__setattr__(self, "interfaces", tuple(refracting))
-
-    @property
-    def media(self) -> tuple[float, ...]:
-        """Refractive indices from top to bottom: above, of the medium of each layer, below."""
-        return self._media  # type: ignore[attr-defined]
-
-    @property
-    def places(self) -> tuple[int | None, ...]:
-        """Where in the list that was given each layer stands; None for an empty one that the scene has added."""
-        return self._places  # type: ignore[attr-defined]
 
     @property
     def indices(self) -> tuple[float, ...]:
@@ -188,7 +180,7 @@ def build_like(
 ) -> Scene:
     """A scene of as many layers as another, which are counted as they are there: by the list that it was made of."""
     found = Scene(layers, base, interfaces)
-    object.__setattr__(found, "_places", scene.places)
+    object.__setattr__(found, "places", scene.places)
     return found
 
 
