@@ -141,6 +141,7 @@ def test_five_points_are_exact_for_fourth_powers_at_bounds_too():
         return x**4
 
     for at in (0.0, 0.5, 1.0):
+        assert [x for _, x in sample_around(lambda x: x, 0.5, 0.3)] == [0.0, 0.25, 0.75, 1.0]  # steps of 2^-2
         assert sum(w * y for w, y in sample_around(take, at, 0.01)) == close_to(4.0 * at**3, rtol=0.0, atol=1e-12)
     with pytest.raises(vrte.SceneError, match="outside"):
         sample_around(take, 0.5, 0.4)

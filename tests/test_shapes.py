@@ -223,7 +223,10 @@ def test_bad_input_is_refused_by_make_and_check_alike(kind: str, changes: dict, 
 def test_checks_do_no_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shapes, "average_orientations", None)
     assert shapes.check_cylinders(1.6, host_index=(1.3, 1e-4), **GOOD).host_absorption > 0.0
-    assert shapes.check_spheroids(1.6, **GOOD).balls == ()
+    stand_in = shapes.check_spheroids(1.6, **GOOD)
+    assert stand_in.balls == ()
+    with pytest.raises(SceneError, match="of known substance and size"):
+        vrte.Layer.of(stand_in, thickness_um=1.0, volume_fraction=0.2, packing="percus-yevick")
 
 
 def test_without_the_extra_its_name_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
