@@ -80,8 +80,8 @@ def test_many_beams_are_labelled_and_drawn_beside_each_other():
     np.testing.assert_array_equal(data["flux_up"].sel(mu0=0.6), field.flux_up[1])
     assert "3 from" not in field._repr_html_()
     assert "0.3, 0.6, 1" in field._repr_html_()
-    assert [axes.get_title() for axes in field.plot().axes[:3]] == [rf"$\mu_0$ = {mu0:g}" for mu0 in MU0]
-    assert field.beam(1).plot().get_suptitle().endswith(r"$\mu_0$ = 0.6")
+    assert [axes.get_title() for axes in field.plot().axes[:3]] == [f"μ₀ = {mu0:g}" for mu0 in MU0]
+    assert field.beam(1).plot().get_suptitle().endswith("μ₀ = 0.6")
 
 
 def test_scene_files_list_beams(tmp_path):

@@ -53,7 +53,7 @@ def solved(
         "even": amplitudes.even,
         "odd": amplitudes.odd,
         "base_down": amplitudes.base_down,
-        "fading": amplitudes.fading,
+        "decaying": amplitudes.decaying,
         "base_row": base.row[places],
         "base_out": base.out,
         "thickness": problem.thickness,
@@ -165,7 +165,7 @@ def test_orders_may_be_done_in_groups_and_stopped(opencl: Any, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("steps", range(-3, 4))
-def test_which_modes_fade_is_decided_once(opencl: Any, steps: int) -> None:
+def test_which_modes_decay_is_decided_once(opencl: Any, steps: int) -> None:
     """Thicknesses about which the judgement turns, to the last digit: it comes with the amplitudes, and all follow."""
     slowest = np.sqrt(solved(vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)]), [0.0])["lam_re"][0, 0].min())
     thickness = 4.0 / slowest
@@ -173,6 +173,6 @@ def test_which_modes_fade_is_decided_once(opencl: Any, steps: int) -> None:
         thickness = float(np.nextafter(thickness, np.inf if steps > 0 else 0.0))
     arguments = solved(vrte.Scene([vrte.Layer(GOLD, 0.9, thickness)]), [0.0, 0.3, thickness])
     if abs(steps) == 3:
-        assert arguments["fading"][0, 0] == (steps > 0)
+        assert arguments["decaying"][0, 0] == (steps > 0)
     expected, found = both(opencl, arguments)
     assert_alike(found, expected)

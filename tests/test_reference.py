@@ -51,6 +51,7 @@ def list_members(name: str, given: Any) -> Iterator[tuple[str, Any]]:
 DOCUMENTED = dict(
     pair for name in LISTED if not name.startswith(CORE) for pair in list_members(name, find_object(name))
 )
+PUBLIC = [getattr(vrte, name) for name in vrte.__all__]  # numpydoc sections; all else is one sentence or two
 
 
 def read_sections(words: str) -> dict[str, Any]:
@@ -103,7 +104,11 @@ def find_faults(given: Any, words: str) -> list[str]:
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_docstring(name: str) -> None:
     given = DOCUMENTED[name]
-    assert not find_faults(given, inspect.getdoc(given) or "")
+    words = inspect.getdoc(given) or ""
+    if any(given is one for one in PUBLIC):
+        assert not find_faults(given, words)
+    else:
+        assert len(words.split()) >= 3
 
 
 @pytest.mark.parametrize("name", [name.rpartition(".")[2] for name in LISTED if name.startswith(CORE)])

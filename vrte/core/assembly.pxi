@@ -24,7 +24,7 @@ def assemble(crew, *, const int[::1] orders, const int[::1] members, const doubl
     positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E,
     G_F (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
     (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
-    1/(2 pi). slab_stack (order,): of which of several scenes each of `orders` is, whose layers lie one behind the other.
+    1/(2 pi). slab_stack (order,): of which of several scenes each of `orders` is; their layers lie one behind another.
     """
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_term = <int>coefficients.shape[1]
     cdef Assembly task = Assembly(

@@ -85,8 +85,8 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
     that order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped.
     top (N, S, S): what an interface above the layers sends back down along each node, of no nodes where there is none.
     even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base;
-    decaying (order, layer): whether every mode of a layer decays, which is decided here, and says what its amplitudes are
-    of; residual (order, layer): of the linear systems, relative. stack: as of `assemble`.
+    decaying (order, layer): whether every mode of a layer decays, which is decided here and says what its amplitudes
+    are of; residual (order, layer): of the linear systems, relative. stack: as of `assemble`.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
     cdef Boundary task = Boundary(
@@ -145,7 +145,8 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
         slab.modes.decaying = (
-            t.thickness[first + layer] > SEMI_INFINITE or slowest_rate(&slab.modes) * t.thickness[first + layer] > DECAYING)
+            t.thickness[first + layer] > SEMI_INFINITE
+            or slowest_rate(&slab.modes) * t.thickness[first + layer] > DECAYING)
         t.decaying[<size_t>item * n_layer + layer] = slab.modes.decaying
         info = slab_systems(&slab, scratch, spare)
         if info != 0:

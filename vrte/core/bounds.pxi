@@ -18,11 +18,12 @@ def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] t
     all light scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of
     L2 over depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing
     direction and of its column from an incident one. effect (order, node): what light that is scattered by way of one
-    node adds, times (1 - q)^2. Of several `slab_stacks` with as many layers each, all of these lie one behind the other.
+    node adds, times (1 - q)^2. Of several `slab_stacks` with as many layers each, all these lie one behind another.
     """
     cdef Bounding task = Bounding(
-        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1], <int>coefficients.shape[0] // slab_stacks,
-        <int>directions.shape[0], <int>weights.shape[0], n_out, slab_stacks, &terms[0], &coefficients[0, 0, 0], &albedo[0],
+        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1],
+        <int>coefficients.shape[0] // slab_stacks, <int>directions.shape[0], <int>weights.shape[0], n_out,
+        slab_stacks, &terms[0], &coefficients[0, 0, 0], &albedo[0],
         &directions[0], &weights[0], &strength[0, 0], &bounds[0],
         &effect[0, 0])
     run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 3) * task.n_term + 3 * task.n_all, 0, NULL)

@@ -178,8 +178,8 @@ cdef int double_plainly(Work* w, bint converged, int* doublings) noexcept nogil:
     Ze; a is F E on entry.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
-    C <- (C L^-1)^2, which keeps them where T is too small for a difference. converged: once C is below the rounding of 1,
-    L = 2 and doublings change C alone.
+    C <- (C L^-1)^2, which keeps them where T is too small for a difference. converged: once C is below the rounding of
+    1, L = 2 and doublings change C alone.
     """
     cdef Sizes s = w.s
     cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)

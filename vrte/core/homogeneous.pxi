@@ -48,8 +48,8 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
     without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical
     depth squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots
     starts with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer): the largest of
-    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that oscillates instead of decaying, which only a
-    phase matrix with more terms than the nodes carry has.
+    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that oscillates instead of decaying, which only
+    a phase matrix with more terms than the nodes carry has.
     """
     cdef int n_layer = <int>X.shape[1], n = <int>X.shape[3]
     cdef Homogeneous task = Homogeneous(

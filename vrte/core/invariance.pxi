@@ -1,9 +1,8 @@
-# The top of a semi-infinite layer, by invariance alone: a thin layer added on top changes nothing, so with E = D - e and
-# F = D - f, D = 1/mu,
-#   D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2.
-# e = phi C phi^T and f alike are of low rank, a few columns a degree. With He = phi_e + R phi_e, Hf = phi_f - R phi_f
-# (Ambarzumian's functions, as matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by
-# reciprocity, Q and q the signs of V. A fixed point of it gains a factor of about q of `order_bounds` a step.
+# The top of a semi-infinite layer, by invariance alone: a thin layer added on top changes nothing, so with E = D - e
+# and F = D - f, D = 1/mu, D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2. e = phi C phi^T and f alike are of
+# low rank, a few columns a degree. With He = phi_e + R phi_e, Hf = phi_f - R phi_f (Ambarzumian's functions, as
+# matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by reciprocity, Q and q the signs of
+# V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
 def invariance_work(n_node, n_off, stokes, n_term):
     """Doubles of `work` that one thread of `reflect_semi_infinite` needs."""
@@ -39,8 +38,8 @@ def reflect_semi_infinite(crew, *, const int[::1] orders, const int[::1] members
         stokes, terms, n_all, n_node, <int>out.shape[0], <int>into.shape[0], <int>columns.shape[0], halves, albedo,
         tolerance, &orders[0], &members[0], &out[0], &into[0], &coefficients[0, 0], &directions[0], &weights[0],
         &columns[0, 0], &up[0, 0, 0, 0], &on_nodes[0, 0, 0], &residual[0], &steps[0])
-    run_items(crew, semi_infinite_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0,
-              NULL)
+    run_items(crew, semi_infinite_one, &task, <int>orders.shape[0],
+              invariance_work(n_node, n_all - n_node, stokes, terms), 0, NULL)
 
 
 cdef struct FactorColumns:
@@ -170,8 +169,9 @@ cdef void accelerate(int size, AndersonHistory* past, doubles R) noexcept nogil:
             R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
-cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node, double rate,
-                   double tolerance, bint halves, doubles R, doubles room, ints steps, given_ints stop) noexcept nogil:
+cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node,
+                        double rate, double tolerance, bint halves, doubles R, doubles room, ints steps,
+                        given_ints stop) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
     what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
@@ -245,8 +245,8 @@ cdef int semi_infinite_one(const void* task, int item, Workspace desk) noexcept 
         parity_columns(&x, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(&x, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     t.steps[item] = 0
-    residual[0] = fixed_point(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new, t.steps + item,
-                         desk.stop)
+    residual[0] = fixed_point(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new,
+                              t.steps + item, desk.stop)
     residual[0] = max(residual[0], fixed_point(&x, rows, nodes, off, directions, rate, t.tolerance, False, Ru, new,
                                           t.steps + item, desk.stop))
     # from off the nodes to off the nodes, less what is scattered once

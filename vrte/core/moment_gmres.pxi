@@ -151,7 +151,8 @@ cdef void scatter_once(const ParityHalf* half, given moments, doubles found) noe
 cdef void add_inside(const ParityHalf* half, const Rows* rows, given moments, given first, given shares, int depths,
                      double sign, size_t stride, doubles memory, doubles found) noexcept nogil:
     """Adds (C v + E S v)/2 times `sign` to the light up, (C v - E S v)/2 to that down, depth by depth: found (depth,
-    2), each n doubles, `stride` apart, of all fractions on the rows; `first` as in `moments_to_sources`, which goes before."""
+    2), each n doubles, `stride` apart, of all fractions on the rows; `first` as in `moments_to_sources`, called
+    before."""
     cdef int n = rows.n, g = half.g, f = half.other, K = half.k, count = half.g - half.other, d, i
     cdef doubles even = memory, odd = memory + <size_t>n * depths, to = odd + <size_t>n * depths, up, down
     cdef given shares_odd = shares + <size_t>depths * K
@@ -258,8 +259,8 @@ cdef inline doubles place_rows(Rows* rows, const ParityHalf* half, int n, double
     return rows.made + <size_t>n * half.k
 
 
-cdef double beam_moments(const ParityHalf* half, double rate, int stokes, int into, given other, given own, given column,
-                         doubles first) noexcept nogil:
+cdef double beam_moments(const ParityHalf* half, double rate, int stokes, int into, given other, given own,
+                         given column, doubles first) noexcept nogil:
     """Moments of one beam's own light, `rate` half thicknesses over mu0, Stokes vector `column`; `other`, `own`: its
     rows of psi, `into` rows a column. What they would be together, were the beam scattered evenly."""
     cdef int g = half.g, f = half.other, j, k, s

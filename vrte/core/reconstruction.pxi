@@ -110,7 +110,7 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
         Which layer that is.
     out : ndarray (order, n_tau, n_rhs, S n_out)
         Filled with radiance times 2 pi for a unit beam; upward rows are flipped by D = diag(1, 1, -1, -1).
-    stack : ndarray of int (order,), optional
+    slab_stack : ndarray of int (order,), optional
         Of which of several scenes each item is, whose layers and levels lie one behind the other; level_layer is the
         same of all.
 

@@ -112,8 +112,8 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
 
     table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
-    `wide=False` leaves AVX2 unused. Of several `slab_stacks` with as many terms and levels each, tables and paths lie one
-    behind the other; ``apiece``: so do tables for each of mu.
+    `wide=False` leaves AVX2 unused. Of several `slab_stacks` with as many terms and levels each, tables and paths lie
+    one behind another; ``apiece``: so do tables for each of mu.
     """
     cdef int n_mu = <int>mu.shape[0], tables = slab_stacks * (n_mu if apiece else 1)
     cdef int n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
