@@ -61,32 +61,8 @@ class Linearized:
         return f"Linearized({self.brdf!r})"
 
     def jvp(self, variation: Variation | str) -> Array:
-        """How the BRDF changes along one variation: the Jacobian times a vector.
-
-        Parameters
-        ----------
-        variation : Variation or str
-            Or the name of a number of the scene, as for ``derivatives=`` of `vrte.brdf`.
-
-        Returns
-        -------
-        numpy.ndarray
-            (n_in, n_out, n_phi, 4, 4) [1/sr], per unit of the variation's number.
-
-        Raises
-        ------
-        SceneError
-            As `vrte.brdf` does for derivatives.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
-        >>> found = vrte.linearize(white, mu_i=0.5, mu_o=0.5, nodes=4).jvp("base.albedo")
-        >>> round(float(found[0, 0, 0, 0, 0] * np.pi), 12)
-        1.0
-        """
+        """The derivative of the BRDF along a variation or a named number of the scene, (n_in, n_out, n_phi, 4, 4)
+        [1/sr] a unit."""
         variations = read_derivatives(self.request.scene, [variation])
         run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
         (found,) = run_interruptible(run, lambda: differentiate(self.plan, variations, run, orders=orders))
@@ -94,38 +70,12 @@ class Linearized:
         return values
 
     def vjp(self, cotangent: Any) -> Gradient:
-        """How a weighted sum of the BRDF's elements changes with all that layers and base are made of.
+        """The gradient of a sum of the BRDF's elements, weighted by ``cotangent`` (n_in, n_out, n_phi, 4, 4), with all
+        that layers and base consist of.
 
-        That is a vector times the Jacobian. It takes one solve of the light from the eye, whatever the number of
-        coefficients: fields of beams that come in along the outgoing directions weigh every change, by reciprocity
-        (docs/explanation/derivatives.md).
-
-        Fourier orders are those that the light itself needs: along directions whose coefficients fall off much more
-        slowly than the phase matrix's, `jvp` takes all orders and is the one to trust.
-
-        Parameters
-        ----------
-        cotangent : array_like
-            Weights, (n_in, n_out, n_phi, 4, 4).
-
-        Returns
-        -------
-        Gradient
-            Its ``along`` is the derivative with the number of a variation.
-
-        Raises
-        ------
-        SceneError
-            For another shape or numbers that are not finite.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import vrte
-        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
-        >>> found = vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
-        >>> found.albedo.shape
-        (1,)
+        It takes one solve for light from the eye, whatever the number of coefficients, by reciprocity
+        (docs/explanation/derivatives.md). Fourier orders are those that the light itself needs: along directions whose
+        coefficients decay much more slowly than the phase matrix's, `jvp` takes all orders and is the one to trust.
         """
         weights = np.asarray(check_numbers("cotangent", cotangent), float)
         if weights.shape != self.brdf.mueller.shape:

@@ -132,83 +132,21 @@ class Brdf(Result):
         return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
 
     def as_base(self, average_mirrored: bool = False) -> TabulatedBase:
-        """What was solved, as the base of another stack: `vrte.Scene` asks for it where a Brdf is its base.
-
-        It lies in the medium that the light came from. The grid of directions counts: `vrte.solve_base` chooses one.
-
-        Parameters
-        ----------
-        average_mirrored : bool, optional
-            As for `vrte.TabulatedBase`.
-
-        Returns
-        -------
-        TabulatedBase
-            Of this BRDF, and of what it mirrors.
-
-        Raises
-        ------
-        SceneError
-            Where the light came from the bottom, and as `vrte.TabulatedBase` does.
-
-        Warns
-        -----
-        CoarseTableWarning
-            As `vrte.TabulatedBase` does.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> mu = [0.02, 0.3, 0.6, 1.0]
-        >>> ground = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
-        >>> vrte.brdf(ground, mu, mu, [0, 90, 180], nodes=4).as_base()
-        TabulatedBase(4 mu_i, 4 mu_o, 1 Fourier order)
-        """
+        """The base of another stack, in the medium that the light came from; `vrte.solve_base` chooses a grid of
+        directions."""
         if self.diagnostics.get("illuminate", "top") != "top":
             raise SceneError("base: a BRDF that is lit from the bottom is no base; solve the stack upside down")
         index = self.diagnostics.get("index_outside")
         return TabulatedBase(self.mu_i, self.mu_o, self.phi, self.mueller, self.specular, index, average_mirrored)
 
     def under(self, light: Any, weights: Any = None, transmitted: bool = False, mirrored: bool = False) -> Array:
-        """Stokes radiance that comes out under any incident light: a sky, a lamp, a cloud.
+        """Stokes radiance (n_out, n_phi, 4) that comes out under any incident light, in its unit, (2:2).
 
-        The sum over mu_i is as good as the weights; the BRDF needs ``phi`` all around in equal steps from 0, more of
-        them than Fourier orders of BRDF and light together.
-
-        Parameters
-        ----------
-        light : callable or array_like
-            Stokes radiance on the lit face: a function of broadcastable (mu_i, phi_deg) that returns (..., 4), or an
-            array that broadcasts to (n_in, n_phi, 4), azimuths along the direction of travel.
-        weights : array_like (n_in,), optional
-            Of a quadrature over mu_i from 0 to 1; default: those of `vrte.hemisphere`.
-        transmitted : bool, optional
-            What leaves the other face in place of what comes back: scattered light only, unscattered light goes on as a
-            beam.
-        mirrored : bool, optional
-            Adds what ``specular`` sends back, which is left out otherwise: each mu_o must then be one of mu_i.
-
-        Returns
-        -------
-        ndarray (n_out, n_phi, 4)
-            Stokes vectors, in the unit of ``light``.
-
-        Raises
-        ------
-        SceneError
-            Where there is no transmission to take, or light, weights or directions do not fit together.
-
-        References
-        ----------
-        (2:2).
-
-        Examples
-        --------
-        >>> import vrte
-        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
-        >>> f = vrte.brdf(white, vrte.hemisphere(4)[0], mu_o=0.5, phi=[0, 90, 180, 270], nodes=4)
-        >>> round(float(f.under([1.0, 0.0, 0.0, 0.0])[0, 0, 0]), 12)
-        0.25
+        ``light`` is a function of broadcastable (mu_i, phi_deg) to (..., 4), or an array that broadcasts to (n_in,
+        n_phi, 4), azimuths along the direction of travel; ``weights`` (n_in,) are those of a quadrature over mu_i from
+        0 to 1, by default of `vrte.hemisphere`. ``phi`` must be all around in equal steps from 0, more of them than
+        Fourier orders of BRDF and light together. ``transmitted``: scattered light that leaves the other face;
+        ``mirrored`` adds what ``specular`` reflects, where each mu_o is one of mu_i.
         """
         matrices = self.transmission if transmitted else self.mueller
         if matrices is None:
@@ -224,60 +162,13 @@ class Brdf(Result):
         return found + np.einsum("oij,opj->opi", self.specular[same], falls_in[same])
 
     def diffuse_reflectance(self, weights: Any = None) -> Array:
-        """The radiance factor under an evenly white, unpolarized sky, without what is mirrored.
-
-        Parameters
-        ----------
-        weights : array_like (n_in,), optional
-            As for `under`.
-
-        Returns
-        -------
-        ndarray (n_out,)
-            Radiance out, mean over ``phi``, over that of a white Lambertian surface.
-
-        Raises
-        ------
-        SceneError
-            As `under` does.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> grey = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
-        >>> f = vrte.brdf(grey, vrte.hemisphere(4)[0], [0.2, 0.9], [0, 120, 240], nodes=4)
-        >>> f.diffuse_reflectance().round(9).tolist()
-        [0.25, 0.25]
-        """
+        """Radiance factor (n_out,) under an evenly white, unpolarized sky, mean over ``phi``, without specular
+        reflection."""
         return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
 
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
-        """Flux out over flux in under an evenly white, unpolarized sky, mirrored light included.
-
-        It is the mean of ``total_reflectance``: any ``phi`` will do.
-
-        Parameters
-        ----------
-        weights : array_like (n_in,), optional
-            As for `under`.
-
-        Returns
-        -------
-        float
-            From 0 to 1.
-
-        Raises
-        ------
-        SceneError
-            For weights that do not fit ``mu_i``, or nodes that are not those of `vrte.hemisphere` where there are none.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> grey = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
-        >>> round(vrte.brdf(grey, vrte.hemisphere(4)[0], 0.5, nodes=4).bihemispherical_reflectance(), 12)
-        0.25
-        """
+        """Flux out over flux in under an evenly white, unpolarized sky, specular reflection included; any ``phi`` will
+        do."""
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
 
 

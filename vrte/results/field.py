@@ -122,30 +122,7 @@ class Field(Result):
         )
 
     def beam(self, place: int) -> "Field":
-        """The field of one beam of several.
-
-        Parameters
-        ----------
-        place : int
-            Which of ``mu0``, from 0 on.
-
-        Returns
-        -------
-        Field
-            Without the axis of beams.
-
-        Raises
-        ------
-        SceneError
-            Where there is no such place among ``mu0``.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
-        >>> vrte.radiance(haze, mu0=[0.3, 0.6], mu=0.5, nodes=4).beam(1).stokes.shape
-        (1, 1, 1, 4)
-        """
+        """The field of one beam of several, by its index in ``mu0``, without the axis of beams."""
         if isinstance(self.mu0, float):
             raise SceneError("this is the field of one beam: there are no others to choose from")
         if not -self.mu0.size <= place < self.mu0.size:

@@ -19,44 +19,12 @@ HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to i
 
 
 def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
-    """Stokes vectors of the light that leaves in any direction of the hemisphere.
+    """Stokes vectors (n_theta, n_phi, 4) [1/sr] that leave at angles theta (n_theta,) from the normal and azimuths phi
+    (n_phi,) [degrees] under light (4,) along ``brdf.mu_i[place]``.
 
-    Splines run through the given directions: periodic in azimuth, and over the pole along great circles, so that
-    intensity and degrees of polarization have no dent there.
-
-    Parameters
-    ----------
-    brdf : Brdf
-        What was solved.
-    place : int
-        Which of ``brdf.mu_i`` the light comes from.
-    theta : ndarray (n_theta,)
-        Angles from the normal [degrees].
-    phi : ndarray (n_phi,)
-        Azimuths [degrees].
-    incident : array_like (4,), optional
-        Stokes vector of the incident light; default: unpolarized.
-
-    Returns
-    -------
-    ndarray (n_theta, n_phi, 4)
-        I, Q, U, V [1/sr]; NaN nearer to the horizon than the last mu_o, and around the normal where no mu_o is within
-        25 degrees of it. At the pole itself the meridian plane, and with it Q and U, is that of each phi.
-
-    Raises
-    ------
-    SceneError
-        For a BRDF that is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.results.over_hemisphere import stokes_over_hemisphere
-    >>> import vrte
-    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
-    >>> f = vrte.brdf(base, 0.5, mu_o=[0.5, 1.0], phi=[0, 90, 180], nodes=4)
-    >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
-    [1.0, 0.0, 0.0, 0.0]
+    Splines run through the given directions: periodic in azimuth, and over the pole along great circles. NaN nearer to
+    the horizon than the last mu_o, and around the normal where no mu_o is within 25 degrees of it. At the pole the
+    meridian plane, and with it Q and U, is that of each phi.
     """
     place = check_whole("place", place, 0, brdf.mu_i.size - 1)
     theta, phi = check_vector("theta", theta), check_vector("phi", phi)
@@ -87,38 +55,8 @@ def _turn_axes(light: Array, degrees: Array) -> Array:
 def light_on_mesh(
     brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array, Array]:
-    """Stokes vectors of the light that leaves on a mesh of rings and spokes, for a picture.
-
-    Parameters
-    ----------
-    brdf, place, incident
-        As for `stokes_over_hemisphere`.
-    step_deg : float, optional
-        The largest step between rings and between spokes [degrees].
-
-    Returns
-    -------
-    theta : ndarray (n_theta,)
-        Rings [degrees], from the normal (or the first mu_o, where that is beyond 25 degrees) to the last mu_o.
-    phi : ndarray (n_phi,)
-        Spokes [degrees] once around, 0 and 360 both.
-    light : ndarray (n_theta, n_phi, 4)
-        I, Q, U, V [1/sr].
-
-    Raises
-    ------
-    SceneError
-        For too few directions, and for a BRDF that is not finite.
-
-    Examples
-    --------
-    >>> from vrte.results.over_hemisphere import light_on_mesh
-    >>> import vrte
-    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
-    >>> theta, phi, light = light_on_mesh(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)
-    >>> theta.round(9).tolist(), phi.size, light.shape
-    ([0.0, 30.0, 60.0], 13, (3, 13, 4))
-    """
+    """Rings (n_theta,) and spokes (n_phi,) [degrees] at most ``step_deg`` apart, 0 and 360 both, and the Stokes vectors
+    there, (n_theta, n_phi, 4) [1/sr]."""
     theta = _list_polar_angles(brdf, step_deg)
     phi = np.linspace(0.0, 360.0, 1 + _count_steps(360.0, step_deg))
     return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
@@ -127,38 +65,8 @@ def light_on_mesh(
 def light_in_plane(
     brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array]:
-    """Stokes vectors of the light that leaves in one upright plane: a cut through the lobe.
-
-    Parameters
-    ----------
-    brdf, place, incident
-        As for `stokes_over_hemisphere`.
-    phi_deg : float, optional
-        Azimuth of the plane [degrees].
-    step_deg : float, optional
-        The largest step [degrees].
-
-    Returns
-    -------
-    angle : ndarray (n,)
-        Angles from the normal [degrees]: above 0 on the azimuth ``phi_deg``, below 0 half a turn away; both end at the
-        last mu_o.
-    light : ndarray (n, 4)
-        I, Q, U, V [1/sr]; NaN between them where nothing is known around the normal.
-
-    Raises
-    ------
-    SceneError
-        For too few directions, and for a BRDF that is not finite.
-
-    Examples
-    --------
-    >>> from vrte.results.over_hemisphere import light_in_plane
-    >>> import vrte
-    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
-    >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
-    [-60.0, -30.0, 0.0, 30.0, 60.0]
-    """
+    """Angles (n,) [degrees] from the normal in the upright plane of an azimuth, below 0 half a turn away, and the
+    Stokes vectors there, (n, 4) [1/sr]; NaN where nothing is known around the normal."""
     theta = _list_polar_angles(brdf, step_deg)
     there, opposite = stokes_over_hemisphere(
         brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
@@ -186,35 +94,10 @@ def _count_steps(length: float, most: float) -> int:
 
 
 def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
-    """Stokes vectors between given angles, as smooth as a picture wants them.
+    """Ascending angles [degrees] ``times`` as dense as those given, and Stokes vectors (m, 4) there.
 
-    Each parameter is a monotone cubic between its neighbours: it passes through what is given and never overshoots, so
-    that no I turns negative; degrees of polarization are divided after it.
-
-    Parameters
-    ----------
-    angle : ndarray (n,)
-        Distinct angles [degrees], in any order.
-    stokes : ndarray (n, 4)
-        Stokes vectors there.
-    times : int, optional
-        How many times as fine.
-
-    Returns
-    -------
-    angle : ndarray (m,)
-        Ascending angles [degrees].
-    stokes : ndarray (m, 4)
-        Stokes vectors there. Fewer than 3 angles, and light that is not finite, come back as they are, in ascending
-        order.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.results.over_hemisphere import between_angles
-    >>> angle, light = between_angles(np.array([0.0, 1.0, 2.0]), np.eye(4)[[0, 1, 0]], times=2)
-    >>> angle.tolist(), light[2].tolist()
-    ([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 0.0, 0.0])
+    Each parameter is a monotone cubic, which never overshoots. Fewer than 3 angles, and light that is not finite, come
+    back as they are, in ascending order.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -231,25 +114,7 @@ def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, 
 
 
 def check_directions(mu_o: Any, phi: Any) -> None:
-    """Whether there are enough directions for a picture of the lobes.
-
-    Parameters
-    ----------
-    mu_o : array_like (n_out,)
-        Cosines of exit.
-    phi : array_like (n_phi,)
-        Azimuths [degrees].
-
-    Raises
-    ------
-    SceneError
-        Where there are too few; it says how many it takes.
-
-    Examples
-    --------
-    >>> from vrte.results.over_hemisphere import check_directions
-    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
-    """
+    """Whether cosines mu_o (n_out,) and azimuths phi (n_phi,) [degrees] are enough for a picture. Raises SceneError."""
     mu_o, phi = check_vector("mu_o", mu_o), check_vector("phi", phi)
     if mirror_azimuths(phi)[0].size < 4 or np.unique(mu_o).size < 2:
         raise SceneError(

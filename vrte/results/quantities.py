@@ -34,29 +34,7 @@ OF_STOKES = {
 
 
 def unit_of(name: str) -> str:
-    """The unit of a quantity, as it stands behind a value.
-
-    Parameters
-    ----------
-    name : str
-        One of QUANTITIES or FIELD_QUANTITIES.
-
-    Returns
-    -------
-    str
-        "" where there is none.
-
-    Raises
-    ------
-    SceneError
-        For an unknown name.
-
-    Examples
-    --------
-    >>> from vrte.results.quantities import unit_of
-    >>> unit_of("f00"), unit_of("I"), unit_of("angle of linear polarization"), unit_of("reflectance factor")
-    ('sr⁻¹', 'W m⁻² sr⁻¹', '°', '')
-    """
+    """The unit of one of QUANTITIES or FIELD_QUANTITIES, as it stands behind a value; "" where there is none."""
     check_name(name, (*QUANTITIES, *FIELD_QUANTITIES))
     if name in MUELLER:
         return "sr⁻¹"
@@ -64,32 +42,8 @@ def unit_of(name: str) -> str:
 
 
 def of_stokes(stokes: Any, name: str) -> Array:
-    """A quantity of Stokes vectors: intensity, degree or angle of polarization.
-
-    Parameters
-    ----------
-    stokes : array_like (..., 4)
-        I, Q, U, V, in any unit of radiance.
-    name : str
-        One of FIELD_QUANTITIES, or "reflectance factor": pi I, where ``stokes`` is the radiance that an irradiance of 1
-        brings.
-
-    Returns
-    -------
-    ndarray (...)
-        Angles in degrees, from 0 to below 180; NaN where there is no light, or no linear polarization for the angle.
-
-    Raises
-    ------
-    SceneError
-        For another name or another shape.
-
-    Examples
-    --------
-    >>> from vrte.results.quantities import of_stokes
-    >>> of_stokes([2.0, 0.0, 1.0, 0.0], "degree of linear polarization").item()
-    0.5
-    """
+    """One of FIELD_QUANTITIES, or the reflectance factor pi I at irradiance 1, of Stokes vectors (..., 4): (...),
+    angles [degrees] from 0 to below 180; NaN where there is no light, or no linear polarization for the angle."""
     check_name(name, (*FIELD_QUANTITIES, REFLECTANCE_FACTOR))
     values = check_numbers("stokes", stokes)
     if values.shape[-1:] != (4,):
@@ -100,41 +54,11 @@ def of_stokes(stokes: Any, name: str) -> Array:
 
 
 def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitted: bool = False) -> Array:
-    """A quantity of a BRDF under some incident light: a Mueller element, the reflectance factor, polarization.
+    """One of QUANTITIES, (n_in, n_out, n_phi), of the diffuse light of a BRDF, or its BTDF, under light ``stokes``
+    (4,), I > 0.
 
-    Beams that smooth surfaces mirror are in none of them, but in ``brdf.specular``.
-
-    Parameters
-    ----------
-    brdf : Brdf
-        What was solved.
-    name : str
-        One of QUANTITIES. A Mueller element, "f00" to "f33" [1/sr] (row: out, column: in), does not depend on
-        ``stokes``; "reflectance factor" is pi times the radiance over the incident irradiance, 1 for a white Lambertian
-        surface.
-    stokes : array_like (4,), optional
-        Stokes vector of the incident light, I > 0; default: unpolarized.
-    transmitted : bool, optional
-        Of the BTDF in place of the BRDF.
-
-    Returns
-    -------
-    ndarray (n_in, n_out, n_phi)
-        In the unit that `unit_of` tells.
-
-    Raises
-    ------
-    SceneError
-        For another name, for light without intensity, and where there is no transmission.
-
-    Examples
-    --------
-    >>> from vrte.results.quantities import of_brdf
-    >>> import vrte
-    >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
-    >>> f = vrte.brdf(white, mu_i=0.5, mu_o=0.5, nodes=4)
-    >>> round(of_brdf(f, "reflectance factor").item(), 12)
-    1.0
+    Mueller elements f00 to f33 [1/sr] (row: out, column: in) do not depend on that light; the reflectance factor is pi
+    times radiance over incident irradiance, 1 for a white Lambertian surface.
     """
     matrices = brdf.transmission if transmitted else brdf.mueller
     if matrices is None:
@@ -143,31 +67,8 @@ def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitt
 
 
 def incident_for(name: str, stokes: Any) -> Array:
-    """The incident light of irradiance 1 that shows a quantity: for a Mueller element its column.
-
-    Parameters
-    ----------
-    name : str
-        One of QUANTITIES.
-    stokes : array_like (4,)
-        Stokes vector of the light for all quantities but Mueller elements, I > 0.
-
-    Returns
-    -------
-    ndarray (4,)
-        I, Q, U, V.
-
-    Raises
-    ------
-    SceneError
-        For another name, and for light without intensity.
-
-    Examples
-    --------
-    >>> from vrte.results.quantities import incident_for
-    >>> incident_for("f02", (1, 0, 0, 0)).tolist(), incident_for("reflectance factor", (2, 1, 0, 0)).tolist()
-    ([0.0, 0.0, 1.0, 0.0], [1.0, 0.5, 0.0, 0.0])
-    """
+    """The Stokes vector (4,) of the incident light of irradiance 1 that shows a quantity: of a Mueller element its
+    column."""
     check_name(name, QUANTITIES)
     given = check_stokes_vector(stokes)
     if not given[0] > 0.0:
@@ -177,50 +78,11 @@ def incident_for(name: str, stokes: Any) -> Array:
 
 
 def of_light(light: Array, name: str) -> Array:
-    """A quantity of the light that leaves under what `incident_for` says.
-
-    Parameters
-    ----------
-    light : ndarray (..., 4)
-        Stokes vectors of the light that leaves [1/sr].
-    name : str
-        One of QUANTITIES.
-
-    Returns
-    -------
-    ndarray (...)
-        In the unit that `unit_of` tells.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from vrte.results.quantities import of_light
-    >>> round(of_light(np.array([1.0 / np.pi, 0.0, 0.0, 0.0]), "reflectance factor").item(), 12)
-    1.0
-    """
+    """One of QUANTITIES, (...), of the light (..., 4) [1/sr] that leaves under what `incident_for` returns."""
     return light[..., int(name[1])] if name in MUELLER else of_stokes(light, name)
 
 
 def check_name(name: Any, allowed: tuple[str, ...]) -> None:
-    """Whether a name is one of those allowed.
-
-    Parameters
-    ----------
-    name : str
-        What was asked for.
-    allowed : tuple of str
-        What there is: QUANTITIES, FIELD_QUANTITIES.
-
-    Raises
-    ------
-    SceneError
-        Where it is none of them.
-
-    Examples
-    --------
-    >>> from vrte.results.quantities import QUANTITIES
-    >>> from vrte.results.quantities import check_name
-    >>> check_name("f00", QUANTITIES)
-    """
+    """Whether a quantity is one of those allowed. Raises SceneError."""
     if not isinstance(name, str) or name not in allowed:
         raise SceneError(f"a quantity must be one of {', '.join(dict.fromkeys(allowed))}, not {show_value(name)}")

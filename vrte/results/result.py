@@ -65,27 +65,12 @@ class Labelled:
             object.__setattr__(self, attribute, found)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The result as an xarray.Dataset, labelled by its directions, every variable with ``units`` and ``long_name``.
+        """A copy as an xarray.Dataset, labelled by its directions, every variable with ``units`` and ``long_name``.
 
         Dimensions: of a BRDF's ``mueller`` (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front
         for a spectrum; of a field's ``stokes`` (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several
         beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V". Derivatives have the
         dimension ``parameter`` in front, labelled by their names.
-
-        Returns
-        -------
-        xarray.Dataset
-            A copy, which may be written into.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the extra "files".
-
-        Examples
-        --------
-        >>> brdf.to_xarray().mueller.sel(stokes_out="Q", stokes_in="I").dims
-        ('mu_i', 'mu_o', 'phi_deg')
         """
         return view(self, "to_xarray")
 
@@ -97,55 +82,13 @@ class Result(Labelled):
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """A figure of what was found.
-
-        Of a BRDF lobes of f00 and polar cuts; of a field I and the degree of polarization against mu, at some depths
-        and azimuths, or beams at the first azimuth; of a spectrum reflectance against wavelength, and f00 in the plane
-        of incidence where there are enough directions.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Its ``savefig`` writes it.
-
-        Raises
-        ------
-        SceneError
-            Where there are too few directions, or fluxes alone.
-        MissingExtraError
-            Without the extra "plot".
-
-        Examples
-        --------
-        >>> len(brdf.plot().axes) > 0
-        True
-        """
+        """A figure: of a BRDF lobes of f00 and polar cuts; of a field I and the degree of polarization against mu, at
+        some depths and azimuths; of a spectrum reflectance against wavelength, and f00 in the plane of incidence."""
         return view(self, "plot")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the result to a file, all of it or nothing; `vrte.load` reads it back.
-
-        Parameters
-        ----------
-        path : path
-            Its name ends in .nc for NetCDF, in .csv for a table, in .zarr for a folder of Zarr.
-
-        Raises
-        ------
-        SceneError
-            For another ending.
-        OSError
-            Where the file cannot be written.
-        MissingExtraError
-            For NetCDF and Zarr without the extra "files".
-
-        Examples
-        --------
-        >>> import vrte
-        >>> brdf.save("powder.csv")
-        >>> bool((vrte.load("powder.csv").mueller == brdf.mueller).all())
-        True
-        """
+        """Writes all of the result or nothing to a file .nc (NetCDF), .csv (a table) or .zarr (a folder); `vrte.load`
+        reads it."""
         return view(self, "save", path)
 
 

@@ -17,6 +17,19 @@ SCENE = "scene_toml"  # in diagnostics: the text of the scene file
 Found = TypeVar("Found", bound=Brdf | Field)
 
 
+def stack(name: str, words: str) -> Any:
+    """A property of a spectrum: arrays of its BRDFs, or dictionaries of them, with the axis of wavelengths in front,
+    read-only; None where they have none."""
+
+    def collect(spectrum: "Spectrum") -> Any:
+        found = [getattr(one, name) for one in spectrum.brdfs]
+        if isinstance(found[0], dict):
+            return {key: settle_array(np.stack([one[key] for one in found])) for key in found[0]}
+        return None if found[0] is None else settle_array(np.stack(found))
+
+    return property(collect, doc=words)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Spectrum(Result):
     """BRDFs at ascending wavelengths, all for the same directions, as `vrte.spectrum` finds them.
@@ -85,115 +98,23 @@ class Spectrum(Result):
         """Azimuths of exit from the incident light's [degrees], (n_phi,)."""
         return self.brdfs[0].phi
 
-    @property
-    def mueller(self) -> Array:
-        """The BRDFs [1/sr], (n, n_in, n_out, n_phi, 4, 4), a new read-only array."""
-        return self._stacked("mueller")
-
-    @property
-    def reflectance(self) -> Array:
-        """Directional-hemispherical reflectances of diffuse light, (n, n_in)."""
-        return self._stacked("reflectance")
-
-    @property
-    def transmission(self) -> Array | None:
-        """The BTDFs [1/sr], of the same shape as ``mueller``, or None."""
-        return self._stacked("transmission")
-
-    @property
-    def direct_transmittance(self) -> Array | None:
-        """The share of the beam that gets through unscattered, (n, n_in), or None."""
-        return self._stacked("direct_transmittance")
-
-    @property
-    def specular(self) -> Array | None:
-        """Mueller matrices of the shares of beams that are mirrored as beams, (n, n_in, 4, 4), or None."""
-        return self._stacked("specular")
-
-    @property
-    def specular_transmission(self) -> Array | None:
-        """Mueller matrices of the shares of beams that leave the other face as beams, (n, n_in, 4, 4), or None."""
-        return self._stacked("specular_transmission")
-
-    @property
-    def surface(self) -> Array | None:
-        """What rough surfaces send back before any particle is met [1/sr], of the shape of ``mueller``, or None."""
-        return self._stacked("surface")
-
-    @property
-    def specular_reflectance(self) -> Array | None:
-        """The shares of unpolarized light that are mirrored as beams, (n, n_in), or None."""
-        return self._stacked("specular_reflectance")
-
-    @property
-    def total_reflectance(self) -> Array:
-        """The shares of unpolarized light that come back, as beams and diffuse, (n, n_in)."""
-        return self._stacked("total_reflectance")
-
-    @property
-    def jacobian(self) -> dict[str, Array] | None:
-        """Derivatives of ``mueller`` by the names of numbers, each of its shape, or None."""
-        return self._stacked_by_name("jacobian")
-
-    @property
-    def reflectance_jacobian(self) -> dict[str, Array] | None:
-        """Derivatives of ``reflectance`` by the names of numbers, each (n, n_in), or None."""
-        return self._stacked_by_name("reflectance_jacobian")
-
-    @property
-    def transmission_jacobian(self) -> dict[str, Array] | None:
-        """Derivatives of ``transmission`` by the names of numbers, each of its shape, or None."""
-        return self._stacked_by_name("transmission_jacobian")
-
-    @property
-    def direct_transmittance_jacobian(self) -> dict[str, Array] | None:
-        """Derivatives of ``direct_transmittance`` by the names of numbers, each (n, n_in), or None."""
-        return self._stacked_by_name("direct_transmittance_jacobian")
-
-    @property
-    def specular_jacobian(self) -> dict[str, Array] | None:
-        """Derivatives of ``specular`` by the names of numbers, each (n, n_in, 4, 4), or None."""
-        return self._stacked_by_name("specular_jacobian")
-
-    def _stacked_by_name(self, name: str) -> dict[str, Array] | None:
-        """Derivatives of all BRDFs as one array a name, read-only; None where they have none."""
-        first = getattr(self.brdfs[0], name)
-        if first is None:
-            return None
-        return {key: settle_array(np.stack([getattr(one, name)[key] for one in self.brdfs])) for key in first}
-
-    def _stacked(self, name: str) -> Any:
-        """An array of all BRDFs as one, read-only; None where they have none."""
-        if getattr(self.brdfs[0], name) is None:
-            return None
-        return settle_array(np.stack([getattr(one, name) for one in self.brdfs]))
+    mueller = stack("mueller", "The BRDFs [1/sr], (n, n_in, n_out, n_phi, 4, 4), a new read-only array.")
+    reflectance = stack("reflectance", "Directional-hemispherical reflectances of diffuse light, (n, n_in).")
+    transmission = stack("transmission", "The BTDFs [1/sr], of the same shape as ``mueller``, or None.")
+    direct_transmittance = stack("direct_transmittance", "Transmittance of the unscattered beam, (n, n_in), or None.")
+    specular = stack("specular", "Mueller matrices of specular reflection of beams, (n, n_in, 4, 4), or None.")
+    specular_transmission = stack("specular_transmission", "The same of beams through the other face, or None.")
+    surface = stack("surface", "Light of rough surfaces alone [1/sr], of the shape of ``mueller``, or None.")
+    specular_reflectance = stack("specular_reflectance", "Of unpolarized beams, (n, n_in), or None.")
+    total_reflectance = stack("total_reflectance", "Of unpolarized light, specular and diffuse, (n, n_in).")
+    jacobian = stack("jacobian", "Derivatives of ``mueller`` by the names of numbers, each of its shape, or None.")
+    reflectance_jacobian = stack("reflectance_jacobian", "The same of ``reflectance``, each (n, n_in).")
+    transmission_jacobian = stack("transmission_jacobian", "The same of ``transmission``, or None.")
+    direct_transmittance_jacobian = stack("direct_transmittance_jacobian", "The same of that, each (n, n_in).")
+    specular_jacobian = stack("specular_jacobian", "The same of ``specular``, each (n, n_in, 4, 4), or None.")
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
-        """The spectrum at some of its own wavelengths.
-
-        Parameters
-        ----------
-        wavelengths_um : float or sequence of float
-            Ascending [um], each one of ``wavelength_um`` to 1e-9 um.
-
-        Returns
-        -------
-        Spectrum
-            Of those alone.
-
-        Raises
-        ------
-        SceneError
-            For a wavelength that it has not.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> import numpy as np
-        >>> white = vrte.Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
-        >>> vrte.Spectrum([0.45, 0.55, 0.65], [white] * 3).at([0.45, 0.65]).wavelength_um.tolist()
-        [0.45, 0.65]
-        """
+        """The spectrum at some of its own wavelengths, ascending [um], each one of ``wavelength_um`` to 1e-9 um."""
         wanted = check_ascending(wavelengths_um)
         places = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
         for one, place in zip(wanted, places, strict=True):
