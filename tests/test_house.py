@@ -13,6 +13,7 @@ import pytest
 
 import vrte
 from bench.faults import FAULTS, ROOT, Fault
+from bench.tables import Configuration
 from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
@@ -39,6 +40,15 @@ def test_of_the_package_itself_only_core_and_version_are_imported() -> None:
             if isinstance(node, ast.ImportFrom) and node.module == "vrte":
                 names = {alias.name for alias in node.names}
                 assert names <= {"_core", "__version__"} or all((PACKAGE / name).is_dir() for name in names), path
+
+
+def test_the_papers_six_configurations_are_timed() -> None:
+    """Each of them is a pytest-benchmark case on Tables 2 and 3, and its ratios are saved by `make bench-save`."""
+    assert {"1", "2", "3", "4", "5", "6"} <= {each.label for each in Configuration}
+    timed = (ROOT / "bench" / "test_six_configurations.py").read_text()
+    assert 'parametrize("configuration", list(Configuration)' in timed
+    assert 'parametrize("problem", FULL_SIZE[:2]' in timed
+    assert "bench/test_six_configurations.py" in (ROOT / "Makefile").read_text()
 
 
 def test_the_core_has_a_file_a_stage() -> None:
