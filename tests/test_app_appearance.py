@@ -17,7 +17,8 @@ import pytest
 import vrte
 from tests.test_app_solving import get_process, until
 from vrte.app import figures
-from vrte.app.form.content import START, get_value, put
+from vrte.app.form.content import START, put
+from vrte.app.form.fields import get_value
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving import worker_process

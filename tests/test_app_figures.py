@@ -9,7 +9,8 @@ import pytest
 
 import vrte
 from vrte.app import figures
-from vrte.app.solving.reflectance import Reflectances, compute_colours
+from vrte.app.solving.messages import Reflectances
+from vrte.app.solving.solve import compute_colours
 from vrte.pictures.lobes import STEP
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 

@@ -22,7 +22,7 @@ from vrte.app.solving import downloads
 from vrte.app.solving.messages import Adopt, Adopted, Limits, Outcome, Progress, Read, Solve
 from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
-from vrte.app.solving.worker import Exchange, Inbox
+from vrte.app.solving.worker import Exchange
 from vrte.app.solving.worker_process import Job, WorkerProcess, explain_end
 from vrte.formats.scene_writer import write_toml
 
@@ -269,14 +269,6 @@ def is_there(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
-
-
-def test_the_newest_task_is_taken() -> None:
-    inbox = Inbox()
-    for number in (1, 2, 3):
-        inbox.put(number)
-    assert inbox.take() == 3
-    assert not inbox.has_newer()
 
 
 def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:

@@ -10,7 +10,7 @@ from matplotlib.text import Annotation
 
 import vrte
 from vrte.app import figures
-from vrte.app.solving.reflectance import WITH_BEAM, WITHOUT_BEAM, collect_reflectances
+from vrte.app.solving.solve import WITH_BEAM, WITHOUT_BEAM, collect_reflectances
 from vrte.optics.fresnel import reflect_smooth
 from vrte.pictures.describe import MIRRORED
 from vrte.pictures.lobes import describe_mirrored_beam, name_brdf

@@ -72,8 +72,8 @@ def measurement(
 ) -> Any:
     """What is ``shown`` of a measurement, and what vrte has for it, ``predicted`` (n,); residuals below.
 
-    ``shown`` is one of `vrte.app.solving.measured.list_shown`; ``fine`` has vrte's values at more places, ``source`` is
-    what they are of. Residuals are over sigma where that is known. Raises MissingExtraError without Plotly.
+    ``shown`` is one of `vrte.app.solving.measuring.list_shown`; ``fine`` has vrte's values at more places, ``source``
+    is what they are of. Residuals are over sigma where that is known. Raises MissingExtraError without Plotly.
     """
     sigma = measured.sigma if measured.has_sigma else None
     if shown in (NUMBERS, COLOURS):

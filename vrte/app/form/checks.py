@@ -8,6 +8,7 @@ import math
 import warnings
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,12 @@ from vrte.app.form.content import (
     Content,
     choose_keywords,
     count_of,
-    get_value,
     is_geometric,
     list_page_wavelengths,
     put,
     select_wavelength,
 )
-from vrte.app.form.fields import find_field
+from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
 from vrte.formats.keys import FilePath
@@ -40,7 +40,7 @@ PLAIN_BASE: Content = {"kind": "lambertian", "albedo": 0.5}
 
 @dataclass(frozen=True)
 class Said:
-    """What there is to say of a part that is made from a file: ``words`` about it, or a ``message`` about a place."""
+    """A part that was made from a file, described in ``words``, or a ``message`` about what is wrong at a place."""
 
     words: str = ""
     message: str = ""
@@ -64,18 +64,16 @@ def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:
 def select_part(content: Content, place: Place) -> Content:
     """A scene of that part alone, whose messages are about the same places."""
     layers = [dict(PLAIN_LAYER) for _ in content["layer"]]
-    base: Content = {"kind": "black"}
-    if place[0] == "base":
-        base = content["base"]
-    else:
+    if place[0] == "layer":
         layer = content["layer"][place[1]]
         layers[int(place[1])] |= {key: layer[key] for key in ("phase", "tolerance") if key in layer}
+    base = content["base"] if place[0] == "base" else {"kind": "black"}
     found = {"layer": layers, "base": base, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
     return found | {key: content[key] for key in ("wavelength_um",) if key in content}
 
 
 def name_part(content: Content, place: Place) -> str:
-    """All that decides what comes of a part; a file never changes under its name."""
+    """A name of all that a part is made from; a file never changes under its name."""
     layer = get_value(content, place[:-1]) if place[0] == "layer" else {}
     return repr((get_value(content, place), layer.get("tolerance"), content.get("wavelength_um")))
 
@@ -91,16 +89,6 @@ def replace_parts(content: Content, places: Collection[Place]) -> Content:
             layer["phase"] = PLAIN_LAYER["phase"]
             layer.pop("tolerance", None)
     return found
-
-
-def list_messages(content: Content, places: Collection[Place], said: Mapping[str, Said]) -> Iterator[tuple[Place, str]]:
-    """What is wrong with parts, or that they are still being read."""
-    for place in places:
-        found = said.get(name_part(content, place))
-        if found is None:
-            yield place, f"{show_place(place)}: {WAITS}"
-        elif found.message:
-            yield found.place, found.message
 
 
 MOST_DIRECTIONS = 10_000
@@ -126,7 +114,9 @@ def find_problems(
     [('nodes',), ('wavelength_um',)]
     """
     parts = list(dict.fromkeys(list_parts(content, tables))) if said is not None else []
-    found: dict[Place, str] = dict(list_messages(content, parts, said or {}))
+    waits = {place: Said(message=f"{show_place(place)}: {WAITS}", place=place) for place in parts}
+    read = [(said or {}).get(name_part(content, place), waits[place]) for place in parts]
+    found = {one.place: one.message for one in read if one.message}
     repaired: set[Place] = set()
     trial = replace_parts(content, parts)
     for _ in range(MOST_ROUNDS):
@@ -160,7 +150,7 @@ def repair_field(content: Content, place: Place) -> None:
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
     whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
-    put(content, place, copy.deepcopy(find_field(place, content).right) if whole is None else whole)
+    put(content, place, copy.deepcopy(find_field(place, content).start) if whole is None else whole)
 
 
 def find_card(place: Place) -> Place:
@@ -181,19 +171,15 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
         content = {**content, "layer": [keep_one_term(layer) for layer in layers]}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # they are told with the result
-        for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
-            check_at(select_wavelength(content, wavelength), folder)
-
-
-def check_at(content: Content, folder: Path) -> None:
-    """The same, of a scene at one wavelength."""
-    for kind in ("brdf", "field") if "field" in content else ("brdf",):
-        file = make_scene_file(content, kind, folder, check_particles)
-        keywords = choose_keywords(file)
-        if any(is_geometric(layer) for layer in content["layer"]):
-            keywords.pop("tau", None)  # how deep that is optically is not known yet
-        with file.located():
-            make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
+        # tables are ranges: the first and the last wavelength will do
+        for wavelength, kind in product(dict.fromkeys((wavelengths[0], wavelengths[-1])), ("brdf", "field")):
+            if kind == "brdf" or kind in content:
+                file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_particles)
+                keywords = choose_keywords(file)
+                if any(is_geometric(layer) for layer in content["layer"]):
+                    keywords.pop("tau", None)  # how deep that is optically is not known yet
+                with file.located():
+                    make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
 
 
 def keep_one_term(layer: Any) -> Any:

@@ -6,7 +6,9 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from vrte.app.form.fields import list_places
+import numpy as np
+
+from vrte.app.form.fields import get_value, list_places
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS, ROUGHNESS
 from vrte.formats.keys import Key, Substance, make_start
@@ -39,17 +41,6 @@ START: Content = {
     },
     "field": {"mu0": 0.6, "mu": {"start": -1.0, "stop": 1.0, "count": 120}, "phi_deg": [0, 180]},
 }
-
-
-def get_value(content: Content, place: Place) -> Any:
-    """What is there, or None."""
-    found: Any = content
-    for step in place:
-        try:
-            found = found[step]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return found
 
 
 def put(content: Content, place: Place, value: Any) -> None:
@@ -89,7 +80,7 @@ def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key
 
 
 def is_in_degrees(content: Content) -> bool:
-    """Whether directions are told in degrees from the normal."""
+    """Whether directions are given in degrees from the normal."""
     return any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
 
 
@@ -137,10 +128,8 @@ def list_page_wavelengths(content: Content) -> list[float]:
             raise SceneError(
                 f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count_of(value)}"
             )
-        return [
-            float(one)
-            for one in check_ascending(value if isinstance(value, list) else read_listed_wavelengths(content))
-        ]
+        listed = value if isinstance(value, list) else read_listed_wavelengths(content)
+        return [float(one) for one in check_ascending(listed)]
     except SceneError as error:
         raise SceneError(str(error), "wavelength_um") from error
 
@@ -166,7 +155,7 @@ NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # name
 
 
 def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
-    """How a size can be told: in words, and what it begins with."""
+    """How a size can be given: in words, and what it begins with."""
     yield "radius", ("one radius", {"radius_um": ONE["radius_um"].start})
     yield "diameter", ("one diameter", {"diameter_um": ONE["diameter_um"].start})
     for name, row in SIZES.items():
@@ -175,14 +164,9 @@ def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
             yield name, (row.words, {"size": start})
             continue
         yield name, (f"{row.words} radii", {"size": {name: dict(start)}})
-        doubled = {DIAMETERS[key]: double(start.pop(key)) for key in list(start) if key in DIAMETERS}
+        doubled = {DIAMETERS[key]: (2.0 * np.array(start.pop(key))).tolist() for key in row.keys if key in DIAMETERS}
         if doubled:
             yield f"{name}, diameters", (f"{row.words} diameters", {"size": {name: doubled | start}})
-
-
-def double(value: Any) -> Any:
-    """Twice a number, or each of a list."""
-    return [2.0 * one for one in value] if isinstance(value, list) else 2.0 * value
 
 
 SIZE_MODES: dict[str, tuple[str, Content]] = dict(list_size_modes())
@@ -228,14 +212,6 @@ def rename_kind(content: Content, old: str, new: str) -> None:
         layer.update({key: renamed(layer[key]) for key in ("particles", "volume_fractions") if key in layer})
 
 
-def name_of_substance(index: Any) -> str:
-    """What a kind of this substance is called, "" where that says nothing."""
-    if not isinstance(index, str) or index in MATERIALS:
-        return index if isinstance(index, str) else ""
-    parts = index.split("/")
-    return parts[1] if len(parts) == 3 and all(parts) else ""
-
-
 def get_substance(kind: Content) -> Any:
     """What particles of a kind consist of, of several substances the first."""
     keys = SOURCES[get_source(kind)].keys
@@ -243,15 +219,18 @@ def get_substance(kind: Content) -> Any:
 
 
 def name_after(content: Content, name: str, before: Any) -> None:
-    """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
+    """Calls a kind after its substance, "Au" of main/Au/Johnson, where it was called after the one ``before``, and not
+    by hand."""
     index = get_substance(content["particles"][name])
-    wanted, first = name_of_substance(index), name_of_substance(before)
+    wanted, first = (
+        one if one in MATERIALS else one.split("/")[1] if one.count("/") == 2 else ""
+        for one in (index if isinstance(index, str) else "", before if isinstance(before, str) else "")
+    )
     by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
-    if not wanted or not by_itself or index == before:
-        return
-    others = content["particles"].keys() - {name}
-    free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
-    rename_kind(content, name, next(one for one in free if one not in others))
+    if wanted and by_itself and index != before:
+        others = content["particles"].keys() - {name}
+        free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
+        rename_kind(content, name, next(one for one in free if one not in others))
 
 
 def get_source(kind: Content) -> str:
@@ -273,7 +252,7 @@ def set_source(kind: Content, source: str) -> None:
 
 
 def get_size_mode(kind: Content) -> str:
-    """How a kind's size is told, one of SIZE_MODES."""
+    """How a kind's size is given, one of SIZE_MODES."""
     size = kind.get("size")
     if not isinstance(size, dict):
         return "diameter" if "diameter_um" in kind else "radius"
@@ -283,7 +262,7 @@ def get_size_mode(kind: Content) -> str:
 
 
 def list_size_places(mode: str) -> list[tuple[str, ...]]:
-    """Where a kind of particle has its size, told in one of SIZE_MODES.
+    """Where a kind of particle has its size, given in one of SIZE_MODES.
 
     >>> list_size_places("gamma, diameters"), list_size_places("radius")
     ([('size', 'gamma', 'd_eff_um'), ('size', 'gamma', 'v_eff')], [('radius_um',)])
@@ -297,7 +276,7 @@ def list_size_places(mode: str) -> list[tuple[str, ...]]:
 
 
 def set_size_mode(kind: Content, mode: str) -> None:
-    """Another way to tell the size; between radius and diameter it stays as it is."""
+    """Another way to give the size; between radius and diameter it stays as it is."""
     before = get_size_mode(kind)
     if mode == before:
         return
@@ -324,46 +303,37 @@ LENGTH, FRACTION, OPTICAL = 50.0, 0.05, 10.0  # that a layer begins with: um, of
 
 def add_layer(content: Content) -> None:
     """One more at the bottom, like the last, with an end. Raises SceneError where there are as many as a page shows."""
-    layers = make_room(content)
+    layers = content["layer"]
     filled = [layer for layer in layers if not is_interface(layer)]
-    layers.append(copy.deepcopy(filled[-1] if filled else {"phase": "isotropic", "albedo": 0.99, "thickness": 10.0}))
+    like = filled[-1] if filled else {"phase": "isotropic", "albedo": 0.99, "thickness": 10.0}
+    ends = {"thickness": 1.0} if like.get("thickness") == math.inf else {}
+    insert_layer(layers, len(layers), copy.deepcopy(like) | ends)
 
 
-def check_room(content: Content) -> None:
-    """Raises SceneError where there are as many layers as a page shows."""
-    if len(content["layer"]) >= MOST_LAYERS:
+def insert_layer(layers: list[Content], place: int, layer: Content) -> None:
+    """Puts a layer in; a semi-infinite one above it gets an end. Raises SceneError where there are as many as a page
+    shows."""
+    if len(layers) >= MOST_LAYERS:
         raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
-
-
-def make_room(content: Content) -> list[Content]:
-    """The layers, where one more may stand below them. Raises SceneError as `check_room` does."""
-    check_room(content)
-    layers: list[Content] = content["layer"]
-    if layers[-1].get("thickness") == math.inf:
+    if place and layers[-1].get("thickness") == math.inf:
         layers[-1]["thickness"] = 1.0
-    return layers
+    layers.insert(place, layer)
 
 
 def add_interface(content: Content) -> None:
-    """Air above the pile, or below it where its top is an interface. Raises SceneError as `add_layer` does."""
+    """Air above the stack, or below it where its top is an interface. Raises SceneError as `add_layer` does."""
     index: Any = content.get("host_index")
     if index is None:
         index = 1.5
         if content.get("particles"):
             content["host_index"] = index  # that of the binder between its surface and the next
-    if not is_interface(content["layer"][0]):
-        check_room(content)
-        content["layer"].insert(0, {"interface": {"above": 1.0, "below": index}})
+    layers = content["layer"]
+    if not is_interface(layers[0]):
+        insert_layer(layers, 0, {"interface": {"above": 1.0, "below": index}})
         return
-    layers = make_room(content)
     last = next(layer["interface"] for layer in reversed(layers) if is_interface(layer))
     above = last.get("below", index)
-    layers.append({"interface": {"above": above, "below": index if above == 1.0 else 1.0}})
-
-
-def is_rough(table: Content) -> bool:
-    """Whether an interface or a base consists of facets."""
-    return table.get("roughness", 0) != 0
+    insert_layer(layers, len(layers), {"interface": {"above": above, "below": index if above == 1.0 else 1.0}})
 
 
 def set_rough(table: Content, surface: str) -> None:
@@ -461,7 +431,7 @@ def is_fraction_needed(layer: Content) -> bool:
 
 
 def is_fraction_asked(content: Content, place: int) -> bool:
-    """The same, or they lie in a medium that may absorb; which it is said to be at its volume fraction's field."""
+    """The same, or they lie in a medium that may absorb: the message about that is at the volume fraction's field."""
     layer, kinds = content["layer"][place], content.get("particles", {})
     held = layer.get("particles", ())
     around = [kinds.get(name, {}) for name in ((held,) if isinstance(held, str) else held)]
@@ -477,7 +447,7 @@ def has_medium(content: Content, place: int) -> bool:
 
 
 def set_packing(layer: Content, packing: str) -> None:
-    """How particles that are close to each other are reckoned with; what needs their volume fraction gets one."""
+    """The packing of particles that are close to each other; a layer that needs a volume fraction for it gets one."""
     if packing == INDEPENDENT:
         layer.pop("packing", None)
         if not is_geometric(layer):

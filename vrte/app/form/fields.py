@@ -4,7 +4,7 @@ the library's messages in these words."""
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from vrte.basics.errors import Place
@@ -22,113 +22,104 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf|nan")
 WHOLE = re.compile(r"[+-]?\d{1,300}")
 
 
-@dataclass(frozen=True)
-class Field:
-    """A field: its ``label``, a ``hint`` below it, or within it what is taken where it is ``empty``, and what is
-    ``right`` whatever the others hold; None: nothing."""
-
-    label: str = ""
-    hint: str = ""
-    right: Any = None
-    empty: str = ""
-
-
 SHARE = "5 % or 0.05"
-FIELDS = {  # by place; * is any layer, any kind of particle
-    "wavelength_um": Field("wavelengths in vacuum [µm]", "one, several with commas, or start:stop:count", right=0.5),
-    "host_index": Field("refractive index of the host medium", SUBSTANCE_HINT, empty="1 if empty"),
-    "particles.*": Field(right={"index": [3.1, 0.1], "radius_um": 0.1}),
-    "particles.*.host_index": Field("refractive index around it", empty="that of the host"),
-    "layer.*.host_index": Field("refractive index of its medium", SUBSTANCE_HINT, empty="that of the host"),
-    "layer.*.interface.above": Field("index above", "a number or a substance"),
-    "layer.*.interface.below": Field("index below", "that of what follows"),
-    "layer.*": Field(right={"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}),
-    "layer.*.particles.*": Field("{}: number fraction", right=1.0),
-    "layer.*.volume_fractions.*": Field("{}: of the volume", right=1e-3, empty=SHARE),
-    "layer.*.phase": Field("table of coefficients", "columns l, a1, a2, a3, a4, b1, b2", right="isotropic"),
-    "layer.*.tolerance": Field("tolerance", "how far below zero it may be", empty="0 if empty"),
-    "layer.*.albedo": Field("single-scattering albedo", right=0.5),
-    "layer.*.thickness": Field("optical thickness", "inf: without end", right=1.0),
-    "layer.*.thickness_um": Field("thickness [µm]", right=1.0),
-    "layer.*.volume_fraction": Field("volume fraction", SHARE, right=0.01),
-    "base": Field(right={"kind": "black"}),
-    "base.kind": Field(right="black"),
-    "brdf": Field(right={"mu_i": 0.5, "mu_o": 0.5}),
-    "brdf.mu_i": Field("cosines of incidence µ_i", right=0.5),
-    "brdf.angle_i_deg": Field("angles of incidence [°]", right=60.0),
-    "brdf.mu_o": Field("cosines of exit µ_o", right=0.5),
-    "brdf.angle_o_deg": Field("angles of exit [°]", right=60.0),
-    "brdf.phi_deg": Field("azimuths φ [°]", "0 forward, 180 back"),
-    "field": Field(right={"mu0": 0.5}),
-    "field.mu0": Field("cosine of the beam's incidence µ_0", right=0.5),
-    "field.angle0_deg": Field("angle of the beam's incidence [°]", right=60.0),
-    "field.tau": Field("optical depths τ", empty="five, evenly if empty"),
-    "field.phi_deg": Field("azimuths φ [°]", "0 and 180: the plane of incidence"),
-    "field.stokes": Field("Stokes vector of the beam", empty="1, 0, 0, 0 if empty"),
-    "field.mu": Field("signed cosines µ", empty="the nodes if empty"),
-    "accuracy": Field("accuracy", empty="1e-6 if empty"),
-    "nodes": Field("nodes a hemisphere", empty="chosen"),
+FIELDS = {  # by place, * being any layer or kind of particle: label, and what no check objects to in its place
+    "wavelength_um": Key("wavelengths in vacuum [µm]", hint="one, several with commas, or start:stop:count", start=0.5),
+    "host_index": Key("refractive index of the host medium", hint=SUBSTANCE_HINT, empty="1 if empty"),
+    "particles.*": Key(start={"index": [3.1, 0.1], "radius_um": 0.1}),
+    "particles.*.host_index": Key("refractive index around it", empty="that of the host"),
+    "layer.*.host_index": Key("refractive index of its medium", hint=SUBSTANCE_HINT, empty="that of the host"),
+    "layer.*.interface.above": Key("index above", hint="a number or a substance"),
+    "layer.*.interface.below": Key("index below", hint="that of what follows"),
+    "layer.*": Key(start={"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}),
+    "layer.*.particles.*": Key("{}: number fraction", start=1.0),
+    "layer.*.volume_fractions.*": Key("{}: of the volume", start=1e-3, empty=SHARE),
+    "layer.*.phase": Key("table of coefficients", hint="columns l, a1, a2, a3, a4, b1, b2", start="isotropic"),
+    "layer.*.tolerance": Key("tolerance", hint="how far below zero it may be", empty="0 if empty"),
+    "layer.*.albedo": Key("single-scattering albedo", start=0.5),
+    "layer.*.thickness": Key("optical thickness", hint="inf: semi-infinite", start=1.0),
+    "layer.*.thickness_um": Key("thickness [µm]", start=1.0),
+    "layer.*.volume_fraction": Key("volume fraction", hint=SHARE, start=0.01),
+    "base": Key(start={"kind": "black"}),
+    "base.kind": Key(start="black"),
+    "brdf": Key(start={"mu_i": 0.5, "mu_o": 0.5}),
+    "brdf.mu_i": Key("cosines of incidence µ_i", start=0.5),
+    "brdf.angle_i_deg": Key("angles of incidence [°]", start=60.0),
+    "brdf.mu_o": Key("cosines of exit µ_o", start=0.5),
+    "brdf.angle_o_deg": Key("angles of exit [°]", start=60.0),
+    "brdf.phi_deg": Key("azimuths φ [°]", hint="0 forward, 180 back"),
+    "field": Key(start={"mu0": 0.5}),
+    "field.mu0": Key("cosine of the beam's incidence µ_0", start=0.5),
+    "field.angle0_deg": Key("angle of the beam's incidence [°]", start=60.0),
+    "field.tau": Key("optical depths τ", empty="five, evenly if empty"),
+    "field.phi_deg": Key("azimuths φ [°]", hint="0 and 180: the plane of incidence"),
+    "field.stokes": Key("Stokes vector of the beam", empty="1, 0, 0, 0 if empty"),
+    "field.mu": Key("signed cosines µ", empty="the nodes if empty"),
+    "accuracy": Key("accuracy", empty="1e-6 if empty"),
+    "nodes": Key("nodes a hemisphere", empty="chosen"),
 }
 
 
-def find_field(place: Place, content: dict[str, Any]) -> Field:
-    """What is declared of a place in a content: in FIELDS or in a registry; nothing of one that has no field.
+def find_field(place: Place, content: dict[str, Any]) -> Key:
+    """What is declared of a place in a content: the key of a registry, with what FIELDS has besides; a key without a
+    label where there is no field.
 
     >>> find_field(("layer", 3, "particles", "gold"), {}).label
     '{}: number fraction'
     >>> find_field(("base", "albedo"), {"base": {"kind": "lambertian"}}).label
     'albedo of the base'
     """
-    key = find_key(place, content) or Key()
     steps = [str(step) for step in place]
     if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])
     if place[2:3] in (("particles",), ("volume_fractions",)):
         steps[3:4] = "*" * len(steps[3:4])
-    known = FIELDS.get(".".join(steps), Field())
-    right = known.right if key.start is None else key.start
-    return Field(key.label or known.label, key.hint or known.hint, right, key.empty or known.empty)
+    known = FIELDS.get(".".join(steps), Key())
+    key = find_key(place, content)
+    if key is None:
+        return known
+    start = known.start if key.start is None else key.start
+    label, hint, empty = key.label or known.label, key.hint or known.hint, key.empty or known.empty
+    return replace(key, label=label, start=start, hint=hint, empty=empty)
 
 
 def find_key(place: Place, content: dict[str, Any]) -> Key | None:
-    """The key of a registry at a place: of the base, of a layer's phase or interface, of particles or their size."""
-    name = str(place[-1])
+    """The key of a registry at a place: of a medium, base, phase, interface, particles or their size."""
+    name, around = str(place[-1]), get_value(content, place[:-1])
+    table: dict[str, Any] = around if isinstance(around, dict) else {}
     if name in MEDIUM:
         return MEDIUM[name]
     if place[0] == "base":
-        base = content.get("base")
-        row = BASES.get(base.get("kind", "black")) if isinstance(base, dict) else None
-        return row.keys.get(name) if row else None
+        kind = table.get("kind", "black")
+        return BASES[kind].keys.get(name) if table and kind in BASES else None
     if place[0] == "layer":
-        return find_layer_key(place, content)
-    if place[0] == "particles" and len(place) == 3:
-        kind = content.get("particles", {}).get(place[1])
-        source = SOURCES.get(kind.get("source", SPHERES)) if isinstance(kind, dict) else None
-        return {**ONE, **(source.keys if source else {})}.get(name)
-    return find_size_key(place, content) if place[2:3] == ("size",) and place[3:] else None
-
-
-def find_layer_key(place: Place, content: dict[str, Any]) -> Key | None:
-    """The key of a phase or an interface at a place, or that of a table of coefficients."""
-    name, layers = str(place[-1]), content.get("layer")
-    if place[2:3] == ("interface",) and len(place) == 4:
-        return {**SIDES, **INTERFACE}.get(name)
-    if place[2:3] != ("phase",) or not isinstance(layers, list):
+        if place[2:-1] == ("interface",):
+            return {**SIDES, **INTERFACE}.get(name)
+        if place[2:-1] == ("phase",):
+            return next((row.keys.get(name) for own, row in PHASES.items() if own in table), None)
+        named = table.get("phase") if name == "phase" else None
+        return FilePath(suffixes=(TABLE,)) if isinstance(named, str) and named not in PHASES else None
+    if place[0] != "particles" or len(place) < 3:
         return None
-    phase: Any = layers[int(place[1])].get("phase")
-    if isinstance(phase, dict) and len(place) == 4:
-        return next((row.keys.get(name) for own, row in PHASES.items() if own in phase), None)
-    return FilePath(suffixes=(TABLE,)) if isinstance(phase, str) and phase not in PHASES else None
-
-
-def find_size_key(place: Place, content: dict[str, Any]) -> Key | None:
-    """The key of a size distribution at a place; where it is told by diameters, with their label."""
-    name = str(place[-1])
-    radius = next((one for one, other in DIAMETERS.items() if other == name), name)
-    size: Any = content.get("particles", {}).get(place[1], {}).get("size")
+    if len(place) == 3:
+        source = SOURCES.get(table.get("source", SPHERES))
+        return {**ONE, **(source.keys if source else {})}.get(name)
+    size: Any = get_value(content, (*place[:2], "size"))
     row = next((row for own, row in SIZES.items() if isinstance(size, dict) and own in size), None)
-    key = row.keys.get(radius) if row else None
+    radius = next((one for one, other in DIAMETERS.items() if other == name), name)
+    key = row.keys.get(radius) if row and place[2] == "size" else None
     return replace(key, label=DIAMETER_LABELS.get(radius, key.label)) if key and radius != name else key
+
+
+def get_value(content: dict[str, Any], place: Place) -> Any:
+    """What is there, or None."""
+    found: Any = content
+    for step in place:
+        try:
+            found = found[step]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return found
 
 
 def list_places(table: Any, *place: str) -> Iterator[Place]:

@@ -11,17 +11,17 @@ from vrte.app.form.content import (
     Content,
     get_medium,
     get_size_mode,
-    get_value,
     is_geometric,
     is_interface,
     list_size_places,
     name_layers,
     put,
 )
-from vrte.app.form.fields import find_field, find_key
+from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
-from vrte.formats.toml_table import is_number, read_share
+from vrte.formats.scene_writer import write_key
+from vrte.formats.toml_table import read_share, show_place
 
 PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
 LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
@@ -40,21 +40,45 @@ CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 
 @dataclass(frozen=True)
-class FreeNumber:
-    """A number at a place of the form: its ``key`` as in sweeps, what it is called, where it starts and may go."""
+class FormNumber:
+    """A number at a place of the form: its ``label``, its value at the ``start``, and from where to where it may go; a
+    slider goes by equal factors.
+
+    >>> slider = FormNumber(("layer", 0, "thickness_um"), "thickness [µm]", 50.0, 1.0, 100.0)
+    >>> slider.key, slider.find_value(100), slider.find_step(10.0)
+    ('layer[1].thickness_um', 10.0, 100)
+    """
 
     place: Place
-    key: str
     label: str
     start: float
     low: float
     high: float
 
+    @property
+    def key(self) -> str:
+        """The key, as sweeps and fits name it."""
+        steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step)}" for step in self.place)
+        return "".join(steps).removeprefix(".")
 
-def list_free_numbers(content: Content) -> list[FreeNumber]:
-    """Those of layers, particles, media and base, in this order."""
+    def find_value(self, step: float) -> float:
+        """The number at a step of a slider, to three digits."""
+        fraction = min(max(step, 0.0), STEPS) / STEPS
+        return float(f"{self.low * (self.high / self.low) ** fraction:.3g}")
+
+    def find_step(self, value: float) -> int:
+        """The step of a slider next to a number within the ends."""
+        return round(STEPS * math.log(value / self.low) / math.log(self.high / self.low))
+
+    def reaches(self, value: float) -> bool:
+        """Whether a number lies between the ends, but for what rounding takes."""
+        return 0.99 * self.low <= value <= 1.01 * self.high
+
+
+def list_free_numbers(content: Content) -> list[FormNumber]:
+    """Those that a fit may change, of layers, particles, media and base, in this order."""
     return [
-        FreeNumber(place, join_place(place), name_number(content, place), value, *suggest_limits(place, value))
+        FormNumber(place, name_number(content, place), value, *suggest_limits(place, value))
         for part in PARTS
         for place, value in list_numbers(content, get_value(content, (part,)), (part,))
     ]
@@ -65,59 +89,34 @@ def list_numbers(content: Content, value: Any, place: Place) -> Iterator[tuple[P
     if isinstance(value, dict):
         for name, below in value.items():
             yield from list_numbers(content, below, (*place, name))
-        return
-    if isinstance(value, list):
-        pair = is_index(content, place) and len(value) == 2 and all(map(is_number, value))
+    elif isinstance(value, list):
+        is_index = isinstance(find_field(place, content), Substance) and len(value) == 2
         for which, below in enumerate(value):
-            if pair or isinstance(below, dict):
+            if is_index or isinstance(below, dict):
                 yield from list_numbers(content, below, (*place, which))
-        return
-    found = read_share(value)
-    field = place[:-1] if is_pair_member(place) else place
-    fits = str(place[-1]) not in LEFT_OUT and not isinstance(find_key(field, content), Whole)
-    if found is not None and math.isfinite(found) and fits and find_field(field, content).label:
-        yield place, found
+    else:
+        found, field = read_share(value), find_field(drop_part(place), content)
+        fits = str(place[-1]) not in LEFT_OUT and not isinstance(field, Whole) and field.label
+        if fits and found is not None and math.isfinite(found):
+            yield place, found
 
 
-def is_index(content: Content, place: Place) -> bool:
-    """Whether a refractive index stands there."""
-    return place[-1] == "host_index" or isinstance(find_key(place, content), Substance)
-
-
-def is_pair_member(place: Place) -> bool:
-    """Whether a place is that of n or of k, within an index."""
-    return isinstance(place[-1], int) and len(place) > 1 and place != ("layer", place[-1])
-
-
-def join_place(place: Place) -> str:
-    """The key of a place, as sweeps and fits name it.
-
-    >>> join_place(("layer", 0, "interface", "below")), join_place(("particles", "TiO2, fine", "radius_um"))
-    ('layer[1].interface.below', 'particles."TiO2, fine".radius_um')
-    """
-    plain = [
-        f"[{step + 1}]"
-        if isinstance(step, int)
-        else f".{step}"
-        if step.replace("-", "").replace("_", "").isalnum() and step.isascii()
-        else f'."{step}"'
-        for step in place
-    ]
-    return "".join(plain).removeprefix(".")
+def drop_part(place: Place) -> Place:
+    """The place of the field that holds a number: that of the index, of its n or k."""
+    return place[:-1] if isinstance(place[-1], int) else place
 
 
 def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
-    """What it is called: of which layer or kind of particles, and as its field says.
+    """The name of a number: of which layer or kind of particles, and as its field says.
 
     >>> name_number({"layer": [{"phase": "rayleigh"}]}, ("layer", 0, "thickness"))
     'layer 1: optical thickness'
     """
-    field = place[:-1] if is_pair_member(place) else place
+    field = drop_part(place)
     label = find_field(field, content).label.format(field[-1])
+    label = "refractive index" if label == SUBSTANCE else label
     if field != place:
-        label = f"{'refractive index' if label == SUBSTANCE else label}, {'nk'[int(place[-1])]}"
-    elif label == SUBSTANCE:
-        label = "refractive index"
+        label = f"{label}, {'nk'[int(place[-1])]}"
     if place[0] == "layer":
         on = f"{name_layers(content['layer'])[int(place[1])]}: " if with_layer else ""
         return on + label.replace(": of the volume", ": volume fraction")
@@ -131,7 +130,7 @@ def suggest_limits(place: Place, value: float) -> tuple[float, float]:
     ((0.0, 1.0), (0.5, 50.0))
     """
     names = [step for step in place if isinstance(step, str)]
-    if place[-1] == 1 and is_pair_member(place):
+    if place[-1] == 1:  # k of an index
         return 0.0, max(LEAST_ABSORPTION, 10.0 * value)
     if names[-1] in LIMITS:
         low, high = LIMITS[names[-1]]
@@ -161,40 +160,12 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     found = copy.deepcopy(content)
     for place, value in values.items():
         if read_share(get_value(found, place)) is None:
-            raise SceneError(f"the form has no number {join_place(place)} any more: it has changed since the fit")
+            raise SceneError(f"the form has no number {show_place(place)} any more: it has changed since the fit")
         put(found, place, float(f"{value:.{DIGITS}g}"))
     return found
 
 
-@dataclass(frozen=True)
-class Slider:
-    """A number > 0 at a place of the form, from ``low`` to ``high``, by equal factors.
-
-    >>> slider = Slider(("layer", 0, "thickness_um"), "thickness [µm]", 1.0, 100.0)
-    >>> slider.find_value(100), slider.find_step(10.0)
-    (10.0, 100)
-    """
-
-    place: Place
-    label: str
-    low: float
-    high: float
-
-    def find_value(self, step: float) -> float:
-        """The number at a step, to three digits."""
-        share = min(max(step, 0.0), STEPS) / STEPS
-        return float(f"{self.low * (self.high / self.low) ** share:.3g}")
-
-    def find_step(self, value: float) -> int:
-        """The step next to a number within the ends."""
-        return round(STEPS * math.log(value / self.low) / math.log(self.high / self.low))
-
-    def reaches(self, value: float) -> bool:
-        """Whether a number lies between the ends, but for what rounding takes."""
-        return 0.99 * self.low <= value <= 1.01 * self.high
-
-
-def list_sliders(content: Content) -> list[Slider]:
+def list_sliders(content: Content) -> list[FormNumber]:
     """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes."""
     filled = [place for place, _ in list_filled(content)]
     ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
@@ -212,7 +183,7 @@ def list_sliders(content: Content) -> list[Slider]:
         value = read_share(get_value(content, place))
         if value is not None and 0.0 < value < math.inf:
             low, high = min(low or value / SIZES, value), max(high or value * SIZES, value)
-            found.append(Slider(place, name_number(content, place, len(filled) > 1), low, high))
+            found.append(FormNumber(place, name_number(content, place, len(filled) > 1), value, low, high))
     return found[:MOST_SLIDERS]
 
 

@@ -8,9 +8,8 @@ from typing import Any
 from nicegui import ui
 
 from vrte.app import figures
-from vrte.app.form.content import get_value
-from vrte.app.form.fields import translate_message
-from vrte.app.form.numbers import STEPS, Slider, explain_missing, list_sliders
+from vrte.app.form.fields import get_value, translate_message
+from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
 from vrte.app.page.controls import add_menu_item, add_message, add_table_row, make_menu, select
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving.appearance import (
@@ -52,7 +51,7 @@ class AppearancePanel:
         self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
         self.view = session.view
         self.view.setdefault("viewing", Viewing())
-        self.sliders: dict[Place, tuple[Slider, Any, Any]] = {}
+        self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}
         self.white: Any = None  # what stands above the slider of the white card
         self.missing = ""
         self.shown: Any = None

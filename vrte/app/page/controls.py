@@ -9,7 +9,7 @@ from nicegui import ui
 
 from vrte.app.form import content as form
 from vrte.app.form.checks import name_part
-from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, parse_field_text, write_field_text
+from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
@@ -177,33 +177,31 @@ class Controls:
 
     def _is_short(self, place: Place) -> bool:
         """Whether half of the form's width is enough for a field."""
-        key = find_key(place, self.session.content)
-        text = isinstance(key, (Substance, FilePath, Choice, Flag, Numbers))
-        return not text and len(find_field(place, self.session.content).label) <= SHORT
+        key = find_field(place, self.session.content)
+        return not isinstance(key, (Substance, FilePath, Choice, Flag, Numbers)) and len(key.label) <= SHORT
 
     def key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """What a registry's key is entered by; ``chosen`` is called once there is a substance."""
         content = self.session.content
-        key, about = find_key(place, content), find_field(place, content)
-        value = form.get_value(content, place)
+        key, value = find_field(place, content), get_value(content, place)
         put = partial(form.put, content, place)
         if isinstance(key, Substance):
             self.substance(*place, chosen=chosen)
         elif isinstance(key, FilePath):
             self.file(*place, key=key)
         elif isinstance(key, Choice):
-            names = dict(key.names) if key.needed or not about.empty else {"": about.empty, **key.names}
+            names = dict(key.names) if key.needed or not key.empty else {"": key.empty, **key.names}
             now = value or next(iter(names))
             long = max(map(len, names.values())) > LONG
-            shown = {name: name or about.empty for name in names} if long else names
-            found = self.choice(shown, now, about.label, lambda chosen: put(chosen or None))
+            shown = {name: name or key.empty for name in names} if long else names
+            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None))
             found.props.update({"hint": names.get(now, "")} if long else {})
             self.enter(place, found)
         elif isinstance(key, Flag):
-            usual = key.usual(form.get_value(content, place[:-1]))
+            usual = key.usual(get_value(content, place[:-1]))
             now = usual if value is None else value is True
             told = key.needed or key.start is not None  # else a box as it usually is puts in nothing
-            self.switch(about.label, now, lambda ticked: put(ticked if told or ticked != usual else None))
+            self.switch(key.label, now, lambda ticked: put(ticked if told or ticked != usual else None))
             self.complaint(*place)
         else:
             self.field(*place)
@@ -218,7 +216,7 @@ class Controls:
             self.refused.pop(place, None)
             self.check()
 
-        label, value = about.label.format(place[-1]), write_field_text(form.get_value(content, place))
+        label, value = about.label.format(place[-1]), write_field_text(get_value(content, place))
         found = ui.input(label, value=value, on_change=typed)
         found.props("outlined dense stack-label hide-bottom-space debounce=120 autocomplete=off spellcheck=false")
         found.without_auto_validation()  # it would wipe out the message that `typed` has brought
@@ -244,7 +242,7 @@ class Controls:
     def file(self, *place: str | int, key: FilePath) -> None:
         """A file that somebody chooses, and what was read from it."""
         about = find_field(place, self.session.content)
-        name = write_field_text(form.get_value(self.session.content, place))
+        name = write_field_text(get_value(self.session.content, place))
         found = ui.input(about.label, value=name).without_auto_validation().classes("vrte-field")
         found.props("outlined dense stack-label hide-bottom-space readonly")
         found.props.update(

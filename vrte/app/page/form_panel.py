@@ -105,7 +105,7 @@ class FormPanel(Controls):
             with make_row():
                 for key in ("above", "below"):
                     self.key("layer", place, "interface", key)
-            rough, put = form.is_rough(layer["interface"]), partial(form.set_rough, layer["interface"])
+            rough, put = layer["interface"].get("roughness", 0) != 0, partial(form.set_rough, layer["interface"])
             self.choice(form.SURFACES, "rough" if rough else "smooth", "surface", put)
             self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
         else:

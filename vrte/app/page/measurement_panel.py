@@ -12,7 +12,7 @@ from vrte.app import figures
 from vrte.app.form.content import Content
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
-from vrte.app.form.numbers import FreeNumber, list_free_numbers, put_values, write_shares_out
+from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_shares_out
 from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
 from vrte.app.solving.measuring import (
     HEADS,
@@ -53,7 +53,7 @@ class MeasurementPanel:
         self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
         self.view = session.view
         self.view.setdefault("free", {})
-        self.listed: list[FreeNumber] = []
+        self.listed: list[FormNumber] = []
         self.ends: dict[str, tuple[Any, Any, Any]] = {}  # of each number: its value now, from, to
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
@@ -115,7 +115,7 @@ class MeasurementPanel:
                     field.props["placeholder"] = write_digits(getattr(one, side))
                     field.update()
 
-    def _add_row(self, one: FreeNumber) -> tuple[Any, Any, Any]:
+    def _add_row(self, one: FormNumber) -> tuple[Any, Any, Any]:
         """A number: whether it may change, where it is, from where to where it may go."""
         told = self.view["free"].get(one.key, {})
         fields = []
@@ -362,7 +362,7 @@ class MeasurementPanel:
                 add_table_row("td", [f"{place}  {label}", *(f"{value:.3f}" for value in row[:place])])
 
 
-def choose_free(listed: list[FreeNumber], told: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
+def choose_free(listed: list[FormNumber], told: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Start, low and high of the numbers that may change, by their keys. Raises SceneError."""
     found = {}
     for one in listed:

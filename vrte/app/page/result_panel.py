@@ -13,8 +13,7 @@ from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
 from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
 from vrte.app.page.measurement_panel import MeasurementPanel
-from vrte.app.solving.messages import Outcome, Solve
-from vrte.app.solving.reflectance import Reflectances
+from vrte.app.solving.messages import Outcome, Reflectances, Solve
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
 from vrte.pictures.interactive import convert_to_dark

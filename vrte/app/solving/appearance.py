@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.app.solving.messages import Message, Task
+from vrte.app.solving.messages import Message
 from vrte.app.solving.worker import MOST_NOTES, Exchange
 from vrte.appearance.appearance import Reading
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
@@ -58,7 +58,7 @@ class Shares:
 
 
 @dataclass(frozen=True)
-class Question(Task):
+class Question:
     """What a scene looks like: the form's content, where its tables lie, how it is looked at, and the spectra that it
     is compared with."""
 

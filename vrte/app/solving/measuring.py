@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
 from vrte.app.solving.downloads import collect_bytes
-from vrte.app.solving.messages import Fit, Fitted, Message, Progress, Refused, Step, Task
+from vrte.app.solving.messages import Fit, Fitted, Message, Progress, Refused, Step
 from vrte.app.solving.worker import MOST_NOTES, Exchange, explain_failure
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError
@@ -29,7 +29,7 @@ RESULT = "# vrte result"  # what files of results begin with, behind their check
 
 
 @dataclass(frozen=True)
-class Comparison(Task):
+class Comparison:
     """A question: a measurement's file, its bytes, and the form's content to be beside it, None while that is wrong."""
 
     content: Content | None

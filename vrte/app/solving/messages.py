@@ -1,13 +1,12 @@
 """What the viewer and its worker processes tell each other: tasks one way, messages the other (`worker_process`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vrte.app.form.checks import Said
-from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -25,12 +24,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Task:
-    """Something for a worker process to answer."""
-
-
-@dataclass(frozen=True)
-class Solve(Task):
+class Solve:
     """A scene to solve: the form's content, and the folder of its tables."""
 
     content: dict[str, Any]
@@ -61,7 +55,7 @@ class Fit(Solve):
 
 
 @dataclass(frozen=True)
-class Read(Task):
+class Read:
     """A result file to read, its bytes: whatever is in them harms that process alone."""
 
     data: bytes
@@ -69,7 +63,7 @@ class Read(Task):
 
 
 @dataclass(frozen=True)
-class Adopt(Task):
+class Adopt:
     """A scene to be taken into the form: the bytes of its file, or the text of a link, which are a stranger's; and the
     ``names`` of the tables in ``folder`` that it may name."""
 
@@ -78,9 +72,12 @@ class Adopt(Task):
     names: frozenset[str]
 
 
+Task = Solve | Read | Adopt | Any  # and the questions of `LiveQuery`
+
+
 @dataclass(frozen=True)
 class Message:
-    """What a worker process says to a task; ``follows``: it goes on."""
+    """Something that a worker process reports on a task; ``follows``: another message does."""
 
     follows = False
 
@@ -167,6 +164,21 @@ class Inside:
 
     names: tuple[str, ...]
     phase_matrices: tuple[PhaseMatrix, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Reflectances:
+    """Reflectances of unpolarized light: ``curves``, (wavelength, mu_i) by what lies beneath, and where some light is
+    mirrored as a beam, with that and without it.
+
+    ``colours`` are "#rrggbb" of the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
+    from there: by reciprocity the same shares. ``why_none`` says why there are no colours. ``mu_i`` (n,).
+    """
+
+    mu_i: Array
+    curves: dict[str, Array]
+    colours: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    why_none: str = ""
 
 
 @dataclass(frozen=True)

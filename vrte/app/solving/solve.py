@@ -2,11 +2,12 @@
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vrte.app.form.checks import Said, select_part
 from vrte.app.form.content import (
@@ -28,34 +29,37 @@ from vrte.app.solving.messages import (
     Planned,
     Progress,
     Read,
+    Reflectances,
     Solve,
     Tensor,
     Written,
 )
-from vrte.app.solving.reflectance import collect_reflectances, replace_base
 from vrte.app.solving.worker import Exchange
-from vrte.basics.arrays import put_in_one_line
-from vrte.basics.errors import SceneError
+from vrte.appearance.colours import convert_to_hex
+from vrte.basics.arrays import Array, put_in_one_line
+from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
 from vrte.formats.layers import describe_filling
-from vrte.formats.particle_sources import make_particles
+from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import parse_toml
 from vrte.optics.angle_tables import describe_expansion
-from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, require_one_beam
 from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
+from vrte.scene.boundary import Lambertian
 from vrte.scene.scene import Scene
 
 MOST_WORDS = 1500  # characters about a part
+FEWEST, FROM_UM, TO_UM = 5, 0.46, 0.64  # wavelengths that make a colour: so many, from below the one to above the other
+WITH_BEAM, WITHOUT_BEAM = ", all of it", ", without what is mirrored as a beam"
 LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
 
 
@@ -86,10 +90,8 @@ def solve(task: Solve, exchange: Exchange) -> Outcome:
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
-        known: list[Particles] = []
-        file = make_scene_file(
-            select_wavelength(content, wavelength), "brdf", task.folder, partial(keep_particles, known)
-        )
+        alone = select_wavelength(content, wavelength)
+        file = make_scene_file(alone, "brdf", task.folder)
         inside.append(describe_inside(content, file.scene))
         keywords = choose_keywords(file)
         with file.located():
@@ -100,10 +102,7 @@ def solve(task: Solve, exchange: Exchange) -> Outcome:
             asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
             others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
         if with_field:
-            again = iter(known)  # the same particles are asked for in the same order
-            file = make_scene_file(
-                select_wavelength(content, wavelength), "field", task.folder, lambda *_, again=again: next(again)
-            )
+            file = replace(make_scene_file(alone, "field", task.folder, check_particles), scene=file.scene)
             with file.located():
                 fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
     return Outcome(
@@ -116,12 +115,6 @@ def solve(task: Solve, exchange: Exchange) -> Outcome:
         notes=exchange.notes(),
         reflectances=collect_reflectances(wavelengths, brdfs, others, names),
     )
-
-
-def keep_particles(known: list[Particles], source: str, given: dict[str, Any]) -> Particles:
-    """Particles as `make_particles` makes them, kept in a list, too."""
-    known.append(make_particles(source, given))
-    return known[-1]
 
 
 def look_at_part(task: Look, exchange: Exchange) -> Said:
@@ -198,6 +191,62 @@ def read(task: Read, exchange: Exchange) -> Outcome:
         except SceneError as error:
             raise SceneError(str(error).replace(str(path), "the file")) from error
     return replace(make_outcome(found), notes=exchange.notes())
+
+
+def replace_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
+    """The scene over black, or over white where it lies on black, and both names; None where no base is reached.
+
+    >>> from vrte import Layer, rayleigh
+    >>> replace_base(Scene([Layer(rayleigh(), 1.0, 1.0)], Lambertian(0.3)))[1]
+    ('over the base (albedo 0.3)', 'over black')
+    """
+    if not scene.base_is_reached:
+        return None, ("no base is reached", "")
+    if scene.base is None:
+        return replace(scene, base=Lambertian(1.0)), ("over black", "over white (albedo 1)")
+    albedo = f" (albedo {scene.base.even_albedo:g})" if scene.base.orders_reflected == 1 else ""
+    return replace(scene, base=None), (f"over the base{albedo}", "over black")
+
+
+def collect_reflectances(
+    wavelength_um: Sequence[float],
+    brdfs: Sequence[Brdf],
+    others: Sequence[Any] = (),
+    names: Sequence[str] = ("as in the file",),
+) -> Reflectances | None:
+    """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
+    if not brdfs:
+        return None
+    found = (brdfs, others) if len(others) == len(brdfs) else (brdfs,)
+    curves: dict[str, Array] = {}
+    for name, each in zip(names, found, strict=False):
+        diffuse = np.array([one.reflectance for one in each])
+        if each[0].specular is None:
+            curves[name] = diffuse
+        else:
+            curves[f"{name}{WITH_BEAM}"] = diffuse + np.array([one.specular[:, 0, 0] for one in each])
+            curves[f"{name}{WITHOUT_BEAM}"] = diffuse
+    colours, why_none = compute_colours(np.array(wavelength_um), curves)
+    return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
+
+
+def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
+    """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where all comes back; or why there are none.
+
+    >>> compute_colours(np.array([0.64]), {})[1]
+    'A colour needs at least 5 wavelengths, from 0.46 µm or less to 0.64 µm or more: type 0.43:0.7:7.'
+    """
+    if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
+        ends = f"from {FROM_UM:g} µm or less to {TO_UM:g} µm or more"
+        return {}, f"A colour needs at least {FEWEST} wavelengths, {ends}: type 0.43:0.7:7."
+    from vrte.render.colour import make_film, weigh_wavelengths
+
+    try:
+        weighed = weigh_wavelengths(wavelength_um)
+    except MissingExtraError as error:
+        return {}, str(error)
+    exposed = make_film(weighed.sum(axis=1))
+    return {name: tuple(map(convert_to_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
 
 
 def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from vrte.app.solving.messages import Limits, Message, Refused, Task
@@ -56,40 +57,32 @@ class Exchange:
         return tuple(dict.fromkeys(told))[:MOST_NOTES]
 
 
-class Inbox:
-    """The newest of what came in; what nobody took in time is gone."""
+def take_newest(inbox: SimpleQueue[Any]) -> Any:
+    """The newest of what came in, once there is anything; what nobody took in time is gone.
 
-    def __init__(self) -> None:
-        self._newest: list[Any] = []
-        self._changed = threading.Condition()
+    >>> inbox = SimpleQueue()
+    >>> for number in (1, 2, 3):
+    ...     inbox.put(number)
+    >>> take_newest(inbox), inbox.empty()
+    (3, True)
+    """
+    found = inbox.get()
+    while not inbox.empty():
+        found = inbox.get()
+    return found
 
-    def put(self, given: Any) -> None:
-        """In place of what waits."""
-        with self._changed:
-            self._newest = [given]
-            self._changed.notify()
 
-    def take(self) -> Any:
-        """The newest, once there is one."""
-        with self._changed:
-            self._changed.wait_for(self.has_newer)
-            return self._newest.pop()
-
-    def has_newer(self) -> bool:
-        """Whether something waits."""
-        return bool(self._newest)
-
-    def fill(self) -> None:
-        """From standard input; None interrupts the process as Ctrl-C does, its end ends it."""
-        try:
-            while True:
-                given = pickle.load(sys.stdin.buffer)
-                if given is None:
-                    _thread.interrupt_main()
-                else:
-                    self.put(given)
-        finally:
-            os._exit(1)
+def fill_inbox(inbox: SimpleQueue[Any]) -> None:
+    """Takes tasks from standard input; None interrupts the process as Ctrl-C does, the end of the input ends it."""
+    try:
+        while True:
+            given = pickle.load(sys.stdin.buffer)
+            if given is None:
+                _thread.interrupt_main()
+            else:
+                inbox.put(given)
+    finally:
+        os._exit(1)
 
 
 def main() -> None:
@@ -100,11 +93,12 @@ def main() -> None:
     limit_memory(limits.memory_bytes)
     if limits.seconds:
         limit_time(limits.seconds)
-    inbox, lock = Inbox(), threading.Lock()
+    inbox: SimpleQueue[Any] = SimpleQueue()
+    lock = threading.Lock()
     answerers: dict[type[Task], Callable[[Any, Exchange], Message]] = {}
-    threading.Thread(target=inbox.fill, daemon=True).start()
+    threading.Thread(target=fill_inbox, args=(inbox,), daemon=True).start()
     while True:
-        number, task = inbox.take()
+        number, task = take_newest(inbox)
 
         def tell(message: Message, number: int = number) -> None:
             with lock:
@@ -112,17 +106,13 @@ def main() -> None:
                 output.flush()
 
         kind = type(task)
-        answerers[kind] = answerers.get(kind) or make_answerer(kind)
-        if (answer := explain_failure(answerers[kind], task, Exchange(tell, inbox.has_newer))) is not None:
+        if kind not in answerers:
+            module, _, name = ANSWERERS[kind.__name__].partition(".")
+            found = getattr(import_module(f"vrte.app.solving.{module}"), name)
+            answerers[kind] = found().answer if isinstance(found, type) else found
+        answer = explain_failure(answerers[kind], task, Exchange(tell, lambda: not inbox.empty()))
+        if answer is not None:
             tell(answer)
-
-
-def make_answerer(kind: type[Task]) -> Callable[[Any, Exchange], Message]:
-    """What answers tasks of a kind, imported for the first."""
-    module, _, name = ANSWERERS[kind.__name__].partition(".")
-    found = getattr(import_module(f"vrte.app.solving.{module}"), name)
-    answerer: Callable[[Any, Exchange], Message] = found().answer if isinstance(found, type) else found
-    return answerer
 
 
 def explain_failure(work: Callable[[Any, Exchange], Message], task: Any, exchange: Exchange) -> Message | None:

@@ -14,11 +14,14 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from queue import SimpleQueue
 from typing import IO, Any
 
 from vrte.app.solving.messages import Adopt, Answer, Limits, Look, Progress, Refused, Step, Task
+from vrte.app.solving.worker import take_newest
 from vrte.basics.memory import find_available_bytes
 
+END = object()  # behind all tasks
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
 AT_ONCE = 2  # solves; others wait
 SOLVE_PLACES = threading.BoundedSemaphore(AT_ONCE)
@@ -43,28 +46,26 @@ class WorkerProcess:
         self.process: subprocess.Popen[bytes] | None = None
         self.started = self.ended = False
         self._hear, self._limits, self._places = hear, limits, places
-        self._waiting: list[Any] = []  # what is still to be sent: at most one task
+        self._outbox: SimpleQueue[Any] = SimpleQueue()  # what is still to be sent: of tasks, the newest
         self._asked = self._answered = 0  # numbers of tasks
         self._waits_since: float | None = None  # behind an older task
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         threading.Thread(target=self._run, name="vrte-view-worker", daemon=True).start()
 
     def ask(self, number: int, task: Task) -> None:
         """A task in place of the one that waits."""
-        with self._changed:
+        with self._lock:
             if self._asked > self._answered:
                 self._waits_since = self._waits_since or time.monotonic()
-            self._waiting, self._asked = [(number, task)], number
-            self._changed.notify_all()
+            self._asked = number
+        self._outbox.put((number, task))
 
     def interrupt(self) -> bool:
         """Asks for the best so far, as Ctrl-C does; False where no task has been sent."""
-        with self._changed:
-            if self._waiting or not self.started:
-                return False
-            self._waiting = [None]
-            self._changed.notify_all()
-            return True
+        if not self.started or not self._outbox.empty():
+            return False
+        self._outbox.put(None)
+        return True
 
     def is_stuck(self) -> bool:
         """Whether an older task does not make room for the newest."""
@@ -73,11 +74,10 @@ class WorkerProcess:
 
     def kill(self) -> None:
         """Ends it at once, however deep it is in a compiled loop."""
-        with self._changed:
+        with self._lock:
             self.ended = True
             if self.process is not None:
                 self.process.kill()
-            self._changed.notify_all()
 
     def _run(self) -> None:
         """Waits for a place, starts the process and hears it until it ends."""
@@ -92,15 +92,15 @@ class WorkerProcess:
         finally:
             if self._places is not None:
                 self._places.release()
-        with self._changed:
+        with self._lock:
             killed, self.ended = self.ended, True
-            self._changed.notify_all()
+        self._outbox.put(END)
         if not killed:
             self._hear(self, self._asked, Refused(why))
 
     def _follow(self, complaints: IO[bytes]) -> str:
         """Starts the process and hears it; why it has ended."""
-        with self._changed:
+        with self._lock:
             if self.ended:
                 return ""
             self.process = process = subprocess.Popen(
@@ -121,7 +121,7 @@ class WorkerProcess:
         return explain_end(process.returncode, complaints)
 
     def _take(self, number: int, message: Any) -> None:
-        with self._changed:
+        with self._lock:
             if self._waits_since is not None:  # it goes on: to the newest task, or nearer to it
                 self._waits_since = None if number == self._asked else time.monotonic()
             if not message.follows:
@@ -132,12 +132,7 @@ class WorkerProcess:
         """Hands tasks over, aside: a page must not wait until they are read."""
         with suppress(OSError, ValueError):  # it has gone, or its pipe is closed
             pickle.dump(self._limits, stdin)
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: self.ended or self._waiting)
-                    if self.ended:
-                        return
-                    task = self._waiting.pop()
+            while (task := take_newest(self._outbox)) is not END:
                 pickle.dump(task, stdin)
                 stdin.flush()
                 self.started = True
