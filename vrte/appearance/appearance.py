@@ -84,23 +84,8 @@ class Appearance:
         return f"Appearance({', '.join(self.reflectances)} at {which}, {self.illuminant}/{self.observer})"
 
     def reflectance(self, geometry: str = VISUAL) -> Array:
-        """The reflectance factor in a geometry.
-
-        Parameters
-        ----------
-        geometry : str, optional
-            One of ``reflectances``, or one that reads the same, light and eye exchanged.
-
-        Returns
-        -------
-        ndarray (n,)
-            1 for the perfect white diffuser.
-
-        Examples
-        --------
-        >>> painted.look.reflectance("0:45").shape
-        (8,)
-        """
+        """The reflectance factor (n,), 1 for the perfect white diffuser, in one of the geometries of ``reflectances``,
+        or in one that reads the same, light and eye exchanged."""
         wanted = read_geometry(geometry).reading
         for name, values in self.reflectances.items():
             if read_geometry(name).reading == wanted:
@@ -109,68 +94,16 @@ class Appearance:
         raise SceneError.of("geometry", f"{show_value(geometry)} was not asked for: there are {known}")
 
     def colour(self, geometry: str = VISUAL) -> Colour:
-        """The colour in a geometry: X, Y, Z, L*, a*, b*, chroma, hue, and for a screen.
-
-        Parameters
-        ----------
-        geometry : str, optional
-            As for `reflectance`.
-
-        Returns
-        -------
-        Colour
-            In this one's illuminant, for its observer.
-
-        Examples
-        --------
-        >>> round(painted.look.colour().L)
-        66
-        """
+        """The colour in a geometry: X, Y, Z, L*, a*, b*, chroma, hue, and for a screen."""
         return find_colour(self.wavelength_um, self.reflectance(geometry), self.illuminant, self.observer)
 
     def difference(self, other: "Appearance", geometry: str = VISUAL) -> float:
-        """The colour difference CIEDE2000 of this panel and another in a geometry: about 1 is just seen side by side.
-
-        Parameters
-        ----------
-        other : Appearance
-            In the same light, for the same observer.
-        geometry : str, optional
-            As for `reflectance`.
-
-        Returns
-        -------
-        float
-            0 for equal colours.
-
-        Examples
-        --------
-        >>> painted.look.difference(painted.look)
-        0.0
-        """
+        """The colour difference CIEDE2000 of this panel and another in a geometry; about 1 is just seen."""
         return find_difference(self.colour(geometry), other.colour(geometry))
 
     def polarization(self, geometry: str = VISUAL) -> tuple[Array, Array]:
-        """Degree and angle of linear polarization: what an instrument with a polarizer before its detector finds.
-
-        Parameters
-        ----------
-        geometry : str, optional
-            As for `reflectance`, one that looks along one direction.
-
-        Returns
-        -------
-        degree : ndarray (n,)
-            From 0 to 1.
-        angle_deg : ndarray (n,)
-            From the plane in which the panel's normal and the line of sight lie [degrees].
-
-        Examples
-        --------
-        >>> degree, angle_deg = painted.look.polarization("45:as15")
-        >>> bool((degree < 0.5).all())
-        True
-        """
+        """Degree (n,), 0 to 1, and angle (n,) [degrees] of linear polarization in a geometry that looks along one
+        direction; the angle is counted from the plane of the panel's normal and the line of sight."""
         name = read_geometry(geometry).name
         if name not in self.light:
             known = ", ".join(self.light) or "none"
@@ -179,26 +112,7 @@ class Appearance:
         return find_degree_of_linear_polarization(stokes), find_angle_of_linear_polarization(stokes)
 
     def gloss(self, angle_deg: float = 60.0) -> float:
-        """Specular gloss, a black glass of n = 1.567 being 100.
-
-        Parameters
-        ----------
-        angle_deg : float, optional
-            20, 60 or 85 [degrees].
-
-        Returns
-        -------
-        float
-            Gloss units.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
-        >>> clear = {"layer": [glass, {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}]}
-        >>> round(vrte.appearance(clear, geometries=["8:di"], nodes=4).gloss(20.0), 6)
-        100.0
-        """
+        """Specular gloss at 20, 60 or 85 degrees [gloss units]; a black glass of n = 1.567 has 100."""
         return find_gloss(self._panel("gloss is read off"), angle_deg)
 
     def hiding(
@@ -209,29 +123,8 @@ class Appearance:
         target: float = TARGET,
         progress: Progress | None = None,
     ) -> Hiding:
-        """How well the panel's film hides a black and a white card, and how thick it has to be for that.
-
-        Parameters
-        ----------
-        black, white : float, optional
-            Albedos of the cards, 0 to 1.
-        geometry : str, optional
-            In which geometry, "45:0".
-        target : float, optional
-            The contrast ratio that counts as hidden, above 0 and below 1.
-        progress : callable, optional
-            Called with (solves done, solves).
-
-        Returns
-        -------
-        Hiding
-            In this one's light, as `vrte.appearance.hiding.find_hiding` finds it.
-
-        Examples
-        --------
-        >>> round(painted.look.hiding().contrast_ratio, 3)  # of what the example of `vrte.paint` finds
-        0.747
-        """
+        """How well the panel's film hides cards of albedos ``black`` and ``white``, and how thick it has to be for a
+        contrast ratio of ``target``; ``progress`` is called with (solves done, solves)."""
         panel = self._panel("hiding power is of")
         return find_hiding(panel, black, white, geometry, self.illuminant, self.observer, target, progress)
 
@@ -248,44 +141,12 @@ class Appearance:
         k2: Any = None,
         progress: Progress | None = None,
     ) -> KubelkaMunk:
-        """Kubelka and Munk's K and S of the panel's film, and Saunderson's k1 and k2 of its surface.
-
-        Parameters
-        ----------
-        white : float, optional
-            Albedo of the white base.
-        geometry : str, optional
-            How reflectance is read: "8:di", "di:di" or "inside".
-        k1, k2 : float or array_like (n,), optional
-            In place of those computed.
-        progress : callable, optional
-            Called with (steps done, steps).
-
-        Returns
-        -------
-        KubelkaMunk
-            As `vrte.appearance.two_flux_fit.find_kubelka_munk` finds it.
-
-        Examples
-        --------
-        >>> painted.look.kubelka_munk(geometry="inside").S.round(2)[0].item()
-        1.36
-        """
+        """Kubelka and Munk's K and S of the panel's film over black and over an albedo ``white``, read in "8:di",
+        "di:di" or "inside"; Saunderson's k1 and k2 (n,) of its surface are computed, or given."""
         return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
 
     def list_readings(self) -> Iterator[Reading]:
-        """All reflectances, polarizations and colours, a number a row.
-
-        Returns
-        -------
-        iterator of Reading
-            Colours where the wavelengths cover the visible.
-
-        Examples
-        --------
-        >>> next(painted.look.list_readings()).quantity
-        'reflectance factor'
-        """
+        """All reflectances, polarizations and colours, a number a row."""
         at = self.wavelength_um.round(9).tolist()
         for name, values in self.reflectances.items():
             known = read_geometry(name)

@@ -100,18 +100,7 @@ class Paint:
         return {name: find_colour(at, values, *light) for name, values in self.hiding.reflectances.items()}
 
     def list_numbers(self) -> Iterator[tuple[str, str]]:
-        """What a data sheet has, as words.
-
-        Returns
-        -------
-        iterator of (str, str)
-            Names, and values with their units.
-
-        Examples
-        --------
-        >>> len(list(painted.list_numbers())) > 3
-        True
-        """
+        """Names, and values with their units in words: what a data sheet has."""
         for name, colour in self.colours.items():
             yield f"colour {name}", f"L* {colour.L:.2f}, a* {colour.a:.2f}, b* {colour.b:.2f} ({colour.hex})"
         if self.hiding is not None:
@@ -125,18 +114,7 @@ class Paint:
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
 
     def list_readings(self) -> Iterator[Reading]:
-        """Every number of the page, one a row.
-
-        Returns
-        -------
-        iterator of Reading
-            As the table in .csv has them.
-
-        Examples
-        --------
-        >>> next(painted.list_readings()).quantity
-        'reflectance factor'
-        """
+        """Every number of the page, one a row, as the table in .csv has them."""
         yield from self.look.list_readings()
         for angle, gloss in self.glosses.items():
             definition = "specular gloss, 100 of polished black glass of index 1.567"
@@ -160,18 +138,8 @@ class Paint:
             yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", words, "Nicodemus 1977")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page, its pictures or its numbers to a file, all of it or nothing.
-
-        Parameters
-        ----------
-        path : path
-            Its name ends in .html for the page, which opens without a network, in .png for one sheet of pictures, in
-            .csv for all numbers, one a row.
-
-        Examples
-        --------
-        >>> painted.save("grey.csv")
-        """
+        """Writes the page (.html, which opens without a network), one sheet of pictures (.png), or all numbers (.csv)
+        by the name's end, all of it or nothing."""
         view(self, "save", path)
 
 

@@ -175,24 +175,7 @@ class Measurement:
         return not bool(np.isnan(self.sigma).any())
 
     def pick(self, rows: Any) -> "Measurement":
-        """Some of the rows.
-
-        Parameters
-        ----------
-        rows : sequence of int or of bool
-            Which, from 0 on, or whether.
-
-        Returns
-        -------
-        Measurement
-            Of these alone.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Measurement("f00", [0.1, 0.2], theta_i_deg=0.0, theta_o_deg=[10.0, 20.0]).pick([1]).value.tolist()
-        [0.2]
-        """
+        """Some of the ``rows``, by their indices from 0 or by a mask."""
         try:
             here = np.atleast_1d(np.arange(len(self))[rows])
         except Exception:  # whatever NumPy says of it
@@ -203,26 +186,8 @@ class Measurement:
         return Measurement(**{name: getattr(self, name)[here] for name in COLUMNS})
 
     def measure(self, value: Any, sigma: Any = None) -> "Measurement":
-        """The same rows with other values: what another panel, or a model, shows there.
-
-        Parameters
-        ----------
-        value : float or array_like (n,)
-            As for a measurement.
-        sigma : float or array_like (n,), optional
-            Standard deviations; default: as they are.
-
-        Returns
-        -------
-        Measurement
-            Otherwise the same.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Measurement("total_reflectance", [0.5], theta_i_deg=8.0).measure([0.4]).value.tolist()
-        [0.4]
-        """
+        """The same rows with other values (n,), and standard deviations where they are given: what another panel, or a
+        model, shows there."""
         columns = {"value": make_column("value", value), "sigma": make_column("sigma", sigma)}
         for name, column in columns.items():
             if column.size not in (1, len(self)):
@@ -237,49 +202,13 @@ class Measurement:
         wavelengths_um: Any = None,
         folder: str | os.PathLike[str] = ".",
     ) -> Array:
-        """What a scene would show in every row.
-
-        Parameters
-        ----------
-        scene : path, mapping, Scene or SceneFamily
-            As for `vrte.fit`.
-        nodes, accuracy, wavelengths_um, folder
-            As for `vrte.fit`.
-
-        Returns
-        -------
-        ndarray (n,)
-            In the units of the quantities.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
-        >>> rows = vrte.Measurement("total_reflectance", 0.0, theta_i_deg=[8.0, 45.0])
-        >>> rows.predict(white, nodes=4).round(9).tolist()
-        [0.25, 0.25]
-        """
+        """What a scene would show in every row (n,), in the units of the quantities; arguments as of `vrte.fit`."""
         from vrte.fit.model import make_model
 
         return make_model(self, scene, (), nodes, accuracy, wavelengths_um, folder).predict(np.zeros(0))
 
     def save(self, path: str | os.PathLike[str], comment: str = "") -> None:
-        """Writes the rows as CSV, which `vrte.read_measurement` brings back.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .csv.
-        comment : str, optional
-            Lines that stand above, behind a #.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> vrte.Measurement("total_reflectance", [0.5], theta_i_deg=8.0).save("panel.csv")
-        >>> vrte.read_measurement("panel.csv").value.tolist()
-        [0.5]
-        """
+        """Writes the rows as CSV, below the lines of a ``comment``; `vrte.read_measurement` brings them back."""
         if os.path.splitext(os.fspath(path))[1].lower() != ".csv":
             raise SceneError(f"the measurement {os.fspath(path)} must end in .csv")
         names = ("quantity", *COORDINATES, "value", "sigma")

@@ -157,77 +157,25 @@ class Fit:
     def profile(self, name: str, values: Any = None, points: int = 9, progress: Progress | None = None) -> "Profile":
         """How chi2 rises along one number, all others fitted anew: an error bar that need not be symmetric.
 
-        Parameters
-        ----------
-        name : str
-            One of ``names``.
-        values : array_like, optional
-            Where it is held; default: to three standard deviations on either side.
-        points : int, optional
-            How many values these are, 3 at least.
-        progress : callable, optional
-            Called with (values done, values).
-
-        Returns
-        -------
-        Profile
-            Values, the least chi2 at each, and where it is 1 above the best.
-
-        Examples
-        --------
-        >>> found = fitted.profile("layer[1].thickness", points=5)
-        >>> bool(found.low < 0.5 < found.high)
-        True
+        The number is held at ``values``, by default at so many ``points``, 3 at least, to three standard deviations on
+        either side; ``progress`` is called with (values done, values).
         """
         from vrte.fit.profile import find_profile
 
         return find_profile(self, name, values, points, progress)
 
     def plot(self) -> "Figure":
-        """What was measured and what the fit shows there, and the residuals in sigmas.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            A column of two panels for each quantity, up to four, and how the residuals are spread.
-
-        Examples
-        --------
-        >>> len(fitted.plot().axes)
-        3
-        """
+        """A column of two panels for each quantity, up to four, with measured and fitted values and residuals in
+        sigmas; and how the residuals are spread."""
         figure: Figure = view(self, "plot")
         return figure
 
     def page(self, path: str | os.PathLike[str]) -> None:
-        """Writes all of it as a page, one file that opens without a network.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .html.
-
-        Examples
-        --------
-        >>> fitted.page("fit.html")
-        """
+        """Writes all of it as a page (.html), one file that opens without a network."""
         view(self, "page", path)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the fit to a file that `load` brings back; without its scene where that was a `vrte.Scene`.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .json.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> fitted.save("fit.json")
-        >>> vrte.Fit.load("fit.json").values.tolist() == fitted.values.tolist()
-        True
-        """
+        """Writes the fit to a file (.json) that `load` brings back; without its scene where that was a `vrte.Scene`."""
         from vrte.fit.state import save_fit
 
         if not os.fspath(path).lower().endswith(".json"):
@@ -236,49 +184,13 @@ class Fit:
 
     @staticmethod
     def load(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> "Fit":
-        """A fit from the file that `save` wrote.
-
-        Parameters
-        ----------
-        path : path
-            The file.
-        folder : path, optional
-            Where the tables that its scene names lie; default: beside the file.
-
-        Returns
-        -------
-        Fit
-            As it was.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> fitted.save("fit.json")
-        >>> vrte.Fit.load("fit.json").names
-        ('layer[1].thickness',)
-        """
+        """A fit from the file that `save` wrote; tables that its scene names lie in ``folder``, or beside the file."""
         from vrte.fit.state import load_fit
 
         return load_fit(path, folder)
 
     def scene(self, wavelength_um: float | None = None) -> Scene:
-        """The scene that fits best.
-
-        Parameters
-        ----------
-        wavelength_um : float, optional
-            Wavelength in vacuum [um], one of the measurement's; default: the scene's own, or the first.
-
-        Returns
-        -------
-        Scene
-            With ``values`` in it.
-
-        Examples
-        --------
-        >>> round(fitted.scene().thickness, 3)
-        0.5
-        """
+        """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first."""
         families = self.find_problem().model.families
         wanted = next(iter(families)) if wavelength_um is None else wavelength_um
         if wanted not in families:
@@ -287,21 +199,7 @@ class Fit:
         return families[wanted].at(np.array(self.values))
 
     def write_scene(self, path: str | os.PathLike[str]) -> None:
-        """Writes the scene file with ``values`` in it, otherwise as it was but for comments.
-
-        Parameters
-        ----------
-        path : path
-            Ends in .toml.
-
-        Examples
-        --------
-        >>> import vrte
-        >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.3}
-        >>> rows = vrte.Measurement("total_reflectance", [0.2, 0.3], 0.01, theta_i_deg=[0.0, 60.0])
-        >>> found = vrte.fit(rows, {"layer": [layer]}, ["layer[1].thickness"], nodes=4)
-        >>> found.write_scene("fitted.toml")
-        """
+        """Writes the scene file (.toml) with ``values`` in it, otherwise as it was but for comments."""
         from vrte.formats.atomic import write_atomically
 
         if not os.fspath(path).lower().endswith(".toml"):
@@ -311,36 +209,14 @@ class Fit:
             part.write_text(text, encoding="utf-8", newline="")
 
     def content(self) -> dict[str, Any]:
-        """The content of the scene file with ``values`` in it.
-
-        Returns
-        -------
-        dict
-            As TOML has it.
-
-        Examples
-        --------
-        >>> sorted(fitted.content())
-        ['layer']
-        """
+        """The content of the scene file with ``values`` in it, as TOML has it."""
         family = self.find_problem().model.source
         if isinstance(family.source, Scene):
             raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
         return family.content_at(np.array(self.values))
 
     def find_problem(self) -> "Problem":
-        """Model, free numbers and priors.
-
-        Returns
-        -------
-        Problem
-            For what is asked of the fit later.
-
-        Examples
-        --------
-        >>> fitted.find_problem().model.names
-        ('layer[1].thickness',)
-        """
+        """Model, free numbers and priors, for what is asked of the fit later."""
         if self.problem is None:
             raise SceneError("this fit was read from a file that does not hold its scene")
         return self.problem
