@@ -155,7 +155,10 @@ THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 6
     ("given", "words"),
     [
         ({"scene": ENDLESS, "free": ["base.albedo"]}, "base.albedo"),
-        ({"scene": ENDLESS, "rows": THROUGH, "free": ["layer[1].albedo"]}, "nothing comes out below a layer without"),
+        (
+            {"scene": ENDLESS, "rows": THROUGH, "free": ["layer[1].albedo"]},
+            "nothing comes out below a semi-infinite layer",
+        ),
         ({"rows": BEAMS, "free": ["base.albedo"]}, "free: base.albedo does nothing to these data"),
         ({"free": {"base.albedo": {"start": 0.5, "high": 0.4}}}, "starts at 0.5, outside its bounds 0 and 0.4"),
         ({"free": {"base.albedo": {"low": 0.5, "high": 0.4}}}, "needs low below high"),

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from docs.scripts import inversion
 from vrte.basics.errors import IndistinguishableWarning
 from vrte.fit import fit
-from vrte.fit.fit_file import read_fit
+from vrte.fit.files import read_fit
 from vrte.optics.crowding import PackingWarning
 
 from .helpers import assert_close

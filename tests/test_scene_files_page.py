@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from vrte.appearance.quantities import Conditions
-from vrte.fit.fit_file import KEYS as FIT_KEYS
+from vrte.fit.files import KEYS as FIT_KEYS
+from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS
-from vrte.fit.problem import LOSSES, SPACINGS
-from vrte.fit.run import JACOBIANS
 from vrte.formats import materials, paints
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import Choice, FilePath, Key

@@ -209,20 +209,28 @@ def find_reflectance(
 
 
 def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, port_deg: float) -> float:
-    """The hemispherical reflectance factor without what goes out of a round port around the mirrored beam.
-
-    The surface's lobe is integrated over the port; what comes from inside is as even as it is at its middle.
-    """
+    """The hemispherical reflectance factor without what goes out of a round port around the mirrored beam."""
     check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
     assert geometry.angle_i is not None
     place = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry.words)
-    port, mu = Round(port_deg), brdf.mu_i[place]
-    seen = project_solid_angle(port, geometry.angle_i)
-    inside, mirrored = float(pick_matrix(brdf, geometry)[0, 0]), 0.0
-    if surface is not None and not surface.is_smooth:
-        inside -= float(surface.facets.reflect(*np.array([[mu], [mu], [0.0]]))[0, 0, 0])
-        mirrored = collect_mirrored(surface, mu, port)
-    return float((brdf.reflectance[place] - inside * seen - mirrored) / (1.0 - seen / np.pi))
+    own = find_own_light(surface, float(brdf.mu_i[place]), port_deg)
+    there = pick_matrix(brdf, geometry)[0, 0]
+    return float(subtract_port(brdf.reflectance[place], there, own, geometry.angle_i, port_deg))
+
+
+def find_own_light(surface: Interface | None, mu_i: float, port_deg: float) -> Array:
+    """What a rough surface itself sends back (2,): along the mirrored beam [1/sr], and through a port around it."""
+    if surface is None or surface.is_smooth:
+        return np.zeros(2)
+    there = surface.facets.reflect(*np.array([[mu_i], [mu_i], [0.0]]))[0, 0, 0]
+    return np.array([float(there), collect_mirrored(surface, mu_i, Round(port_deg))])
+
+
+def subtract_port(total: Any, there: Any, own: Array, angle_i: float, port_deg: float) -> Any:
+    """A hemispherical reflectance ``total`` (...) without what goes out of a port: the surface's ``own`` (..., 2), and
+    light from inside, as even as along the mirrored beam, where f is ``there`` (...) [1/sr]."""
+    seen = project_solid_angle(Round(port_deg), angle_i)
+    return (total - (there - own[..., 0]) * seen - own[..., 1]) / (1.0 - seen / np.pi)
 
 
 def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:

@@ -2,7 +2,8 @@
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,16 +140,25 @@ def prepare_scenes(
     return [made[place] for place in range(count)], told
 
 
+@contextmanager
+def name_wavelength(wavelength_um: float | None) -> Iterator[None]:
+    """Puts a wavelength, where one is known, in front of complaints."""
+    try:
+        yield
+    except SceneError as error:
+        if wavelength_um is None:
+            raise
+        raise error.behind(f"at {wavelength_um:g} um") from error
+
+
 def prepare_scene(scene: Source, wavelength: float, folder: str | os.PathLike[str]) -> "SceneFile":
     """The scene at one wavelength. Raises SceneError, which names it."""
     from vrte.formats.scene_file import make_scene_file, read_scene
 
-    try:
+    with name_wavelength(wavelength):
         if isinstance(scene, Mapping):
             return make_scene_file({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
         return read_scene(scene, "brdf", wavelength)
-    except SceneError as error:
-        raise error.behind(f"at {wavelength:g} um") from error
 
 
 def solve_spectrum(

@@ -15,10 +15,11 @@ from vrte.commands.common import (
     say_written,
     show_progress,
 )
-from vrte.fit.fit_file import FitFile, read_fit
-from vrte.fit.profile import Profile
+from vrte.fit.files import FitFile, read_fit
+from vrte.fit.problem import JACOBIANS, MOST_STARTS
 from vrte.fit.result import Fit
-from vrte.fit.run import JACOBIANS, MOST_STARTS, fit
+from vrte.fit.run import fit
+from vrte.fit.verdict import Profile
 from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.pictures.figures import save_figure
 

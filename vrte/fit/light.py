@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -10,18 +10,19 @@ import numpy as np
 from vrte.basics.arrays import Array, settle_array
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
-from vrte.fit.quantities import Shares
+from vrte.fit.quantities import BeamShares
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary import move_scene
+from vrte.scene.vary import move_scene, turn_variation
 
 MOST_TOGETHER = 200_000  # pairs of directions of a solve; where there are more, each incidence has a solve of its own
 
 Triple = tuple[bool, float, float, float]  # whether through, cosines of incidence and exit, azimuth
+Solved = tuple[Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
 
 
 @dataclass(eq=False)
@@ -43,48 +44,42 @@ class Sight:
         self.through |= through
         return self.beams.setdefault(mu, len(self.beams))
 
-    def group(self) -> list["Group"]:
+    @cached_property
+    def groups(self) -> list["SightGroup"]:
         """The solves: all directions together where they are not too many, else one for each incidence."""
-        if not self.triples:
-            return [Group((), tuple(self.beams), self.through)]
         incident = {mu for _, mu, _, _ in self.triples} | {*self.beams}
         out, turned = ({one[place] for one in self.triples} for place in (2, 3))
-        if len(incident) * len(out) * len(turned) <= MOST_TOGETHER:
-            return [Group(tuple(self.triples), tuple(self.beams), self.through)]
+        if len(incident) * len(out) * len(turned) <= MOST_TOGETHER:  # none, of beams alone
+            return [SightGroup(tuple(self.triples), tuple(self.beams), self.through)]
         groups = []
         for mu in sorted(incident):
             triples = tuple(one for one in self.triples if one[1] == mu)
-            groups.append(Group(triples, (mu,) if mu in self.beams else (), self.through))
+            groups.append(SightGroup(triples, (mu,) if mu in self.beams else (), self.through))
         return groups
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class SightGroup:
     """The directions of one solve."""
 
     triples: tuple[Triple, ...]
     beams: tuple[float, ...]
     through: bool
 
-    @property
-    def mu_i(self) -> Array:
-        return np.array(sorted({mu for _, mu, _, _ in self.triples} | {*self.beams}))
-
-    @property
-    def mu_o(self) -> Array:
-        return np.array(sorted({mu for _, _, mu, _ in self.triples}))
-
-    @property
-    def phi(self) -> Array:
-        return np.array(sorted({phi for *_, phi in self.triples}))
+    @cached_property
+    def axes(self) -> tuple[Array, ...]:
+        """Cosines of incidence and of exit and azimuths [degrees] of the solve, each ascending."""
+        incident, out, turned = ({one[place] for one in self.triples} for place in (1, 2, 3))
+        return tuple(np.array(sorted(one)) for one in (incident | {*self.beams}, out, turned))
 
     def ask(self, scene: Scene, options: dict[str, Any]) -> Request:
         """The request that a scene is solved by. Raises SceneError."""
         if self.through and not np.isfinite(scene.thickness):
-            raise SceneError("transmittance was measured, and nothing comes out below a layer without end")
+            raise SceneError("transmittance was measured, and nothing comes out below a semi-infinite layer")
         if self.triples:
-            return make_brdf_request(scene, self.mu_i, self.mu_o, self.phi, transmission=self.through, **options)
-        request = make_radiance_request(scene, self.mu_i, mu=[], **options)
+            mu_i, mu_o, phi = self.axes
+            return make_brdf_request(scene, mu_i, mu_o, phi, transmission=self.through, **options)
+        request = make_radiance_request(scene, self.axes[0], mu=[], **options)
         levels = np.array([0.0, request.scene.thickness] if self.through else [0.0])
         return replace(request, tau=settle_array(levels), asked_tau=None, under=np.arange(levels.size) > 0)
 
@@ -96,31 +91,25 @@ class Group:
             faces = [part[0] for part in found.parts]
             if request.illuminate == "bottom":
                 faces = [mirror_mueller(part) for part in faces]
-            axes = (self.mu_i, self.mu_o, self.phi)
             for place, (through, *where) in enumerate(self.triples):
-                at = tuple(int(np.searchsorted(axis, one)) for axis, one in zip(axes, where, strict=True))
+                at = tuple(int(np.searchsorted(axis, one)) for axis, one in zip(self.axes, where, strict=True))
                 matrices[place] = faces[through][at]
-        places = np.searchsorted(self.mu_i, np.array(self.beams))
-        mu = self.mu_i[places]
+        places = np.searchsorted(self.axes[0], np.array(self.beams))
+        mu = self.axes[0][places]
         up = found.flux_up[0, places, 0] / mu
         down = found.flux_down[1, places, 0] / mu if self.through else np.zeros_like(up)
         return matrices, up, down
 
-    def make_beam_jets(self, scene: Scene, variations: Sequence[Variation]) -> Array:
-        """Jets (1 + n, 2, beam) of the shares that are mirrored, and get through, as beams; ``scene`` and
-        ``variations`` as they are lit from above."""
-        return make_scene_jet(lambda given: np.stack(self.follow_beams(given)), scene, variations, self.mu_i.min())
-
-    def follow_beams(self, scene: Scene) -> tuple[Array, Array]:
-        """Shares (beam,) that are mirrored, and get through, as beams; ``scene`` as it is lit from above."""
-        mu = np.array(self.beams)
-        if not mu.size:
-            return np.zeros(0), np.zeros(0)
-        if not scene.keeps_beams:
-            return np.zeros_like(mu), np.exp(-scene.thickness / mu)
-        ends = np.array([0.0, scene.thickness])[: 1 + bool(np.isfinite(scene.thickness))]
-        direct = find_direct_light(scene, mu, locate_depths(scene, ends, np.arange(ends.size) > 0))
-        return direct[0, :, 0, 0, 0], direct[1, :, 1, 0, 0] if ends.size > 1 else np.zeros_like(mu)
+    def follow_beams(self, scene: Scene) -> Array:
+        """Shares (2, beam) that are mirrored, and get through, as beams; ``scene`` as it is lit from above."""
+        mu, found = np.array(self.beams), np.zeros((2, len(self.beams)))
+        if mu.size and not scene.keeps_beams:
+            found[1] = np.exp(-scene.thickness / mu)
+        elif mu.size:
+            ends = np.array([0.0, scene.thickness])[: 1 + bool(np.isfinite(scene.thickness))]
+            direct = find_direct_light(scene, mu, locate_depths(scene, ends, np.arange(ends.size) > 0))
+            found[: ends.size] = [direct[side, :, side, 0, 0] for side in range(ends.size)]
+        return found
 
 
 def make_scene_jet(
@@ -147,29 +136,26 @@ def make_scene_jet(
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Jets (1 + n, ...) of what a `Sight` looks at: Mueller matrices (1 + n, triple, 4, 4), shares of beams; and the
-    scene, how it changes with each number, and the flattest direction's cosine."""
+    scene, and how it changes with each number."""
 
     matrices: Array
-    shares: Shares
+    shares: BeamShares
     scene: Scene
     variations: Sequence[Variation]
-    lowest: float
 
 
-def join_groups(
-    sight: Sight,
-    groups: Sequence[Group],
-    found: Sequence[tuple[Array, Shares]],
-    scene: Scene,
-    variations: Sequence[Variation],
-) -> Seen:
-    """What the solves of a sight found, at the places that rows know."""
-    first = found[0][0].shape[0]
-    matrices = np.zeros((first, len(sight.triples), 4, 4))
-    shares = Shares(*(np.zeros((first, len(sight.beams))) for _ in Shares._fields))
-    for group, (part, some) in zip(groups, found, strict=True):
-        matrices[:, [sight.triples[one] for one in group.triples]] = part
+def read_sight(sight: Sight, solved: Sequence[Solved]) -> Seen:
+    """What the solves of a sight's groups found, as jets at the places that rows know."""
+    request, _, slopes, variations = solved[0]
+    turned = [turn_variation(one) for one in variations] if request.illuminate == "bottom" else variations
+    matrices = np.zeros((1 + len(slopes), len(sight.triples), 4, 4))
+    shares = BeamShares(*np.zeros((4, 1 + len(slopes), len(sight.beams))))
+    for group, (asked, value, changes, _) in zip(sight.groups, solved, strict=True):
+        parts = [group.read(asked, one) for one in (value, *changes)]
         places = [sight.beams[one] for one in group.beams]
-        for whole, one in zip(shares, some, strict=True):
+        matrices[:, [sight.triples[one] for one in group.triples]] = [part[0] for part in parts]
+        beams = make_scene_jet(group.follow_beams, asked.scene, turned, group.axes[0].min())
+        up, down = (np.stack([part[side] for part in parts]) for side in (1, 2))
+        for whole, one in zip(shares, (up, down, beams[:, 0], beams[:, 1]), strict=True):
             whole[:, places] = one
-    return Seen(matrices, shares, scene, variations, min(float(group.mu_i.min()) for group in groups))
+    return Seen(matrices, shares, request.scene, turned)

@@ -11,7 +11,7 @@ from vrte.appearance.colours import check_light
 from vrte.appearance.geometries import read_geometry
 from vrte.basics.arrays import Array, check_list, check_numbers, settle_array, show_value
 from vrte.basics.errors import SceneError
-from vrte.fit.quantities import LOOK, QUANTITIES, Quantity
+from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
 from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns, write_table
 from vrte.formats.toml_table import suggest_nearest
 
@@ -99,64 +99,57 @@ class Measurement:
         for name in COLUMNS:
             settle_array(getattr(self, name))
 
-    def _settle(self, known: Quantity, rows: Any) -> None:
+    def _settle(self, known: MeasuredQuantity, rows: Any) -> None:
         """Checks the rows of a quantity, and fills in what may be left out. Raises SceneError."""
-        for name in (*COORDINATES,):
+        what = self.quantity[rows[0]]
+        for name in COORDINATES:
             column = getattr(self, name)
             empty = column[rows] == "" if name in WORDS else np.isnan(column[rows])
-            takes = name in known.needs or (name in OPTIONAL and known.needs != LOOK)
-            if not takes and not empty.all():
-                self._refuse(rows[~empty][0], name, f"must be empty: {self.quantity[rows[0]]} has none")
-            if takes and empty.any() and name not in OPTIONAL:
-                if name not in DEFAULTS:
-                    self._refuse(rows[empty][0], name, f"is missing: {self.quantity[rows[0]]} needs it")
+            if name not in known.needs and not (name in OPTIONAL and known.needs != LOOK):
+                self._refuse(rows, ~empty, name, f"must be empty: {what} has none")
+                continue
+            if name not in DEFAULTS and name not in OPTIONAL:
+                self._refuse(rows, empty, name, f"is missing: {what} needs it")
+            elif name not in OPTIONAL:
                 column[rows[empty]] = DEFAULTS[name]
-            if takes:
-                self._check_column(name, rows)
+            self._check_column(name, rows)
         self._check_values(known, rows)
 
     def _check_column(self, name: str, rows: Any) -> None:
         """Whether what says where something was measured is allowed. Raises SceneError."""
-        column = getattr(self, name)
-        low, high, words = ALLOWED.get(name, (-np.inf, np.inf, ""))
-        if words:
-            given = column[rows]
+        given = getattr(self, name)[rows]
+        if name in ALLOWED:
+            low, high, words = ALLOWED[name]
             bad = ~((given >= low) & (given < high)) & ~np.isnan(given)
-            if bad.any():
-                self._refuse(rows[bad][0], name, f"must be {words}, not {given[bad][0]:g}")
+            self._refuse(rows, bad, name, f"must be {words}, not {{:g}}")
         if name == "geometry":
-            for one in {*column[rows].tolist()}:
+            for one in {*given.tolist()}:
                 read_geometry(one)
         if name == "illuminant":
-            for one, degrees in {*zip(column[rows].tolist(), self.observer[rows].tolist(), strict=True)}:
+            for one, degrees in {*zip(given.tolist(), self.observer[rows].tolist(), strict=True)}:
                 check_light(one, 10 if np.isnan(degrees) else int(degrees))
-        if name == "observer" and not np.isin(column[rows], (2.0, 10.0)).all():
-            self._refuse(rows[~np.isin(column[rows], (2.0, 10.0))][0], name, "must be 2 or 10 (degrees)")
+        if name == "observer":
+            self._refuse(rows, ~np.isin(given, (2.0, 10.0)), name, "must be 2 or 10 (degrees)")
 
-    def _check_values(self, known: Quantity, rows: Any) -> None:
+    def _check_values(self, known: MeasuredQuantity, rows: Any) -> None:
         """Whether values are finite and what the quantity can be, give or take the noise. Raises SceneError."""
         value, sigma = self.value[rows], self.sigma[rows]
-        for name, bad, words in (
-            ("value", ~np.isfinite(value), "must be a finite number, not {:g}"),
-            ("sigma", ~np.isnan(sigma) & ~((sigma > 0.0) & np.isfinite(sigma)), "must be above 0 and finite, not {:g}"),
-        ):
-            if bad.any():
-                given = getattr(self, name)[rows[bad][0]]
-                self._refuse(rows[bad][0], name, words.format(given))
+        self._refuse(rows, ~np.isfinite(value), "value", "must be a finite number, not {:g}")
+        bad = ~np.isnan(sigma) & ~((sigma > 0.0) & np.isfinite(sigma))
+        self._refuse(rows, bad, "sigma", "must be above 0 and finite, not {:g}")
         low, high = known.bounds
         slack = np.where(np.isnan(sigma), 0.05 * np.abs(value).max(), OUTSIDE * sigma)
-        for bad, words in (
-            (value < low - slack, f"is below {low:g}, which {self.quantity[rows[0]]} cannot be"),
-            (value > high + slack, f"is above {high:g}, which {self.quantity[rows[0]]} cannot be"),
-        ):
-            if bad.any():
-                row = rows[bad][0]
-                noise = "by more than noise" if np.isnan(sigma).any() else f"by more than {OUTSIDE:g} sigma"
-                noise += "; it looks like per cent" if high == 1.0 and 1.5 < self.value[row] <= 150.0 else ""
-                self._refuse(row, "value", f"{self.value[row]:g} {words}, {noise}")
+        noise = "by more than noise" if np.isnan(sigma).any() else f"by more than {OUTSIDE:g} sigma"
+        for bad, side in ((value < low - slack, f"below {low:g}"), (value > high + slack, f"above {high:g}")):
+            percent = high == 1.0 and bad.any() and 1.5 < value[bad][0] <= 150.0
+            words = f"{{:g}} is {side}, which {self.quantity[rows[0]]} cannot be, {noise}"
+            self._refuse(rows, bad, "value", words + ("; it looks like per cent" if percent else ""))
 
-    def _refuse(self, row: int, name: str, words: str) -> None:
-        raise SceneError(f"row {row + 1}: {name} {words}", name)
+    def _refuse(self, rows: Any, bad: Any, name: str, words: str) -> None:
+        """Raises SceneError for the first of the rows that are bad, where ``words`` may have a place for its value."""
+        if bad.any():
+            row = rows[bad][0]
+            raise SceneError(f"row {row + 1}: {name} {words.format(getattr(self, name)[row])}", name)
 
     def __len__(self) -> int:
         return int(self.value.size)

@@ -2,8 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,9 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from vrte.appearance.apertures import Round, collect_mirrored, project_solid_angle
 from vrte.appearance.colours import find_colour
-from vrte.appearance.geometries import NODES, PORT_DEG, Geometry, read_geometry
+from vrte.appearance.geometries import (
+    NODES,
+    PORT_DEG,
+    Geometry,
+    find_cosine,
+    find_own_light,
+    read_geometry,
+    subtract_port,
+)
 from vrte.appearance.panel import choose_wavelengths
 from vrte.basics.arrays import Array
 from vrte.basics.differences import STEP, sample_around
@@ -21,34 +27,21 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.side_by_side import run_side_by_side
-from vrte.fit.light import Group, Seen, Sight, join_groups, make_scene_jet
+from vrte.calls.spectrum import name_wavelength
+from vrte.fit.light import Seen, Sight, SightGroup, Solved, make_scene_jet, read_sight
 from vrte.fit.measurement import Measurement
-from vrte.fit.quantities import BEAM, DIRECTIONS, INSTRUMENT, LOOK, QUANTITIES, Shares, find_tristimulus
+from vrte.fit.quantities import BEAM, DIRECTIONS, LOOK, QUANTITIES, BeamShares, find_tristimulus
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
 from vrte.request.how import EXACT
-from vrte.request.request import Request
-from vrte.results.solution import Solution
 from vrte.results.spectrum import check_ascending
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
-from vrte.scene.vary import turn_variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
 Wavelength = float | None
-Solved = tuple[Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Rows of one quantity at one wavelength, and the places of their directions or beams in its sight."""
-
-    quantity: str
-    rows: Any
-    wavelength: Wavelength
-    places: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +75,12 @@ class Model:
         self.notes: list[str] = []
         self.nodes: int | None = self.options.get("nodes")
         self.sights: dict[Wavelength, Sight] = {}
-        self.readings: list[Reading] = []
-        self.instruments: list[tuple[Any, Wavelength, Instrument]] = []
-        self.colours: list[tuple[str, int, list[tuple[Wavelength, Instrument]], tuple[str, int]]] = []
+        self.direct: dict[tuple[str, Wavelength], list[tuple[int, int]]] = {}  # rows, and their places in a sight
+        self.read_by_instruments: list[tuple[int, list[tuple[Wavelength, Instrument]]]] = []  # rows; several: colours
         for row in range(len(measurement)):
             self._add_row(row)
-        self._join_readings()
-        self.groups = {one: sight.group() for one, sight in self.sights.items()}
-        for light in dict.fromkeys(conditions for *_, conditions in self.colours):
+        rows = [row for row, _ in self.read_by_instruments if measurement.illuminant[row]]
+        for light in dict.fromkeys((measurement.illuminant[row], int(measurement.observer[row])) for row in rows):
             words = find_colour(colours_um, np.ones(colours_um.size), *light).extrapolation
             if words:
                 self.notes.append(f"colours in {light[0]} take reflectance beyond the known wavelengths: {words}")
@@ -104,34 +95,24 @@ class Model:
         """Their values in the scene as it is given."""
         return np.array(self.source.values, float)
 
-    @property
-    def slopes_come_along(self) -> bool:
-        """Whether derivatives are found with the values, in one solve."""
-        return self.jacobian == "exact"
-
     def _add_row(self, row: int) -> None:
         """What a row asks for."""
         given = self.measurement
-        name = given.quantity[row]
-        known, at = QUANTITIES[name], given.wavelength_um[row]
-        if known.needs == LOOK:
+        name, at = given.quantity[row], given.wavelength_um[row]
+        known, wavelength = QUANTITIES[name], None if math.isnan(at) else float(at)
+        if given.geometry[row]:
+            several = self.colours_um.tolist() if known.needs == LOOK else [wavelength]
             geometry = read_geometry(given.geometry[row])
-            seen = [(one, self._place_instrument(one, geometry)) for one in self.colours_um.tolist()]
-            self.colours.append((name, row, seen, (given.illuminant[row], int(given.observer[row]))))
-            return
-        wavelength = None if math.isnan(at) else float(at)
-        if known.needs == INSTRUMENT:
-            made = self._place_instrument(wavelength, read_geometry(given.geometry[row]))
-            self.instruments.append((row, wavelength, made))
+            self.read_by_instruments.append((row, [(one, self._place_instrument(one, geometry)) for one in several]))
             return
         sight = self.sights.setdefault(wavelength, Sight())
-        mu_i = find_cosine(given.theta_i_deg[row])
+        mu_i, theta_o, phi = find_cosine(given.theta_i_deg[row]), given.theta_o_deg[row], given.phi_deg[row]
         if known.needs == BEAM:
             place = sight.add_beam(mu_i, known.through)
         else:
-            theta_o, phi = given.theta_o_deg[row], given.phi_deg[row]
-            place = sight.add_triple(known.through, mu_i, find_cosine(theta_o), phi + 180.0 * bool(theta_o < 0.0))
-        self.readings.append(Reading(name, row, wavelength, place))
+            turned = phi + 180.0 * bool(theta_o < 0.0)
+            place = sight.add_triple(known.through, mu_i, find_cosine(theta_o), turned)
+        self.direct.setdefault((name, wavelength), []).append((row, place))
 
     def _place_instrument(self, wavelength: Wavelength, geometry: Geometry) -> Instrument:
         """The directions of an instrument, added to the sight of a wavelength."""
@@ -143,16 +124,6 @@ class Model:
         triple = sight.add_triple(False, float(mu_i[0]), float(mu_i[0]), 0.0) if geometry.excluded else None
         return Instrument(geometry, beams, triple)
 
-    def _join_readings(self) -> None:
-        """Rows of one quantity at one wavelength are read together."""
-        joined: dict[tuple[str, Wavelength], list[Reading]] = {}
-        for one in self.readings:
-            joined.setdefault((one.quantity, one.wavelength), []).append(one)
-        self.readings = [
-            Reading(name, np.array([one.rows for one in some]), wavelength, np.array([one.places for one in some]))
-            for (name, wavelength), some in joined.items()
-        ]
-
     def predict(self, values: Array) -> Array:
         """What the scene with these numbers shows, (rows,). Raises SceneError."""
         return self._find_jets(values, with_slopes=False)[0]
@@ -162,18 +133,14 @@ class Model:
         if self.jacobian == "exact":
             jets = self._find_jets(values, with_slopes=True)
             return jets[0], jets[1:].T
-        return self.predict(values), np.stack([self._differentiate(values, k) for k in range(values.size)], axis=1)
 
-    def _differentiate(self, values: Array, place: int) -> Array:
-        """Differences of the model by one number (rows,), of five points."""
+        def differentiate(place: int) -> Array:
+            """The derivative by one number (rows,), from differences of five points."""
+            here, step = np.arange(values.size) == place, STEP * (abs(values[place]) or 1.0)
+            points = sample_around(lambda value: self.predict(np.where(here, value, values)), values[place], step)
+            return np.sum([weight * found for weight, found in points], axis=0)
 
-        def predict_at(value: float) -> Array:
-            there = values.copy()
-            there[place] = value
-            return self.predict(there)
-
-        step = STEP * (abs(values[place]) or 1.0)
-        return np.sum([weight * found for weight, found in sample_around(predict_at, values[place], step)], axis=0)
+        return self.predict(values), np.stack([differentiate(place) for place in range(values.size)], axis=1)
 
     def converge_on_nodes(self, values: Array) -> None:
         """Chooses how many nodes all solves take, by the first, a middle and the last wavelength at these numbers."""
@@ -200,7 +167,7 @@ class Model:
         self, values: Array, wavelengths: Sequence[Wavelength], options: dict[str, Any], with_slopes: bool
     ) -> dict[Wavelength, list[Solved]]:
         """The solves of some wavelengths at these numbers, side by side where there are several."""
-        places = [(one, group) for one in wavelengths for group in self.groups[one]]
+        places = [(one, group) for one in wavelengths for group in self.sights[one].groups]
         alone = len(places) == 1
         how = options if alone else options | {"threads": 1}
 
@@ -210,7 +177,7 @@ class Model:
                 scene = family.at(values)
                 return scene, read_derivatives(scene, family.variations(values)) if with_slopes else []
 
-        def solve(wavelength: Wavelength, group: Group) -> Solved:
+        def solve(wavelength: Wavelength, group: SightGroup) -> Solved:
             scene, variations = scenes[wavelength]
             with name_wavelength(wavelength):
                 request = choose_method(group.ask(scene, how))
@@ -234,37 +201,23 @@ class Model:
 
     def _read(self, solved: Mapping[Wavelength, list[Solved]]) -> Array:
         """Jets of all rows (1 + n, rows)."""
-        seen = {one: self._see(one, some) for one, some in solved.items()}
+        seen = {one: read_sight(self.sights[one], some) for one, some in solved.items()}
         out = np.zeros((next(iter(seen.values())).matrices.shape[0], len(self.measurement)))
-        for one in self.readings:
-            known, light = QUANTITIES[one.quantity], seen[one.wavelength]
+        for (name, wavelength), pairs in self.direct.items():
+            known, light = QUANTITIES[name], seen[wavelength]
+            rows, places = np.transpose(pairs)
             if known.needs == DIRECTIONS:
-                out[:, one.rows] = known.read(light.matrices[:, one.places])
+                out[:, rows] = known.read(light.matrices[:, places])
             else:
-                out[:, one.rows] = known.read(Shares(*(part[:, one.places] for part in light.shares)))
-        for row, wavelength, made in self.instruments:
-            out[:, row] = read_instrument(made, seen[wavelength])
-        for name, row, parts, conditions in self.colours:
-            spectrum = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
-            out[:, row] = QUANTITIES[name].read(*find_tristimulus(self.colours_um, spectrum, *conditions))
+                out[:, rows] = known.read(BeamShares(*(part[:, places] for part in light.shares)))
+        for row, parts in self.read_by_instruments:
+            factors = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
+            name, light_of = self.measurement.quantity[row], self.measurement.illuminant[row]
+            found: tuple[Array, ...] = (factors[:, 0],)
+            if light_of:
+                found = find_tristimulus(self.colours_um, factors, light_of, int(self.measurement.observer[row]))
+            out[:, row] = QUANTITIES[name].read(*found)
         return out
-
-    def _see(self, wavelength: Wavelength, solved: Sequence[Solved]) -> Seen:
-        """What a wavelength's solves found, as jets."""
-        found = []
-        turn = turn_variation if solved[0][0].illuminate == "bottom" else lambda one: one
-        variations = [turn(one) for one in solved[0][3]]
-        for group, (request, value, slopes, _) in zip(self.groups[wavelength], solved, strict=True):
-            parts = [group.read(request, one) for one in (value, *slopes)]
-            matrices, up, down = (np.stack([part[k] for part in parts]) for k in range(3))
-            beams = group.make_beam_jets(request.scene, variations)
-            found.append((matrices, Shares(up, down, beams[:, 0], beams[:, 1])))
-        return join_groups(self.sights[wavelength], self.groups[wavelength], found, solved[0][0].scene, variations)
-
-
-def find_cosine(theta_deg: float) -> float:
-    """Of an angle from the normal on either side; the same for the same angle, and what `vrte.appearance` takes."""
-    return math.cos(math.radians(abs(theta_deg)))
 
 
 def read_instrument(made: Instrument, seen: Seen) -> Array:
@@ -279,20 +232,12 @@ def read_instrument(made: Instrument, seen: Seen) -> Array:
         return 2.0 * total @ (weights * mu)
     if not geometry.excluded:
         return total[:, 0]
-    port, mu_i = Round(PORT_DEG), find_cosine(geometry.angle_i)
-    angle = project_solid_angle(port, geometry.angle_i)
-
-    def find_surface(scene: Scene) -> Array:
-        """What a rough surface sends back itself: there (1/sr), and through the port."""
-        surface = scene.interfaces[0]
-        if surface is None or surface.is_smooth:
-            return np.zeros(2)
-        there = surface.facets.reflect(*np.array([[mu_i], [mu_i], [0.0]]))[0, 0, 0]
-        return np.array([float(there), collect_mirrored(surface, mu_i, port)])
-
-    own = make_scene_jet(find_surface, seen.scene, seen.variations, mu_i)
-    inside = seen.matrices[:, made.triple, 0, 0] - own[:, 0]
-    return (shares.reflected[:, beams[0]] - own[:, 1] - inside * angle) / (1.0 - angle / np.pi)
+    mu_i, there = find_cosine(geometry.angle_i), seen.matrices[:, made.triple, 0, 0]
+    own = make_scene_jet(
+        lambda scene: find_own_light(scene.interfaces[0], mu_i, PORT_DEG), seen.scene, seen.variations, mu_i
+    )
+    found: Array = subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
+    return found
 
 
 def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str]) -> SceneFamily:
@@ -304,17 +249,6 @@ def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str
     except SceneError as error:
         words = str(error).removeprefix("derivatives: ")
         raise SceneError(words if words.startswith("free") else f"free: {words}", "free", *error.place) from error
-
-
-@contextmanager
-def name_wavelength(wavelength: Wavelength) -> Iterator[None]:
-    """Puts a wavelength in front of complaints."""
-    try:
-        yield
-    except SceneError as error:
-        if wavelength is None:
-            raise
-        raise error.behind(f"at {wavelength:g} um") from error
 
 
 def make_model(

@@ -17,6 +17,8 @@ SPACINGS = ("linear", "log")
 SHARES = ("albedo", "volume_fraction", "core_ratio", "share", "number_fraction")  # last words of keys from 0 to 1
 KEPT = 4  # points whose solves are remembered
 LOSSES = ("linear", "soft_l1")
+JACOBIANS = ("exact", "differences")
+MOST_STARTS = 1000
 ENOUGH = 1e-7  # relative change of the sum, or of the coordinates, that ends a descent
 
 
@@ -168,7 +170,7 @@ class Problem:
         key = values.tobytes()
         found = self._kept.get(key)
         if found is None or (with_slopes and found.slopes is None):
-            if with_slopes or self.model.slopes_come_along:
+            if with_slopes or self.model.jacobian == "exact":
                 found = Point(values, *self.model.linearize(values))
             else:
                 found = Point(values, self.model.predict(values), None)

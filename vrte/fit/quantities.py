@@ -8,13 +8,14 @@ back.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from vrte.appearance.colours import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
-from vrte.results.quantities import MUELLER
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")
 BEAM = ("theta_i_deg",)
@@ -23,7 +24,7 @@ LOOK = ("geometry", "illuminant", "observer")
 KNEE = (6.0 / 29.0) ** 3  # where CIELAB's cube root becomes a straight line (ISO/CIE 11664-4)
 
 
-class Shares(NamedTuple):
+class BeamShares(NamedTuple):
     """Jets (1 + n, rows) of shares of an unpolarized beam's power: scattered back and on, mirrored and passed as a
     beam."""
 
@@ -34,13 +35,13 @@ class Shares(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class MeasuredQuantity:
     """A quantity: in words, with its unit, the columns that it needs, and how it is read.
 
-    ``read`` takes Mueller matrices (1 + n, rows, 4, 4) where it needs directions, `Shares` where it needs a beam alone,
-    a reflectance factor (1 + n, rows) of a geometry, or X, Y, Z and those of the white, (1 + n, 3) and (3,), of a
-    colour; it gives (1 + n, rows), of a colour (1 + n,). ``through``: of light that leaves the other face; ``bounds``:
-    what it can be at all.
+    ``read`` takes Mueller matrices (1 + n, rows, 4, 4) where it needs directions, `BeamShares` where it needs a beam
+    alone, a reflectance factor (1 + n,) of a geometry, or X, Y, Z and those of the white, (1 + n, 3) and (3,), of a
+    colour; it gives (1 + n, rows), of a geometry or a colour (1 + n,). ``through``: of light that leaves the other
+    face; ``bounds``: what it can be at all.
     """
 
     words: str
@@ -49,15 +50,6 @@ class Quantity:
     read: Callable[..., Array]
     through: bool = False
     bounds: tuple[float, float] = (-np.inf, np.inf)
-
-
-def multiply_jets(one: Array, other: Array) -> Array:
-    """The product, by the product rule.
-
-    >>> multiply_jets(np.array([2.0, 1.0]), np.array([3.0, 0.0])).tolist()
-    [6.0, 3.0]
-    """
-    return np.concatenate([one[:1] * other[:1], one[1:] * other[:1] + one[:1] * other[1:]])
 
 
 def divide_jets(one: Array, other: Array) -> Array:
@@ -82,136 +74,113 @@ def find_length(one: Array, other: Array) -> Array:
     return np.concatenate([length, slope])
 
 
-def follow_chain(jet: Array, value: Array, slope: Array) -> Array:
-    """A function of a jet, of which its value and its slope there are known, by the chain rule."""
-    return np.concatenate([value[None], slope * jet[1:]])
+def read_ratio(matrices: Array, row: int, column: int) -> Array:
+    """An element of Mueller matrices over the first one."""
+    return divide_jets(matrices[..., row, column], matrices[..., 0, 0])
 
 
-def pick_element(row: int, column: int) -> Callable[[Array], Array]:
-    """An element of Mueller matrices."""
-    return lambda matrices: matrices[..., row, column]
-
-
-def pick_share_of_first(row: int, column: int) -> Callable[[Array], Array]:
-    """An element over the first one."""
-    return lambda matrices: divide_jets(matrices[..., row, column], matrices[..., 0, 0])
-
-
-def find_degree(matrices: Array) -> Array:
-    """Degree of linear polarization of light that came in unpolarized."""
-    return divide_jets(find_length(matrices[..., 1, 0], matrices[..., 2, 0]), matrices[..., 0, 0])
-
-
-def make_rows(letter: str, through: bool) -> dict[str, Quantity]:
+def make_matrix_rows(letter: str, through: bool) -> dict[str, MeasuredQuantity]:
     """The quantities of Mueller matrices of one face."""
-    what, before = ("BTDF", "transmitted_") if through else ("BRDF", "")
-    light = "transmitted" if through else "reflected"
-    one = (-1.0, 1.0)
-    rows = {
-        name.replace("f", letter): Quantity(
-            f"element {name[1:]} of the Mueller {what}",
-            "sr-1",
-            DIRECTIONS,
-            pick_element(int(name[1]), int(name[2])),
-            through,
-            (0.0, np.inf) if name == "f00" else (-np.inf, np.inf),
-        )
-        for name in MUELLER
-    }
-    rows |= {
-        name.replace("f", f"normalized_{letter}"): Quantity(
-            f"element {name[1:]} of the Mueller {what} over element 00",
-            "1",
-            DIRECTIONS,
-            pick_share_of_first(int(name[1]), int(name[2])),
-            through,
-            one,
-        )
-        for name in MUELLER[1:]
-    }
+    what, before, light = ("BTDF", "transmitted_", "transmitted") if through else ("BRDF", "", "reflected")
     factor = "transmittance_factor" if through else "reflectance_factor"
-    return rows | {
-        factor: Quantity(
-            f"{factor.replace('_', ' ')}: pi times element 00", "1", DIRECTIONS, lambda seen: np.pi * seen[..., 0, 0],
-            through, (0.0, np.inf),
+    unpolarized = "light, unpolarized where it came in"
+    elements = {f"{row}{column}": (..., row, column) for row, column in np.ndindex(4, 4)}
+    ratios = {name: {"row": place[1], "column": place[2]} for name, place in elements.items() if name != "00"}
+    rows: dict[str, tuple[str, str, Callable[[Array], Array], float, float]] = {
+        **{
+            f"{letter}{name}": (
+                f"element {name} of the Mueller {what}", "sr-1", itemgetter(place),
+                -np.inf if name > "00" else 0.0, np.inf,
+            )
+            for name, place in elements.items()
+        },
+        **{
+            f"normalized_{letter}{name}": (
+                f"element {name} of the Mueller {what} over element 00", "1", partial(read_ratio, **place), -1.0, 1.0
+            )
+            for name, place in ratios.items()
+        },
+        factor: (
+            f"{factor.replace('_', ' ')}: pi times element 00", "1", lambda seen: np.pi * seen[..., 0, 0], 0.0, np.inf,
         ),
-        f"{before}degree_of_linear_polarization": Quantity(
-            f"degree of linear polarization of {light} light, unpolarized where it came in", "1", DIRECTIONS,
-            find_degree, through, (0.0, 1.0),
+        f"{before}degree_of_linear_polarization": (
+            f"degree of linear polarization of {light} {unpolarized}", "1",
+            lambda seen: divide_jets(find_length(seen[..., 1, 0], seen[..., 2, 0]), seen[..., 0, 0]), 0.0, 1.0,
         ),
-        f"{before}minus_q_over_i": Quantity(
-            f"-Q/I of {light} light, unpolarized where it came in: above 0 where it swings perpendicular to the plane "
-            "of its direction and the normal", "1", DIRECTIONS,
-            lambda seen: -divide_jets(seen[..., 1, 0], seen[..., 0, 0]), through, one,
+        f"{before}minus_q_over_i": (
+            f"-Q/I of {light} {unpolarized}: above 0 where it swings perpendicular to the plane of its "
+            "direction and the normal", "1", lambda seen: -read_ratio(seen, 1, 0), -1.0, 1.0,
         ),
     }  # fmt: skip
+    return {
+        name: MeasuredQuantity(words, unit, DIRECTIONS, read, through, (low, high))
+        for name, (words, unit, read, low, high) in rows.items()
+    }
 
 
-def make_share_row(words: str, read: Callable[[Shares], Array], through: bool = False) -> Quantity:
-    """A quantity of an unpolarized beam."""
-    return Quantity(f"{words}, of an unpolarized beam", "1", BEAM, read, through, (0.0, 1.0))
+def add_shares(shares: BeamShares, parts: tuple[str, ...]) -> Array:
+    """The sum (1 + n, rows) of the shares of these names."""
+    found: Array = sum(getattr(shares, name) for name in parts)
+    return found
 
 
-def find_lightness(light: Array, white: Array) -> tuple[Array, ...]:
-    """Jets of the cube roots, or lines, of X, Y, Z over the white's that CIELAB is made of."""
-    found = []
-    for part, most in zip(np.moveaxis(light, -1, 0), white, strict=True):
-        share = part / most
-        value = share[0]
-        low = value <= KNEE
-        root = np.cbrt(max(float(value), KNEE))
-        made, slope = (841.0 / 108.0 * value + 4.0 / 29.0, 841.0 / 108.0) if low else (root, 1.0 / (3.0 * root**2))
-        found.append(follow_chain(share, np.asarray(made), np.asarray(slope)))
-    return tuple(found)
+def read_lightness(light: Array, white: Array, weights: tuple[float, float, float], at_black: float = 0.0) -> Array:
+    """A coordinate of CIELAB (1 + n,): a weighted sum of the cube roots, or lines, of X, Y, Z over the white's."""
+    share = light / white
+    value = share[0]
+    root = np.cbrt(np.maximum(value, KNEE))
+    low = value <= KNEE
+    made = np.where(low, 841.0 / 108.0 * value + 4.0 / 29.0, root)
+    slope = np.where(low, 841.0 / 108.0, 1.0 / (3.0 * root**2))
+    found: Array = np.concatenate([made[None], slope * share[1:]]) @ np.asarray(weights)
+    found[0] += at_black
+    return found
 
 
-def make_colour_row(words: str, weights: tuple[float, float, float], at_black: float = 0.0) -> Quantity:
-    """A coordinate of CIELAB: a weighted sum of the three roots."""
-
-    def read(light: Array, white: Array) -> Array:
-        found = np.asarray(weights) @ np.stack(find_lightness(light, white))
-        found[0] += at_black
-        return found
-
-    return Quantity(f"CIELAB {words} (ISO/CIE 11664-4)", "1", LOOK, read)
-
-
-def make_tristimulus_row(place: int) -> Quantity:
-    """X, Y or Z, where Y of the perfect white is 100."""
-    words = f"tristimulus value {'XYZ'[place]} (ISO/CIE 11664-3), Y of the perfect white is 100"
-    return Quantity(words, "1", LOOK, lambda light, white: 100.0 * light[:, place], bounds=(0.0, np.inf))
-
-
-QUANTITIES: dict[str, Quantity] = {
-    **make_rows("f", False),
-    **make_rows("t", True),
-    "diffuse_reflectance": make_share_row(
-        "directional-hemispherical reflectance of scattered light", lambda seen: seen.reflected
+SHARES = {  # of an unpolarized beam: words, the parts that add up
+    "diffuse_reflectance": ("directional-hemispherical reflectance of scattered light", ("reflected",)),
+    "total_reflectance": (
+        "directional-hemispherical reflectance, with what smooth surfaces mirror", ("reflected", "mirrored"),
     ),
-    "total_reflectance": make_share_row(
-        "directional-hemispherical reflectance, with what smooth surfaces mirror",
-        lambda seen: seen.reflected + seen.mirrored,
+    "specular_reflectance": ("share that is mirrored as a beam", ("mirrored",)),
+    "diffuse_transmittance": ("directional-hemispherical transmittance of scattered light", ("transmitted",)),
+    "total_transmittance": (
+        "directional-hemispherical transmittance, with the beam that gets through", ("transmitted", "passed"),
     ),
-    "specular_reflectance": make_share_row("share that is mirrored as a beam", lambda seen: seen.mirrored),
-    "diffuse_transmittance": make_share_row(
-        "directional-hemispherical transmittance of scattered light", lambda seen: seen.transmitted, True
-    ),
-    "total_transmittance": make_share_row(
-        "directional-hemispherical transmittance, with the beam that gets through",
-        lambda seen: seen.transmitted + seen.passed,
-        True,
-    ),
-    "direct_transmittance": make_share_row("share that gets through as a beam", lambda seen: seen.passed, True),
-    "reflectance": Quantity(
+    "direct_transmittance": ("share that gets through as a beam", ("passed",)),
+}  # fmt: skip
+LIGHTNESSES = {  # coordinates of CIELAB: words, weights of the roots of X, Y, Z, and what is added
+    "L": ("lightness L*", (0.0, 116.0, 0.0), -16.0),
+    "a": ("a*, from green to red", (500.0, -500.0, 0.0), 0.0),
+    "b": ("b*, from blue to yellow", (0.0, 200.0, -200.0), 0.0),
+}
+QUANTITIES: dict[str, MeasuredQuantity] = {
+    **make_matrix_rows("f", False),
+    **make_matrix_rows("t", True),
+    **{
+        name: MeasuredQuantity(
+            f"{words}, of an unpolarized beam", "1", BEAM, partial(add_shares, parts=parts), "transmittance" in name,
+            (0.0, 1.0),
+        )
+        for name, (words, parts) in SHARES.items()
+    },
+    "reflectance": MeasuredQuantity(
         "reflectance factor that an instrument reads in a geometry of CIE 15, such as 8:di of a sphere",
         "1", INSTRUMENT, lambda seen: seen, bounds=(0.0, np.inf),
     ),
-    "X": make_tristimulus_row(0),
-    "Y": make_tristimulus_row(1),
-    "Z": make_tristimulus_row(2),
-    "L": make_colour_row("lightness L*", (0.0, 116.0, 0.0), -16.0),
-    "a": make_colour_row("a*, from green to red", (500.0, -500.0, 0.0)),
-    "b": make_colour_row("b*, from blue to yellow", (0.0, 200.0, -200.0)),
+    **{
+        name: MeasuredQuantity(
+            f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100", "1", LOOK,
+            lambda light, white, place=place: 100.0 * light[:, place], bounds=(0.0, np.inf),
+        )
+        for place, name in enumerate("XYZ")
+    },
+    **{
+        name: MeasuredQuantity(
+            f"CIELAB {words} (ISO/CIE 11664-4)", "1", LOOK, partial(read_lightness, weights=weights, at_black=at_black)
+        )
+        for name, (words, weights, at_black) in LIGHTNESSES.items()
+    },
 }  # fmt: skip
 
 

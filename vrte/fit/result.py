@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from vrte.fit.problem import Problem
-    from vrte.fit.profile import Profile
+    from vrte.fit.verdict import Profile
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
 
@@ -160,7 +160,7 @@ class Fit:
         The number is held at ``values``, by default at so many ``points``, 3 at least, to three standard deviations on
         either side; ``progress`` is called with (values done, values).
         """
-        from vrte.fit.profile import find_profile
+        from vrte.fit.verdict import find_profile
 
         return find_profile(self, name, values, points, progress)
 
@@ -176,7 +176,7 @@ class Fit:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the fit to a file (.json) that `load` brings back; without its scene where that was a `vrte.Scene`."""
-        from vrte.fit.state import save_fit
+        from vrte.fit.files import save_fit
 
         if not os.fspath(path).lower().endswith(".json"):
             raise SceneError(f"the fit {os.fspath(path)} must end in .json")
@@ -185,7 +185,7 @@ class Fit:
     @staticmethod
     def load(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> "Fit":
         """A fit from the file that `save` wrote; tables that its scene names lie in ``folder``, or beside the file."""
-        from vrte.fit.state import load_fit
+        from vrte.fit.files import load_fit
 
         return load_fit(path, folder)
 

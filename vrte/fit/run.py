@@ -11,10 +11,13 @@ from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
 from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning, warn_user
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
+from vrte.fit.files import Journal, find_fingerprint
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
 from vrte.fit.problem import (
+    JACOBIANS,
     LOSSES,
+    MOST_STARTS,
     Parameter,
     Point,
     Problem,
@@ -24,7 +27,6 @@ from vrte.fit.problem import (
     read_priors,
 )
 from vrte.fit.result import Fit, Start
-from vrte.fit.state import Journal, find_fingerprint
 from vrte.fit.verdict import (
     NO_NOISE,
     UNLIKELY,
@@ -41,8 +43,6 @@ from vrte.fit.verdict import (
 from vrte.formats.scene_family import SceneFamily
 from vrte.scene.scene import Scene
 
-JACOBIANS = ("exact", "differences")
-MOST_STARTS = 1000
 NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
 NODES_MATTER = 0.1  # sigma by which more nodes may move a row
 NEAR_A_BOUND = 1e-4  # of the range, or of the value
@@ -274,7 +274,8 @@ class Search:
         if progress is not None:
             progress(self.most_steps, self.most_steps)
         solves = problem.model.solves - before
-        journal.finish(Start(tuple(start.tolist()), tuple(values.tolist()), chi2, solves, ended))
+        journal.finished.append(Start(tuple(start.tolist()), tuple(values.tolist()), chi2, solves, ended))
+        journal.note(None, problem.model.nodes)
 
     def keep(self, point: Point) -> None:
         """Remembers a point that is better than all before."""
@@ -298,13 +299,9 @@ class Search:
                            f"than {moved:.2g} sigma")  # fmt: skip
         self.best, self.cost = None, math.inf
         if moved > NODES_MATTER:
-            everything = np.ones(values.size, bool)
-            values, *_ = fit_residuals(
-                self.problem, self.problem.find_steps(values), everything, self.most_steps, self.keep
-            )
-            self.keep(self.problem.find_point(values, True))
-        else:
-            self.keep(self.problem.find_point(values, True))
+            begin, everything = self.problem.find_steps(values), np.ones(values.size, bool)
+            values, *_ = fit_residuals(self.problem, begin, everything, self.most_steps, self.keep)
+        self.keep(self.problem.find_point(values, True))
 
 
 def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:

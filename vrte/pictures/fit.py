@@ -10,9 +10,9 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.fit.curves import COLOURS, COORDINATES, NUMBERS, CurveRows, find_axis, find_rows, split_curves
 from vrte.fit.measurement import Measurement
-from vrte.fit.profile import Profile
 from vrte.fit.quantities import QUANTITIES
 from vrte.fit.result import Fit
+from vrte.fit.verdict import Profile
 from vrte.pictures.describe import BLUE, GREY, INK, ORANGE, PALETTE, Axis, Curve, Line, Panel, Picture, spread
 from vrte.pictures.figures import draw_picture
 from vrte.pictures.interactive import draw_interactive

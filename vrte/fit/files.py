@@ -1,24 +1,27 @@
-"""What a fit writes: how far it has come, so that it can go on, and what it has found."""
+"""Files of a fit: the scene with a table [fit] that asks for one, how far it has come, and what it has found."""
 
 import hashlib
 import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vrte.basics.arrays import check_whole
 from vrte.basics.errors import SceneError
-from vrte.fit.measurement import COLUMNS, Measurement
+from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
 from vrte.fit.model import make_model
-from vrte.fit.problem import Parameter, Problem
+from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, Parameter, Problem
 from vrte.fit.result import ARRAYS, Fit, Start
 from vrte.formats.journal import read_journal, write_journal
 from vrte.formats.named import find_named_tables
+from vrte.formats.scene_file import read_content
 from vrte.formats.text_file import check_file_name
+from vrte.formats.toml_table import Table
 from vrte.scene.scene import Scene
 
 KIND = "vrte fit, format 1"
@@ -70,23 +73,12 @@ class Journal:
         self.finished = [Start(**one) for one in map(restore_tuples, record["finished"])]
         self.here, self.nodes = record["here"], record["nodes"]
 
-    def note(self, values: Any, nodes: int | None) -> None:
-        """Writes where the start is that is under way."""
-        self.here, self.nodes = list(values), nodes
-        self._write()
-
-    def finish(self, start: Start) -> None:
-        """Writes that a start is at its end."""
-        self.finished.append(start)
-        self.here = None
-        self._write()
-
-    def _write(self) -> None:
-        if self.path is None:
-            return
-        finished = [asdict(one) for one in self.finished]
-        record = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": self.nodes}
-        write_journal(self.path, record | {"finished": finished, "here": self.here})
+    def note(self, here: list[float] | None, nodes: int | None) -> None:
+        """Writes where the start is that is under way; None where it is at its end, the last of ``finished``."""
+        self.here, self.nodes = here, nodes
+        if self.path is not None:
+            record = {"kind": KIND, "fingerprint": self.fingerprint, "nodes": nodes}
+            write_journal(self.path, record | {"finished": [asdict(one) for one in self.finished], "here": here})
 
 
 def restore_tuples(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -122,16 +114,13 @@ def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None
     record = read_journal(path, WRITER)
     try:
         measurement = Measurement(**record["measurement"])
-        fields: dict[str, Any] = {
-            name: tuple(one) if isinstance(one, list) else one for name, one in record.items() if name in PLAIN
-        }
+        fields = restore_tuples({name: one for name, one in record.items() if name in PLAIN})
         arrays: dict[str, Any] = {name: np.array(record[name], float) for name in ARRAYS}
         starts = tuple(Start(**restore_tuples(one)) for one in record["starts"])
         problem = None
         if "problem" in record:
-            problem = restore_problem(
-                record["problem"], measurement, fields, Path(path).parent if folder is None else Path(folder)
-            )
+            tables = Path(path).parent if folder is None else Path(folder)
+            problem = restore_problem(record["problem"], measurement, fields, tables)
         return Fit(measurement=measurement, starts=starts, problem=problem, **fields, **arrays)
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, SceneError):
@@ -143,12 +132,63 @@ def restore_problem(
     record: Mapping[str, Any], measurement: Measurement, fields: Mapping[str, Any], folder: Path
 ) -> Any:
     """The problem of a saved fit."""
-    model = make_model(measurement, record["content"], fields["names"], folder=folder, jacobian=record["jacobian"])
+    at = record["colours_um"] or None
+    model = make_model(
+        measurement, record["content"], fields["names"], None, None, at, folder, jacobian=record["jacobian"]
+    )
     model.options, model.nodes = dict(record["options"]), fields["nodes"]
-    if not np.array_equal(model.colours_um, record["colours_um"]):
-        asked = {"wavelengths_um": record["colours_um"], "folder": folder, "jacobian": record["jacobian"]}
-        model = make_model(measurement, record["content"], fields["names"], **asked)
-        model.options, model.nodes = dict(record["options"]), fields["nodes"]
     parameters = tuple(Parameter(**one) for one in record["parameters"])
     priors = np.array([[math.nan if one is None else one for one in pair] for pair in record["priors"]], float)
     return Problem(model, parameters, priors.reshape(-1, 2), np.array(record["sigma"], float), record["loss"])
+
+
+@dataclass(frozen=True, eq=False)
+class FitFile:
+    """What a file with a table [fit] holds: the measurement, the scene's content without the table, keywords of
+    `vrte.fit`, names of numbers whose profile is asked for, and the file's folder."""
+
+    measurement: Measurement
+    content: dict[str, Any]
+    asked: dict[str, Any]
+    profiles: tuple[str, ...]
+    folder: Path
+
+
+def read_fit(path: str | os.PathLike[str]) -> FitFile:
+    """A fit from a scene file with a table [fit] (docs/how_to/fitting.md); the measurement that it names lies beside
+    it. Raises SceneError, which names the key, OSError."""
+    content, folder = read_content(path), Path(path).parent
+    if not isinstance(content.get("fit"), dict):
+        raise SceneError("fit is missing: the file needs a table [fit], with a measurement and what is free", "fit")
+    table = Table(("fit",), content.pop("fit"), KEYS)
+    name = table.right("measurement", "the name of a file, .csv or .nc", lambda value: isinstance(value, str))
+    free = table.required("free", "a list of names, or a table of tables by names")
+    if not isinstance(free, dict) and not (isinstance(free, list) and all(isinstance(one, str) for one in free)):
+        raise table.wrong("free", "must be a list of names, or a table of tables by names")
+    asked = {"free": free, **{key: read(table, key) for key, read in READERS.items() if key in table}}
+    profiles = table.content.get("profiles", [])
+    names = list(free)
+    if not isinstance(profiles, list) or any(one not in names for one in profiles):
+        raise table.wrong("profiles", f"must be a list of names that are free: {', '.join(names)}")
+    return FitFile(read_measurement(folder / name), content, asked, tuple(profiles), folder)
+
+
+def read_whole(table: Table, key: str) -> int:
+    """A whole number, whose range the call knows."""
+    given = table.content[key]
+    if type(given) is not int:
+        raise table.wrong(key, "must be a whole number")
+    return check_whole(f"fit.{key}", given, *RANGES[key])
+
+
+RANGES = {"starts": (1, MOST_STARTS), "seed": (0, 2**31), "most_steps": (1, 100_000)}
+READERS: dict[str, Any] = {
+    "priors": lambda table, key: table.right(
+        key, "a table of [mean, standard deviation] by names", lambda value: isinstance(value, dict)
+    ),
+    **dict.fromkeys(RANGES, read_whole),
+    "loss": lambda table, key: table.choice(key, LOSSES),
+    "jacobian": lambda table, key: table.choice(key, JACOBIANS),
+    "wavelengths_um": Table.numbers,
+}
+KEYS = ("measurement", "free", "profiles", *READERS)
