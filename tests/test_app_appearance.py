@@ -16,7 +16,6 @@ import pytest
 
 import vrte
 from tests.test_app_solving import get_process, until
-from vrte.app import figures
 from vrte.app.form.content import START, put
 from vrte.app.form.fields import get_value
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
@@ -33,6 +32,7 @@ from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.formats.toml_table import read_share
+from vrte.pictures import results as figures
 
 from .helpers import assert_close, close_to
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.app import figures
 from vrte.app.solving.messages import Reflectances
 from vrte.app.solving.solve import compute_colours
-from vrte.pictures.lobes import STEP
+from vrte.pictures import results as figures
+from vrte.pictures.lobes import STEP, lobe
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 
 from .helpers import assert_close, close_to
@@ -52,7 +52,7 @@ def named(figure: Any) -> dict[str, Any]:
 
 
 def test_a_lobe_is_where_the_solver_says(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    figure = figures.lobe(brdf, 0, "f00", "f10")
+    figure = lobe(brdf, 0, "f00", "f10")
     mesh = body(figure)
     some = np.array([300, 1234, 3000, 8000])
     place = np.stack([mesh.x, mesh.y, mesh.z], axis=-1).astype(float)
@@ -71,7 +71,7 @@ def test_a_lobe_is_where_the_solver_says(brdf: vrte.Brdf, scene: vrte.Scene) -> 
 
 
 def test_the_sign_is_in_the_colour(brdf: vrte.Brdf) -> None:
-    figure = figures.lobe(brdf, 0, "f10", "f10")
+    figure = lobe(brdf, 0, "f10", "f10")
     mesh = body(figure)
     assert "|f10|" in figure.layout.title.text
     assert "absolute value" in mesh.hovertemplate
@@ -81,7 +81,7 @@ def test_the_sign_is_in_the_colour(brdf: vrte.Brdf) -> None:
 
 
 def test_the_mesh_is_closed_around_the_normal(brdf: vrte.Brdf) -> None:
-    mesh = body(figures.lobe(brdf, 0))
+    mesh = body(lobe(brdf, 0))
     edges = np.sort(np.concatenate([corners(mesh)[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]))
     _, count = np.unique(edges, axis=0, return_counts=True)
     assert set(count) == {1, 2}
@@ -89,7 +89,7 @@ def test_the_mesh_is_closed_around_the_normal(brdf: vrte.Brdf) -> None:
 
 
 def test_angles_are_coloured_without_a_seam_and_without_facets(brdf: vrte.Brdf) -> None:
-    figure = figures.lobe(brdf, 0, colour=ANGLE, stokes=LIGHT)
+    figure = lobe(brdf, 0, colour=ANGLE, stokes=LIGHT)
     mesh = body(figure)
     assert mesh.intensity is None
     angle = np.asarray(mesh.customdata, float)[:, 3]
@@ -104,7 +104,7 @@ def test_angles_are_coloured_without_a_seam_and_without_facets(brdf: vrte.Brdf) 
 
 def test_bodies_and_cuts_end_where_the_data_end(scene: vrte.Scene) -> None:
     short = vrte.brdf(scene, 0.6, np.linspace(0.5, 1.0, 8), PHI, nodes=8, threads=1)
-    assert np.asarray(body(figures.lobe(short, 0)).customdata)[:, 0].min() == close_to(0.5, rtol=0.0, atol=1e-6)
+    assert np.asarray(body(lobe(short, 0)).customdata)[:, 0].min() == close_to(0.5, rtol=0.0, atol=1e-6)
     for curve in named(figures.cuts(short, 0)).values():
         if curve.mode == "lines" and curve.name != "0":
             assert np.abs(np.asarray(curve.theta, float)).max() == close_to(60.0, rtol=0.0, atol=1e-4)
@@ -112,7 +112,7 @@ def test_bodies_and_cuts_end_where_the_data_end(scene: vrte.Scene) -> None:
 
 def test_quantities_of_each_kind_can_be_drawn_and_are_small(brdf: vrte.Brdf, field: vrte.Field) -> None:
     for name in ("f00", "f32", *QUANTITIES[-4:]):
-        assert len(figures.lobe(brdf, 0, name, name, LIGHT).to_json()) < 1_300_000
+        assert len(lobe(brdf, 0, name, name, LIGHT).to_json()) < 1_300_000
         assert len(figures.cuts(brdf, 0, name, LIGHT).to_json()) < 20_000
     for name in FIELD_QUANTITIES:
         assert len(figures.field_polar(field, name).to_json()) < 40_000
@@ -206,7 +206,7 @@ def test_a_dark_scene_can_be_drawn() -> None:
     dark = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=1.0)])
     brdf = vrte.brdf(dark, 0.6, MU_O, [0, 90, 180], nodes=4, threads=1)
     for name in ("f00", ANGLE):
-        assert not np.asarray(body(figures.lobe(brdf, 0, name)).z).any()
+        assert not np.asarray(body(lobe(brdf, 0, name)).z).any()
         figures.cuts(brdf, 0, name)
     figures.field_polar(vrte.radiance(dark, 0.6, phi=0.0, nodes=4, threads=1))
 
@@ -215,11 +215,11 @@ def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
     gaps = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
     fields = [vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4) for mu, phi in ((None, 0.0), ([0.5], 90.0), ([], 0.0))]
     for words, draw, *arguments in (
-        *(("place must be a whole number from 0 to 1", figures.lobe, brdf, wrong) for wrong in (2, -1, 0.5)),
-        ("a quantity must be one of", figures.lobe, brdf, 0, "<b>"),
+        *(("place must be a whole number from 0 to 1", lobe, brdf, wrong) for wrong in (2, -1, 0.5)),
+        ("a quantity must be one of", lobe, brdf, 0, "<b>"),
         ("a quantity must be one of I", figures.field_polar, fields[0], "f00"),
         ("at least 2 different mu_o", figures.cuts, vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0),
-        ("finite Mueller matrices", figures.lobe, gaps, 0),
+        ("finite Mueller matrices", lobe, gaps, 0),
         *(("at phi_deg 0 or 180", figures.field_polar, field) for field in fields[1:]),
     ):
         with pytest.raises(vrte.SceneError, match=words):
@@ -229,4 +229,4 @@ def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
 def test_without_plotly_it_says_what_to_install(brdf: vrte.Brdf, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
     with pytest.raises(vrte.MissingExtraError, match="extra 'app'"):
-        figures.lobe(brdf, 0)
+        lobe(brdf, 0)

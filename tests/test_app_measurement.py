@@ -10,7 +10,6 @@ import pytest
 
 import vrte
 from tests.test_app_solving import until
-from vrte.app import figures
 from vrte.app.form.content import START, Content
 from vrte.app.form.numbers import list_free_numbers, put_values, write_shares_out
 from vrte.app.page.measurement_panel import choose_free, find_places
@@ -30,6 +29,7 @@ from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.app.solving.worker_process import LiveQuery
 from vrte.basics.errors import SceneError
 from vrte.fit.curves import COLOURS, NUMBERS, name_bars, split_curves
+from vrte.pictures.fit import measurement
 
 from .helpers import assert_close
 
@@ -137,17 +137,17 @@ def test_what_was_read_is_told() -> None:
 def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
     predicted = np.linspace(0.1, 0.6, 6)
     measured = ROWS.measure(predicted + 0.002)
-    points, line, left = figures.measurement(measured, "f00", predicted).data
+    points, line, left = measurement(measured, "f00", predicted).data
     assert points.x.tolist() == [-60.0, 0.0, 40.0, 60.0]
     assert_close(points.error_y.array, 0.001, rtol=1e-6, atol=0.0)
     assert_close(line.y, predicted[:4], rtol=1e-6, atol=0.0)
     assert_close(left.y, 2.0, rtol=1e-6, atol=0.0)
     assert left.yaxis == "y2"
     spectrum = vrte.Measurement("total_reflectance", [0.2, 0.3], wavelength_um=[0.6, 0.5], theta_i_deg=8.0)
-    (only,) = figures.measurement(spectrum, "total_reflectance").data
+    (only,) = measurement(spectrum, "total_reflectance").data
     assert (np.round(np.asarray(only.x, float), 6).tolist(), only.error_y.array) == ([0.5, 0.6], None)
     alone = vrte.Measurement(["total_reflectance", "total_transmittance"], [0.4, 0.5], theta_i_deg=8.0)
-    figure = figures.measurement(alone, NUMBERS, np.array([0.3, 0.5]))
+    figure = measurement(alone, NUMBERS, np.array([0.3, 0.5]))
     assert [one.type for one in figure.data] == ["bar", "bar", "scatter"]
     assert list(figure.layout.xaxis.ticktext) == ["total reflectance", "total transmittance"]
 

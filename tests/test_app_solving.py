@@ -99,7 +99,7 @@ def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
 
 @pytest.mark.parametrize("suffix", [".nc", ".csv"])
 def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix: str, tmp_path: Path) -> None:
-    name, data = downloads.make_brdf_download(outcome, suffix)
+    name, data = downloads.make_result_download("brdf", outcome, suffix)
     (tmp_path / name).write_bytes(data)
     found = vrte.load(tmp_path / name)
     assert isinstance(found, vrte.Spectrum)
@@ -107,13 +107,13 @@ def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix:
     again = make_outcome(found)
     assert again.wavelength_um == (0.5, 0.6)
     assert again.content == adopt_content(SMALL)
-    name, data = downloads.make_field_download(outcome, 1, suffix)
+    name, data = downloads.make_result_download("field", outcome, suffix, 1)
     (tmp_path / name).write_bytes(data)
     np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)
 
 
 def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None:
-    job = ended(Job(Read(downloads.make_field_download(outcome, 0, ".nc")[1], ".nc")))
+    job = ended(Job(Read(downloads.make_result_download("field", outcome, ".nc", 0)[1], ".nc")))
     assert isinstance(job.outcome, Outcome)
     np.testing.assert_array_equal(job.outcome.fields[0].stokes, outcome.fields[0].stokes)
     job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc")))
@@ -157,7 +157,7 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
     h5py = pytest.importorskip("h5py")
     secret, upload = tmp_path / "letters", tmp_path / "upload.nc"
     secret.write_bytes(bytes(range(256)))
-    upload.write_bytes(downloads.make_brdf_download(Outcome(None, brdfs=outcome.brdfs[:1]), ".nc")[1])
+    upload.write_bytes(downloads.make_result_download("brdf", Outcome(None, brdfs=outcome.brdfs[:1]), ".nc")[1])
     with h5py.File(upload, "r+") as file:
         shape = file["mueller"].shape
         del file["mueller"]
@@ -169,8 +169,8 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
 
 def test_there_is_nothing_to_download_before_a_solve() -> None:
     for make in (
-        lambda: downloads.make_brdf_download(None, ".nc"),
-        lambda: downloads.make_field_download(None, 0, ".nc"),
+        lambda: downloads.make_result_download("brdf", None, ".nc"),
+        lambda: downloads.make_result_download("field", None, ".nc", 0),
     ):
         with pytest.raises(vrte.SceneError, match="there is no"):
             make()

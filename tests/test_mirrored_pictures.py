@@ -9,11 +9,11 @@ import pytest
 from matplotlib.text import Annotation
 
 import vrte
-from vrte.app import figures
 from vrte.app.solving.solve import WITH_BEAM, WITHOUT_BEAM, collect_reflectances
 from vrte.optics.fresnel import reflect_smooth
+from vrte.pictures import results as figures
 from vrte.pictures.describe import MIRRORED
-from vrte.pictures.lobes import describe_mirrored_beam, name_brdf
+from vrte.pictures.lobes import describe_mirrored_beam, lobe, name_brdf
 from vrte.results.spectrum import Spectrum
 
 from .helpers import assert_close
@@ -75,16 +75,16 @@ def test_the_arrow_goes_out_where_a_mirror_sends_it(plain: vrte.Brdf, shiny: vrt
 
 
 def test_the_viewer_has_the_arrow_too(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
-    figure = figures.lobe(shiny, 1)
+    figure = lobe(shiny, 1)
     falls, goes = [trace for trace in figure.data if trace.type == "cone"]
     sine = np.sqrt(1.0 - BREWSTER**2)
     assert_close([falls.u[0], falls.v[0], falls.w[0]], [sine, 0.0, -BREWSTER], rtol=0.0, atol=1e-12)
     assert_close([goes.u[0], goes.v[0], goes.w[0]], [sine, 0.0, BREWSTER], rtol=0.0, atol=1e-12)
     assert "mirrored: 0.074, degree of polarization 1" in figure.layout.title.text
     assert "mirrored: 0.074" in goes.hovertemplate
-    across = figures.lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
+    across = lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
     assert "mirrored: 0.148" in across
-    assert len([trace for trace in figures.lobe(plain, 1).data if trace.type == "cone"]) == 1
+    assert len([trace for trace in lobe(plain, 1).data if trace.type == "cone"]) == 1
     (beam,) = [trace for trace in figures.cuts(shiny, 0).data if "mirrored" in trace.name]
     assert_close(beam.theta, np.degrees(np.arccos(0.3)), rtol=1e-6, atol=0.0)
     assert beam.name == "mirrored: 0.208, degree of polarization 0.666, not in the curves"

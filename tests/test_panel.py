@@ -23,6 +23,9 @@ TWO = [0.5, 0.6]
 
 def test_a_panel_gives_what_brdf_gives_at_each_wavelength() -> None:
     panel = make_panel({"layer": COAT, "base": {"kind": "lambertian", "albedo": 0.3}}, TWO, nodes=8)
+    assert [one.index_below for one in panel.surface if one] == [1.5, 1.5]
+    bare = panel.take_off_surface()
+    assert (bare.surface, bare.scenes[0].index_above) == ((None, None), 1.5)
     found = panel.solve([0.5, 0.9], [0.3, 1.0], [0.0, 180.0])
     for scene, one in zip(panel.scenes, found, strict=True):
         alone = vrte.brdf(scene, [0.5, 0.9], [0.3, 1.0], [0.0, 180.0], nodes=8, threads=1)
@@ -31,24 +34,23 @@ def test_a_panel_gives_what_brdf_gives_at_each_wavelength() -> None:
 
 
 def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
-    content = {
-        "host_index": 1.5,
-        "particles": {"white": {"index": 2.5, "size": {"lognormal": {"median_um": 0.1, "sigma": 1.2}}}},
-    }
+    white = {"index": 2.5, "size": {"lognormal": {"median_um": 0.1, "sigma": 1.2}}}
+    content = {"host_index": 1.5, "particles": {"white": white}}
     film = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.05}
     panel = make_panel({**content, "layer": [film]}, TWO, nodes=6)
     assert (panel.film, panel.length_um) == (0, 5.0)
-    other = make_panel(
-        {**content, "layer": [film | {"thickness_um": 20.0}], "base": {"kind": "lambertian", "albedo": 0.8}},
-        TWO,
-        nodes=6,
-    )
+    base = {"kind": "lambertian", "albedo": 0.8}
+    other = make_panel({**content, "layer": [film | {"thickness_um": 20.0}], "base": base}, TWO, nodes=6)
     moved = panel.make_as_thick(20.0).put_over(vrte.Lambertian(0.8))
     assert moved.length_um == 20.0
     assert_close(moved.solve(0.7).reflectance, other.solve(0.7).reflectance, rtol=0.0, atol=1e-13)
     endless = panel.make_as_thick(math.inf)
     assert endless.length_um == math.inf
     assert_close(endless.solve(0.7).reflectance, 1.0, rtol=0.0, atol=1e-8)  # nothing absorbs
+    with pytest.raises(vrte.SceneError, match="is given by its optical thickness: give it a thickness_um"):
+        make_panel({"layer": [FILM]}, TWO).make_as_thick(3.0)
+    with pytest.raises(vrte.SceneError, match="semi-infinite, and can be made no thicker"):
+        make_panel({"layer": [FILM | {"thickness": math.inf}]}, TWO).scale_film(2.0)
 
 
 def test_the_layers_below_a_film_without_end_go() -> None:
@@ -58,14 +60,6 @@ def test_the_layers_below_a_film_without_end_go() -> None:
     assert panel.lengths_um == (math.inf,)
     alone = make_panel({"layer": [FILM]}, TWO, nodes=4).scale_film(math.inf)
     assert np.array_equal(panel.solve(0.5).reflectance, alone.solve(0.5).reflectance)
-
-
-def test_a_panel_without_its_surface_lies_in_the_medium_below() -> None:
-    panel = make_panel({"layer": COAT}, TWO, nodes=8)
-    assert [one.index_below for one in panel.surface if one] == [1.5, 1.5]
-    bare = panel.take_off_surface()
-    assert bare.surface == (None, None)
-    assert bare.scenes[0].index_above == 1.5
 
 
 @pytest.mark.parametrize(
@@ -81,13 +75,6 @@ def test_a_panel_without_its_surface_lies_in_the_medium_below() -> None:
 def test_bad_input_ends_in_a_sentence(content: dict[str, Any], asked: dict[str, Any], message: str) -> None:
     with pytest.raises(vrte.SceneError, match=message):
         _ = make_panel(content, TWO, **asked).film
-
-
-def test_a_thickness_that_nobody_knows_is_told() -> None:
-    with pytest.raises(vrte.SceneError, match="is given by its optical thickness: give it a thickness_um"):
-        make_panel({"layer": [FILM]}, TWO).make_as_thick(3.0)
-    with pytest.raises(vrte.SceneError, match="semi-infinite, and can be made no thicker"):
-        make_panel({"layer": [FILM | {"thickness": math.inf}]}, TWO).scale_film(2.0)
 
 
 def test_wavelengths_are_the_files_or_the_visible_as_far_as_it_is_known() -> None:

@@ -7,10 +7,9 @@ from typing import Any
 
 from nicegui import ui
 
-from vrte.app import figures
 from vrte.app.form.fields import get_value, translate_message
 from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
-from vrte.app.page.controls import add_menu_item, add_message, add_table_row, make_menu, select
+from vrte.app.page.controls import LivePanel, add_menu_item, add_message, add_slider, add_table, make_menu, select
 from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving.appearance import (
     ACCURACY,
@@ -24,9 +23,9 @@ from vrte.app.solving.appearance import (
     Shade,
     Viewing,
 )
-from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place
 from vrte.formats.toml_table import read_share
+from vrte.pictures.results import spectra
 
 WHITES = 0.4, 1.0  # albedos of the white card
 THROTTLE = 0.1  # seconds between two positions of a slider
@@ -36,22 +35,12 @@ NAMES = {"X": "X", "Y": "Y", "Z": "Z", "L": "L*", "a": "a*", "b": "b*", "C": "C*
 SIDES = ("over black", "over white")
 
 
-class AppearancePanel:
-    """Sliders over the form's numbers, and what follows from them. ``write`` puts a number into a field of the form,
-    ``fill`` another scene; ``plot`` makes an empty figure, ``draw`` fills it."""
+class AppearancePanel(LivePanel):
+    """Sliders over the form's numbers, and the colours, gloss and hiding that follow from them."""
 
-    def __init__(
-        self,
-        session: TabSession,
-        write: Callable[[Place, float], None],
-        fill: Callable[..., None],
-        plot: Callable[[], Any],
-        draw: Callable[[Any], None],
-    ) -> None:
-        self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
-        self.view = session.view
+    def lay_out(self, plot: Callable[[], Any]) -> None:
         self.view.setdefault("viewing", Viewing())
-        self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}
+        self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}  # each with its text and its bar
         self.white: Any = None  # what stands above the slider of the white card
         self.missing = ""
         self.shown: Any = None
@@ -67,7 +56,14 @@ class AppearancePanel:
                 select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
         self.message = add_message("vrte-warning w-full mt-2", "status")
         with ui.row().classes("w-full gap-x-4 gap-y-1 items-center pt-2 relative vrte-now") as self.colours:
-            self._lay_out_colours()
+            with ui.element("div").classes("vrte-drawdown"):
+                self.swatches = [make_swatch() for _ in SIDES]
+                self.old = ui.label("for the previous setting").classes("vrte-warning vrte-mark").props("role=status")
+            with ui.column().classes("gap-0"):
+                self.contrast = ui.label().classes("vrte-heading")
+                self.apart, self.changed, self.gloss, self.hiding = (add_message("vrte-note") for _ in range(4))
+                keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
+                keep.props("flat dense no-caps size=sm color=primary")
         self.bars = ui.element("div").classes("vrte-bars")
         with ui.row().classes("w-full items-center gap-2 no-wrap vrte-status") as self.progress:
             self.spinner = ui.spinner(size="16px")
@@ -76,58 +72,34 @@ class AppearancePanel:
             self.stop.props("flat dense no-caps size=sm color=negative")
         self.told = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
         with ui.column().classes("w-full gap-2 no-wrap pb-4 vrte-below") as self.answer:
-            self._lay_out(plot)
+            self.gaps, self.notes = add_message("vrte-note"), add_message("vrte-warning w-full")
+            with ui.element("div").classes("vrte-look"):
+                with ui.column().classes("gap-0 no-wrap vrte-spectra"):
+                    plot()
+                self.numbers = ui.element("div")
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
-
-    # layout
-
-    def _lay_out(self, plot: Callable[[], Any]) -> None:
-        """What stands below the sliders: notes, the figure and the table of numbers, empty."""
-        self.gaps, self.notes = add_message("vrte-note"), add_message("vrte-warning w-full")
-        with ui.element("div").classes("vrte-look"):
-            with ui.column().classes("gap-0 no-wrap vrte-spectra"):
-                plot()
-            with ui.element("table").classes("vrte-table"):
-                add_table_row("th", ["", *SIDES])
-                self.cells = {name: add_table_row("td", [label, "", ""])[1:] for name, label in NAMES.items()}
-
-    def _lay_out_colours(self) -> None:
-        """Swatches, and beside them contrast, differences, gloss and hiding, empty."""
-        with ui.element("div").classes("vrte-drawdown"):
-            self.swatches = [make_swatch() for _ in SIDES]
-            self.old = ui.label("for the previous setting").classes("vrte-warning vrte-mark").props("role=status")
-        with ui.column().classes("gap-0"):
-            self.contrast = ui.label().classes("vrte-heading")
-            self.apart, self.changed, self.gloss, self.hiding = (add_message("vrte-note") for _ in range(4))
-            keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
-            keep.props("flat dense no-caps size=sm color=primary")
 
     def _draw_sliders(self) -> None:
         """One a number of the form; anew where there are others, or a number has left its slider's range."""
         content = self.session.content
         wanted = {slider.place: slider for slider in list_sliders(content)}
-        values = {place: read_share(get_value(content, place)) or 0.0 for place in wanted}
         now = {place: slider for place, (slider, _, _) in self.sliders.items()}
         same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
-        if self.white is None or not same or not all(now[place].reaches(value) for place, value in values.items()):
+        if self.white is None or not same or not all(now[place].reaches(one.start) for place, one in wanted.items()):
             self.bars.clear()
             with self.bars:
                 self.sliders = {
-                    place: (one, *make_bar(one.label, 0, STEPS, 1, partial(self.move, place)))
+                    place: (one, *add_slider(one.label, (0, STEPS), 1, partial(self.move, place), THROTTLE)[1:])
                     for place, one in wanted.items()
                 }
-                self.white, bar = make_bar(
-                    "albedo of the white card",
-                    *WHITES,
-                    0.01,
-                    lambda albedo: self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1])),
-                )
+                _, self.white, bar = add_slider("albedo of the white card", WHITES, 0.01, self.whiten, THROTTLE)
                 bar.set_value(self.view["viewing"].white)
         for place, (slider, text, bar) in self.sliders.items():
-            text.set_text(f"{slider.label}: {values[place]:.3g}")
-            bar.props.update({"aria-valuetext": f"{values[place]:.3g}"})
+            value = read_share(get_value(content, place)) or 0.0
+            text.set_text(f"{slider.label}: {value:.3g}")
+            bar.props.update({"aria-valuetext": f"{value:.3g}"})
             if place != self.moved:
-                bar.set_value(slider.find_step(values[place]))
+                bar.set_value(slider.find_step(value))
         self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
 
     # what somebody does
@@ -142,6 +114,10 @@ class AppearancePanel:
         self.view["viewing"] = replace(self.view["viewing"], **{key: value})
         self.refresh()
 
+    def whiten(self, albedo: float) -> None:
+        """Over a white card of another albedo."""
+        self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1]))
+
     def move(self, place: Place, step: float) -> None:
         """A slider to another step: its number goes to the form, and what changes there is shown here."""
         if place in self.sliders:  # it may have gone meanwhile
@@ -150,21 +126,20 @@ class AppearancePanel:
             self.moved = None
 
     def keep(self) -> None:
-        """What is shown is what later colours are compared with."""
+        """Later colours are compared with those that are shown."""
         answer = self.session.live.answer
         if isinstance(answer, Appeared):
             self.view["before"] = answer.shares
             self.refresh()
 
     def end(self) -> None:
-        """Whatever is being worked out."""
+        """Ends the process that works it out."""
         self.session.live.close()
         self.follow()
 
     # what follows
 
     def refresh(self) -> None:
-        """Asks what the form's scene looks like, where that is not known yet."""
         session, live = self.session, self.session.live
         unfit = explain_missing(session.content)
         self.missing = unfit or (f"The form waits: {session.wrong[0]}" if session.wrong else "")
@@ -178,20 +153,13 @@ class AppearancePanel:
         self.follow()
 
     def follow(self) -> None:
-        """Looks whether an answer has come."""
+        """Looks whether an answer has come; greys one for another scene than the form's, or in another light."""
         live = self.session.live
         live.refresh()
         if live.answer is not self.shown:
             self._show()
         for element in (self.spinner, self.stop):
             element.set_visibility(live.waits)
-        self._mark_old()
-        if not live.waits:
-            self.timer.deactivate()
-
-    def _mark_old(self) -> None:
-        """Greys what was worked out for another scene than the form's, or another way of looking at it."""
-        live = self.session.live
         asked = live.answered if isinstance(live.answered, Question) else None
         old = asked is None or (asked.content, asked.viewing) != (self.session.content, self.view["viewing"])
         self.old.set_visibility(old)
@@ -200,6 +168,8 @@ class AppearancePanel:
         if old:
             stopped = "stopped: a slider or a change of the form begins again"
             self.status.set_text("being worked out" if live.waits else stopped)
+        if not live.waits:
+            self.timer.deactivate()
 
     def _show(self) -> None:
         """The last answer, or why there is none."""
@@ -216,6 +186,7 @@ class AppearancePanel:
     def _write(self, answer: Appeared) -> None:
         """Colours, numbers and spectra of an answer."""
         shades = answer.black, answer.white
+        gaps = []
         for (swatch, below, words), side, shade, then in zip(
             self.swatches, SIDES, shades, answer.before or (None, None), strict=True
         ):
@@ -224,23 +195,24 @@ class AppearancePanel:
             words.set_text(f"{side} {shade.hex}")
             below.set_visibility(then is not None)
             colour_swatch(below, then or shade)
+            if shade.gap > 0.0:
+                gaps.append(f"{side}: no screen of sRGB shows it; the swatch is {shade.gap:.1f} ΔE2000 away")
+        self.gaps.set_text("; ".join(gaps))
         self.contrast.set_text(f"contrast ratio {answer.contrast:.4f}")
         self.apart.set_text(f"ΔE2000 between black and white: {answer.apart:.2f}")
-        changed = answer.changed and "; ".join(
-            f"{side} {value:.2f}" for side, value in zip(SIDES, answer.changed, strict=True)
-        )
-        self.changed.set_text(f"ΔE2000 from before: {changed}" if changed else "")
-        self.gloss.set_text(write_gloss(answer))
-        self.hiding.set_text(write_hiding(answer))
-        for name, labels in self.cells.items():
-            for label, shade in zip(labels, shades, strict=True):
-                label.set_text(f"{shade.numbers[name]:.2f}")
-        gaps = [
-            f"{side}: no screen of sRGB shows it; the swatch is {shade.gap:.1f} ΔE2000 away"
-            for side, shade in zip(SIDES, shades, strict=True)
-            if shade.gap > 0.0
-        ]
-        self.gaps.set_text("; ".join(gaps))
+        changed = [f"{side} {value:.2f}" for side, value in zip(SIDES, answer.changed or (), strict=False)]
+        self.changed.set_text(f"ΔE2000 from before: {'; '.join(changed)}" if changed else "")
+        glosses = {one.geometry.partition(":")[0]: one.value for one in answer.readings if one.quantity == "gloss"}
+        values = " / ".join(f"{value:.1f}" for value in glosses.values())
+        self.gloss.set_text(f"gloss {'/'.join(f'{angle}°' for angle in glosses)}: {values} GU" if glosses else "")
+        read = {one.quantity: one.value for one in answer.readings}
+        length, rate = read.get("hiding thickness", 0.0), read.get("spreading rate", 0.0)
+        hiding = f"hiding thickness {length:.3g} µm (contrast ratio {TARGET:g}), {rate:.3g} m²/l"
+        self.hiding.set_text(hiding if length else "")
+        self.numbers.clear()
+        with self.numbers:
+            rows = [[label, *(f"{shade.numbers[key]:.2f}" for shade in shades)] for key, label in NAMES.items()]
+            add_table("", ["", *SIDES], rows)
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
         said = "; ".join([*notes, *answer.why_none, *answer.notes])
@@ -253,23 +225,7 @@ class AppearancePanel:
         )
         if not answer.follows:
             self.told.set_text("; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding)))))
-        self.draw_figure(figures.spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
-
-
-def write_gloss(answer: Appeared) -> str:
-    """Gloss at its three angles; "" while it is not known, or where there is none."""
-    found = [one for one in answer.readings if one.quantity == "gloss"]
-    angles = "/".join(one.geometry.partition(":")[0] + "°" for one in found)
-    return f"gloss {angles}: {' / '.join(f'{one.value:.1f}' for one in found)} GU" if found else ""
-
-
-def write_hiding(answer: Appeared) -> str:
-    """The thickness that hides, and how far a litre of it goes; "" while it is not known, or where there is none."""
-    found = {one.quantity: one.value for one in answer.readings}
-    if "hiding thickness" not in found:
-        return ""
-    length, rate = found["hiding thickness"], found["spreading rate"]
-    return f"hiding thickness {length:.3g} µm (contrast ratio {TARGET:g}), {rate:.3g} m²/l"
+        self.draw_figure(spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
 
 
 def make_swatch() -> tuple[Any, Any, Any]:
@@ -284,12 +240,3 @@ def make_swatch() -> tuple[Any, Any, Any]:
 def colour_swatch(element: Any, shade: Shade) -> None:
     """A colour behind words that can be read on it."""
     element.style(f"background: {shade.hex}; color: {'#000' if shade.numbers['L'] > BRIGHT else '#fff'}")
-
-
-def make_bar(label: str, low: float, high: float, step: float, act: Callable[[float], None]) -> tuple[Any, Any]:
-    """A slider and the text above it; what it says comes at most ten times a second, the last always."""
-    with ui.column().classes("gap-0"):
-        text = ui.label().classes("vrte-note")
-        bar = ui.slider(min=low, max=high, step=step, value=low).props(f'dense aria-label="{label}"').classes("w-full")
-        bar.on("update:model-value", lambda event: act(float(event.args)), throttle=THROTTLE)
-    return text, bar

@@ -1,56 +1,307 @@
 """The left side of the page: the scene as fields, each checked as it is typed."""
 
 import copy
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from typing import Any
 
 from nicegui import ui
 
 from vrte.app.form import content as form
-from vrte.app.page.controls import Controls, make_card_head, make_icon, make_row
+from vrte.app.form.checks import name_part
+from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
+from vrte.app.page.controls import OUTLINED, add_menu_item, add_message, make_icon, make_menu, report_errors
+from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS
+from vrte.formats.keys import Choice, FilePath, Flag, Numbers, Substance
+from vrte.formats.media import TABLE
+from vrte.formats.named import find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import ANGLES
+from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import INDEPENDENT, PACKINGS
+from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
 LIST_HINT = "one number, several with commas, or start:stop:count"
+SHORT = 24  # characters of a label in half of the form
+LONG = 42  # of a choice, for which there is no room
 
 
-class FormPanel(Controls):
-    """The form of a scene."""
+class FormPanel:
+    """Fields over the content of a session; ``changed`` is called after each change."""
+
+    def __init__(self, session: TabSession, changed: Callable[[], None]) -> None:
+        self.session, self.changed = session, changed
+        self.fields: dict[Place, tuple[Any, Any]] = {}  # each with its section
+        self.section_now: Any = None
+        self.words: dict[Place, Any] = {}  # about files that were read
+        self.asked: tuple[Place, tuple[str, ...], int] = ((), (), 0)  # where the next file goes, what it may be
+        self.refused: dict[Place, str] = {}  # files, and why
+        self.body = ui.column().classes("w-full gap-0 no-wrap")
+        self.general = add_message("vrte-error px-4 pb-1")
+        self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_TABLE, on_upload=self.take_file)
+        self.upload.on_rejected(lambda: self.refuse(f"the file has more than {LARGEST_TABLE / 1e6:g} MB"))
+        self.upload.classes("hidden")
+        self.draw()
+
+    def draw(self) -> None:
+        """Everything anew, after what is there has changed."""
+        self.fields.clear()
+        self.words.clear()
+        self.body.clear()
+        with self.body:
+            self.lay_out()
+        self.check()
+
+    def check(self) -> None:
+        """Every message at its field; what belongs to none, below."""
+        session = self.session
+        at_fields: dict[Place, str] = {}
+        rest = []
+        for place, message in session.find_problems().items():
+            around = [place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields]
+            if around:
+                at_fields.setdefault(around[0], message)
+            else:
+                rest.append(message)
+        for place, (field, section) in self.fields.items():
+            wrong = self.refused.get(place) or at_fields.get(place, "")
+            if isinstance(field, ui.label):
+                field.set_text(wrong)
+            else:
+                field.error = wrong or None
+            if wrong:
+                section.set_value(True)  # a message must be seen
+        for place, label in self.words.items():
+            part = place[:1] if place[0] == "base" else place[:3]
+            said = session.said.get(name_part(session.content, part))
+            label.set_text(said.words if said else "")
+        self.general.set_text("; ".join(rest))
+        told: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
+        session.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
+        self.changed()
+
+    def jump(self) -> None:
+        """To the field that is wrong."""
+        place = self.session.wrong[1] if self.session.wrong else ()
+        if place in self.fields:
+            field, section = self.fields[place]
+            section.set_value(True)
+            ui.run_javascript(f"setTimeout(() => vrte.jump({field.id}), 250)")
+
+    def change(self, action: Callable[..., Any], *arguments: Any) -> None:
+        """Something other than a field's text: done, then all is drawn anew; what cannot be done is told."""
+        with report_errors(lambda why: ui.notify(why, type="warning", multi_line=True)):
+            action(*arguments)
+        self.refused.clear()
+        self.draw()
+        with self.body:  # what was clicked is gone
+            ui.run_javascript("vrte.focus_again()")
+
+    # pieces
+
+    @contextmanager
+    def section(self, title: str, symbol: str, opened: bool = True) -> Iterator[None]:
+        """A part of the form that opens and closes, and stays so when it is drawn anew."""
+        view = self.session.view
+        part = ui.expansion(title, icon=symbol, value=view.get(title, opened)).props("dense dense-toggle")
+        part.classes("vrte-section w-full").on_value_change(lambda event: view.update({title: bool(event.value)}))
+        self.section_now = part
+        with part, ui.column().classes("w-full gap-2 px-1 pb-2"):
+            yield
+
+    def keys(self, places: Iterable[Place], chosen: Callable[[], None] = lambda: None) -> None:
+        """What the keys of a registry are entered by, numbers with short names two in a row."""
+        waiting: Any = None  # a row that has room for one more field
+        for place in places:
+            key = find_field(place, self.session.content)
+            if isinstance(key, (Substance, FilePath, Choice, Flag, Numbers)) or len(key.label) > SHORT:
+                waiting = None
+                self.key(*place, chosen=chosen)
+            else:
+                row = make_row() if waiting is None else waiting
+                waiting = row if waiting is None else None
+                with row:
+                    self.field(*place)
+
+    def key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
+        """What a registry's key is entered by; ``chosen`` is called once there is a substance."""
+        content = self.session.content
+        key, value = find_field(place, content), get_value(content, place)
+        put = partial(form.put, content, place)
+        if isinstance(key, Substance):
+            self.substance(*place, chosen=chosen)
+        elif isinstance(key, FilePath):
+            self.file(*place, key=key)
+        elif isinstance(key, Choice):
+            names = dict(key.names) if key.needed or not key.empty else {"": key.empty, **key.names}
+            now = value or next(iter(names))
+            long = max(map(len, names.values())) > LONG
+            shown = {name: name or key.empty for name in names} if long else names
+            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None))
+            found.props.update({"hint": names.get(now, "")} if long else {})
+            self.enter(place, found)
+        elif isinstance(key, Flag):
+            usual = key.usual(get_value(content, place[:-1]))
+            now = usual if value is None else value is True
+            told = key.needed or key.start is not None  # else a box as it usually is puts in nothing
+            self.switch(key.label, now, lambda ticked: put(ticked if told or ticked != usual else None))
+            self.complaint(*place)
+        else:
+            self.field(*place)
+
+    def field(self, *place: str | int, classes: str = "") -> Any:
+        """A text that is read, put in its place and checked while somebody types."""
+        content = self.session.content
+        about = find_field(place, content)
+
+        def typed(event: Any) -> None:
+            form.put(content, place, parse_field_text(str(event.value or "")))
+            self.refused.pop(place, None)
+            self.check()
+
+        label, value = about.label.format(place[-1]), write_field_text(get_value(content, place))
+        found = ui.input(label, value=value, on_change=typed)
+        found.props(f"{OUTLINED} debounce=120 autocomplete=off spellcheck=false")
+        found.without_auto_validation()  # it would wipe out the message that `typed` has brought
+        found.props(f"maxlength={LONGEST_TEXT}").classes(f"vrte-field {classes}")
+        found.props.update({name: text for name, text in (("placeholder", about.empty), ("hint", about.hint)) if text})
+        self.enter(place, found)
+        return found
+
+    def substance(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
+        """A field for a substance, with a menu of those that have names, and of a table of one's own."""
+        index = self.field(*place)
+
+        def choose(material: str) -> None:
+            index.set_value(material)
+            chosen()
+
+        index.on("change", chosen)
+        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), make_menu():
+            self.ask_for_file(add_menu_item(f"a table of n, k ({TABLE}) ..."), place, (TABLE,), LARGEST_LIST)
+            for material in MATERIALS:
+                add_menu_item(material, partial(choose, material))
+
+    def file(self, *place: str | int, key: FilePath) -> None:
+        """A file that somebody chooses, and what was read from it."""
+        name = write_field_text(get_value(self.session.content, place))
+        found = ui.input(key.label, value=name).without_auto_validation().classes("vrte-field")
+        found.props(f"{OUTLINED} readonly")
+        found.props.update({"placeholder": key.empty or "no file yet", "hint": key.hint or " or ".join(key.suffixes)})
+        most = LARGEST_LIST if place[0] == "particles" else LARGEST_TABLE
+        with found.add_slot("append"):
+            if name and not key.needed:
+                make_icon("close", "without a file", partial(self.change, form.put, self.session.content, place, None))
+            self.ask_for_file(make_icon("upload_file", "choose a file"), place, key.suffixes, most)
+        self.enter(place, found)
+        self.words[place] = add_message("vrte-note")
+
+    def ask_for_file(self, button: Any, place: Place, suffixes: tuple[str, ...], most: int) -> None:
+        """A click on the button lets somebody choose a file for a place."""
+
+        def ask() -> None:
+            self.asked = place, suffixes, most
+
+        script = f"() => {{ emit(); vrte.pick({self.upload.id}, '{','.join(suffixes)}'); }}"
+        button.on("click", ask, js_handler=script, args=[])
+
+    async def take_file(self, event: Any) -> None:
+        """A file that somebody has chosen."""
+        place, suffixes, most = self.asked
+        self.upload.reset()
+        name, size = str(event.file.name), int(event.file.size())
+        with report_errors(self.refuse):
+            if size > most:
+                raise SceneError(f"{show_toml(name)} has {size / 1e6:.3g} MB, and at most {most / 1e6:g} MB are taken")
+            named = frozenset(find_named_tables(self.session.content).values())
+            kept = self.session.uploads.add(name, await event.file.read(), suffixes, most, named)
+            self.refused.pop(place, None)
+            form.put(self.session.content, place, kept)
+            self.draw()
+
+    def refuse(self, why: str) -> None:
+        """What is wrong with a file, at the field that it was for, which stays as it is."""
+        self.refused[self.asked[0]] = why
+        self.check()
+
+    def choice(self, names: dict[str, str], value: Any, label: str, act: Callable[[Any], None]) -> Any:
+        """One of several; the rest of the form may depend on it."""
+        found = ui.select(names, value=value, label=label)
+        found.on_value_change(lambda event: self.change(act, event.value))
+        found.without_auto_validation()
+        return found.props(f"{OUTLINED} options-dense").classes("w-full vrte-field")
+
+    def switch(self, text: str, value: bool, act: Callable[[bool], Any]) -> None:
+        """A box that is ticked or not; the rest of the form depends on it."""
+        box = ui.checkbox(text, value=value).props("dense size=sm").classes("vrte-note")
+        box.on_value_change(lambda event: self.change(act, bool(event.value)))
+
+    def adder(self, text: str, add: Callable[[form.Content], Any]) -> None:
+        """A button that adds something."""
+        button = ui.button(text, icon="add", on_click=lambda: self.change(add, self.session.content))
+        button.props("flat dense no-caps size=sm color=primary")
+
+    def complaint(self, *place: str | int) -> None:
+        """Where messages about a whole table are shown."""
+        self.enter(place, add_message("vrte-error"))
+
+    def enter(self, place: Place, field: Any) -> None:
+        """A field, or what stands for one, where messages about it find it."""
+        self.fields[place] = field, self.section_now
+
+    # the form
 
     def lay_out(self) -> None:
         content = self.session.content
         with self.section("Light", "wb_sunny"):
             self.field("wavelength_um")
             self.key("host_index")
-        self._particles()
-        self._layers()
-        self._base()
+        with self.section("Particles", "grain"):
+            if not content.get("particles"):
+                ui.label("None: the layers name their phase functions.").classes("vrte-note")
+            for name in content.get("particles", {}):
+                with ui.column().classes("vrte-card"):
+                    self._kind(name)
+            self.adder("add a kind of particle", form.add_kind)
+        with self.section("Layers, top first", "layers"):
+            for place in range(len(content["layer"])):
+                with ui.column().classes("vrte-card"):
+                    self._layer(place)
+            with make_row():
+                self.adder("add a layer", form.add_layer)
+                self.adder("add a surface or interface", form.add_interface)
+        with self.section("Base", "horizontal_rule"):
+            kind = content.get("base", {}).get("kind", "black")
+            names = {name: row.words for name, row in BASES.items()}
+            self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
+            self.keys(("base", key) for key in (BASES[kind].keys if kind in BASES else ()))
+            self.complaint("base")
         with self.section("Directions of the BRDF", "explore", opened=False):
             ui.label(LIST_HINT).classes("vrte-note")
             degrees = form.is_in_degrees(content)
             self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
             for key in ("mu_i", "mu_o", "phi_deg"):
                 self.field("brdf", ANGLES.get(key, key) if degrees else key)
-        self._inside()
+        with self.section("Inside the layers", "vertical_align_center", opened=False):
+            start = copy.deepcopy(form.START["field"])
+            put = partial(form.put, content, ("field",))
+            self.switch("the radiance field, too", "field" in content, lambda wanted: put(start if wanted else None))
+            if "field" in content:
+                beam = ANGLES["mu0"] if ANGLES["mu0"] in content["field"] else "mu0"
+                for key in (beam, "tau", "phi_deg", "stokes", "mu"):
+                    self.field("field", key)
         with self.section("Accuracy", "tune", opened=False):
             with make_row():
                 self.field("accuracy")
                 self.field("nodes")
             value, names = content.get("truncation", "auto"), {name: name for name in CHOICES}
             self.choice(names, value, "truncation of forward peaks", partial(form.put, content, ("truncation",)))
-
-    def _particles(self) -> None:
-        known = self.session.content.get("particles", {})
-        with self.section("Particles", "grain"):
-            if not known:
-                ui.label("None: the layers name their phase functions.").classes("vrte-note")
-            for name in known:
-                with ui.column().classes("vrte-card"):
-                    self._kind(name)
-            self.adder("add a kind of particle", form.add_kind)
 
     def _kind(self, name: str) -> None:
         content = self.session.content
@@ -80,15 +331,6 @@ class FormPanel(Controls):
         if "host_index" in kind or any(map(form.is_interface, content["layer"])):
             self.key("particles", name, "host_index")
         self.complaint("particles", name)
-
-    def _layers(self) -> None:
-        with self.section("Layers, top first", "layers"):
-            for place in range(len(self.session.content["layer"])):
-                with ui.column().classes("vrte-card"):
-                    self._layer(place)
-            with make_row():
-                self.adder("add a layer", form.add_layer)
-                self.adder("add a surface or interface", form.add_interface)
 
     def _layer(self, place: int) -> None:
         content = self.session.content
@@ -148,25 +390,12 @@ class FormPanel(Controls):
             found = self.choice(names, packing, "close particles scatter", partial(form.set_packing, layer))
             self.enter(("layer", place, "packing"), found)
 
-    def _base(self) -> None:
-        content = self.session.content
-        with self.section("Base", "horizontal_rule"):
-            kind = content.get("base", {}).get("kind", "black")
-            names = {name: row.words for name, row in BASES.items()}
-            self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
-            self.keys(("base", key) for key in (BASES[kind].keys if kind in BASES else ()))
-            self.complaint("base")
 
-    def _inside(self) -> None:
-        content = self.session.content
-        with self.section("Inside the layers", "vertical_align_center", opened=False):
-            start = copy.deepcopy(form.START["field"])
-            self.switch(
-                "the radiance field, too",
-                "field" in content,
-                lambda wanted: form.put(content, ("field",), start if wanted else None),
-            )
-            if "field" in content:
-                beam = ANGLES["mu0"] if ANGLES["mu0"] in content["field"] else "mu0"
-                for key in (beam, "tau", "phi_deg", "stokes", "mu"):
-                    self.field("field", key)
+def make_row(wrap: str = "no-wrap") -> Any:
+    """Fields beside each other."""
+    return ui.row().classes(f"w-full gap-2 {wrap}")
+
+
+def make_card_head() -> Any:
+    """The name of a card, and its buttons."""
+    return ui.row().classes("w-full items-center no-wrap gap-1")

@@ -19,23 +19,19 @@ FOLDER = Path(__file__).parents[1] / "gallery"
 
 
 def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
-    """Lets somebody choose: a scene, to ``solve`` at once, or a ready paint or material, to ``fill`` the form
-    with, whose approximations are told."""
+    """Offers scenes, to ``solve`` at once, and ready paints and materials, to ``fill`` the form with, beside the
+    sentences about their approximations."""
 
-    def choose_scene(path: Path) -> None:
+    def solve_scene(path: Path) -> None:
         dialog.close()
         solve(adopt_content(parse_content(path.read_bytes())))
-
-    def choose_material(material: Ready) -> None:
-        dialog.close()
-        fill(*fill_with_material(material))
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
         add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(FOLDER.glob("*.toml")):
                 title = parse_content(path.read_bytes())["render"]["title"]
-                with ui.button(on_click=lambda path=path: choose_scene(path)) as button:
+                with ui.button(on_click=partial(solve_scene, path)) as button:
                     button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
                     picture = ui.element("img").props('alt="" width=84 height=84')
                     drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
@@ -45,8 +41,8 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
             add_heading(f"{title} to begin with", 2)
             with ui.row().classes("justify-center gap-1"):
                 for one in known.values():
-                    button = ui.button(one.title, on_click=partial(choose_material, one))
-                    button.props("flat no-caps dense").classes("px-2").tooltip(one.description)
+                    button = ui.button(one.title, on_click=lambda one=one: fill(*fill_with_material(one)))
+                    button.on_click(dialog.close).props("flat no-caps dense").classes("px-2").tooltip(one.description)
     dialog.on("hide", dialog.delete)
     dialog.open()
 

@@ -8,12 +8,19 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from vrte.app import figures
-from vrte.app.form.content import Content
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
 from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_shares_out
-from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
+from vrte.app.page.controls import (
+    GO,
+    LivePanel,
+    add_bullets,
+    add_heading,
+    add_message,
+    add_table,
+    report_errors,
+    select,
+)
 from vrte.app.solving.measuring import (
     HEADS,
     LARGEST_MEASUREMENT,
@@ -24,9 +31,9 @@ from vrte.app.solving.measuring import (
     list_shown,
 )
 from vrte.app.solving.messages import Fit, Fitted, Refused
-from vrte.app.solving.tab_session import TabSession
-from vrte.basics.errors import Place, SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import is_number, show_toml
+from vrte.pictures.fit import SCENE, measurement
 
 LOOK_EVERY = 0.1  # seconds between two looks whether something has come
 NOTHING = (
@@ -38,45 +45,16 @@ OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
 DIGITS = 6
 
 
-class MeasurementPanel:
-    """A measurement, the form's scene beside it, and the fit. ``fill`` gives the form another scene; ``plot`` makes an
-    empty figure, ``draw`` fills it."""
+class MeasurementPanel(LivePanel):
+    """A measurement, the form's scene beside it, and the fit."""
 
-    def __init__(
-        self,
-        session: TabSession,
-        write: Callable[[Place, float], None],
-        fill: Callable[[Content], None],
-        plot: Callable[[], Any],
-        draw: Callable[[Any], None],
-    ) -> None:
-        self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
-        self.view = session.view
+    def lay_out(self, plot: Callable[[], Any]) -> None:
         self.view.setdefault("free", {})
         self.listed: list[FormNumber] = []
         self.ends: dict[str, tuple[Any, Any, Any]] = {}  # of each number: its value now, from, to
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
         self.back: Any = None  # the button to the values before
-        self._add_upload()
-        self.message = add_message("vrte-warning w-full mt-2", "status")
-        self.nothing = ui.label(NOTHING).classes("vrte-empty")
-        with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
-            with ui.element("div").classes("w-full overflow-auto mt-2"):
-                self.table = ui.element("table").classes("vrte-table vrte-columns whitespace-nowrap")
-            with ui.element("div").classes("vrte-look"):
-                with ui.column().classes("gap-0 no-wrap vrte-spectra"):
-                    plot()
-                with ui.column().classes("gap-2 no-wrap"):
-                    self._lay_out_fit()
-                    self.result = ui.column().classes("gap-2 vrte-narrow")
-            self.details = ui.column().classes("w-full gap-2")
-        self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
-
-    # layout
-
-    def _add_upload(self) -> None:
-        """Where a measurement is opened, its name, and what of it is shown."""
         self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_MEASUREMENT, on_upload=self.take_upload)
         self.upload.on_rejected(lambda: self.refuse(TOO_LARGE)).props(f'accept="{",".join(SUFFIXES)}"')
         self.upload.classes("hidden")
@@ -85,27 +63,35 @@ class MeasurementPanel:
             opener.classes("px-2").on("click", js_handler=f"() => vrte.pick({self.upload.id})")
             self.shown = select([], None, "shown", self.look, 250)
             self.name = ui.label().classes("vrte-note")
-
-    def _lay_out_fit(self) -> None:
-        """What may change, and the buttons."""
-        add_heading("What the fit may change")
-        self.free = ui.element("table").classes("vrte-table vrte-columns")
-        with ui.row().classes("w-full items-center gap-2"):
-            self.fit = ui.button("Fit", icon="insights", on_click=self.begin, color=None)
-            self.fit.props("no-caps unelevated").classes("vrte-go px-4 mt-1")
-            self.stop = ui.button("Stop", icon="stop", on_click=self.end).props("no-caps outline color=negative")
-            self.stop.tooltip("keeps the best so far; once more: the last step, at once")
-            self.spinner = ui.spinner(size="16px")
-            self.status = ui.label().classes("vrte-note").props("role=status aria-live=polite")
-        self.failure = add_message("vrte-error vrte-narrow", "alert")
+        self.message = add_message("vrte-warning w-full mt-2", "status")
+        self.nothing = ui.label(NOTHING).classes("vrte-empty")
+        with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
+            self.table = ui.element("div").classes("w-full overflow-auto mt-2")
+            with ui.element("div").classes("vrte-look"):
+                with ui.column().classes("gap-0 no-wrap vrte-spectra"):
+                    plot()
+                with ui.column().classes("gap-2 no-wrap"):
+                    add_heading("What the fit may change")
+                    self.free = ui.element("div")
+                    with ui.row().classes("w-full items-center gap-2"):
+                        self.fit = ui.button("Fit", icon="insights", on_click=self.begin, color=None)
+                        self.fit.props(GO).classes("vrte-go px-4 mt-1")
+                        self.stop = ui.button("Stop", icon="stop", on_click=self.end)
+                        self.stop.props("no-caps outline color=negative")
+                        self.stop.tooltip("keeps the best so far; once more: the last step, at once")
+                        self.spinner = ui.spinner(size="16px")
+                        self.status = ui.label().classes("vrte-note").props("role=status aria-live=polite")
+                    self.failure = add_message("vrte-error vrte-narrow", "alert")
+                    self.result = ui.column().classes("gap-2 vrte-narrow")
+            self.details = ui.column().classes("w-full gap-2")
+        self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
 
     def _draw_free(self) -> None:
         """A row for each number of the form; anew where there are others."""
         before, self.listed = self.listed, list_free_numbers(self.session.content)
         if [(one.key, one.label) for one in self.listed] != [(one.key, one.label) for one in before] or not self.ends:
             self.free.clear()
-            with self.free:
-                add_table_row("th", ["may change", "now", "from", "to"])
+            with self.free, add_table("vrte-columns", ["may change", "now", "from", "to"]):
                 self.ends = {one.key: self._add_row(one) for one in self.listed}
         for one in self.listed:
             now, *fields = self.ends[one.key]
@@ -116,19 +102,19 @@ class MeasurementPanel:
                     field.update()
 
     def _add_row(self, one: FormNumber) -> tuple[Any, Any, Any]:
-        """A number: whether it may change, where it is, from where to where it may go."""
-        told = self.view["free"].get(one.key, {})
+        """A number: whether it may change, its value, from where to where it may go."""
+        given = self.view["free"].get(one.key, {})
         fields = []
         with ui.element("tr"):
             with ui.element("td"):
-                box = ui.checkbox(one.label, value=bool(told.get("free"))).props("dense size=sm").tooltip(one.key)
-                box.on_value_change(partial(self.tell, one.key, "free"))
+                box = ui.checkbox(one.label, value=bool(given.get("free"))).props("dense size=sm").tooltip(one.key)
+                box.on_value_change(partial(self.set_free, one.key, "free"))
             with ui.element("td"):
                 now = ui.label()
             for side, words in (("low", "from"), ("high", "to")):
                 with ui.element("td"):
-                    field = ui.input(value=write_field_text(told.get(side)))
-                    field.on_value_change(partial(self.tell, one.key, side)).without_auto_validation()
+                    field = ui.input(value=write_field_text(given.get(side)))
+                    field.on_value_change(partial(self.set_free, one.key, side)).without_auto_validation()
                     field.props("outlined dense hide-bottom-space debounce=120 maxlength=40").classes("vrte-end")
                     field.props["aria-label"] = f"{one.label}, {words}"
                     fields.append(field)
@@ -164,34 +150,30 @@ class MeasurementPanel:
             self.view["shown"] = shown
             self._show()
 
-    def tell(self, key: str, side: str, event: Any) -> None:
+    def set_free(self, key: str, side: str, event: Any) -> None:
         """Whether a number may change, or how far, as it is typed; as far as it is suggested where nothing is."""
         value = event.value if side == "free" else parse_field_text(str(event.value or ""))
-        told = self.view["free"].setdefault(key, {})
-        told[side] = value
+        self.view["free"].setdefault(key, {})[side] = value
         if value is None:
-            del told[side]
+            del self.view["free"][key][side]
 
     def begin(self) -> None:
         """Starts the fit; what keeps it from that is said."""
         session = self.session
-        try:
+        self.failure.set_text("")
+        with report_errors(self.failure.set_text):
             for message in session.find_problems().values():
                 raise SceneError(f"the form: {message}")
             if not isinstance(session.beside.answer, Compared) or "measurement" not in self.view:
                 raise SceneError("there is no measurement to fit to")
             free = choose_free(self.listed, self.view["free"])
-        except SceneError as error:
-            self.failure.set_text(str(error))
-            return
-        self.failure.set_text("")
-        self.view.pop("before_fit", None)
-        _, data, suffix = self.view["measurement"]
-        content = write_shares_out(session.content)
-        session.start_fit(Fit(content, session.uploads.folder, data, suffix, free))
-        self.view["stopped"] = False
-        self.timer.activate()
-        self.follow()
+            self.view.pop("before_fit", None)
+            _, data, suffix = self.view["measurement"]
+            content = write_shares_out(session.content)
+            session.start_fit(Fit(content, session.uploads.folder, data, suffix, free))
+            self.view["stopped"] = False
+            self.timer.activate()
+            self.follow()
 
     def end(self) -> None:
         """The fit, with the best so far; once more, at once."""
@@ -200,15 +182,10 @@ class MeasurementPanel:
             self.view["stopped"] = True
             self.status.set_text("stopping")
 
-    def use(self) -> None:
+    def use(self, fitted: Fitted) -> None:
         """The values that were found go to the form; those of before can come back."""
-        fitted = self.session.fitted
-        try:
-            content = put_values(self.session.content, find_places(fitted)) if fitted is not None else None
-        except SceneError as error:
-            self.failure.set_text(str(error))
-            return
-        if content is not None:
+        with report_errors(self.failure.set_text):
+            content = put_values(self.session.content, find_places(fitted))
             self.view["before_fit"] = self.session.content
             self.fill(content)
 
@@ -225,10 +202,8 @@ class MeasurementPanel:
         session, given = self.session, self.view.get("measurement")
         self._draw_free()
         if given is not None:
-            content = (
-                None if session.wrong else {k: v for k, v in session.content.items() if k not in ("brdf", "field")}
-            )
-            session.beside.ask(Comparison(content, session.uploads.folder, *given[1:]))
+            content = {key: value for key, value in session.content.items() if key not in ("brdf", "field")}
+            session.beside.ask(Comparison(None if session.wrong else content, session.uploads.folder, *given[1:]))
             self.timer.activate()
         self._show()
         self.follow()
@@ -237,7 +212,7 @@ class MeasurementPanel:
         """Looks what has come: an answer, a step of the fit, its end."""
         session = self.session
         session.beside.refresh()
-        self._settle()
+        self._replace_measurement()
         job, busy = session.fits, session.fits is not None and not session.fits.ended
         if not busy:
             session.take_fit()
@@ -254,7 +229,7 @@ class MeasurementPanel:
         if not busy and not session.beside.waits:
             self.timer.deactivate()
 
-    def _settle(self) -> None:
+    def _replace_measurement(self) -> None:
         """A new measurement was read, and takes the place of the one before; or it was not, and that one is back."""
         answer = self.session.beside.answer
         if "kept" not in self.view or self.session.beside.answered is None:
@@ -291,7 +266,7 @@ class MeasurementPanel:
         if view.get("shown") not in offered:
             view["shown"] = offered[0]
         job, fitted = self.session.fits, self.session.fitted
-        predicted, fine, source = compared.predicted, compared.fine, figures.SCENE
+        predicted, fine, source = compared.predicted, compared.fine, SCENE
         if fitted is not None and write_shares_out(self.session.content) == fitted.content:
             predicted, fine, source = fitted.predicted, None, OF_FIT
         elif job is not None and job.step is not None and fitted is None:
@@ -303,13 +278,12 @@ class MeasurementPanel:
             self.shown.set_options({one: one.replace("_", " ") for one in offered}, value=view["shown"])
             self.table.clear()
             with self.table:
-                add_table_row("th", [*HEADS])
-                for row in describe_measured(measured):
-                    add_table_row("td", [row[0].replace("_", " "), *row[1:]])
+                rows = ((name.replace("_", " "), *row) for name, *row in describe_measured(measured))
+                add_table("vrte-columns whitespace-nowrap", HEADS, rows)
         self.drawn = wanted
         if predicted is not None and predicted.size != len(measured):  # of another measurement
             predicted, fine = None, None
-        self.draw_figure(figures.measurement(measured, view["shown"], predicted, fine, source))
+        self.draw_figure(measurement(measured, view["shown"], predicted, fine, source))
 
     def _write_result(self) -> None:
         """What the fit found, once."""
@@ -324,17 +298,23 @@ class MeasurementPanel:
             part.clear()
         if fitted is None:
             return
-        labels = {one.key: one for one in list_free_numbers(fitted.content)}
+        known = {one.key: one for one in list_free_numbers(fitted.content)}
+        names = {name: known[name].label for name in fitted.names}
+        rows = [
+            [
+                names[name],
+                write_digits(known[name].start),
+                f"{value:.6g}",
+                f"{error:.2g}" if np.isfinite(error) else "–",
+            ]
+            for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True)
+        ]
         with self.result:
             add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
-            with ui.element("table").classes("vrte-table vrte-columns"):
-                add_table_row("th", ["number", "began at", "fits best", "± one sigma"])
-                for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True):
-                    told = f"{error:.2g}" if np.isfinite(error) else "not told"
-                    add_table_row("td", [labels[name].label, write_digits(labels[name].start), f"{value:.6g}", told])
+            add_table("vrte-columns", ["number", "began at", "fits best", "± one sigma"], rows)
             with ui.row().classes("gap-2 items-center"):
-                use = ui.button("Take these values", icon="check", on_click=self.use, color=None)
-                use.props("no-caps unelevated").classes("vrte-go px-3")
+                use = ui.button("Take these values", icon="check", on_click=partial(self.use, fitted), color=None)
+                use.props(GO).classes("vrte-go px-3")
                 self.back = ui.button("Back to those before", icon="undo", on_click=self.go_back)
                 self.back.props("no-caps flat dense").set_visibility("before_fit" in self.view)
                 scene = write_content(put_values(fitted.content, find_places(fitted))).encode()
@@ -344,29 +324,21 @@ class MeasurementPanel:
                         hand_out = partial(ui.download.content, data, name)
                         ui.button(text, icon="download", on_click=hand_out).props("no-caps flat dense")
         with self.details:
-            if len(fitted.names) > 1 and np.isfinite(fitted.correlations).any():
-                self._write_correlations(fitted, [labels[name].label for name in fitted.names])
-            names = {name: labels[name].label for name in fitted.names}
+            if len(names) > 1 and np.isfinite(fitted.correlations).any():
+                add_heading("Correlations")
+                numbered = enumerate(zip(names.values(), fitted.correlations, strict=True), 1)
+                below = ([f"{n}  {label}", *(f"{value:.3f}" for value in row[:n])] for n, (label, row) in numbered)
+                with ui.element("div").classes("w-full overflow-auto"):
+                    add_table("vrte-columns whitespace-nowrap", ["", *map(str, range(1, len(names) + 1))], below)
             add_bullets("What these data cannot tell", tuple(replace_keys(one, names) for one in fitted.sentences))
             add_bullets("To be known", tuple(replace_keys(one, names) for one in fitted.notes))
 
-    def _write_correlations(self, fitted: Fitted, labels: list[str]) -> None:
-        """A triangle of numbers between -1 and 1."""
-        add_heading("Correlations")
-        with (
-            ui.element("div").classes("w-full overflow-auto"),
-            ui.element("table").classes("vrte-table vrte-columns whitespace-nowrap"),
-        ):
-            add_table_row("th", ["", *(str(place) for place in range(1, len(labels) + 1))])
-            for place, (label, row) in enumerate(zip(labels, fitted.correlations, strict=True), 1):
-                add_table_row("td", [f"{place}  {label}", *(f"{value:.3f}" for value in row[:place])])
 
-
-def choose_free(listed: list[FormNumber], told: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
+def choose_free(listed: list[FormNumber], asked: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Start, low and high of the numbers that may change, by their keys. Raises SceneError."""
     found = {}
     for one in listed:
-        given = told.get(one.key, {})
+        given = asked.get(one.key, {})
         if not given.get("free"):
             continue
         low, high = given.get("low", one.low), given.get("high", one.high)

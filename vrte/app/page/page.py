@@ -4,6 +4,7 @@ import asyncio
 import copy
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from vrte.app.form import files
 from vrte.app.form.checks import Said
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
-from vrte.app.page.controls import add_menu_item, add_message, make_menu
+from vrte.app.page.controls import GO, add_menu_item, add_message, make_menu, report_errors
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
 from vrte.app.page.result_panel import ResultPanel
@@ -23,7 +24,7 @@ from vrte.app.solving import downloads
 from vrte.app.solving.measuring import is_measurement
 from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
 from vrte.app.solving.tab_session import TabSession
-from vrte.basics.errors import MissingExtraError, Place, SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
@@ -103,27 +104,22 @@ class Page:
         return button.tooltip(tip)
 
     def _downloads(self) -> None:
-        session, out = self.session, self.hand_out
+        session, make = self.session, downloads.make_result_download
         for text, act in (
-            ("BRDF, NetCDF", lambda: out(downloads.make_brdf_download, session.outcome, ".nc")),
-            ("BRDF, CSV", lambda: out(downloads.make_brdf_download, session.outcome, ".csv")),
-            (
-                "field inside, NetCDF",
-                lambda: out(downloads.make_field_download, session.outcome, session.view["wavelength"], ".nc"),
-            ),
-            (
-                "field inside, CSV",
-                lambda: out(downloads.make_field_download, session.outcome, session.view["wavelength"], ".csv"),
-            ),
-            ("picture of the figure, PNG", self.picture),
-            ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
+            ("BRDF, NetCDF", lambda: make("brdf", session.outcome, ".nc")),
+            ("BRDF, CSV", lambda: make("brdf", session.outcome, ".csv")),
+            ("field inside, NetCDF", lambda: make("field", session.outcome, ".nc", session.view["wavelength"])),
+            ("field inside, CSV", lambda: make("field", session.outcome, ".csv", session.view["wavelength"])),
+            ("picture of the figure, PNG", None),
+            ("BRDF as a Mitsuba tensor (solves for its directions)", None),
             (
                 "colours, gloss and hiding of Appearance, CSV",
-                lambda: out(downloads.make_colours_download, session.live, session.content),
+                lambda: downloads.make_colours_download(session.live, session.content),
             ),
-            ("scene, TOML", lambda: out(downloads.make_scene_download, session.content, session.uploads)),
+            ("scene, TOML", lambda: downloads.make_scene_download(session.content, session.uploads)),
         ):
-            add_menu_item(text, act)
+            other = self.picture if text.startswith("picture") else self.tensor
+            add_menu_item(text, partial(self.hand_out, act) if act else other)
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
@@ -132,7 +128,7 @@ class Page:
             self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
-                self.solve_button.props("no-caps unelevated").classes("grow vrte-go")
+                self.solve_button.props(GO).classes("grow vrte-go")
                 self.cancel_button = ui.button("Cancel", icon="stop", on_click=self.session.cancel)
                 self.cancel_button.props("no-caps outline color=negative")
             self.bar = ui.linear_progress(0, show_value=False).props('rounded size=6px aria-label="progress"')
@@ -210,7 +206,7 @@ class Page:
             self.results.refresh()
             if outcome.brdfs:
                 done = "Opened" if outcome.opened else "Solved"
-                self.said.set_text(f"{done}: {self.results.share_in_words(outcome)}.")
+                self.said.set_text(f"{done}: {self.results.describe_reflectance(outcome)}.")
             if outcome.content == START:
                 Page.start_outcome = outcome
             else:
@@ -221,7 +217,7 @@ class Page:
         name, size = str(event.file.name), int(event.file.size())
         suffix = Path(name).suffix.lower()
         self.upload.reset()
-        try:
+        with report_errors(self.complain):
             if size > (files.LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
@@ -234,8 +230,6 @@ class Page:
                 self.session.start(Read(data, suffix))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
-        except SceneError as error:
-            self.complain(str(error))
 
     async def adopt(self, given: bytes | str) -> None:
         """A stranger's scene into the form, read by a process of its own. Raises SceneError."""
@@ -248,24 +242,21 @@ class Page:
             raise SceneError(job.message)
 
     def complain(self, text: str) -> None:
-        """Where it is seen."""
+        """Shows what is wrong, where it is seen."""
         ui.notify(text, type="negative", multi_line=True, close_button=True, timeout=10_000)
 
-    async def hand_out(self, make: Any, *arguments: Any) -> None:
+    async def hand_out(self, make: Callable[[], tuple[str, bytes]]) -> None:
         """A file for the browser to keep, made aside: the page stays alive."""
-        try:
-            name, data = await asyncio.to_thread(make, *arguments)
-        except (SceneError, MissingExtraError, OSError) as error:
-            self.complain(str(error))
-            return
-        ui.download.content(data, name)
+        with report_errors(self.complain):
+            name, data = await asyncio.to_thread(make)
+            ui.download.content(data, name)
 
-    def fill(self, content: Content, told: tuple[str, ...] = ()) -> None:
+    def fill(self, content: Content, notes: tuple[str, ...] = ()) -> None:
         """The form with another scene, and what was filled in."""
         self.session.content = content
         self._draw_form()
-        if told:
-            ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
+        if notes:
+            ui.notify("; ".join(notes), type="info", multi_line=True, close_button=True, timeout=10_000)
 
     def begin(self, content: Content) -> None:
         """With a scene of the gallery, solved at once."""
@@ -293,13 +284,9 @@ class Page:
 
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
-        try:
-            text = files.write_link(self.session.content)
-        except SceneError as error:
-            self.complain(str(error))
-            return
-        self.session.view["link"] = text
-        ui.run_javascript(f"vrte.carry({json.dumps(text)})")
+        with report_errors(self.complain):
+            self.session.view["link"] = text = files.write_link(self.session.content)
+            ui.run_javascript(f"vrte.carry({json.dumps(text)})")
 
     def carried(self, event: Any) -> None:
         """Whether the browser has put it on the clipboard."""
@@ -316,29 +303,24 @@ class Page:
         if not isinstance(text, str) or text == self.session.view.get("link"):
             return
         self.session.view["link"] = text
-        try:
+        with report_errors(lambda why: self.complain(f"the scene in this address: {why}")):
             await self.adopt(text)
-        except SceneError as error:
-            self.complain(f"the scene in this address: {error}")
 
     def picture(self) -> None:
         """What the figure of the open tab looks like now, drawn by the browser."""
-        tab = self.session.view["tab"]
-        if not self.results.has_figure():
+        tab, results = self.session.view["tab"], self.results
+        if tab not in results.plots or not results.areas[tab].visible or not results.captions[tab][0].text:
             self.complain("there is no figure to download: solve a scene, and open the tab of a figure")
             return
-        title = "<br>".join(label.text for label in self.results.captions[tab])
-        ui.run_javascript(f"vrte.picture({self.results.plots[tab].id}, {json.dumps(title)}, 'vrte-{tab}')")
+        title = "<br>".join(label.text for label in results.captions[tab])
+        ui.run_javascript(f"vrte.picture({results.plots[tab].id}, {json.dumps(title)}, 'vrte-{tab}')")
 
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""
         session = self.session
-        try:
+        with report_errors(self.complain):
             for message in session.find_problems().values():
                 raise SceneError(message)
             wavelengths = downloads.choose_tensor_wavelengths(session.content)
-        except SceneError as error:
-            self.complain(str(error))
-            return
-        self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
-        session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))
+            self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
+            session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))

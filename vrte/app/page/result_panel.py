@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import ui
 
-from vrte.app import figures
 from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
-from vrte.app.page.controls import add_bullets, add_heading, add_message, add_table_row, select
+from vrte.app.page.controls import OUTLINED, add_bullets, add_heading, add_message, add_slider, add_table, select
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.solving.messages import Outcome, Reflectances, Solve
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
+from vrte.pictures import results as figures
 from vrte.pictures.interactive import convert_to_dark
-from vrte.pictures.lobes import describe_mirrored_beam
+from vrte.pictures.lobes import describe_mirrored_beam, lobe
 from vrte.results.quantities import (
     DEGREE_LINEAR,
     FIELD_QUANTITIES,
@@ -31,7 +31,7 @@ from vrte.results.spectrum import SCENE
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-TABS = {
+TABS = {  # title and symbol
     "lobe": ("Lobe", "blur_on"),
     "cuts": ("Cuts", "pie_chart_outline"),
     "reflectance": ("Reflectance", "show_chart"),
@@ -114,7 +114,7 @@ class ResultPanel:
         with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto").props("tabindex=0"):
             self.stale = ui.label(CHANGED).classes("vrte-warning w-full mt-2").props("role=status")
             self.notes = add_message("vrte-warning w-full mt-2")
-            self._controls()
+            self._add_controls()
             self.message = add_message("vrte-empty")
             for name in TABS:
                 self.areas[name] = ui.column().classes("w-full grow gap-0 no-wrap")
@@ -124,30 +124,21 @@ class ResultPanel:
 
     # layout
 
-    def _controls(self) -> None:
+    def _add_controls(self) -> None:
         """What all tabs share: incidence, wavelength, incident light."""
         with ui.row().classes("w-full items-center gap-x-6 gap-y-1 pt-3") as self.controls:
-            self.incidence, self.incidence_text, self.incidence_slider = self._slider("place", "incident angle", 220)
-            self.wavelength, self.wavelength_text, self.wavelength_slider = self._slider(
-                "wavelength", "wavelength", 180
-            )
+            self.sliders = {  # what is around each, its text, its bar
+                key: add_slider(label, (0, 1), 1, partial(self.set, key), 0.15, leading_events=False)
+                for key, label in (("place", "incident angle"), ("wavelength", "wavelength"))
+            }
+            for around, _, bar in self.sliders.values():
+                around.classes("grow").style("min-width: 200px")
+                bar.props("snap")
             with ui.row().classes("gap-2 items-start") as self.light:
                 self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light, 210)
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
-                self.stokes.without_auto_validation().props(
-                    "outlined dense stack-label hide-bottom-space debounce=120 maxlength=200"
-                )
+                self.stokes.without_auto_validation().props(f"{OUTLINED} debounce=120 maxlength=200")
                 self.stokes.classes("vrte-fixed").style("width: 150px")
-
-    def _slider(self, key: str, label: str, width: int) -> tuple[Any, Any, Any]:
-        """Over places of a list, a text above; what it says comes at most six times a second, the last always."""
-        with ui.column().classes("gap-0 grow").style(f"min-width: {width}px") as around:
-            text = ui.label().classes("vrte-note")
-            bar = ui.slider(min=0, max=1, step=1, value=0).props(f'dense snap aria-label="{label}"').classes("w-full")
-            bar.on(
-                "update:model-value", lambda event: self.set(key, int(event.args)), throttle=0.15, leading_events=False
-            )
-        return around, text, bar
 
     def _lay_out(self, tab: str) -> None:
         """What a tab holds, empty."""
@@ -156,28 +147,26 @@ class ResultPanel:
             figure = partial(self._plot, tab), partial(self._draw, tab)
             self.live[tab] = panel(self.session, self.write, self.fill, *figure)
             return
-        if tab in SELECTS:
-            with ui.row().classes("w-full items-center gap-2 pt-2"):
-                for key, label, names in SELECTS[tab]:
-                    select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
-                if tab == "inside":
-                    each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
-                    each.on_value_change(lambda event: self.set("shares", bool(event.value)))
-        if tab == "scattering":
-            with ui.row().classes("w-full pt-2"):
+        with ui.row().classes("w-full items-center gap-2 pt-2"):
+            for key, label, names in SELECTS.get(tab, ()):
+                select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
+            if tab == "inside":
+                each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
+                each.on_value_change(lambda event: self.set("shares", bool(event.value)))
+            if tab == "scattering":
                 self.layer = select([], None, "layer", partial(self.set, "layer"))
+        if tab == "scattering":
             with ui.element("div").classes("vrte-pair"):
                 for name in ("scattering", "coefficients"):
                     with ui.column().classes("gap-0 no-wrap"):
                         self._plot(name)
         elif tab != "plan":
-            self._plot(tab)
+            plot = self._plot(tab)
         if tab == "lobe":
-            lobe = self.plots["lobe"].props("tabindex=0")
-            lobe.on("keydown", js_handler=f"event => vrte.turn(event, {lobe.id})")
+            plot.props("tabindex=0").on("keydown", js_handler=f"event => vrte.turn(event, {plot.id})")
             ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
         if tab in ("reflectance", "plan"):
-            self.texts[tab] = ui.column().classes("w-full gap-2 pb-4" if tab == "reflectance" else "w-full gap-2 py-3")
+            self.texts[tab] = ui.column().classes("w-full gap-2 pb-4")
 
     def _plot(self, name: str) -> Any:
         """An empty figure below its title: there it can be as long as it likes."""
@@ -190,6 +179,7 @@ class ResultPanel:
 
     def set(self, key: str, value: Any) -> None:
         """A choice, and the figure that follows from it."""
+        value = int(value) if key in self.sliders else value
         if value != self.view.get(key):
             self.view[key] = value
             if key == "place" and self.session.outcome and self.session.outcome.brdfs:
@@ -208,14 +198,15 @@ class ResultPanel:
         self.view["stokes"] = str(event.value or "")
         if self.view["stokes"] != LIGHTS[self.view["light"]]:
             self.named.set_value("other")
+        self.stokes.error = None
         try:
-            self._stokes()
-            self.stokes.error = None
+            self._read_stokes()
             self.draw()
         except SceneError as error:
             self.stokes.error = str(error)
 
-    def _stokes(self) -> Any:
+    def _read_stokes(self) -> Any:
+        """The Stokes vector of the incident light (4,). Raises SceneError."""
         found = parse_field_text(self.view["stokes"])
         if isinstance(found, str):
             raise SceneError("stokes must be four numbers I, Q, U, V")
@@ -226,19 +217,19 @@ class ResultPanel:
 
     def refresh(self) -> None:
         """After a new outcome: the sliders' ends, then the figure."""
-        outcome = self.session.outcome
-        angles = outcome.brdfs[0].mu_i.size if outcome and outcome.brdfs else 0
-        count = outcome.count if outcome else 0
-        if outcome and angles:  # light from where it came from before, as nearly as there is
-            mu_i = outcome.brdfs[0].mu_i
-            self.view["place"] = int(np.abs(mu_i - self.view.get("mu_i", mu_i[angles // 2])).argmin())
-        for key, size, bar in (("place", angles, self.incidence_slider), ("wavelength", count, self.wavelength_slider)):
-            self.view[key] = min(self.view[key], max(size - 1, 0))
-            bar.props(f"max={max(size - 1, 1)}").set_enabled(size > 1)
-            bar.set_value(self.view[key])
+        outcome, view = self.session.outcome, self.view
+        angles = outcome.brdfs[0].mu_i if outcome and outcome.brdfs else np.empty(0)
+        if angles.size:  # light from where it came from before, as nearly as there is
+            view["place"] = int(np.abs(angles - view.get("mu_i", angles[angles.size // 2])).argmin())
         inside = outcome.inside[0].names if outcome and outcome.inside else ()
-        self.view["layer"] = min(self.view["layer"], max(len(inside) - 1, 0))
-        self.layer.set_options(dict(enumerate(inside)), value=self.view["layer"] if inside else None)
+        count = outcome.count if outcome else 0
+        for key, size in (("place", angles.size), ("wavelength", count), ("layer", len(inside))):
+            view[key] = min(view[key], max(size - 1, 0))
+            if key in self.sliders:
+                bar = self.sliders[key][2].props(f"max={max(size - 1, 1)}")
+                bar.set_enabled(size > 1)
+                bar.set_value(view[key])
+        self.layer.set_options(dict(enumerate(inside)), value=view["layer"] if inside else None)
         self.draw()
 
     def draw(self) -> None:
@@ -247,37 +238,41 @@ class ResultPanel:
         live = tab in LIVE
         for name, area in self.areas.items():
             area.set_visibility(name == tab and (live or outcome is not None))
-        self._tell(outcome)
+        self._describe(outcome)
+        text = "" if outcome or live else NOTHING
         try:
             if live:
                 self.live[tab].refresh()
             elif outcome is not None:
                 self._show(tab, outcome)
-            text = "" if outcome or live else NOTHING
         except (SceneError, IndexError) as error:
             self.areas[tab].set_visibility(False)
             text = str(error)
         self.message.set_text(text)
 
-    def _tell(self, outcome: Outcome | None) -> None:
-        """Beside the sliders, and which of them there are."""
+    def _describe(self, outcome: Outcome | None) -> None:
+        """The notes, the sliders that there are, and what stands beside them."""
         tab = self.view["tab"]
         live = tab in LIVE
         self.mark_stale()
         said = "; ".join(outcome.notes) if outcome and not live else ""
         self.notes.set_text(translate_message(said, self.session.content))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
-        self.incidence.set_visibility(with_angle)
-        self.light.set_visibility(with_angle and tab != "reflectance")
         several = bool(outcome and outcome.count > 1) and not live
-        self.wavelength.set_visibility(several)
-        self.controls.set_visibility(with_angle or several)
+        (incidence, beside, _), (wavelength, above, _) = self.sliders.values()
+        for element, shown in (
+            (incidence, with_angle),
+            (self.light, with_angle and tab != "reflectance"),
+            (wavelength, several),
+            (self.controls, with_angle or several),
+        ):
+            element.set_visibility(shown)
         if outcome and outcome.brdfs:
             mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
-            self.incidence_text.set_text(f"{where}; {self.share_in_words(outcome)}")
+            beside.set_text(f"{where}; {self.describe_reflectance(outcome)}")
         if outcome and outcome.wavelength_um:
-            self.wavelength_text.set_text(f"wavelength {write_wavelength(outcome, self.view['wavelength'])}")
+            above.set_text(f"wavelength {write_wavelength(outcome, self.view['wavelength'])}")
 
     def _show(self, tab: str, outcome: Outcome) -> None:
         """The figure of a tab. Raises SceneError where the outcome has none."""
@@ -299,25 +294,23 @@ class ResultPanel:
             raise SceneError(NO_BRDF)
         elif tab == "reflectance":
             assert outcome.reflectances is not None  # wherever there is a BRDF
-            self._write_shares(outcome, outcome.reflectances)
+            self._write_reflectances(outcome, outcome.reflectances)
             self._draw(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
         elif tab == "lobe":
-            brdf, stokes = outcome.brdfs[which], self._stokes()
-            self._draw(tab, figures.lobe(brdf, place, view["height"], view["colour"], stokes))
+            brdf, stokes = outcome.brdfs[which], self._read_stokes()
+            self._draw(tab, lobe(brdf, place, view["height"], view["colour"], stokes))
         else:
-            self._draw(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._stokes()))
+            self._draw(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._read_stokes()))
 
     def _draw(self, name: str, figure: "Figure") -> None:
         """A figure in its place, its title above it."""
         whole = figure.to_plotly_json()
-        text = remove_marks(whole["layout"].pop("title")["text"])
+        layout = whole["layout"]
+        text = remove_marks(layout.pop("title")["text"])
         for label, line in zip(self.captions[name], [*text.split("\n"), ""], strict=False):
             label.set_text(line)
-        layout = whole["layout"]
-        layout |= {"autosize": True, "legend": LEGEND}
-        margin = {"l": 64, "r": 24, "b": 100} if "xaxis" in layout else {"l": 40, "r": 40, "b": 96}
-        margin = {"l": 0, "r": 0, "b": 0} if "scene" in layout else margin
-        layout["margin"] = {**margin, "t": 24}
+        left, right, below = (64, 24, 100) if "xaxis" in layout else (0, 0, 0) if "scene" in layout else (40, 40, 96)
+        layout |= {"autosize": True, "legend": LEGEND, "margin": {"l": left, "r": right, "b": below, "t": 24}}
         if "camera" in self.view and "scene" in layout:
             layout["scene"] = {**layout["scene"], "camera": self.view["camera"]}
         config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
@@ -325,7 +318,7 @@ class ResultPanel:
         self.plots[name].props["aria-label"] = text.replace("\n", "; ")
         self.plots[name].update_figure({**dark, "config": config})
 
-    def share_in_words(self, outcome: Outcome) -> str:
+    def describe_reflectance(self, outcome: Outcome) -> str:
         """The reflectance, and how much is mirrored as a beam."""
         brdf, place = outcome.brdfs[self.view["wavelength"]], self.view["place"]
         back = f"reflectance {float(brdf.reflectance[place]):.3g}"
@@ -347,12 +340,7 @@ class ResultPanel:
         if self.view["tab"] in LIVE:
             self.live[self.view["tab"]].refresh()
 
-    def has_figure(self) -> bool:
-        """Whether the open tab shows one."""
-        tab = self.view["tab"]
-        return tab in self.plots and bool(self.areas[tab].visible) and bool(self.captions[tab][0].text)
-
-    def _write_shares(self, outcome: Outcome, found: Reflectances) -> None:
+    def _write_reflectances(self, outcome: Outcome, found: Reflectances) -> None:
         """Swatches, and the numbers of the figure."""
         self.texts["reflectance"].clear()
         place = self.view["place"]
@@ -364,17 +352,19 @@ class ResultPanel:
                         swatch.props(f'role=img aria-label="colour {name}: {colours[place]}"')
                         ui.label(f"{name}: {colours[place]}").classes("vrte-note")
             ui.label(f"No colour: {found.why_none}" if found.why_none else UNDER_THE_SKY).classes("vrte-note")
-            numbers = np.stack(list(found.curves.values()), axis=-1)
-            with ui.element("table").classes("vrte-table"):
-                add_table_row("th", ["wavelength", *found.curves])
-                for which in range(outcome.count):
-                    shares = [f"{value:.4f}" for value in numbers[which, place]]
-                    add_table_row("td", [write_wavelength(outcome, which), *shares])
+            numbers = [
+                [write_wavelength(outcome, which), *(f"{curve[which, place]:.4f}" for curve in found.curves.values())]
+                for which in range(outcome.count)
+            ]
+            add_table("", ["wavelength", *found.curves], numbers)
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
         self.texts["plan"].clear()
-        result = (outcome.brdfs or outcome.fields)[self.view["wavelength"]]
+        diagnostics = (outcome.brdfs or outcome.fields)[self.view["wavelength"]].diagnostics
+        clocks = {name: one for name, one in diagnostics.get("stages", {}).items() if "wall_seconds" in one}
+        made = {name: one for name, one in diagnostics.items() if isinstance(one, (str, int, float)) and name != SCENE}
+        made |= {name: f"{clock['wall_seconds']:.4f} s" for name, clock in clocks.items()}
         with self.texts["plan"]:
             if outcome.plan is None:
                 ui.label(NO_PLAN)
@@ -384,22 +374,12 @@ class ResultPanel:
                 add_heading("The plan in full")
                 ui.label(outcome.plan.text).classes("vrte-text")
             add_heading("How it was made")
-            ui.label(write_diagnostics(result.diagnostics)).classes("vrte-text")
+            ui.label("\n".join(f"{name}: {value}" for name, value in made.items())).classes("vrte-text")
 
 
 def write_wavelength(outcome: Outcome, which: int) -> str:
     """One of an outcome's wavelengths, with its unit."""
     return f"{outcome.wavelength_um[which]:.5g} µm" if outcome.wavelength_um else "–"
-
-
-def write_diagnostics(diagnostics: dict[str, Any]) -> str:
-    """The diagnostics that people read, a line each."""
-    found = {
-        name: value for name, value in diagnostics.items() if isinstance(value, (str, int, float)) and name != SCENE
-    }
-    clocks = {name: clock for name, clock in diagnostics.get("stages", {}).items() if "wall_seconds" in clock}
-    found |= {name: f"{clock['wall_seconds']:.4f} s" for name, clock in clocks.items()}
-    return "\n".join(f"{name}: {value}" for name, value in found.items())
 
 
 def remove_marks(title: str) -> str:

@@ -17,6 +17,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
 from vrte.formats.named import find_named_tables
+from vrte.results.spectrum import Spectrum
 
 if TYPE_CHECKING:
     from vrte.app.solving.worker_process import LiveQuery
@@ -32,20 +33,18 @@ def collect_bytes(name: str, write: Callable[[Path], Any]) -> bytes:
         return path.read_bytes()
 
 
-def make_brdf_download(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
-    """Name and bytes of the BRDF at all wavelengths, ``suffix`` ".nc" or ".csv". Raises SceneError without one."""
-    found = outcome.brdf_to_save() if outcome else None
-    if found is None:
+def make_result_download(kind: str, outcome: Outcome | None, suffix: str, which: int = 0) -> tuple[str, bytes]:
+    """Name and bytes of the "brdf" at all wavelengths or the "field" at one, ``suffix`` ".nc" or ".csv". Raises
+    SceneError without one."""
+    brdfs, fields = (outcome.brdfs, outcome.fields) if outcome else ((), ())
+    if kind == "brdf" and not brdfs:
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")
-    return f"brdf{suffix}", collect_bytes(f"brdf{suffix}", lambda path: save(found, path))
-
-
-def make_field_download(outcome: Outcome | None, which: int, suffix: str) -> tuple[str, bytes]:
-    """Name and bytes of the field at one of the wavelengths. Raises SceneError without one."""
-    if outcome is None or not outcome.fields:
+    if kind == "field" and not fields:
         raise SceneError('there is no field to download: turn on "Inside the layers" and solve')
-    field = outcome.fields[which]
-    return f"field{suffix}", collect_bytes(f"field{suffix}", lambda path: save(field, path))
+    found: Any = fields[which] if kind == "field" else brdfs[0]
+    if kind == "brdf" and outcome and len(brdfs) > 1:
+        found = Spectrum(np.array(outcome.wavelength_um), brdfs)
+    return f"{kind}{suffix}", collect_bytes(f"{kind}{suffix}", lambda path: save(found, path))
 
 
 def make_scene_download(content: Content, uploads: Uploads) -> tuple[str, bytes]:

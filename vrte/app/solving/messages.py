@@ -12,7 +12,6 @@ from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.results.spectrum import Spectrum
 
 
 @dataclass(frozen=True)
@@ -207,12 +206,6 @@ class Outcome(Message):
         """Bytes of its arrays, the small ones left out."""
         matrices = sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs)
         return matrices + sum(field.stokes.nbytes for field in self.fields)
-
-    def brdf_to_save(self) -> Brdf | Spectrum | None:
-        """What goes into a file."""
-        if len(self.brdfs) > 1:
-            return Spectrum(np.array(self.wavelength_um), self.brdfs)
-        return self.brdfs[0] if self.brdfs else None
 
 
 Answer = Outcome | Written | Said | Fitted | Adopted
