@@ -18,12 +18,12 @@ import vrte
 from tests.test_app_solving import get_process, until
 from vrte.app.form.content import START, put
 from vrte.app.form.fields import get_value
+from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
-from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving import worker_process
 from vrte.app.solving.appearance import Appeared, Question, Studio, Viewing
-from vrte.app.solving.downloads import make_colours_download
 from vrte.app.solving.messages import Refused
+from vrte.app.solving.page_files import make_colours_download
 from vrte.app.solving.tab_session import TabSessions
 from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.app.solving.worker_process import LiveQuery
@@ -253,9 +253,9 @@ def test_processes_die_make_room_and_are_few(monkeypatch: pytest.MonkeyPatch) ->
     until(lambda: fifth.poll() is not None)
 
 
-@pytest.mark.parametrize("title", list_paint_starts())
+@pytest.mark.parametrize("title", list_films())
 def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> None:
-    content, told = list_paint_starts()[title]()
+    content, told = begin_with_material(list_films()[title])
     assert explain_missing(content) == ""
     assert told
     sliders = list_sliders(content)

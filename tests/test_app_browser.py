@@ -18,7 +18,7 @@ import vrte
 from tests.viewer_server import viewer
 from vrte.app.form.content import START
 from vrte.app.form.files import write_link
-from vrte.app.solving.uploads import LARGEST_TABLE
+from vrte.app.solving.page_files import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors

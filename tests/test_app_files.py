@@ -15,11 +15,17 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content, set_base
 from vrte.app.form.files import adopt_and_tell
-from vrte.app.solving import uploads as limits
-from vrte.app.solving.downloads import make_scene_download
+from vrte.app.solving import page_files as limits
 from vrte.app.solving.messages import Outcome, Solve
+from vrte.app.solving.page_files import (
+    LARGEST_LIST,
+    LARGEST_TABLE,
+    MOST_TABLES,
+    Uploads,
+    make_scene_download,
+    split_name,
+)
 from vrte.app.solving.tab_session import TabSession, TabSessions
-from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads, split_name
 from vrte.app.solving.worker_process import Job
 from vrte.formats.bases import BASES
 from vrte.formats.coefficient_table import read_coefficients

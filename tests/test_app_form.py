@@ -485,7 +485,7 @@ def test_a_card_is_called_after_its_substance_until_it_is_renamed() -> None:
 
 @pytest.mark.parametrize("name", list_materials())
 def test_ready_materials_fill_the_form_with_all_their_numbers(name: str) -> None:
-    content = begin_with_material(list_materials()[name])
+    content, _ = begin_with_material(list_materials()[name])
     assert problems(content) == {}
     assert "material" not in content["layer"][0]
     fields = [place for place in list_places(content["particles"], "particles") if place[2:3] != ("source",)]

@@ -18,7 +18,7 @@ import pytest
 import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_content, write_link
-from vrte.app.solving import downloads
+from vrte.app.solving import page_files as downloads
 from vrte.app.solving.messages import Adopt, Adopted, Limits, Outcome, Progress, Read, Solve
 from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions

@@ -13,9 +13,9 @@ from vrte.app.form.checks import check, find_card, list_parts, repair_field, rep
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import find_field, write_field_text
 from vrte.basics.errors import SceneError
-from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
+from vrte.formats.materials import ReadyMaterial, expand_materials, list_materials, list_named
 from vrte.formats.named import find_named_tables
-from vrte.formats.paints import ReadyPaint, expand_paint
+from vrte.formats.paints import ReadyPaint, expand_paint, list_paints
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
@@ -60,10 +60,18 @@ def adopt_and_tell(
     return found, told
 
 
-def begin_with_material(material: ReadyMaterial | ReadyPaint) -> Content:
-    """A scene of a ready material or paint, with all its numbers."""
+def begin_with_material(material: ReadyMaterial | ReadyPaint) -> tuple[Content, tuple[str, ...]]:
+    """A scene of a ready material or paint, with all its numbers, and the sentences about its approximations."""
     light = {"wavelength_um": GREEN_UM, "brdf": copy.deepcopy(START["brdf"])}
-    return adopt_content(light | material.content)
+    words = (material.description, *material.approximations)
+    return adopt_content(light | material.content), tuple(text.rstrip(".") for text in words)
+
+
+def list_films() -> dict[str, ReadyMaterial | ReadyPaint]:
+    """Ready paints, and materials of which there is a film, by their titles."""
+    films = [one for one in list_materials().values() if "thickness_um" in one.layer]
+    known: list[ReadyMaterial | ReadyPaint] = [*list_paints().values(), *films]
+    return {one.title: one for one in known}
 
 
 def remove_axes(content: Content) -> Iterator[str]:

@@ -8,9 +8,9 @@ from typing import Any
 from nicegui import ui
 
 from vrte.app.form.fields import get_value, translate_message
+from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
 from vrte.app.page.controls import LivePanel, add_menu_item, add_message, add_slider, add_table, make_menu, select
-from vrte.app.page.gallery import list_paint_starts
 from vrte.app.solving.appearance import (
     ACCURACY,
     COARSE,
@@ -48,7 +48,7 @@ class AppearancePanel(LivePanel):
         with ui.row().classes("w-full gap-2 pt-3 items-center vrte-looks"):
             begin = ui.button("Begin with a paint", icon="format_paint", color=None).props("no-caps outline dense")
             with begin.classes("px-2 vrte-begin"), make_menu():
-                for title in list_paint_starts():
+                for title in list_films():
                     add_menu_item(title, partial(self.begin_with, title))
             for key, names, width in (
                 ("illuminant", ILLUMINANTS, 175), ("observer", OBSERVERS, 130), ("geometry", GEOMETRIES, 255),
@@ -107,7 +107,7 @@ class AppearancePanel(LivePanel):
     def begin_with(self, title: str) -> None:
         """A paint: the form gets it."""
         self.view.pop("before", None)
-        self.fill(*list_paint_starts()[title]())
+        self.fill(*begin_with_material(list_films()[title]))
 
     def look(self, key: str, value: Any) -> None:
         """In another light, by another observer, in another geometry, over another card."""

@@ -12,8 +12,8 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import name_part
 from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
 from vrte.app.page.controls import OUTLINED, add_menu_item, add_message, make_icon, make_menu, report_errors
+from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE
 from vrte.app.solving.tab_session import TabSession
-from vrte.app.solving.uploads import LARGEST_LIST, LARGEST_TABLE
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS
 from vrte.formats.keys import Choice, FilePath, Flag, Numbers, Substance

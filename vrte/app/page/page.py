@@ -1,6 +1,7 @@
 """The page: a header, the form on the left, the result on the right, and what connects them."""
 
 import asyncio
+import base64
 import copy
 import json
 from collections.abc import Callable
@@ -15,20 +16,22 @@ from vrte.app.form import files
 from vrte.app.form.checks import Said
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
-from vrte.app.page.controls import GO, add_menu_item, add_message, make_menu, report_errors
+from vrte.app.page.controls import GO, add_heading, add_menu_item, add_message, make_menu, report_errors
 from vrte.app.page.form_panel import FormPanel
-from vrte.app.page.gallery import show_gallery
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
-from vrte.app.solving import downloads
+from vrte.app.solving import page_files
 from vrte.app.solving.measuring import is_measurement
 from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
+from vrte.formats.materials import list_materials
 from vrte.formats.named import find_named_tables
+from vrte.formats.paints import list_paints
 from vrte.formats.toml_table import is_number
 
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
+GALLERY = Path(__file__).parents[1] / "gallery"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 LOOK_EVERY = 0.05  # seconds between two looks whether a scene has been read
 SUFFIXES = (".toml", ".nc", ".csv")
@@ -104,7 +107,7 @@ class Page:
         return button.tooltip(tip)
 
     def _downloads(self) -> None:
-        session, make = self.session, downloads.make_result_download
+        session, make = self.session, page_files.make_result_download
         for text, act in (
             ("BRDF, NetCDF", lambda: make("brdf", session.outcome, ".nc")),
             ("BRDF, CSV", lambda: make("brdf", session.outcome, ".csv")),
@@ -114,9 +117,9 @@ class Page:
             ("BRDF as a Mitsuba tensor (solves for its directions)", None),
             (
                 "colours, gloss and hiding of Appearance, CSV",
-                lambda: downloads.make_colours_download(session.live, session.content),
+                lambda: page_files.make_colours_download(session.live, session.content),
             ),
-            ("scene, TOML", lambda: downloads.make_scene_download(session.content, session.uploads)),
+            ("scene, TOML", lambda: page_files.make_scene_download(session.content, session.uploads)),
         ):
             other = self.picture if text.startswith("picture") else self.tensor
             add_menu_item(text, partial(self.hand_out, act) if act else other)
@@ -321,6 +324,35 @@ class Page:
         with report_errors(self.complain):
             for message in session.find_problems().values():
                 raise SceneError(message)
-            wavelengths = downloads.choose_tensor_wavelengths(session.content)
+            wavelengths = page_files.choose_tensor_wavelengths(session.content)
             self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
             session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))
+
+
+def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
+    """Offers scenes, to ``solve`` at once, and ready paints and materials, to ``fill`` the form with, beside the
+    sentences about their approximations."""
+
+    def solve_scene(path: Path) -> None:
+        dialog.close()
+        solve(files.adopt_content(files.parse_content(path.read_bytes())))
+
+    with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
+        add_heading("Scenes to begin with", 2)
+        with ui.row().classes("justify-center gap-1"):
+            for path in sorted(GALLERY.glob("*.toml")):
+                title = files.parse_content(path.read_bytes())["render"]["title"]
+                with ui.button(on_click=partial(solve_scene, path)) as button:
+                    button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
+                    picture = ui.element("img").props('alt="" width=84 height=84')
+                    drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
+                    picture.props["src"] = f"data:image/png;base64,{drawn}"
+                    ui.label(title)
+        for title, known in (("Paints", list_paints()), ("Materials", list_materials())):
+            add_heading(f"{title} to begin with", 2)
+            with ui.row().classes("justify-center gap-1"):
+                for one in known.values():
+                    button = ui.button(one.title, on_click=lambda one=one: fill(*files.begin_with_material(one)))
+                    button.on_click(dialog.close).props("flat no-caps dense").classes("px-2").tooltip(one.description)
+    dialog.on("hide", dialog.delete)
+    dialog.open()

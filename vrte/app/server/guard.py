@@ -71,8 +71,14 @@ class Guard:
     async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
         headers = [(name, value.decode("latin-1")) for name, value in scope["headers"]]
         self._check_names(scope, headers)
-        if scope["type"] == "http" and self._welcome(scope):
-            await answer(send, 303, "", self._introduced(scope))
+        query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True, max_num_fields=None)
+        right = [secrets.compare_digest(value.encode(), self.token.encode()) for name, value in query if name == TOKEN]
+        if scope["type"] == "http" and scope["method"] == "GET" and scope["path"] == "/" and any(right):
+            # to the same address without the token, with a cookie for the browser to bring from now on
+            rest = urlencode([(name, value) for name, value in query if name != TOKEN])
+            cookie = f"{self._name}={self._cookie}; Path=/; HttpOnly; SameSite=Lax"
+            whither = (b"location", f"/?{rest}".rstrip("?").encode())
+            await answer(send, 303, "", [whither, (b"set-cookie", cookie.encode())])
             return
         if not self._known(headers):
             raise RefusedError(403, STRANGER)
@@ -104,19 +110,7 @@ class Guard:
         if found is None or int(found[2] or 80) != self.port:
             return False
         name = found[1].strip("[]")
-        return name in self._names or (self._open and is_number(name))
-
-    def _welcome(self, scope: Any) -> bool:
-        """Whether a request brings the token."""
-        given = [value for name, value in query_of(scope) if name == TOKEN]
-        right = [secrets.compare_digest(value.encode(), self.token.encode()) for value in given]
-        return scope["method"] == "GET" and scope["path"] == "/" and any(right)
-
-    def _introduced(self, scope: Any) -> list[tuple[bytes, bytes]]:
-        """To the same address without the token, with a cookie for the browser to bring from now on."""
-        rest = urlencode([(name, value) for name, value in query_of(scope) if name != TOKEN])
-        cookie = f"{self._name}={self._cookie}; Path=/; HttpOnly; SameSite=Lax"
-        return [(b"location", f"/?{rest}".rstrip("?").encode()), (b"set-cookie", cookie.encode())]
+        return name in self._names or (self._open and is_address(name))
 
     def _known(self, headers: list[tuple[bytes, str]]) -> bool:
         """Whether a request brings the cookie."""
@@ -180,15 +174,10 @@ async def answer(send: Any, code: int, text: str, headers: list[tuple[bytes, byt
     await send({"type": "http.response.body", "body": body})
 
 
-def query_of(scope: Any) -> list[tuple[str, str]]:
-    """What the address says after its question mark."""
-    return parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True, max_num_fields=None)
-
-
-def is_number(name: str) -> bool:
+def is_address(name: str) -> bool:
     """Whether a host is named by its number, which no other site can claim.
 
-    >>> is_number("192.0.2.1"), is_number("192.0.2.1.example")
+    >>> is_address("192.0.2.1"), is_address("192.0.2.1.example")
     (True, False)
     """
     try:

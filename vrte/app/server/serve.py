@@ -24,6 +24,12 @@ from vrte.basics.errors import SceneError
 PATIENCE = 10.0  # seconds for the head of a request, the first one or a later one
 MOST = 250  # connections; a browser holds ten
 STOPPING = 2  # seconds that open connections get at the end
+RECONNECT = 60.0  # seconds that a page without a connection is kept
+ICON = (
+    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'><rect width='32' height='32' rx='6' fill='#16324f'/>"
+    "<path d='M4 24h24' stroke='#b8c9da' stroke-width='2'/><path d='M16 24C6 20 8 8 16 8s10 12 0 16z' fill='#f0a030'/>"
+    "</svg>"
+)
 
 
 class Connection(H11Protocol):
@@ -96,22 +102,6 @@ class Server(uvicorn.Server):
                 signal.signal(one, handler)
 
 
-@contextmanager
-def shorten_log(server: Server) -> Iterator[None]:
-    """What libraries log goes to the terminal in one line each, without control characters: it may repeat what a
-    request said. Nothing of what breaks off when the server ends."""
-    shown = logging.StreamHandler()
-    shown.setLevel(logging.ERROR)
-    shown.setFormatter(OneLine())
-    shown.addFilter(lambda _: not server.should_exit)
-    logger = logging.getLogger()
-    logger.addHandler(shown)
-    try:
-        yield
-    finally:
-        logger.removeHandler(shown)
-
-
 class OneLine(logging.Formatter):
     """One printable line a message."""
 
@@ -121,28 +111,24 @@ class OneLine(logging.Formatter):
         return f"vrte view: {put_in_one_line(record.getMessage() + why, 300)}"
 
 
-def run(server: Server, listening: Any, ended: Callable[[], None]) -> None:
-    """Until it is ended, and ``ended`` called: also then a signal more does nothing."""
-    with server.until_signal():
-        with suppress(asyncio.CancelledError, KeyboardInterrupt), shorten_log(server):  # by a second Ctrl-C
-            server.run(sockets=[listening])
-        ended()
-
-
-RECONNECT = 60.0  # seconds that a page without a connection is kept
-ICON = (
-    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'><rect width='32' height='32' rx='6' fill='#16324f'/>"
-    "<path d='M4 24h24' stroke='#b8c9da' stroke-width='2'/><path d='M16 24C6 20 8 8 16 8s10 12 0 16z' fill='#f0a030'/>"
-    "</svg>"
-)
+@contextmanager
+def shorten_log(server: Server) -> Iterator[None]:
+    """What libraries log goes to the terminal in one line each, without control characters: it may repeat what a
+    request said. Nothing of what breaks off when the server ends."""
+    shown = logging.StreamHandler()
+    shown.setLevel(logging.ERROR)
+    shown.setFormatter(OneLine())
+    shown.addFilter(lambda _: not server.should_exit)
+    logging.getLogger().addHandler(shown)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(shown)
 
 
 def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> int:
     """Runs until Ctrl-C or TERM, and returns the signal's number; ``port`` 0 takes a free one; ``browser``: opens the
-    page.
-
-    Raises SceneError where host and port cannot be listened on.
-    """
+    page. Raises SceneError where host and port cannot be listened on."""
     with bind_socket(host, port) as listening:
         from fastapi import FastAPI
         from nicegui import ui
@@ -157,7 +143,17 @@ def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Calla
 
         @ui.page("/")
         async def index() -> None:
-            await build(sessions)
+            """The page of a tab: which one it is, the browser says once it is connected."""
+            from vrte.app.page.page import Page
+
+            client = ui.context.client
+            await client.connected()
+            tab = client.tab_id
+            if tab is not None:  # None: gone again
+                session = sessions.of(tab)
+                session.pages += 1
+                client.on_delete(session.leave)
+                Page(session, lambda: sessions.of(tab))
 
         ui.run_with(
             around,
@@ -174,12 +170,12 @@ def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Calla
                 if browser:  # where there is one
                     threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-            def ended() -> None:
+            server = Server(guard, begun)
+            with server.until_signal():  # also while it closes: one signal more does nothing
+                with suppress(asyncio.CancelledError, KeyboardInterrupt), shorten_log(server):  # by a second Ctrl-C
+                    server.run(sockets=[listening])
                 sessions.close()
                 say("vrte view: ended")
-
-            server = Server(guard, begun)
-            run(server, listening, ended)
     return server.ended_by
 
 
@@ -192,23 +188,6 @@ def make_opening_page(address: str) -> Iterator[Path]:
         page.touch(mode=0o600)
         page.write_text(f'<meta http-equiv="refresh" content="0; url={escape(address)}">')
         yield page
-
-
-async def build(sessions: TabSessions) -> None:
-    """The page of a tab: which one it is, the browser says once it is connected."""
-    from nicegui import ui
-
-    from vrte.app.page.page import Page
-
-    client = ui.context.client
-    await client.connected()
-    tab = client.tab_id
-    if tab is None:  # gone again
-        return
-    session = sessions.of(tab)
-    session.pages += 1
-    client.on_delete(session.leave)
-    Page(session, lambda: sessions.of(tab))
 
 
 @contextmanager

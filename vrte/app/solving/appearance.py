@@ -2,7 +2,6 @@
 they rest, its gloss and how thick it has to be to hide what is below."""
 
 import pickle
-import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -81,16 +80,7 @@ class Shade:
     def of(cls, colour: Colour) -> "Shade":
         """What the page shows of a colour."""
         numbers = {name: float(getattr(colour, name)) for name in ("X", "Y", "Z", "L", "a", "b", "C", "h")}
-        return cls(colour.hex, colour.gamut_gap, numbers, convert_per_cent(colour.extrapolation))
-
-
-def convert_per_cent(text: str) -> str:
-    """Words with fractions in place of per cents.
-
-    >>> convert_per_cent("X 4 %, Z 15 % below 0.43 µm")
-    'X 0.04, Z 0.15 below 0.43 µm'
-    """
-    return re.sub(r"(\d+) %", lambda found: f"{int(found[1]) / 100:g}", text)
+        return cls(colour.hex, colour.gamut_gap, numbers, colour.extrapolation)
 
 
 @dataclass(frozen=True)
@@ -221,10 +211,8 @@ def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[
         if not times:
             raise SceneError(reason)
         words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
-        for name, value, unit in (
-            ("hiding thickness", times * length, "um"),
-            ("spreading rate", 1e3 / (times * length), "m2/l"),
-        ):
+        rows = ("hiding thickness", times * length, "um"), ("spreading rate", 1e3 / (times * length), "m2/l")
+        for name, value, unit in rows:
             found.append(Reading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805"))
 
     for name, read in (("gloss", read_gloss), ("hiding thickness", read_hiding)):
@@ -240,10 +228,8 @@ def list_readings(answer: Appeared) -> Iterator[Reading]:
     viewing, shares = answer.viewing, answer.shares
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
     cards = f"over a card of albedo 0 and one of {viewing.white:g}"
-    for side, values, shade in (
-        ("black", shares.over_black, answer.black),
-        ("white", shares.over_white, answer.white),
-    ):
+    sides = ("black", shares.over_black, answer.black), ("white", shares.over_white, answer.white)
+    for side, values, shade in sides:
         over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
         for wavelength, value in zip(shares.wavelength_um.tolist(), values.tolist(), strict=True):
             yield Reading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
@@ -252,9 +238,8 @@ def list_readings(answer: Appeared) -> Iterator[Reading]:
             yield Reading(f"{name} over {side}", seen, None, value, unit, light, standard)
     words = f"Y over black over Y over white, {cards}"
     yield Reading("contrast ratio", seen, None, answer.contrast, "1", f"{words}; {light}", "ISO 6504-3; ASTM D2805")
-    yield Reading(
-        "colour difference between both", seen, None, answer.apart, "1", f"CIEDE2000; {light}", "ISO/CIE 11664-6"
-    )
+    words = f"CIEDE2000; {light}"
+    yield Reading("colour difference between both", seen, None, answer.apart, "1", words, "ISO/CIE 11664-6")
     yield from answer.readings
 
 
@@ -292,6 +277,6 @@ def spread_over(few: Shares, wavelength_um: Array) -> Shares:
 
 
 def forget_oldest(kept: dict[bytes, Any], most: int) -> None:
-    """Leaves so many of those that were put in last."""
+    """Leaves the ``most`` that were put in last."""
     while len(kept) > most:
         del kept[next(iter(kept))]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
-from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import Fit, Fitted, Message, Progress, Refused, Step
+from vrte.app.solving.page_files import collect_bytes
 from vrte.app.solving.worker import MOST_NOTES, Exchange, explain_failure
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError

@@ -19,7 +19,6 @@ from vrte.app.form.content import (
     select_wavelength,
 )
 from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
-from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import (
     Adopt,
     Adopted,
@@ -34,6 +33,7 @@ from vrte.app.solving.messages import (
     Tensor,
     Written,
 )
+from vrte.app.solving.page_files import collect_bytes
 from vrte.app.solving.worker import Exchange
 from vrte.appearance.colours import convert_to_hex
 from vrte.basics.arrays import Array, put_in_one_line

@@ -10,7 +10,7 @@ from vrte.app.form.checks import Said, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
 from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task
-from vrte.app.solving.uploads import Uploads
+from vrte.app.solving.page_files import Uploads
 from vrte.app.solving.worker_process import Job, LiveQuery
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
