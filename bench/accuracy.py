@@ -17,6 +17,7 @@ import numpy as np
 from bench import cases
 from bench.cost import CONFIGURATIONS, OTHERS
 from bench.study import (
+    COLOURS,
     MARKERS,
     Study,
     add_study,
@@ -34,7 +35,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:

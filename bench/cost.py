@@ -18,6 +18,7 @@ import numpy as np
 
 from bench import cases
 from bench.study import (
+    COLOURS,
     Study,
     add_study,
     carry_out,
@@ -39,7 +40,7 @@ from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import make_option_reader
-from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.pictures.figures import FAINT, require_pictures, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

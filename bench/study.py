@@ -27,13 +27,14 @@ from vrte.cli import main
 from vrte.commands.common import Parser, join_progress, make_folder, say_written, show_progress
 from vrte.commands.reference import make_markdown_table as make_markdown_table
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.figures import FAINT
+from vrte.pictures.describe import BLUE, FAINT, GREEN, ORANGE, PURPLE, RED
 
 Case = TypeVar("Case")
 Way = TypeVar("Way")
 Row = TypeVar("Row")
 Tick = Callable[[int, int, str], None]  # what is done, of how much, and what comes now
 BUSY_FIELDS = (0, 1, 2, 5, 6, 7)  # of /proc/stat: user, nice, system, two kinds of interrupts, stolen by the host
+COLOURS = {"homogeneous": BLUE, "particular": ORANGE, "boundary": GREEN, "reconstruction": RED, "assembly": PURPLE}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # of lines, in turn
 PLAIN = {str: str, int: int, float: float}  # what a record writes as it is; all else is JSON
 SOURCES = {".py", ".pyx", ".pxi", ".h", ".cl", ".so", ".pyd"}

@@ -23,6 +23,7 @@ import numpy as np
 
 from bench import cases
 from bench.study import (
+    COLOURS,
     Study,
     Times,
     add_study,
@@ -39,7 +40,7 @@ from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, Sc
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import make_option_reader
-from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 

@@ -118,15 +118,6 @@ def test_without_end_light_meets_one_surface(n: float) -> None:
     assert_close(find_ours(0.99, np.inf, 0.5, n), sample.UX1_and_UXU(r, t), rtol=0.0, atol=1e-8)
 
 
-def test_its_own_call_gives_the_same_as_far_as_its_nodes_do() -> None:
-    """`Sample.rt` as its users call it: errors of its nodes, under a surface N^-3."""
-    ours = find_ours(1.0, 30.0, 0.5, 1.5)
-    errors = [abs(np.array(iadpython.Sample(1.0, 30.0, 0.5, n=1.5, quad_pts=q).rt()) - ours).max() for q in (8, 16, 32)]
-    assert errors[0] < 1e-3
-    assert errors[1] < errors[0] / 5.0
-    assert errors[2] < errors[1] / 5.0
-
-
 def test_published_numbers() -> None:
     """Both as Wang, Jacques and Zheng quote them (Comput. Methods Programs Biomed. 47, 131, 1995, Tables 1 and 2)."""
     ur1, ut1, _, _ = find_ours(0.9, 2.0, 0.75)  # van de Hulst (1980)

@@ -44,27 +44,9 @@ def test_a_power_law_is_found(exponent: float) -> None:
     assert fit.error < 1e-7
 
 
-def test_the_error_is_the_scatter_of_the_exponent() -> None:
-    random, x = np.random.default_rng(5), np.geomspace(1.0, 100.0, 8)
-    fits = [cost.fit_exponent(x, x**2 * np.exp(0.1 * random.standard_normal(8))) for _ in range(400)]
-    exponents, errors = np.array([(fit.exponent, fit.error) for fit in fits if fit is not None]).T
-    assert abs(exponents.mean() - 2.0) < 4.0 * exponents.std() / 20.0
-    assert np.sqrt((errors**2).mean()) == close_to(exponents.std(), rtol=0.1, atol=0.0)
-
-
 @pytest.mark.parametrize(("x", "seconds"), [([1, 2], [1, 2]), ([1, 2, 3], [1, 0, 3]), ([4, 4, 4], [1, 2, 3])])
 def test_too_few_points_have_no_exponent(x: list[float], seconds: list[float]) -> None:
     assert cost.fit_exponent(np.array(x, float), np.array(seconds, float)) is None
-
-
-def test_the_upper_half_sees_less_of_a_constant() -> None:
-    x = 2.0 ** np.arange(11)
-    upper = cost.mark_upper_half(x)
-    assert x[upper].tolist() == [32.0, 64.0, 128.0, 256.0, 512.0, 1024.0]
-    whole, half = cost.fit_exponent(x, 20.0 + x), cost.fit_exponent(x[upper], 20.0 + x[upper])
-    assert whole is not None
-    assert half is not None
-    assert whole.exponent < half.exponent < 1.0
 
 
 @pytest.mark.parametrize("quick", [False, True])
@@ -111,13 +93,6 @@ def test_configurations_take_turns_and_medians_are_theirs(
     assert len({cost.choose_colours(list(lines))[step] for step in list(lines)[1:]}) == len(lines) - 1
 
 
-def test_series_hold_median_and_extremes() -> None:
-    point = cost.Point(nodes=9)
-    found = [cost.Measurement(point, "one", number, seconds, 1) for number, seconds in enumerate([5, 1, 2])]
-    total = cost.collect_series(found, "nodes")["one"]["total"]
-    assert [values.tolist() for values in (total.x, total.least, total.seconds, total.greatest)] == [[9], [1], [2], [5]]
-
-
 @pytest.mark.slow
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
@@ -137,17 +112,6 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     assert re.search(rf"^\| 12 \| \d+ \| {re.escape(f'{1e3 * np.median(totals):.1f}')} \|", text, re.MULTILINE)
 
 
-def test_a_stage_that_did_not_run_everywhere_has_gaps(
-    study: Study[cost.Point, str, cost.Measurement], tmp_path: Path
-) -> None:
-    found = [row for row in study.measure_rows(tmp_path) if row.point.axis == "nodes"]
-    found = [replace(row, stages={"homogeneous": 1e-3}) if row.point.value == 12.0 else row for row in found]
-    cost.write_page(found, tmp_path, "a test")
-    rows = rows_of(tmp_path / cost.CSV)
-    assert {row["a_stage_to_come_s"] == "" for row in rows if row["value"] == "12"} == {True}
-    assert len(list(tmp_path.glob("*.png"))) == 2
-
-
 @pytest.mark.usefixtures("study")
 def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "figure_2.png").write_text("the last run")
@@ -159,13 +123,3 @@ def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypat
     assert call_study("cost", "--quick", "-o", tmp_path) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["figure_2.png"]
     assert (tmp_path / "figure_2.png").read_text() == "the last run"
-
-
-def test_a_core_without_openmp_is_measured_on_one_thread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
-    assert call_study("cost", "-o", tmp_path / "new") == 2
-    assert "without OpenMP" in capsys.readouterr().err
-    assert {how["threads"] for how in cost.list_configurations(1).values()} == {1}
-    assert not list(tmp_path.iterdir())

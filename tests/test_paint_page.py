@@ -217,7 +217,7 @@ def test_files_are_whole_or_as_they_were(grey: vrte.Paint, tmp_path: Path, monke
 
     path = tmp_path / "page.html"
     path.write_text("before")
-    monkeypatch.setattr(paint, "make_paint_page", lambda paint: "\ud800")  # which no file can hold
+    monkeypatch.setattr(paint, "make_paint_body", lambda paint: "\ud800")  # which no file can hold
     with pytest.raises(UnicodeEncodeError):
         grey.save(path)
     assert path.read_text() == "before"

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -183,15 +182,6 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
         assert np.abs(expected[1:3]).max() > 0.1 * expected[0]  # polarized enough to tell
 
 
-def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
-    here = table(rayleigh_layer(0.9, 1.0))
-    pictures = [
-        draw(view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)), here)
-        for turned in (0.0, 123.0)
-    ]
-    assert_close(*pictures, rtol=0.0, atol=1e-12)
-
-
 def test_mirrored_camera_sees_the_mirrored_picture() -> None:
     here, sky = table(rayleigh_layer(0.9, 1.0)), make_sky("rayleigh", [0.45], 25.0, 0.2)
     squares = []
@@ -242,13 +232,6 @@ def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
     )
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert printed.stdout == "np.float64(1.0)\n"
-
-
-def test_nine_wavelengths_do_for_smooth_spectra() -> None:
-    few, many = (colour.choose_wavelengths(count) for count in (9, 31))
-    smooth: Callable[[Array], Array] = lambda wavelength: 0.3 + 0.5 / (1.0 + np.exp((0.55 - wavelength) / 0.03))  # noqa: E731
-    xyz = [colour.weigh_wavelengths(chosen) @ smooth(chosen) for chosen in (few, many)]
-    assert_close(xyz[0], xyz[1], rtol=5e-3, atol=0.0)
 
 
 @pytest.mark.slow

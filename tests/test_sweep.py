@@ -28,9 +28,7 @@ import vrte
 from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
 from vrte.calls import alike
-from vrte.formats import phases
 from vrte.formats.particle_sources import make_particles
-from vrte.optics import phase_matrix
 from vrte.request.request import make_brdf_request
 from vrte.sweep import chunks, dask_engine, optics, store
 from vrte.sweep.engines import Cores
@@ -337,11 +335,6 @@ def test_media_that_do_not_fit_are_told_before_anything_is_computed() -> None:
     assert read_sweep(glossy(together, layer=layers, **particles)).dimensions == {"binder": 2}
 
 
-def test_an_axis_may_have_any_name_that_its_table_has_not() -> None:
-    table = vrte.sweep(simple({"specular": {"key": "layer[1].thickness", "values": [0.5, 1.0]}}), workers=1)
-    assert np.diff(table.reflectance.isel(mu_i=0).sel(specular=[0.5, 1.0]))[0] > 0.0
-
-
 @pytest.mark.parametrize(
     ("how", "words"),
     [
@@ -356,13 +349,6 @@ def test_an_axis_may_have_any_name_that_its_table_has_not() -> None:
 def test_options_that_do_not_fit(how: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         vrte.sweep(simple({ALBEDO: [0.5, 1.0]}), **how)
-
-
-def test_the_lit_side_of_the_file_is_kept() -> None:
-    content = simple({"layer[1].thickness": [1.0]}, layer=[RAYLEIGH, RAYLEIGH | {"albedo": 0.5}])
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)])
-    below = vrte.brdf(scene, 0.6, [0.5, 1.0], nodes=3, illuminate="bottom")
-    np.testing.assert_array_equal(vrte.sweep({**content, "illuminate": "bottom"}).mueller.values[0], below.mueller)
 
 
 def test_a_sweep_that_does_not_fit_on_the_disk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -740,32 +726,6 @@ def test_a_bad_point_is_named_and_the_others_go_together(batches: list[int]) -> 
     assert (table.error != "").values.tolist() == [[False, False, True]] * 2
 
 
-def test_phase_matrices_are_made_once_for_each_layer(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[float] = []
-    rayleigh = phase_matrix.rayleigh
-    monkeypatch.setattr(phase_matrix, "rayleigh", lambda given: made.append(given) or rayleigh(given))
-    phases.make_by_name.cache_clear()
-    layers = [RAYLEIGH | {"phase": {"rayleigh": 0.03}} for _ in range(2)]
-    table = vrte.sweep(stacks([], layer=layers, axes={"layer[1].thickness": [0.5, 1.0, 2.0]}), workers=1)
-    assert made == [0.03, 0.03]
-    matrices = [vrte.rayleigh(0.03) for _ in range(2)]
-    for place, depth in enumerate([0.5, 1.0, 2.0]):
-        scene = [vrte.Layer(one, 0.9, thickness) for one, thickness in zip(matrices, (depth, 1.0), strict=True)]
-        alone = vrte.brdf(vrte.Scene(scene, vrte.Lambertian(0.2)), MU, MU, PHI, nodes=6)
-        np.testing.assert_array_equal(table.mueller.values[place], alone.mueller)
-
-
-def test_stopped_it_goes_on_to_the_same_bits(tmp_path: Path, batches: list[int]) -> None:
-    given, output = stacks([0.4, 1.0, np.inf, 2.0]), tmp_path / "table.zarr"
-    with pytest.raises(StoppedError):
-        vrte.sweep(given, output, workers=1, chunk=6, progress=stop_after(12))
-    done = sum(batches)
-    vrte.sweep(given, output, workers=2, chunk=6).close()
-    assert 0 < done < sum(batches)
-    with vrte.sweep(given, output) as table:
-        assert table.load().equals(vrte.sweep(given, workers=1, chunk=1))
-
-
 def test_the_flag_stops_a_batch() -> None:
     stop = np.zeros(1, np.int32)
     scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.5, 0.9)]
@@ -776,12 +736,3 @@ def test_the_flag_stops_a_batch() -> None:
     stop[0] = 1
     with pytest.raises(KeyboardInterrupt):
         chunks.make_processor_solver(lambda: 1, stop)([first, other])
-
-
-@pytest.mark.slow
-def test_a_device_finds_the_same_of_scenes_that_are_alike(batches: list[int]) -> None:
-    given = stacks([0.4, 1.0, np.inf, 2.0])
-    together, there = (vrte.sweep(given, workers=1, chunk=24, engine=engine) for engine in ("threads", "opencl"))
-    assert sum(batches) >= 12
-    scenes = {"scene": list(together.error.dims)}
-    assert gap(*(each.stack(scenes).transpose("scene", ...) for each in (together, there))) < SAME

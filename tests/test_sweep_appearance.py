@@ -2,7 +2,6 @@
 
 import copy
 import csv
-import json
 import time
 from collections import Counter
 from pathlib import Path
@@ -121,38 +120,6 @@ def test_particles_are_worked_out_once_for_all_scenes(tmp_path: Path, monkeypatc
     assert len(made) == 2 * 7
 
 
-def test_a_stopped_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
-    output = tmp_path / "table.zarr"
-
-    def stop(done: int, total: int) -> None:
-        if done >= 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        vrte.sweep(GOLD, output, chunk=1, workers=1, progress=stop)
-    folder = tmp_path / "table.zarr.partial"
-    done = sorted(path.name for path in (folder / "done").iterdir())
-    assert 2 <= len(done) < 4
-    marks = {name: (folder / "done" / name).stat().st_mtime_ns for name in done}
-    kept = {path.name: path.stat().st_mtime_ns for path in (folder / "optics").iterdir()}
-    seen: list[int] = []
-
-    def look(count: int, total: int) -> None:
-        if not seen:  # marks and optics are those of the first run
-            assert all((folder / "done" / name).stat().st_mtime_ns == time for name, time in marks.items())
-            assert all((folder / "optics" / name).stat().st_mtime_ns == time for name, time in kept.items())
-        seen.append(count)
-
-    with vrte.sweep(GOLD, output, chunk=1, workers=1, progress=look) as table:
-        assert seen == list(range(len(done), 5))
-        alone = vrte.sweep(GOLD, workers=2)
-        for name in ("contrast_ratio", "L", "h"):
-            assert table[name].values.tobytes() == alone[name].values.tobytes()
-    changed = change(GOLD, white=0.7)
-    with pytest.raises(SceneError, match=r"another sweep: appearance\.white changed"):
-        vrte.sweep(changed, output)
-
-
 def test_a_panel_that_fails_is_recorded_and_the_rest_goes_on() -> None:
     content = copy.deepcopy(GOLD)
     content["axes"]["radius"]["values"] = [0.03, 0.0]
@@ -267,15 +234,6 @@ def test_a_panel_stops_with_the_sweep_that_it_is_of(cores: int) -> None:
     with share_cores(share), pytest.raises(KeyboardInterrupt):
         run_side_by_side([stop, *[lambda: time.sleep(0.05)] * cores, lambda: done.append(2)])
     assert done == [1]
-
-
-@pytest.mark.slow
-def test_a_cluster_makes_the_same_table(tmp_path: Path) -> None:
-    with vrte.sweep(GOLD, tmp_path / "table.zarr", engine="dask", workers=2) as table:
-        expected = vrte.sweep(GOLD, workers=1)
-        for name in ("contrast_ratio", "L", "h"):
-            assert table[name].values.tobytes() == expected[name].values.tobytes()
-        assert json.loads(table.attrs["sweep"])["appearance"] == GOLD["appearance"]
 
 
 @pytest.mark.slow

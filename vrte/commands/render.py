@@ -65,6 +65,7 @@ def run(options: argparse.Namespace) -> None:
         check_extra("a picture of an object", "render", ("trimesh", "embreex"))
     if options.size:
         setting = replace(setting, size_px=options.size)
+    from vrte.pictures.figures import save
     from vrte.render import picture
     from vrte.render.rendering import compute_pictures
 
@@ -75,11 +76,11 @@ def run(options: argparse.Namespace) -> None:
         if options.colour_only:
             picture.save_colours(renderings, options.output)
         elif options.sheet:
-            picture.save(picture.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output)
+            save(picture.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output, few_colours=False)
         elif options.together:
-            picture.save(picture.draw_row(renderings[0], setting), options.output)
+            save(picture.draw_row(renderings[0], setting), options.output, few_colours=False)
         else:
-            picture.save(picture.draw_figure(renderings, setting), options.output)
+            save(picture.draw_figure(renderings, setting), options.output, few_colours=False)
     for rendering in renderings:
         for material, error in zip(rendering.materials, rendering.errors, strict=True):
             print(f"  {material.title}: {describe_picture(material, error)}")

@@ -9,22 +9,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.describe import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    ORANGE,
-    PURPLE,
-    RED,
-    Axis,
-    Curve,
-    Line,
-    Panel,
-    Picture,
-    Swatch,
-    Words,
-)
+from vrte.pictures.describe import FAINT, INK, Axis, Curve, Line, Panel, Picture, Words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,13 +18,6 @@ SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"Creati
 SHARP_DPI = 160  # of a picture by itself, and of what is made of pixels in a drawing
 DPI = 100
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
-COLOURS = {  # of the steps of a solve
-    "homogeneous": BLUE,
-    "particular": ORANGE,
-    "boundary": GREEN,
-    "reconstruction": RED,
-    "assembly": PURPLE,
-}
 GRID: dict[str, Any] = {"color": FAINT, "linewidth": 0.5, "alpha": 0.7}
 
 
@@ -92,20 +70,23 @@ def draw_picture(picture: Picture) -> "Figure":
 
 def draw_panel(axes: Any, panel: Panel) -> None:
     """A panel into matplotlib's axes."""
+    from matplotlib.patches import Rectangle
+
     for part in panel.parts:
+        style: dict[str, Any] = {"color": part.colour}
         if isinstance(part, Curve):
             draw_curve(axes, part, bool(panel.polar))
         elif isinstance(part, Line):
-            style: dict[str, Any] = {"color": part.colour, "linestyle": part.dash, "linewidth": part.width}
-            style["label"] = part.name or None
-            axes.axhline(part.y, **style, zorder=0.5) if part.x is None else axes.axvline(part.x, **style, zorder=0.5)
+            style |= {"linestyle": part.dash, "linewidth": part.width, "label": part.name or None, "zorder": 0.5}
+            axes.axhline(part.y, **style) if part.x is None else axes.axvline(part.x, **style)
         elif isinstance(part, Words):
             where = axes.get_xaxis_transform() if part.of_data else axes.transAxes
-            style = {"color": part.colour, "fontsize": part.size, "ha": part.align, "rotation": 90.0 * part.turned}
-            lines = {"va": "top" if part.align == "left" else "center", "wrap": True, "linespacing": 1.4}
-            axes.text(part.x, part.y, part.text, transform=where, **style, **lines)
+            style |= {"fontsize": part.size, "ha": part.align, "rotation": 90.0 * part.turned}
+            style |= {"va": "top" if part.align == "left" else "center", "wrap": True, "linespacing": 1.4}
+            axes.text(part.x, part.y, part.text, transform=where, **style)
         else:
-            draw_swatch(axes, part)
+            corner = part.x, part.y
+            axes.add_patch(Rectangle(corner, part.width, part.height, linewidth=0, transform=axes.transAxes, **style))
     if panel.title:
         axes.set_title(panel.title, fontsize=10, color=INK)
     if panel.bare:
@@ -145,15 +126,6 @@ def draw_curve(axes: Any, curve: Curve, polar: bool) -> None:
         axes.plot(x, curve.y, **style)
     else:
         axes.errorbar(x, curve.y, curve.sigma, elinewidth=0.8, **style)
-
-
-def draw_swatch(axes: Any, swatch: Swatch) -> None:
-    """A rectangle of colour into matplotlib's axes."""
-    from matplotlib.patches import Rectangle
-
-    corner = swatch.x, swatch.y
-    style: dict[str, Any] = {"color": swatch.colour, "linewidth": 0, "transform": axes.transAxes}
-    axes.add_patch(Rectangle(corner, swatch.width, swatch.height, **style))
 
 
 def set_axis(axes: Any, which: str, axis: Axis) -> None:
@@ -196,16 +168,17 @@ def plot_suffix(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
-def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
-    """Writes a small PNG, all of it or nothing. Raises OSError."""
+def save(figure: "Figure", path: str | os.PathLike[str], few_colours: bool = True) -> None:
+    """Writes a small PNG, all of it or nothing, in few colours or in all. Raises OSError."""
     from PIL import Image  # matplotlib needs it too
 
     drawn = BytesIO()
     figure.savefig(drawn, format="png", dpi=DPI)
-    with write_atomically(path) as part, Image.open(drawn) as image:
-        # an octree keeps the colours of thin lines; median cut makes them those of others
-        few = image.convert("RGB").quantize(COLOURS_KEPT, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-        few.save(part, format="PNG", optimize=True)
+    with write_atomically(path) as part, Image.open(drawn) as whole:
+        image = whole.convert("RGB")
+        if few_colours:  # an octree keeps the colours of thin lines; median cut makes them those of others
+            image = image.quantize(COLOURS_KEPT, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        image.save(part, format="PNG", optimize=True)
 
 
 def limit_ticks(count: int = 4) -> Any:

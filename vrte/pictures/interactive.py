@@ -73,9 +73,8 @@ def draw_interactive(
 def make_trace(curve: Curve, panel: int, polar: bool) -> dict[str, Any]:
     """A curve of the panel with this number, from 1, as Plotly takes it; in short numbers: less to send."""
     kind, along, up = ("scatterpolar", "theta", "r") if polar else ("scatter", "x", "y")
-    marker: dict[str, Any] = {"color": curve.colour, "size": 1.5 * curve.size}
-    if curve.arrow:
-        marker |= {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "opacity": 1}
+    arrow = {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "opacity": 1} if curve.arrow else {}
+    marker: dict[str, Any] = {"color": curve.colour, "size": 1.5 * curve.size} | arrow
     trace: dict[str, Any] = {
         "type": kind,
         along: np.asarray(curve.x, np.float32),
@@ -88,11 +87,9 @@ def make_trace(curve: Curve, panel: int, polar: bool) -> dict[str, Any]:
         "opacity": None if curve.opacity == 1.0 else curve.opacity,
         "visible": None if curve.shown else "legendonly",
         "line": {"color": curve.colour, "width": round(1.33 * curve.width, 1), "dash": DASHES.get(curve.dash, "solid")},
+        "marker": marker if curve.marker or curve.arrow else None,
+        "yaxis": f"y{panel}" if panel > 1 else None,
     }
-    if curve.marker or curve.arrow:
-        trace["marker"] = marker
-    if panel > 1:
-        trace["yaxis"] = f"y{panel}"
     if curve.sigma is not None:
         sigma = np.asarray(curve.sigma, np.float32)
         trace["error_y"] = {"type": "data", "array": sigma, "color": curve.colour, "thickness": 1.2}

@@ -5,6 +5,7 @@ Without interfaces the light is inside the host medium, before any refraction at
 directions of the result end.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ TOWARD = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.s
 RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
 UPRIGHT = np.cross(TOWARD, RIGHT)
 LAMP = np.array([-0.45, -0.6, 0.66])
+GROUND = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
 STEP = 1.5  # degrees from ring to ring, and from spoke to spoke: where degrees of polarization vanish they have a kink
 SEQUENTIAL, DIVERGING = "Plasma", "RdBu_r"
 SHINE = {"ambient": 0.72, "diffuse": 0.45, "specular": 0.04, "roughness": 0.9}
@@ -117,44 +119,52 @@ def describe_incidence(brdf: Brdf, place: int) -> str:
     return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
 
 
-def make_lobe_colours(largest: float) -> Any:
-    """The colours of degrees of polarization from 0 to ``largest``."""
+def make_lobe_colours(lobes: Sequence[Lobe]) -> Any:
+    """The colours of the degrees of polarization of some lobes, from 0 on."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(0.0, max(largest, 1e-3)), COLOURS)
+    return ScalarMappable(Normalize(0.0, max(1e-3, *(lobe.most_polarized for lobe in lobes))), COLOURS)
 
 
 def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float = 9.0) -> None:
     """A lobe, its radius times ``factor``, 0 to 1, above the surface, and the ray that comes in along phi = 0; words in
-    ``letters`` [points].
-
-    It is seen from far away and above: nothing of the ground is in front of it, and it is drawn from its far side to
-    its near one, colours running evenly over each triangle.
-    """
+    ``letters`` [points]. It is seen from far away and above, and drawn from its far side to its near one."""
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
     points = factor * lobe.radius[..., None] * make_unit_vector_grid(lobe.theta, lobe.phi)
     corners = make_triangles(np.arange(lobe.radius.size).reshape(lobe.radius.shape))
     nearness = (points @ TOWARD).ravel()[corners].sum(axis=1)
-    x, y = _project_points(points.reshape(-1, 3))
+    x, y = project_points(points.reshape(-1, 3))
     mesh = TriMesh(Triangulation(x, y, corners[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
-    shaded: Any = _shade_colours(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
-    mesh.set_facecolor(shaded)
-    _draw_ground(axes, letters)
+    normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
+    size = np.linalg.norm(normal, axis=-1)
+    facing = normal @ LAMP / np.where(size > 0.0, size, 1.0)
+    facing[0] = facing[1].mean()  # all of ring 0 is one point
+    shaded = colours.to_rgba(lobe.polarized)
+    shaded[..., :3] *= (0.80 + 0.20 * facing)[..., None]  # darker where the body turns away from the lamp
+    mesh.set_facecolor(np.clip(shaded, 0.0, 1.0).reshape(-1, 4))
+    rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
+    for radius in (0.5, 1.0):
+        axes.plot(*project_points(radius * rim), **GROUND)
+    for degrees in range(0, 360, 90):
+        end = rim[degrees // 2]
+        axes.plot(*project_points(np.stack([0.0 * end, end])), **GROUND)
+        place = project_points(1.13 * end)
+        axes.text(*place, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
     ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
-    _draw_ray(axes, -1.0, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
+    draw_ray(axes, -1.0, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
     if lobe.mirrored:
-        _draw_ray(axes, 1.0, lobe.mu_i, factor * float(lobe.radius[ring, 0]), lobe.mirrored, letters)
+        draw_ray(axes, 1.0, lobe.mu_i, factor * float(lobe.radius[ring, 0]), lobe.mirrored, letters)
     axes.set_xlim(-1.19, 1.19), axes.set_ylim(-0.55, 1.2)
     axes.set_aspect("equal")
     axes.set_axis_off()
 
 
-def _project_points(points: Array) -> tuple[Array, Array]:
+def project_points(points: Array) -> tuple[Array, Array]:
     """Where points (n, 3) are in the picture, to the right and up."""
     return points @ RIGHT, points @ UPRIGHT
 
@@ -178,37 +188,13 @@ def make_triangles(corner: Any) -> Any:
     )
 
 
-def _shade_colours(colours: Array, points: Array) -> Array:
-    """The colours (theta, phi, 4), a little darker where the body turns away from the lamp."""
-    normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
-    size = np.linalg.norm(normal, axis=-1)
-    facing = normal @ LAMP / np.where(size > 0.0, size, 1.0)
-    facing[0] = facing[1].mean()  # all of ring 0 is one point
-    shaded = colours.copy()
-    shaded[..., :3] *= (0.80 + 0.20 * facing)[..., None]
-    return np.clip(shaded, 0.0, 1.0)
-
-
-def _draw_ground(axes: Any, letters: float) -> None:
-    """The surface as a disc, with its azimuths."""
-    rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
-    style = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
-    for radius in (0.5, 1.0):
-        axes.plot(*_project_points(radius * rim), **style)
-    for degrees in range(0, 360, 90):
-        end = rim[degrees // 2]
-        axes.plot(*_project_points(np.stack([0.0 * end, end])), **style)
-        x, y = _project_points(1.13 * end)
-        axes.text(x, y, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
-
-
-def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "", letters: float = 9.0) -> None:
+def draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "", letters: float = 9.0) -> None:
     """The incident ray, which comes down along phi = 0 from ``side`` -1 and ends where it meets the lobe, at the radius
     ``inside``; or, from there on, the one that goes back at ``side`` 1, with what is said of it."""
     sine = np.sqrt(1.0 - mu_i**2)
     beside = (0.07 if mirrored and sine < 0.07 else 0.0) * RIGHT  # both would lie upon each other
     toward = np.array([side * sine, 0.0, mu_i])
-    near, far = (_project_points(radius * toward + beside) for radius in (inside + 0.02, 1.3 if mirrored else 1.2))
+    near, far = (project_points(radius * toward + beside) for radius in (inside + 0.02, 1.3 if mirrored else 1.2))
     start, end, colour = (near, far, MIRRORED) if mirrored else (far, near, INCIDENT)
     arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": colour, "linewidth": 2.2}
     arrow |= {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20}
@@ -224,14 +210,12 @@ def lobe(
     colour: str = "degree of linear polarization",
     stokes: Any = UNPOLARIZED,
 ) -> Any:
-    """The BRDF as a body over the hemisphere of outgoing directions.
+    """The BRDF as a body over the hemisphere of outgoing directions, for light of the Stokes vector ``stokes``.
 
-    Light of the Stokes vector ``stokes`` comes in at ``mu_i[place]``, along the red arrow; what goes back as a beam is
-    the green one, its share in the line below the title, and in no lobe. The distance from the centre is the size of
-    the quantity ``height``, as a share of the largest, which the title tells; the colour is the quantity ``colour``
-    (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Between the given
-    directions splines run; the body ends at the last mu_o. Raises SceneError for an unknown quantity or place, or too
-    few directions, MissingExtraError without Plotly.
+    It comes in at ``mu_i[place]``, along the red arrow; what is mirrored as a beam is the green one, and in no lobe.
+    The distance from the centre is the size of the quantity ``height`` over its largest, the colour the quantity
+    ``colour`` (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Raises
+    SceneError for an unknown quantity or place, or too few directions, MissingExtraError without Plotly.
 
     >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
@@ -248,12 +232,13 @@ def lobe(
     solid |= make_hover_text(theta, phi, heights, colours, height, colour)
     unit, mu_i = unit_of(height), float(brdf.mu_i[place])
     mirrored = describe_mirrored_beam(brdf, place, stokes)
+    angle_bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}  # of corners' own colours
     scale_in_words = f"rim of the disc = {largest:.3g}{'' if unit == '°' else ' '}{unit}".rstrip()
     return make_plotly_figure(
         [
             *make_ground_disc(),
             solid,
-            *([make_angle_bar(colour)] if colour in ANGLES else []),
+            *([make_space_trace(np.zeros((1, 3)), "markers", marker=angle_bar)] if colour in ANGLES else []),
             *make_ray(mu_i, f"incident light, μ<sub>i</sub> = {mu_i:.4g}"),
             *(make_ray(mu_i, mirrored, goes_back=True) if mirrored else []),
         ],
@@ -308,19 +293,11 @@ def list_cyclic_colours(angle: Array) -> list[str]:
     >>> first == last, first == between
     (True, False)
     """
-    colours = import_plotly().colors
-    circle = np.array(
-        [colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float
-    )  # its last is its first
+    colours = import_plotly().colors  # the last of the circle is its first
+    circle = np.array([colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float)
     place = (angle % 180.0) / 180.0 * (len(circle) - 1)
     levels = [np.interp(place, np.arange(len(circle)), channel).round().astype(int).tolist() for channel in circle.T]
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in zip(*levels, strict=True)]
-
-
-def make_angle_bar(colour: str) -> dict[str, Any]:
-    """Nothing but the bar of colours that the corners of a body have by themselves."""
-    bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}
-    return make_space_trace(np.zeros((1, 3)), "markers", marker=bar)
 
 
 def make_hover_text(

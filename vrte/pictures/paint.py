@@ -17,19 +17,7 @@ from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.appearance import describe_coefficients, describe_hiding
-from vrte.pictures.describe import (
-    BLUE,
-    GREEN,
-    INCIDENT,
-    INK,
-    ORANGE,
-    Axis,
-    Curve,
-    Panel,
-    Picture,
-    Swatch,
-    Words,
-)
+from vrte.pictures.describe import BLUE, GREEN, INCIDENT, INK, ORANGE, Axis, Curve, Panel, Picture, Swatch, Words
 from vrte.pictures.figures import draw_picture, save_figure
 from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table
 
@@ -58,26 +46,24 @@ def describe_card(paint: Paint) -> Panel:
 
 def describe_reflectance(paint: Paint) -> Panel:
     """Reflectance factors over black, over white and semi-infinite, and all light of the panel as it lies."""
-    at, parts = paint.look.wavelength_um, []
-    if paint.hiding is not None:
-        seen = paint.hiding
-        for values, name, colour, dash in (
-            (seen.without_end, "semi-infinite", INK, ":"),
-            (seen.reflectance_over_white, "over white", ORANGE, "-"),
-            (seen.reflectance_over_black, "over black", BLUE, "-"),
-        ):
-            parts.append(Curve(at, values, f"{name}, {seen.geometry}", colour, dash))
+    at, parts, seen = paint.look.wavelength_um, [], paint.hiding
+    if seen is None:
+        parts = [Curve(at, paint.look.reflectance(VISUAL), f"as it lies, {VISUAL}", BLUE)]
     else:
-        parts.append(Curve(at, paint.look.reflectance(VISUAL), f"as it lies, {VISUAL}", BLUE))
+        parts = [
+            Curve(at, seen.without_end, f"semi-infinite, {seen.geometry}", INK, ":"),
+            Curve(at, seen.reflectance_over_white, f"over white, {seen.geometry}", ORANGE),
+            Curve(at, seen.reflectance_over_black, f"over black, {seen.geometry}", BLUE),
+        ]
     parts.append(Curve(at, paint.look.reflectance("8:di"), "as it lies, 8:di (SPIN)", GREEN, "--", width=1.2))
     return Panel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0), "Reflectance")
 
 
 def describe_film(paint: Paint) -> Panel:
     """Contrast ratio against thickness, with what counts as hidden."""
-    if paint.hiding is None:
-        return Panel([Words("no hiding curve: see the notes")], title="Hiding power", bare=True)
-    return replace(describe_hiding(paint.hiding)[0], title="Hiding power", letters=7.0)
+    missing = Panel([Words("no hiding curve: see the notes")], bare=True)
+    found = missing if paint.hiding is None else describe_hiding(paint.hiding)[0]
+    return replace(found, title="Hiding power", letters=7.0)
 
 
 def describe_polar_cut(paint: Paint) -> Panel:
@@ -117,21 +103,15 @@ def describe_polarization(paint: Paint) -> Panel:
 
 def describe_two_fluxes(paint: Paint) -> Panel:
     """K and S against wavelength."""
-    title = "Kubelka-Munk inside the film"
-    if paint.two_fluxes is None:
-        return Panel([Words("no K and S: see the notes")], title=title, bare=True)
-    return replace(describe_coefficients(paint.two_fluxes), title=title)
+    missing = Panel([Words("no K and S: see the notes")], bare=True)
+    found = missing if paint.two_fluxes is None else describe_coefficients(paint.two_fluxes)
+    return replace(found, title="Kubelka-Munk inside the film")
 
 
 PANELS: tuple[Callable[[Paint], Panel], ...] = (
-    describe_card,
-    describe_reflectance,
-    describe_film,
-    describe_polar_cut,
-    describe_angles,
-    describe_polarization,
+    describe_card, describe_reflectance, describe_film, describe_polar_cut, describe_angles, describe_polarization,
     describe_two_fluxes,
-)
+)  # fmt: skip
 
 
 def draw_sheet(paint: Paint) -> "Figure":
@@ -152,7 +132,8 @@ def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
     if suffix == ".png":
         save_figure(draw_sheet(paint), path)
         return
-    text = make_paint_page(paint) if suffix == ".html" else write_table(paint.list_readings())
+    page = suffix == ".html"
+    text = make_page(paint.title, make_paint_body(paint)) if page else write_table(paint.list_readings())
     with write_atomically(path) as part:
         part.write_text(text, encoding="utf-8", newline="")
 
@@ -166,11 +147,6 @@ def write_table(readings: Iterable[Reading]) -> str:
         at = "" if one.wavelength_um is None else repr(float(one.wavelength_um))
         rows.writerow((one.quantity, one.geometry, at, repr(float(one.value)), one.unit, one.definition, one.standard))
     return made.getvalue()
-
-
-def make_paint_page(paint: Paint) -> str:
-    """The whole page, without anything that is elsewhere."""
-    return make_page(paint.title, make_paint_body(paint))
 
 
 def make_paint_body(paint: Paint) -> str:

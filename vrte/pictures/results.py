@@ -161,7 +161,7 @@ def draw_brdf(brdf: Brdf) -> "Figure":
         draw_changes(halves[1], brdf, chosen)
     lobes = [compute_lobe(brdf, place) for place in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
-    colours = make_lobe_colours(max(lobe.most_polarized for lobe in lobes))
+    colours = make_lobe_colours(lobes)
     for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
         width = 0.88 / len(chosen)  # the colour bar keeps the right edge
         left = 0.01 + width * column

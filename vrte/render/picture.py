@@ -7,7 +7,6 @@ import os
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from vrte.formats.atomic import write_atomically
 from vrte.formats.layers import describe_filling
 from vrte.formats.toml_table import read_share
 from vrte.pictures.describe import INK
-from vrte.pictures.figures import limit_ticks, make_figure, require_pictures
+from vrte.pictures.figures import DPI, limit_ticks, make_figure, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.rendering import Rendering
 from vrte.render.setting import Setting
@@ -30,7 +29,6 @@ from vrte.render.setting import Setting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 100
 GAP = 0.05  # of a panel's size; and so
 LETTERS = 0.064  # the height of letters: more than 11 pixels where a sheet of four columns is shown 800 pixels wide
 NARROW, LINE = 0.56, 1.35  # of that: the width of a letter, the distance of lines
@@ -48,18 +46,8 @@ LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
 LOBE_PHI = np.arange(0.0, 181.0, 3.0)
 
 
-def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
-    """Writes the PNG, all of it or nothing. Raises MissingExtraError without matplotlib, OSError."""
-    from PIL import Image
-
-    drawn = BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI)
-    with write_atomically(path) as part, Image.open(drawn) as image:
-        image.convert("RGB").save(part, format="PNG", optimize=True)
-
-
 def save_colours(renderings: Sequence[Rendering], path: str | os.PathLike[str]) -> None:
-    """The pictures in colour beside each other, without any text; transparent around them. Errors as `save`."""
+    """The pictures in colour beside each other, without any text; transparent around them. Raises OSError."""
     require_pictures()
     from PIL import Image
 
@@ -107,7 +95,7 @@ def draw_sheet(
         brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
         both = [compute_lobe(brdf, place) for place in range(LOBE_MU_I.size)]
         circle = round_up(max(float(lobe.radius.max()) for lobe in both))
-        colours = make_lobe_colours(max(lobe.most_polarized for lobe in both))
+        colours = make_lobe_colours(both)
         for column, lobe in enumerate(both, 2):
             lobe = replace(lobe, mirrored=lobe.mirrored.partition(",")[0])  # there is no room for how polarized
             draw_lobe(

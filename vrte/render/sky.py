@@ -74,19 +74,17 @@ def compute_optical_thickness(wavelength_um: Any) -> Array:
     return found
 
 
-def make_sky(
-    kind: str, wavelengths_um: Sequence[float], elevation_deg: float, ground_albedo: float, azimuth_deg: float = 0.0
-) -> Sky:
+def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, ground_albedo: float) -> Sky:
     """The light of ``kind``: "rayleigh", "sun" (no atmosphere, a black sky) or "uniform" (radiance 1 from all sides).
 
-    The sun stands at this elevation and azimuth. Raises whatever `vrte.radiance` does.
+    The sun stands at this elevation, at azimuth 0. Raises whatever `vrte.radiance` does.
 
     >>> make_sky("sun", [0.5], 30.0, 0.0).beam.round(3).tolist()
     [-0.866, -0.0, -0.5]
     """
     count = len(wavelengths_um)
-    elevation, azimuth = np.radians([elevation_deg, azimuth_deg])
-    beam = -np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    elevation = np.radians(elevation_deg)
+    beam = -np.array([np.cos(elevation), 0.0, np.sin(elevation)])
     theta = make_horizon_angles(ANGLES, STEEPEST)
     splines, ground, sun = np.zeros((count, theta.size, 3, 4)), np.zeros(count), np.zeros(count)
     if kind == "uniform":
