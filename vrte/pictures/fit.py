@@ -54,11 +54,7 @@ def describe_curves(
 
 
 def describe_unit(quantity: str) -> str:
-    """The name of a quantity with its unit.
-
-    >>> describe_unit("f00"), describe_unit("total_reflectance")
-    ('f00 [sr⁻¹]', 'total reflectance')
-    """
+    """The name of a quantity with its unit."""
     unit = QUANTITIES[quantity].unit if quantity in QUANTITIES else "1"
     return quantity.replace("_", " ") + ("" if unit == "1" else f" [{unit.replace('sr-1', 'sr⁻¹')}]")
 

@@ -6,7 +6,7 @@ Nothing here raises: what cannot be drawn, for want of directions or of matplotl
 import html
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics.arrays import Array, put_in_one_line
@@ -17,14 +17,7 @@ from vrte.pictures.describe import Axis, Picture, spread
 from vrte.pictures.figures import draw_picture
 from vrte.pictures.lobes import name_brdf
 from vrte.pictures.page import make_data_address
-from vrte.pictures.results import (
-    describe_brdf,
-    describe_field,
-    draw_phase_matrix,
-    draw_plan,
-    draw_spectrum,
-    name_field,
-)
+from vrte.pictures.results import describe_brdf, describe_field, draw_phase_matrix, draw_plan, draw_spectrum, name_field
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions
@@ -53,20 +46,22 @@ def show_as_html(
     """Of what tells a thing's facts, a table or a text, makes what shows the thing: title, picture and facts, as far as
     they can be made."""
 
-    def with_facts(facts: Callable[[Any], Mapping[str, str] | str]) -> Callable[[Any], str]:
-        @wraps(facts)
-        def as_html(thing: Any) -> str:
-            try:
-                found = facts(thing)
-                text = f"<pre>{html.escape(found)}</pre>" if isinstance(found, str) else write_html_table(found)
-            except Exception:  # a notebook must show something, whatever a result holds
-                text = f"<pre>{html.escape(put_in_one_line(object.__repr__(thing)))}</pre>"
-            name = title if isinstance(title, str) else title(thing)
-            return f"<div><b>{html.escape(name)}</b><br>{write_html_image(draw, thing)}{text}</div>"
+    def show(facts: Callable[[Any], Mapping[str, str] | str], thing: Any) -> str:
+        try:
+            found = facts(thing)
+            text = f"<pre>{html.escape(found)}</pre>" if isinstance(found, str) else write_html_table(found)
+        except Exception:  # a notebook must show something, whatever a result holds
+            text = f"<pre>{html.escape(put_in_one_line(object.__repr__(thing)))}</pre>"
+        try:
+            figure: Any = draw(thing)
+            drawn = b"" if figure is None else figure._repr_png_()
+        except Exception:  # too few directions, no matplotlib, numbers that no axis takes
+            drawn = b""
+        image = f'<img alt="" src="{make_data_address(drawn, "png")}"><br>' if drawn else ""
+        name = title if isinstance(title, str) else title(thing)
+        return f"<div><b>{html.escape(name)}</b><br>{image}{text}</div>"
 
-        return as_html
-
-    return with_facts
+    return lambda facts: wraps(facts)(partial(show, facts))
 
 
 def draw_field(field: Field) -> "Figure | None":
@@ -100,8 +95,7 @@ def show_field(field: Field) -> dict[str, str]:
     beams the first."""
     several = "" if isinstance(field.mu0, float) else f"{shorten_numbers(field.mu0)}, the first one here: μ0 = "
     field = field.beam(0) if several else field
-    fluxes = {"up" if field.diagnostics.get("illuminate") == "bottom" else "down": field.direct}
-    media = {}
+    fluxes, media = {"up" if field.diagnostics.get("illuminate") == "bottom" else "down": field.direct}, {}
     if field.index is not None and field.direct_up is not None:
         fluxes, media = (
             {"down": field.direct, "up": field.direct_up},
@@ -122,14 +116,14 @@ def show_field(field: Field) -> dict[str, str]:
 @show_as_html(name_brdf, draw_brdf)
 def show_brdf(brdf: Brdf) -> dict[str, str]:
     """A BRDF: f00 and degree of linear polarization in the plane of incidence; its directions and reflectances."""
+    shares = {"reflectance" if brdf.specular is None else "reflectance, diffuse": shorten_numbers(brdf.reflectance)}
+    if brdf.specular is not None:
+        shares["reflectance, as a beam"] = shorten_numbers(brdf.specular[:, 0, 0])
     transmission = {"transmission": "no" if brdf.transmission is None else "yes"}
-    return describe_directions(brdf) | describe_reflectance(brdf) | transmission | describe_solve(brdf.diagnostics)
+    return describe_directions(brdf) | shares | transmission | describe_solve(brdf.diagnostics)
 
 
-@show_as_html(
-    lambda spectrum: name_brdf(spectrum[0]).replace("BRDF", "BRDFs"),
-    lambda spectrum: draw_spectrum(spectrum, WIDTH, HEIGHT),
-)
+@show_as_html(lambda one: name_brdf(one[0]).replace("BRDF", "BRDFs"), lambda one: draw_spectrum(one, WIDTH, HEIGHT))
 def show_spectrum(spectrum: Spectrum) -> dict[str, str]:
     """A spectrum: reflectance against wavelength; its wavelengths and directions."""
     wavelengths = {"wavelength [µm]": shorten_numbers(spectrum.wavelength_um)}
@@ -212,16 +206,6 @@ def write_html_table(facts: Mapping[str, str]) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def write_html_image(draw: Callable[[Any], "Figure | None"], thing: Any) -> str:
-    """The picture, embedded; nothing where it cannot be drawn."""
-    try:
-        figure: Any = draw(thing)
-        drawn = b"" if figure is None else figure._repr_png_()
-    except Exception:  # too few directions, no matplotlib, numbers that no axis takes
-        drawn = b""
-    return f'<img alt="" src="{make_data_address(drawn, "png")}"><br>' if drawn else ""
-
-
 def shorten_numbers(values: Array) -> str:
     """A list of numbers: all of a few, else how many and from where to where.
 
@@ -236,19 +220,8 @@ def shorten_numbers(values: Array) -> str:
 
 def describe_directions(result: Brdf | Spectrum) -> dict[str, str]:
     """Those that a BRDF, or BRDFs, are for."""
-    return {
-        "μ incident": shorten_numbers(result.mu_i),
-        "μ out": shorten_numbers(result.mu_o),
-        "φ [°]": shorten_numbers(result.phi),
-    }
-
-
-def describe_reflectance(brdf: Brdf) -> dict[str, str]:
-    """How much comes back, diffuse and as a beam."""
-    if brdf.specular is None:
-        return {"reflectance": shorten_numbers(brdf.reflectance)}
-    beams = shorten_numbers(brdf.specular[:, 0, 0])
-    return {"reflectance, diffuse": shorten_numbers(brdf.reflectance), "reflectance, as a beam": beams}
+    axes = {"μ incident": result.mu_i, "μ out": result.mu_o, "φ [°]": result.phi}
+    return {name: shorten_numbers(values) for name, values in axes.items()}
 
 
 def describe_solve(diagnostics: Mapping[str, Any]) -> dict[str, str]:

@@ -72,23 +72,12 @@ RATIOS = (  # an element of F, its sign, over F11, and the column of a table tha
     ("F34/F11", (2, 3), 1.0, "F34"),
 )
 BASES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (RED, ":"))
-ALGORITHMS = {
-    "modes": BLUE,
-    "doubling": ORANGE,
-    "invariance": GREEN,
-    "fractions": "#8a3f8f",
-    "scatterings": "#b5446e",
-}
+ALGORITHMS = {"modes": BLUE, "doubling": ORANGE, "invariance": GREEN, "fractions": "#8a3f8f", "scatterings": "#b5446e"}
 
 
 def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> None:
-    """Draws a result into a PNG, SVG or PDF by the suffix, all of it or nothing.
-
-    Raises MissingExtraError without the extra "plot", SceneError where there are too few directions for a picture or
-    for another suffix, OSError.
-
-    >>> save_plot(brdf, "lobes.png")
-    """
+    """Draws a result into a PNG, SVG or PDF by the suffix, all of it or nothing. Raises MissingExtraError without the
+    extra "plot", SceneError for too few directions or another suffix, OSError."""
     plot_suffix(path)
     save_figure(result.plot(), path)
 
@@ -96,17 +85,15 @@ def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> 
 # ---- BRDFs
 
 
-def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED, cuts: Any = CUTS) -> Panel:
-    """A quantity of the light that leaves against its angle from the normal, in upright planes, as a half circle.
-
-    Where the quantity may be negative, the centre is as far below 0 as the rim is above, and 0 is a dotted half circle.
-    """
+def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Panel:
+    """A quantity of the light that leaves against its angle from the normal, in upright planes, as a half circle, whose
+    centre is as far below 0 as the rim is above where the quantity may be negative."""
     incident = incident_for(quantity, stokes)
-    found = [light_in_plane(brdf, place, phi, incident) for phi, *_ in cuts]
+    found = [light_in_plane(brdf, place, phi, incident) for phi, *_ in CUTS]
     values = [of_light(light, quantity) for _, light in found]
     low, high = choose_range(np.stack(values), quantity)
     parts = describe_zero(low, 90.0)
-    for (angle, _), value, (_, name, colour, dash) in zip(found, values, cuts, strict=True):
+    for (angle, _), value, (_, name, colour, dash) in zip(found, values, CUTS, strict=True):
         parts.append(describe_polar_curve(angle, value, quantity, name, colour, dash))
     beam, mirrored = float(np.degrees(np.arccos(brdf.mu_i[place]))), describe_mirrored_beam(brdf, place, stokes)
     parts.append(describe_arrow(-beam, high, low, "incident light"))
@@ -136,21 +123,17 @@ def describe_arrow(angle: float, start: float, end: float, name: str, colour: st
 
 
 def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
-    """A quantity of the light that leaves against its angle from the normal, in and across the plane of incidence.
-
-    ``quantity`` is one of `vrte.quantities.QUANTITIES`, ``stokes`` the incident light at ``mu_i[place]``. Raises
-    SceneError for an unknown quantity or index, or too few directions, MissingExtraError without Plotly.
-    """
+    """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence, for
+    light ``stokes`` at ``mu_i[place]``. Raises SceneError for an unknown quantity or index, or too few directions,
+    MissingExtraError without Plotly."""
     check_whole("place", place, 0, brdf.mu_i.size - 1)
     title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, place)}; {SIDES}"
     return draw_interactive([describe_cuts(brdf, place, quantity, stokes)], title, under)
 
 
 def draw_brdf(brdf: Brdf) -> "Figure":
-    """The lobes of a BRDF, all on one scale, its polar cuts, and its derivatives where it has some.
-
-    Raises SceneError where there are too few directions, MissingExtraError without matplotlib.
-    """
+    """The lobes of a BRDF, all on one scale, its polar cuts, and its derivatives where it has some. Raises SceneError
+    where there are too few directions, MissingExtraError without matplotlib."""
     check_directions(brdf.mu_o, brdf.phi)
     chosen, more = spread(brdf.mu_i.size, MOST_LOBES), 3.2 * bool(brdf.jacobian)  # [inches] of the derivatives
     whole = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2 + more)
@@ -237,7 +220,7 @@ def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[Panel, Panel]:
 
 
 def name_field(field: Field) -> str:
-    """The title of a picture of a field: of light inside one medium, or in several."""
+    """The title of a picture of a field."""
     return "Subsurface radiance, diffuse light" if field.index is None else "Radiance, diffuse light, without beams"
 
 
@@ -247,11 +230,8 @@ def name_depth(field: Field, depth: int) -> str:
 
 
 def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[Panel, Panel]:
-    """I and the degree of polarization against mu at one azimuth, a line a depth.
-
-    Directions that were computed are marked where they are few, with smooth lines through them; down and up are
-    separate lines, because the radiance may jump at the horizon.
-    """
+    """I and the degree of polarization against mu at one azimuth, a line a depth, and one each for light that goes up
+    and down, since it may jump at the horizon. Directions that were computed are marked where they are few."""
     panels: tuple[list[Any], list[Any]] = [], []
     for depth, colour in zip(depths, colour_scale(len(depths)), strict=True):
         name = name_depth(field, depth)
@@ -274,10 +254,8 @@ def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[P
 
 
 def draw_field(field: Field) -> "Figure":
-    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth.
-
-    Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
-    """
+    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth. Raises
+    SceneError for a field of fluxes alone, MissingExtraError without matplotlib."""
     if not field.mu.size:
         raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     depths = spread(field.tau.size, MOST_DEPTHS)
@@ -293,18 +271,16 @@ def draw_field(field: Field) -> "Figure":
         for k, ((light, _), title) in enumerate(columns)
     ]
     width = max(4.4 * len(columns), 6.4)
-    return draw_picture(
-        Picture([tops, [part for (_, part), _ in columns]], width, 6.6, f"{name_field(field)}, {common}", share_y=True)
-    )
+    rows = [tops, [part for (_, part), _ in columns]]
+    return draw_picture(Picture(rows, width, 6.6, f"{name_field(field)}, {common}", share_y=True))
 
 
 def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> Any:
-    """The radiance field in the plane of incidence as polar diagrams, one curve a depth: light going up is above.
+    """A quantity of `vrte.quantities.FIELD_QUANTITIES` in the plane of incidence, where ``field.phi`` is 0 and 180, as
+    polar diagrams, one curve a depth: light going up is above.
 
-    ``quantity`` is one of `vrte.quantities.FIELD_QUANTITIES`. The plane is where ``field.phi`` is 0 and 180; one of
-    them gives half of it. ``over_largest``: each depth over its own largest, as light decays with depth; ``dark``: in
-    colours for a dark page. Raises SceneError for an unknown quantity, or where both are missing or there are no
-    directions, MissingExtraError without Plotly.
+    ``over_largest``: each depth over its own largest; ``dark``: in colours for a dark page. Raises SceneError for an
+    unknown quantity or where directions of the plane are missing, MissingExtraError without Plotly.
     """
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = require_one_beam(field)
@@ -331,10 +307,8 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
 
 
 def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
-    """Angles (n,) [degrees] of travel from straight up, clockwise, and the quantity there (tau, n).
-
-    NaN parts light that goes up from light that goes down: it may jump at the horizon.
-    """
+    """Angles (n,) [degrees] of travel from straight up, clockwise, and the quantity there (tau, n); NaN parts light
+    that goes up from light that goes down."""
     sides = {sign: np.flatnonzero(np.abs(field.phi % 360.0 - phi) < 1e-9) for sign, phi in ((1.0, 0.0), (-1.0, 180.0))}
     known = [(sign, found[0]) for sign, found in sides.items() if found.size]
     if not known or not field.mu.size:
@@ -363,9 +337,8 @@ def describe_spectrum(spectrum: Spectrum) -> list[Panel]:
     parts = []
     for place, colour in zip(places, colour_scale(len(places)), strict=True):
         label = f"μ incident = {first.mu_i[place]:.4g}"
-        parts.append(
-            Curve(spectrum.wavelength_um, spectrum.reflectance[:, place], label, colour, "-", marker, size=3.0)
-        )
+        shares = spectrum.reflectance[:, place]
+        parts.append(Curve(spectrum.wavelength_um, shares, label, colour, "-", marker, size=3.0))
         if first.specular is not None:
             beams = [float(one.specular[place, 0, 0]) for one in spectrum if one.specular is not None]
             parts.append(Curve(spectrum.wavelength_um, beams, "", colour, "--", marker, size=3.0))
@@ -401,9 +374,8 @@ def reflectance(found: Any, wavelength_um: Sequence[float], place: int) -> Any:
               hover=f"{name}<br>%{{x:.4g}}{unit}: %{{y:.4f}}")
         for (name, shares), (colour, dash) in zip(found.curves.items(), BASES, strict=False)
     ]  # fmt: skip
-    under = (
-        f"{f'light from {angle[place]:.0f}° off the normal; ' if spectral else ''}unpolarized, all directions of exit"
-    )
+    light = f"light from {angle[place]:.0f}° off the normal; " if spectral else ""
+    under = f"{light}unpolarized, all directions of exit"
     along = WAVELENGTH if spectral else Axis("angle of incidence [°]")
     return draw_interactive([Panel(parts, along, Axis("reflectance", low=0.0))], "Reflectance", under, showlegend=True)
 
@@ -427,13 +399,8 @@ def spectra(found: Any, before: Any, geometry: str) -> Any:
 
 
 def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[Panel]:
-    """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle.
-
-    Where F11 is not above 0, as rounded tables have it, there is a gap.
-
-    >>> [len(panel.parts) for panel in describe_phase_matrix(PhaseMatrix([1.0]))]
-    [1, 5]
-    """
+    """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle; with gaps
+    where F11 is not above 0, as rounded tables have it."""
     matrix = phase_matrix.scattering_matrix(ANGLES_DEG)
     f11 = np.where(matrix[:, 0, 0] > 0.0, matrix[:, 0, 0], np.nan)
     hover = "{} at %{{x:.1f}}°: %{{y:.4g}}"
@@ -449,9 +416,7 @@ def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[Panel]:
 
 def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: float = 4.0) -> "Figure":
     """F11 on a logarithmic scale, and the other elements over it; of an expansion over its table, the error below.
-
-    Raises MissingExtraError without matplotlib.
-    """
+    Raises MissingExtraError without matplotlib."""
     panels = [replace(one, y=replace(one.y, label="")) for one in describe_phase_matrix(phase_matrix)]
     known = phase_matrix.expansion
     if known is None:
@@ -472,8 +437,7 @@ def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: flo
 
 
 def scattering_matrix(phase_matrix: PhaseMatrix) -> Any:
-    """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle, with gaps
-    where F11 is not above 0. Raises MissingExtraError without Plotly."""
+    """The same for a page. Raises MissingExtraError without Plotly."""
     under = "mean of F11 over the sphere 1; −F12/F11: polarization of unpolarized light"
     return draw_interactive(describe_phase_matrix(phase_matrix), "Scattering matrix", under)
 
@@ -498,11 +462,8 @@ def coefficients(phase_matrix: PhaseMatrix) -> Any:
 
 
 def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":
-    """Predicted operations of each Fourier order, by algorithm, and the orders of multiple scattering left out.
-
-    A panel for each part of the plan, where light that comes in polarized has one of its own. Raises MissingExtraError
-    without matplotlib.
-    """
+    """Predicted operations of each Fourier order, by algorithm, and the orders of multiple scattering left out, a panel
+    for each part of the plan. Raises MissingExtraError without matplotlib."""
     parts = plan.parts or (plan,)
     names = ("unpolarized light", "polarized light") if plan.parts else ("",)
     panels = [
