@@ -113,16 +113,13 @@ def test_a_wrong_field_gets_the_librarys_message(place: Place, text: str, words:
     assert words in found[show_place(place)]
 
 
-def test_the_message_is_that_of_the_solver_and_may_be_about_all_of_a_kind() -> None:
+def test_all_wrong_fields_are_told_at_once_in_the_words_of_the_solver() -> None:
     with pytest.raises(vrte.SceneError) as told:
         make_scene_file(fresh(nodes=10**6), "brdf", compute=check_particles)
     assert problems(fresh(nodes=10**6)) == {"nodes": str(told.value)}
     content = fresh(particles={"gold": {"index": "gold", "radius_um": 1e5}})
     assert "size parameter" in problems(content)["particles.gold"]
     assert list(problems(fresh(wavelength_um={"start": 0.4, "stop": "x", "count": 4}))) == ["wavelength_um"]
-
-
-def test_all_wrong_fields_are_told_at_once() -> None:
     content = fresh(nodes=0, accuracy="fine")
     content["layer"][0]["thickness"] = "thick"
     content["particles"]["gold"] = {"index": "gould", "radius_um": math.nan}
@@ -130,6 +127,13 @@ def test_all_wrong_fields_are_told_at_once() -> None:
     content["field"]["mu0"] = -1
     expected = "nodes accuracy layer[1].thickness particles.gold.index particles.gold.radius_um brdf.mu_i field.mu0"
     assert set(problems(content)) == set(expected.split())
+    content = fresh(nodes=0)  # a field that is right alone but not with others hides no message
+    form.set_source(content["particles"]["gold"], "coated-spheres")
+    content["particles"]["gold"].pop("core_ratio")
+    content["particles"]["gold"]["core_radius_um"] = 7.0
+    found = problems(content)
+    assert next(iter(found)) == "nodes"
+    assert "core" in " ".join(found.values())
 
 
 BROAD = {"white": {"index": "rutile", "size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}}}
@@ -189,14 +193,6 @@ def test_no_file_of_the_machine_is_read(tmp_path: Path) -> None:
         assert "reads no files" in problems(content, tmp_path)["layer[1].phase"]
     content = fresh(layer=[{"phase": "rayleigh.csv", "albedo": 0.5, "thickness": 1.0}])
     assert problems(content, tmp_path, frozenset({"rayleigh.csv"})) == {}  # the one that vrte view began with
-
-
-def test_depths_are_checked_only_where_the_thickness_is_known() -> None:
-    content = fresh()
-    content["field"]["tau"] = [50.0]
-    form.set_geometric(content["layer"][0], True)
-    assert problems(content) == {}  # WRONG has an optical thickness
-    assert "thickness" not in content["layer"][0]
 
 
 def test_layers_are_added_moved_and_removed() -> None:
@@ -299,13 +295,17 @@ def test_close_particles_get_the_volume_fraction_that_they_need(packing: str) ->
     assert not {"packing", "volume_fraction"} & layer.keys()
 
 
-def test_a_medium_that_absorbs_is_asked_for_its_fraction() -> None:
+def test_a_medium_that_absorbs_is_asked_for_its_fraction_and_depths_wait_for_the_thickness() -> None:
     content = fresh(host_index=[1.5, 0.001])
     assert list(problems(content)) == ["layer[1].volume_fraction"]
     assert form.is_fraction_asked(content, 0)
     content["layer"][0]["volume_fraction"] = "10 %"
     assert problems(content) == {}
     assert not form.is_geometric(content["layer"][0])
+    content = fresh()
+    content["field"]["tau"] = [50.0]
+    form.set_geometric(content["layer"][0], True)
+    assert problems(content) == {}  # WRONG has an optical thickness
 
 
 def test_a_clear_layer_is_of_what_lies_around_it() -> None:
@@ -319,17 +319,6 @@ def test_a_clear_layer_is_of_what_lies_around_it() -> None:
     assert list(problems(content)) == ["layer[2].host_index"]
     form.set_medium(content, 1, "particles")
     assert "host_index" not in content["layer"][1]
-
-
-def test_a_field_that_is_right_alone_but_not_with_others_hides_no_message() -> None:
-    content = fresh(nodes=0)
-    kind = content["particles"]["gold"]
-    form.set_source(kind, "coated-spheres")
-    kind.pop("core_ratio")
-    kind["core_radius_um"] = 7.0
-    found = problems(content)
-    assert next(iter(found)) == "nodes"
-    assert "core" in " ".join(found.values())
 
 
 def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
@@ -449,7 +438,6 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
         form.set_size_mode(content["particles"]["gold"], mode)
         assert content["particles"]["gold"] == {"index": "gold", **size}
     form.set_degrees(content, True)
-    assert form.is_in_degrees(content)
     assert content["brdf"]["angle_i_deg"] == {"start": 78.463, "stop": 0.0, "count": 9}
     assert content["field"]["angle0_deg"] == 53.1301
     assert problems(content) == {}

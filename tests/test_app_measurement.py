@@ -117,21 +117,15 @@ def test_a_bad_file_is_one_sentence(text: str, words: str) -> None:
     assert "vrte-view-" not in found.message  # where it lies is nobody's business
 
 
-def test_which_files_are_measurements(data: bytes) -> None:
+def test_which_files_are_measurements_and_what_was_read(data: bytes) -> None:
     result = b"# vrte result, format 1\n# \nmu_i,mu_o\n"
     assert [is_measurement(one, ".csv", wanted=False) for one in (data, result, b"a,b\n")] == [True, False, False]
     assert [is_measurement(one, ".csv", wanted=True) for one in (data, result, b"a,b\n")] == [True, False, True]
     assert [is_measurement(b"", ".nc", wanted=one) for one in (True, False)] == [True, False]
-
-
-def test_what_was_read_is_told() -> None:
     assert list(describe_measured(ROWS)) == [
         ("f00", "4", "30°", "-60 to 60° (4)", "0°", "–", "yes"),
         ("total_reflectance", "2", "0 to 60° (2)", "–", "–", "–", "yes"),
     ]
-    alone = vrte.Measurement(["total_reflectance", "total_transmittance"], [0.4, 0.5], theta_i_deg=8.0)
-    assert list_shown(alone) == [NUMBERS]
-    assert (name_bars("L"), name_bars("reflectance")) == (COLOURS, NUMBERS)
 
 
 def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
@@ -147,6 +141,7 @@ def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
     (only,) = measurement(spectrum, "total_reflectance").data
     assert (np.round(np.asarray(only.x, float), 6).tolist(), only.error_y.array) == ([0.5, 0.6], None)
     alone = vrte.Measurement(["total_reflectance", "total_transmittance"], [0.4, 0.5], theta_i_deg=8.0)
+    assert (list_shown(alone), name_bars("L"), name_bars("reflectance")) == ([NUMBERS], COLOURS, NUMBERS)
     figure = measurement(alone, NUMBERS, np.array([0.3, 0.5]))
     assert [one.type for one in figure.data] == ["bar", "bar", "scatter"]
     assert list(figure.layout.xaxis.ticktext) == ["total reflectance", "total transmittance"]
@@ -209,7 +204,7 @@ def test_what_may_change_is_checked_before_a_fit(told: dict[str, Any], words: st
 
 
 def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measuring, "write_page", lambda found: b"a page")  # tests/test_fit.py has it; it takes a second
+    monkeypatch.setattr(measuring, "collect_bytes", lambda *_: b"a page")  # tests/test_fit.py has it; it takes a second
     told: list[Progress] = []
     task = Fit(change(thickness=0.4), Path(), data, ".csv", FREE)
     with warnings.catch_warnings():

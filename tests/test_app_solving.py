@@ -19,7 +19,7 @@ import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_content, write_link
 from vrte.app.solving import page_files as downloads
-from vrte.app.solving.messages import Adopt, Adopted, Limits, Outcome, Progress, Read, Solve
+from vrte.app.solving.messages import Adopt, Adopted, Outcome, Progress, Read, Solve
 from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
 from vrte.app.solving.worker import Exchange
@@ -144,7 +144,7 @@ def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None
     )
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
-        pickle.dump(Limits(1e9, 0.5), process.stdin)
+        pickle.dump((1e9, 0.5), process.stdin)
         pickle.dump((1, Adopt(b"", Path(), frozenset())), process.stdin)
         process.stdin.flush()
         assert process.wait(60) == -signal.SIGXCPU
@@ -167,15 +167,6 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
     assert job.message.startswith("the file is refused: its mueller lies in another file (external storage)")
 
 
-def test_there_is_nothing_to_download_before_a_solve() -> None:
-    for make in (
-        lambda: downloads.make_result_download("brdf", None, ".nc"),
-        lambda: downloads.make_result_download("field", None, ".nc", 0),
-    ):
-        with pytest.raises(vrte.SceneError, match="there is no"):
-            make()
-
-
 @pytest.mark.parametrize(
     ("given", "taken"),
     [
@@ -190,7 +181,10 @@ def test_a_tensor_is_solved_at_five_wavelengths(given: Any, taken: tuple[float, 
     assert downloads.choose_tensor_wavelengths({"wavelength_um": given}) == close_to(taken, rtol=0.0, atol=1e-12)
 
 
-def test_wavelengths_that_a_tensor_cannot_have_are_refused() -> None:
+def test_what_cannot_be_downloaded_is_a_sentence() -> None:
+    for kind in ("brdf", "field"):
+        with pytest.raises(vrte.SceneError, match="there is no"):
+            downloads.make_result_download(kind, None, ".nc")
     with pytest.raises(vrte.SceneError, match="wavelength_um: Mitsuba's measured_polarized takes wavelengths of whole"):
         downloads.choose_tensor_wavelengths({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65005]})
 
@@ -271,7 +265,7 @@ def is_there(pid: int) -> bool:
         return False
 
 
-def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:
+def test_tabs_keep_their_own_until_they_are_too_many() -> None:
     sessions = TabSessions()
     one, other = sessions.of("one"), sessions.of("other")
     one.content["nodes"] = 5
@@ -282,6 +276,12 @@ def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:
     assert other.view == {}
     assert sessions.of("one") is one  # a reload
     assert "nodes" not in form.START
+    for k in range(MOST_TABS - 2):
+        sessions.of(f"new {k}")
+    assert sessions.of("one") is one
+    sessions.of("one more")  # the other was not used for longest
+    assert (sessions.of("one") is one, sessions.of("other") is other) == (True, False)
+    assert len(sessions._sessions) == MOST_TABS
 
 
 def test_nobody_waits_for_what_a_closed_page_solves() -> None:
@@ -294,16 +294,3 @@ def test_nobody_waits_for_what_a_closed_page_solves() -> None:
     session.leave()
     assert session.job is not None
     assert ended(session.job).message == "cancelled"
-
-
-def test_the_tabs_not_used_for_longest_are_forgotten_first() -> None:
-    sessions = TabSessions()
-    first, second, *_ = [sessions.of(name) for name in ("first", *(f"tab {k}" for k in range(1, MOST_TABS)))]
-    assert sessions.of("first") is first
-    assert sessions.of("tab 1") is second
-    for k in range(MOST_TABS - 2):
-        sessions.of(f"new {k}")
-    assert sessions.of("first") is first
-    assert sessions.of("tab 1") is second
-    sessions.of("one more")
-    assert len(sessions._sessions) == MOST_TABS

@@ -12,17 +12,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.content import (
-    MOST_KINDS,
-    MOST_LAYERS,
-    Content,
-    choose_keywords,
-    count_of,
-    is_geometric,
-    list_page_wavelengths,
-    put,
-    select_wavelength,
-)
+from vrte.app.form import content as form
+from vrte.app.form.content import Content
 from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
@@ -145,12 +136,12 @@ def repair_field(content: Content, place: Place) -> None:
     have to fit its neighbours'."""
     place = place[:2] if place[2:3] == ("interface",) else place
     if place[2:3] == ("phase",):
-        put(content, (*place[:2], "tolerance"), None)  # which goes with a file alone
+        form.put(content, (*place[:2], "tolerance"), None)  # which goes with a file alone
     kinds = content.get("particles")
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
     whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
-    put(content, place, copy.deepcopy(find_field(place, content).start) if whole is None else whole)
+    form.put(content, place, copy.deepcopy(find_field(place, content).start) if whole is None else whole)
 
 
 def find_card(place: Place) -> Place:
@@ -164,7 +155,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
     ``tables`` in ``folder`` are the only files that a scene may name: who sits before a page must not read others.
     """
     check_amount(content)
-    wavelengths = list_page_wavelengths(content)
+    wavelengths = form.list_page_wavelengths(content)
     check_tables(content, tables)
     layers = content.get("layer")
     if isinstance(layers, list):
@@ -174,9 +165,9 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
         # tables are ranges: the first and the last wavelength will do
         for wavelength, kind in product(dict.fromkeys((wavelengths[0], wavelengths[-1])), ("brdf", "field")):
             if kind == "brdf" or kind in content:
-                file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_particles)
-                keywords = choose_keywords(file)
-                if any(is_geometric(layer) for layer in content["layer"]):
+                file = make_scene_file(form.select_wavelength(content, wavelength), kind, folder, check_particles)
+                keywords = form.choose_keywords(file)
+                if any(form.is_geometric(layer) for layer in content["layer"]):
                     keywords.pop("tau", None)  # how deep that is optically is not known yet
                 with file.located():
                     make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
@@ -196,20 +187,21 @@ def keep_one_term(layer: Any) -> Any:
 
 def check_amount(content: Content) -> None:
     """Whether a page can show it."""
-    for key, most, word in (("layer", MOST_LAYERS, "layers"), ("particles", MOST_KINDS, "kinds of particles")):
+    limits = ("layer", form.MOST_LAYERS, "layers"), ("particles", form.MOST_KINDS, "kinds of particles")
+    for key, most, word in limits:
         count = len(content[key]) if isinstance(content.get(key), (list, dict)) else 0
         if count > most:
             raise SceneError(f"{key}: the page shows at most {most} {word}, not {count}; `vrte brdf` takes more", key)
-    wavelengths = count_of(content.get("wavelength_um"))
+    wavelengths = form.count_of(content.get("wavelength_um"))
     for kind, keys in DIRECTIONS.items():
         table = content.get(kind)
         if not isinstance(table, dict):
             continue
         for key in ("mu0", ANGLES["mu0"]):
-            if kind == "field" and count_of(table.get(key)) > 1:
+            if kind == "field" and form.count_of(table.get(key)) > 1:
                 raise SceneError(f"field.{key}: the page shows one beam; `vrte field` takes more", kind, key)
         said = [ANGLES[key] if ANGLES.get(key) in table else key for key in keys]
-        counts = {key: count_of(table.get(key, 0.0)) for key in said}
+        counts = {key: form.count_of(table.get(key, 0.0)) for key in said}
         for key, count in counts.items():
             if count > MOST_DIRECTIONS:
                 words = f"the page takes at most {MOST_DIRECTIONS} of them, not {count:.3g}"

@@ -79,11 +79,6 @@ def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key
     return {name: table[name] for name, key in keys.items() if name in table and known.get(name) == key}
 
 
-def is_in_degrees(content: Content) -> bool:
-    """Whether directions are given in degrees from the normal."""
-    return any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
-
-
 def set_degrees(content: Content, degrees: bool) -> None:
     """Directions in degrees from the normal, or as cosines; a range keeps its ends and its number."""
     new = ANGLES if degrees else {key: name for name, key in ANGLES.items()}
@@ -391,7 +386,9 @@ def set_medium(content: Content, place: int, medium: str) -> None:
     layer.pop("albedo", None)
     if medium == "clear":
         layer.pop("volume_fraction", None)
-        layer.setdefault("host_index", find_index_above(content, place))
+        # the index of the medium in which it lies: below the last interface above it, or the file's
+        above = [one["interface"].get("below") for one in content["layer"][:place] if is_interface(one)]
+        layer.setdefault("host_index", copy.deepcopy((above or [content.get("host_index", 1.0)])[-1]))
         return
     kinds = list(content.get("particles", {})) or [add_kind(content)]
     if medium == "volumes":
@@ -401,12 +398,6 @@ def set_medium(content: Content, place: int, medium: str) -> None:
         layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
         if geometric or is_fraction_needed(layer):
             layer.setdefault("volume_fraction", FRACTION)
-
-
-def find_index_above(content: Content, place: int) -> Any:
-    """The refractive index of the medium in which a layer lies: below the last interface above it, or the file's."""
-    above = [layer["interface"].get("below") for layer in content["layer"][:place] if is_interface(layer)]
-    return copy.deepcopy((above or [content.get("host_index", 1.0)])[-1])
 
 
 def is_geometric(layer: Content) -> bool:
@@ -438,12 +429,6 @@ def is_fraction_asked(content: Content, place: int) -> bool:
     media = [one.get("host_index", 1.0) for one in (content, layer, *around)]
     clear = all(isinstance(one, (int, float)) for one in media)
     return is_fraction_needed(layer) or "volume_fraction" in layer or not clear
-
-
-def has_medium(content: Content, place: int) -> bool:
-    """Whether there is something to say of the medium of a layer."""
-    layer = content["layer"][place]
-    return "host_index" in layer or get_medium(layer) == "clear" or any(map(is_interface, content["layer"]))
 
 
 def set_packing(layer: Content, packing: str) -> None:

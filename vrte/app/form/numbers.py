@@ -6,17 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vrte.app.form.content import (
-    HELD,
-    Content,
-    get_medium,
-    get_size_mode,
-    is_geometric,
-    is_interface,
-    list_size_places,
-    name_layers,
-    put,
-)
+from vrte.app.form import content as form
+from vrte.app.form.content import Content
 from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
@@ -118,7 +109,7 @@ def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
     if field != place:
         label = f"{label}, {'nk'[int(place[-1])]}"
     if place[0] == "layer":
-        on = f"{name_layers(content['layer'])[int(place[1])]}: " if with_layer else ""
+        on = f"{form.name_layers(content['layer'])[int(place[1])]}: " if with_layer else ""
         return on + label.replace(": of the volume", ": volume fraction")
     return f"{place[1]}: {label}" if place[0] == "particles" else label
 
@@ -151,7 +142,7 @@ def write_shares_out(content: Content) -> Content:
     found = copy.deepcopy(content)
     for free in list_free_numbers(content):
         if isinstance(get_value(content, free.place), str):
-            put(found, free.place, free.start)
+            form.put(found, free.place, free.start)
     return found
 
 
@@ -161,7 +152,7 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     for place, value in values.items():
         if read_share(get_value(found, place)) is None:
             raise SceneError(f"the form has no number {show_place(place)} any more: it has changed since the fit")
-        put(found, place, float(f"{value:.{DIGITS}g}"))
+        form.put(found, place, float(f"{value:.{DIGITS}g}"))
     return found
 
 
@@ -177,7 +168,8 @@ def list_sliders(content: Content) -> list[FormNumber]:
         for name in [held] if isinstance(held, str) else held:
             ends["layer", number, "volume_fractions", name] = FRACTIONS
             if name in content.get("particles", {}):
-                sizes["particles", name, *list_size_places(get_size_mode(content["particles"][name]))[0]] = 0.0, 0.0
+                (place, *_) = form.list_size_places(form.get_size_mode(content["particles"][name]))
+                sizes["particles", name, *place] = 0.0, 0.0
     found = []
     for place, (low, high) in (ends | sizes).items():
         value = read_share(get_value(content, place))
@@ -190,7 +182,7 @@ def list_sliders(content: Content) -> list[FormNumber]:
 def list_filled(content: Content) -> Iterator[tuple[int, Content]]:
     """The layers that hold particles, with their places."""
     for place, layer in enumerate(content["layer"]):
-        if not is_interface(layer) and get_medium(layer) in HELD:
+        if not form.is_interface(layer) and form.get_medium(layer) in form.HELD:
             yield place, layer
 
 
@@ -199,9 +191,9 @@ def explain_missing(content: Content) -> str:
     filled = list(list_filled(content))
     if not filled:
         return f"No layer here holds particles, whose colour this would be: fill one with particles, or {CHOOSE}."
-    names = name_layers(content["layer"])
+    names = form.name_layers(content["layer"])
     for place, layer in filled:
-        if not is_geometric(layer) and layer.get("thickness") != math.inf:
+        if not form.is_geometric(layer) and layer.get("thickness") != math.inf:
             return (
                 f"{names[place].capitalize()} has an optical thickness, which would be the same at every wavelength: "
                 f'tick "thickness in µm" in the form and give its volume fraction, or {CHOOSE}.'

@@ -11,18 +11,8 @@ from vrte.app.form.fields import get_value, translate_message
 from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
 from vrte.app.page.controls import LivePanel, add_menu_item, add_message, add_slider, add_table, make_menu, select
-from vrte.app.solving.appearance import (
-    ACCURACY,
-    COARSE,
-    GEOMETRIES,
-    ILLUMINANTS,
-    OBSERVERS,
-    TARGET,
-    Appeared,
-    Question,
-    Shade,
-    Viewing,
-)
+from vrte.app.solving import appearance
+from vrte.app.solving.appearance import Appeared, Question
 from vrte.basics.errors import Place
 from vrte.formats.toml_table import read_share
 from vrte.pictures.results import spectra
@@ -39,7 +29,7 @@ class AppearancePanel(LivePanel):
     """Sliders over the form's numbers, and the colours, gloss and hiding that follow from them."""
 
     def lay_out(self, plot: Callable[[], Any]) -> None:
-        self.view.setdefault("viewing", Viewing())
+        self.view.setdefault("viewing", appearance.Viewing())
         self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}  # each with its text and its bar
         self.white: Any = None  # what stands above the slider of the white card
         self.missing = ""
@@ -51,8 +41,10 @@ class AppearancePanel(LivePanel):
                 for title in list_films():
                     add_menu_item(title, partial(self.begin_with, title))
             for key, names, width in (
-                ("illuminant", ILLUMINANTS, 175), ("observer", OBSERVERS, 130), ("geometry", GEOMETRIES, 255),
-            ):  # fmt: skip
+                ("illuminant", appearance.ILLUMINANTS, 175),
+                ("observer", appearance.OBSERVERS, 130),
+                ("geometry", appearance.GEOMETRIES, 255),
+            ):
                 select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
         self.message = add_message("vrte-warning w-full mt-2", "status")
         with ui.row().classes("w-full gap-x-4 gap-y-1 items-center pt-2 relative vrte-now") as self.colours:
@@ -207,7 +199,7 @@ class AppearancePanel(LivePanel):
         self.gloss.set_text(f"gloss {'/'.join(f'{angle}°' for angle in glosses)}: {values} GU" if glosses else "")
         read = {one.quantity: one.value for one in answer.readings}
         length, rate = read.get("hiding thickness", 0.0), read.get("spreading rate", 0.0)
-        hiding = f"hiding thickness {length:.3g} µm (contrast ratio {TARGET:g}), {rate:.3g} m²/l"
+        hiding = f"hiding thickness {length:.3g} µm (contrast ratio {appearance.TARGET:g}), {rate:.3g} m²/l"
         self.hiding.set_text(hiding if length else "")
         self.numbers.clear()
         with self.numbers:
@@ -218,11 +210,10 @@ class AppearancePanel(LivePanel):
         said = "; ".join([*notes, *answer.why_none, *answer.notes])
         self.notes.set_text(translate_message(said, self.session.content))
         at = answer.shares.wavelength_um
-        words = f"coarse: {COARSE}" if answer.coarse else f"{at.size}"
+        words = f"coarse: {appearance.COARSE}" if answer.coarse else f"{at.size}"
         more = "" if answer.coarse or not answer.follows else "; gloss and hiding thickness are being worked out"
-        self.status.set_text(
-            f"{words} wavelengths, {at[0]:.4g} to {at[-1]:.4g} µm, accuracy {ACCURACY:g}; {answer.seconds:.2f} s{more}"
-        )
+        ends = f"{at[0]:.4g} to {at[-1]:.4g} µm, accuracy {appearance.ACCURACY:g}"
+        self.status.set_text(f"{words} wavelengths, {ends}; {answer.seconds:.2f} s{more}")
         if not answer.follows:
             self.told.set_text("; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding)))))
         self.draw_figure(spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
@@ -237,6 +228,6 @@ def make_swatch() -> tuple[Any, Any, Any]:
     return swatch, below, words
 
 
-def colour_swatch(element: Any, shade: Shade) -> None:
+def colour_swatch(element: Any, shade: appearance.Shade) -> None:
     """A colour behind words that can be read on it."""
     element.style(f"background: {shade.hex}; color: {'#000' if shade.numbers['L'] > BRIGHT else '#fff'}")

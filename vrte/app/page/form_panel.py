@@ -21,13 +21,14 @@ from vrte.formats.media import TABLE
 from vrte.formats.named import find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
-from vrte.formats.scene_file import ANGLES
+from vrte.formats.scene_file import ANGLES, REQUEST_KEYS
 from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import INDEPENDENT, PACKINGS
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
 LIST_HINT = "one number, several with commas, or start:stop:count"
+CARD_HEAD = "w-full items-center no-wrap gap-1"  # the name of a card, and its buttons
 SHORT = 24  # characters of a label in half of the form
 LONG = 42  # of a choice, for which there is no room
 
@@ -284,7 +285,7 @@ class FormPanel:
             self.complaint("base")
         with self.section("Directions of the BRDF", "explore", opened=False):
             ui.label(LIST_HINT).classes("vrte-note")
-            degrees = form.is_in_degrees(content)
+            degrees = any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
             self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
             for key in ("mu_i", "mu_o", "phi_deg"):
                 self.field("brdf", ANGLES.get(key, key) if degrees else key)
@@ -306,7 +307,7 @@ class FormPanel:
     def _kind(self, name: str) -> None:
         content = self.session.content
         kind = content["particles"][name]
-        with make_card_head():
+        with ui.row().classes(CARD_HEAD):
             label = ui.input(value=name).props(f"dense borderless maxlength={form.LONGEST_NAME}")
             label.props('aria-label="name of the kind"').classes("vrte-name grow").tooltip("the name of this kind")
             label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
@@ -335,7 +336,7 @@ class FormPanel:
     def _layer(self, place: int) -> None:
         content = self.session.content
         layer, last = content["layer"][place], len(content["layer"]) - 1
-        with make_card_head():
+        with ui.row().classes(CARD_HEAD):
             ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
             for symbol, tip, act, possible in (
                 ("arrow_upward", "up", partial(form.move_layer, content, place, -1), place > 0),
@@ -356,7 +357,7 @@ class FormPanel:
             self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
             self._medium(place, layer, medium)
             self._thickness(place, layer, medium)
-            if form.has_medium(content, place):
+            if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
                 self.key("layer", place, "host_index")
         self.complaint("layer", place)
 
@@ -394,8 +395,3 @@ class FormPanel:
 def make_row(wrap: str = "no-wrap") -> Any:
     """Fields beside each other."""
     return ui.row().classes(f"w-full gap-2 {wrap}")
-
-
-def make_card_head() -> Any:
-    """The name of a card, and its buttons."""
-    return ui.row().classes("w-full items-center no-wrap gap-1")

@@ -21,15 +21,8 @@ from vrte.app.page.controls import (
     report_errors,
     select,
 )
-from vrte.app.solving.measuring import (
-    HEADS,
-    LARGEST_MEASUREMENT,
-    SUFFIXES,
-    Compared,
-    Comparison,
-    describe_measured,
-    list_shown,
-)
+from vrte.app.solving import measuring
+from vrte.app.solving.measuring import Compared, Comparison
 from vrte.app.solving.messages import Fit, Fitted, Refused
 from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import is_number, show_toml
@@ -40,7 +33,8 @@ NOTHING = (
     "Drop a measurement on the page, or open one: a CSV, one number a row, with the columns quantity, value, and what "
     "is known of theta_i_deg, theta_o_deg, phi_deg, wavelength_um and sigma; or NetCDF."
 )
-TOO_LARGE = f"a measurement must be a file of at most {LARGEST_MEASUREMENT / 1e6:g} MB, {' or '.join(SUFFIXES)}"
+SUFFIXES, LARGEST = measuring.SUFFIXES, measuring.LARGEST_MEASUREMENT
+TOO_LARGE = f"a measurement must be a file of at most {LARGEST / 1e6:g} MB, {' or '.join(SUFFIXES)}"
 OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
 DIGITS = 6
 
@@ -55,7 +49,7 @@ class MeasurementPanel(LivePanel):
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
         self.back: Any = None  # the button to the values before
-        self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_MEASUREMENT, on_upload=self.take_upload)
+        self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST, on_upload=self.take_upload)
         self.upload.on_rejected(lambda: self.refuse(TOO_LARGE)).props(f'accept="{",".join(SUFFIXES)}"')
         self.upload.classes("hidden")
         with ui.row().classes("w-full gap-3 pt-3 items-center"):
@@ -132,7 +126,7 @@ class MeasurementPanel(LivePanel):
         suffix = Path(name).suffix.lower()
         if suffix not in SUFFIXES:
             self.refuse(f"{show_toml(name[:60])} is no measurement: the file must end in {' or '.join(SUFFIXES)}")
-        elif len(data) > LARGEST_MEASUREMENT:
+        elif len(data) > LARGEST:
             self.refuse(TOO_LARGE)
         else:
             self.view["kept"] = self.view.pop("kept", self.view.get("measurement"))  # until this one is read
@@ -262,7 +256,7 @@ class MeasurementPanel(LivePanel):
     def _draw(self, compared: Compared) -> None:
         """Draws the table of what was read, and the figure over it."""
         measured, view = compared.measured, self.view
-        offered = list_shown(measured)
+        offered = measuring.list_shown(measured)
         if view.get("shown") not in offered:
             view["shown"] = offered[0]
         job, fitted = self.session.fits, self.session.fitted
@@ -278,8 +272,8 @@ class MeasurementPanel(LivePanel):
             self.shown.set_options({one: one.replace("_", " ") for one in offered}, value=view["shown"])
             self.table.clear()
             with self.table:
-                rows = ((name.replace("_", " "), *row) for name, *row in describe_measured(measured))
-                add_table("vrte-columns whitespace-nowrap", HEADS, rows)
+                rows = ((name.replace("_", " "), *row) for name, *row in measuring.describe_measured(measured))
+                add_table("vrte-columns whitespace-nowrap", measuring.HEADS, rows)
         self.drawn = wanted
         if predicted is not None and predicted.size != len(measured):  # of another measurement
             predicted, fine = None, None

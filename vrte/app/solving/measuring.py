@@ -3,6 +3,7 @@
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,6 @@ from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, Missi
 from vrte.fit import run as least_squares
 from vrte.fit.curves import COORDINATES, DIGITS, find_axis, find_rows, name_bars, split_curves
 from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
-from vrte.fit.result import Fit as Result
 
 LARGEST_MEASUREMENT = 2_000_000  # bytes: 20 000 rows or more
 MOST_POINTS = 20_000  # rows that the page shows and fits
@@ -149,6 +149,9 @@ def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
     exchange.tell(Progress(0.0, "the scene as it is, and how it changes with each number"))
     found = least_squares.fit(measured, content, task.free, folder=task.folder, progress=progress, watch=watch)
     exchange.tell(Progress(1.0, "the page of the fit"))
+    page = b""
+    with suppress(MissingExtraError):
+        page = collect_bytes("fit.html", found.page)
     notes = (*notes, *found.notes, *exchange.notes(IndistinguishableWarning, LongSolveWarning))  # the first is told
     return Fitted(
         task.content,
@@ -159,17 +162,9 @@ def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
         found.chi2,
         np.array(found.predicted),
         found.blind_spots,
-        write_page(found),
+        page,
         tuple(dict.fromkeys(notes))[:MOST_NOTES],
     )
-
-
-def write_page(found: Result) -> bytes:
-    """The page of a fit, b"" where what draws it is not installed."""
-    try:
-        return collect_bytes("fit.html", found.page)
-    except MissingExtraError:
-        return b""
 
 
 HEADS = ("quantity", "points", "incidence", "exit", "azimuth", "wavelength", "sigma")

@@ -15,14 +15,6 @@ from vrte.results.field import Field
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a process may take: bytes of memory, and seconds of work, 0: any."""
-
-    memory_bytes: float
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
 class Solve:
     """A scene to solve: the form's content, and the folder of its tables."""
 

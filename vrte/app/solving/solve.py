@@ -19,20 +19,8 @@ from vrte.app.form.content import (
     select_wavelength,
 )
 from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
-from vrte.app.solving.messages import (
-    Adopt,
-    Adopted,
-    Inside,
-    Look,
-    Outcome,
-    Planned,
-    Progress,
-    Read,
-    Reflectances,
-    Solve,
-    Tensor,
-    Written,
-)
+from vrte.app.solving import messages
+from vrte.app.solving.messages import Outcome, Progress
 from vrte.app.solving.page_files import collect_bytes
 from vrte.app.solving.worker import Exchange
 from vrte.appearance.colours import convert_to_hex
@@ -63,7 +51,7 @@ WITH_BEAM, WITHOUT_BEAM = ", all of it", ", without what is mirrored as a beam"
 LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
 
 
-def solve(task: Solve, exchange: Exchange) -> Outcome:
+def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
     """The BRDF at every wavelength, and the field where it is asked for."""
     content = task.content
     wavelengths, text = list_page_wavelengths(content), write_toml(content)
@@ -85,7 +73,7 @@ def solve(task: Solve, exchange: Exchange) -> Outcome:
 
     brdfs: list[Brdf] = []
     fields: list[Field] = []
-    inside: list[Inside] = []
+    inside: list[messages.Inside] = []
     others: list[Brdf] = []
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
@@ -117,7 +105,7 @@ def solve(task: Solve, exchange: Exchange) -> Outcome:
     )
 
 
-def look_at_part(task: Look, exchange: Exchange) -> Said:
+def look_at_part(task: messages.Look, exchange: Exchange) -> Said:
     """What a part is that is made from a file, at the first and the last wavelength."""
     wavelengths = list_page_wavelengths(task.content)
     words = []
@@ -147,7 +135,7 @@ def describe_part(made: Any) -> str:
     return "; ".join(f"{name}: {words}" for name, words in describe_expansion(made).items())
 
 
-def describe_inside(content: Content, scene: Scene) -> Inside:
+def describe_inside(content: Content, scene: Scene) -> messages.Inside:
     """What the layers hold, in words, and their phase matrices, without the clear ones that a scene puts between
     interfaces.
 
@@ -167,10 +155,10 @@ def describe_inside(content: Content, scene: Scene) -> Inside:
             added -= 1
         else:
             matrices.append(layer.phase_matrix)
-    return Inside(tuple(names), tuple(matrices))
+    return messages.Inside(tuple(names), tuple(matrices))
 
 
-def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
+def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> messages.Planned | None:
     """The plan of the BRDF; only discrete ordinates have one."""
     if keywords.get("method", EXACT) not in (EXACT, AUTO):
         return None
@@ -178,10 +166,11 @@ def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | No
     facts = made.as_dict()
     parts = list(facts["parts"].values()) if "parts" in facts else [facts]
     left_out = dict.fromkeys(text for part in parts for text in part["left_out"].values())
-    return Planned(str(made), tuple(left_out), tuple(dict.fromkeys(text for part in parts for text in part["shared"])))
+    shared = dict.fromkeys(text for part in parts for text in part["shared"])
+    return messages.Planned(str(made), tuple(left_out), tuple(shared))
 
 
-def read(task: Read, exchange: Exchange) -> Outcome:
+def read(task: messages.Read, exchange: Exchange) -> Outcome:
     """A result file, through a folder of its own."""
     with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
         path = Path(folder) / f"result{task.suffix}"
@@ -213,7 +202,7 @@ def collect_reflectances(
     brdfs: Sequence[Brdf],
     others: Sequence[Any] = (),
     names: Sequence[str] = ("as in the file",),
-) -> Reflectances | None:
+) -> messages.Reflectances | None:
     """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
     if not brdfs:
         return None
@@ -227,7 +216,7 @@ def collect_reflectances(
             curves[f"{name}{WITH_BEAM}"] = diffuse + np.array([one.specular[:, 0, 0] for one in each])
             curves[f"{name}{WITHOUT_BEAM}"] = diffuse
     colours, why_none = compute_colours(np.array(wavelength_um), curves)
-    return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
+    return messages.Reflectances(brdfs[0].mu_i, curves, colours, why_none)
 
 
 def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
@@ -276,7 +265,7 @@ def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) 
         return None
 
 
-def write_tensor(task: Tensor, exchange: Exchange) -> Written:
+def write_tensor(task: messages.Tensor, exchange: Exchange) -> messages.Written:
     """Mitsuba's file, solved for the directions that it needs."""
     from vrte.formats.measured_polarized import directions, write_mitsuba
 
@@ -289,10 +278,10 @@ def write_tensor(task: Tensor, exchange: Exchange) -> Written:
         **directions(),
     )
     exchange.tell(Progress(0.9, "writing the tensor"))
-    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+    return messages.Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
 
 
-def adopt(task: Adopt, exchange: Exchange) -> Adopted:
+def adopt(task: messages.Adopt, exchange: Exchange) -> messages.Adopted:
     """A stranger's scene as the form takes it."""
     given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
-    return Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))
+    return messages.Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))

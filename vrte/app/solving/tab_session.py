@@ -152,12 +152,12 @@ class TabSessions:
                 copy.deepcopy(self._first), Uploads(self._folder, self._tables), self._outcome
             )
             self._sessions[tab] = session  # the last used is the last
-            while len(self._sessions) > 1 and (len(self._sessions) > MOST_TABS or self._bytes() > MOST_BYTES):
-                self._sessions.pop(next(iter(self._sessions))).close()
+            sizes = {name: one.outcome.size for name, one in self._sessions.items() if one.outcome is not None}
+            while len(self._sessions) > 1 and (len(self._sessions) > MOST_TABS or sum(sizes.values()) > MOST_BYTES):
+                oldest = next(iter(self._sessions))
+                self._sessions.pop(oldest).close()
+                sizes.pop(oldest, None)
             return session
-
-    def _bytes(self) -> float:
-        return sum(session.outcome.size for session in self._sessions.values() if session.outcome is not None)
 
     def close(self) -> None:
         """Ends whatever runs."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from vrte.app.solving.messages import Limits, Message, Refused, Task
+from vrte.app.solving.messages import Message, Refused, Task
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.basics.memory import limit_memory, limit_time
@@ -89,10 +89,10 @@ def main() -> None:
     """Reads its limits, then answers tasks until its input ends."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what anything prints goes to standard error
-    limits: Limits = pickle.load(sys.stdin.buffer)
-    limit_memory(limits.memory_bytes)
-    if limits.seconds:
-        limit_time(limits.seconds)
+    memory_bytes, seconds = pickle.load(sys.stdin.buffer)
+    limit_memory(memory_bytes)
+    if seconds:
+        limit_time(seconds)
     inbox: SimpleQueue[Any] = SimpleQueue()
     lock = threading.Lock()
     answerers: dict[type[Task], Callable[[Any, Exchange], Message]] = {}

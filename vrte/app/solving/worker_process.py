@@ -1,7 +1,8 @@
 """Worker processes seen from the viewer: whatever becomes of one, the server goes on.
 
-The protocol is one for all: the process reads `Limits`, then tasks as (number, task), or None to be interrupted; it
-answers (number, message), any number of messages that say ``follows`` and one that does not (`worker`).
+The protocol is one for all: the process reads its limits, of memory [bytes] and of work [s, 0: any], then tasks as
+(number, task), or None to be interrupted; it answers (number, message), any number of messages that say ``follows`` and
+one that does not (`worker`).
 """
 
 import copy
@@ -17,7 +18,7 @@ from dataclasses import replace
 from queue import SimpleQueue
 from typing import IO, Any
 
-from vrte.app.solving.messages import Adopt, Answer, Limits, Look, Progress, Refused, Step, Task
+from vrte.app.solving.messages import Adopt, Answer, Look, Progress, Refused, Step, Task
 from vrte.app.solving.worker import take_newest
 from vrte.basics.memory import find_available_bytes
 
@@ -42,7 +43,9 @@ class WorkerProcess:
     """A process that answers tasks, of those that wait the newest. ``hear`` gets each message with its task's number;
     a `Refused` says why the process has ended, unless it was killed. It starts once there is one of ``places``."""
 
-    def __init__(self, hear: Callable[["WorkerProcess", int, Any], None], limits: Limits, places: Any = None) -> None:
+    def __init__(
+        self, hear: Callable[["WorkerProcess", int, Any], None], limits: tuple[float, float], places: Any = None
+    ) -> None:
         self.process: subprocess.Popen[bytes] | None = None
         self.started = self.ended = False
         self._hear, self._limits, self._places = hear, limits, places
@@ -174,7 +177,7 @@ class Job:
         self.message, self.ended = "", False
         self._lock = threading.Lock()
         adopts = isinstance(task, Adopt)
-        limits = Limits(memory_bytes or (READING_BYTES if adopts else find_memory_share()), adopts * LONGEST_READING)
+        limits = memory_bytes or (READING_BYTES if adopts else find_memory_share()), adopts * LONGEST_READING
         places = READ_PLACES if isinstance(task, (Look, Adopt)) else SOLVE_PLACES
         self.worker = WorkerProcess(self._hear, limits, places)
         self.worker.ask(1, task)
@@ -260,7 +263,7 @@ class LiveQuery:
         for other in others:
             other.close()
         if self.worker is None or self.worker.ended:
-            self.worker = WorkerProcess(self._hear, Limits(find_memory_share() / MOST_LIVE))
+            self.worker = WorkerProcess(self._hear, (find_memory_share() / MOST_LIVE, 0.0))
         self.worker.ask(self._asked, self.asked)
 
     def _hear(self, worker: WorkerProcess, number: int, message: Any) -> None:
