@@ -168,8 +168,8 @@ def list_sliders(content: Content) -> list[FormNumber]:
         for name in [held] if isinstance(held, str) else held:
             ends["layer", number, "volume_fractions", name] = FRACTIONS
             if name in content.get("particles", {}):
-                (place, *_) = form.list_size_places(form.get_size_mode(content["particles"][name]))
-                sizes["particles", name, *place] = 0.0, 0.0
+                (below, *_) = form.list_size_places(form.get_size_mode(content["particles"][name]))
+                sizes["particles", name, *below] = 0.0, 0.0
     found = []
     for place, (low, high) in (ends | sizes).items():
         value = read_share(get_value(content, place))
