@@ -192,6 +192,17 @@ def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
         adopt_and_tell({**given, "nodes": 0})
 
 
+@pytest.mark.slow
+def test_an_opened_scene_has_what_it_names_looked_at_aside(uploads: Uploads) -> None:
+    """What a page brings is read by the server's process nowhere, if it is more than lines of text."""
+    uploads.add("fog.csv", COEFFICIENTS.replace(b"0.3", b"4"), CSV, 1000)
+    content, told = adopt_and_tell(FOG, uploads.folder, uploads.names, True)
+    assert (content["layer"], told) == (FOG["layer"], ())
+    assert "phase" in str(looked(TabSession(content, uploads)))
+    with pytest.raises(vrte.SceneError, match=r"fog\.csv"):
+        adopt_and_tell(FOG, uploads.folder, uploads.names)  # as `vrte view` begins
+
+
 def test_indices_and_sizes_are_read_where_they_are_named(uploads: Uploads) -> None:
     session = TabSession(
         {**START, "particles": {"gold": {"index": "clay.csv", "size": {"table": "sizes.csv"}}}}, uploads
