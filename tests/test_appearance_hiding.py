@@ -191,7 +191,6 @@ def test_between_its_exact_points_the_curve_is_smooth(white: Hiding) -> None:
 
 def test_lengths_follow_where_the_film_has_one(white: Hiding) -> None:
     assert white.length_um is None
-    assert white.lengths_um is None
     assert white.hiding_length_um is None
     assert white.spreading_rate is None
     assert "times the film" in str(white)
@@ -199,7 +198,6 @@ def test_lengths_follow_where_the_film_has_one(white: Hiding) -> None:
     assert known.hiding_times is not None
     assert known.hiding_length_um == close_to(20.0 * known.hiding_times, rtol=1e-12, atol=0.0)
     assert known.spreading_rate == close_to(50.0 / known.hiding_times, rtol=1e-12, atol=0.0)
-    assert known.lengths_um == close_to(20.0 * known.times, rtol=1e-12, atol=0.0)
     assert "m2 of dry film a litre" in str(known)
     assert known.plot().axes[0].get_xlabel().endswith("[µm]")
 

@@ -53,7 +53,7 @@ def test_limits_are_exact() -> None:
     K, S = np.array([0.0, 1e-12, 1e-6, 0.01, 1.0]), 0.5
     with np.errstate(all="raise", under="ignore"):
         assert km.reflect_film(K, S, np.inf, 0.9)[0] == 1.0
-        assert km.reflect_thick_film(K[1:], S) == close_to(
+        assert km.reflect_film(K[1:], S, np.inf) == close_to(
             1 + K[1:] / S - np.sqrt((K[1:] / S) ** 2 + 2 * K[1:] / S), rtol=1e-9, atol=0.0
         )
         assert km.find_film(0.0, S, LENGTH) == close_to(
@@ -170,7 +170,7 @@ def test_k_and_s_give_back_what_they_are_from(geometry: str, more: dict) -> None
     errors = found.compare([1.0, 2.0, np.inf])
     assert errors.error[:, 0, 0] == close_to(0.0, rtol=0.0, atol=1e-9)
     assert (np.abs(errors.error[:, 1, 0]) > 1e-6).all()
-    assert errors.predicted[:, 2, 0] == close_to(found.predict_thick()[0], rtol=0.0, atol=1e-12)
+    assert errors.predicted[:, 2, 0] == close_to(found.predict(np.inf)[0], rtol=0.0, atol=1e-12)
     assert errors.exact[0, 2] == close_to(errors.exact[1, 2], rtol=0.0, atol=1e-12)
     assert (found.k2[0], found.unit) == (more.get("k2", found.k2_over.mean()), "1/film")
     assert np.array(found.transport) == close_to(np.array([[0.06], [0.98 * 0.5 * 3.0]]), rtol=1e-6, atol=0.0)

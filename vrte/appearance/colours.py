@@ -184,27 +184,21 @@ class Colour:
         return float(np.degrees(np.arctan2(self.b, self.a)) % 360.0)
 
     @property
-    def extrapolated(self) -> float:
-        """The largest share of X, Y or Z of the perfect white that lies beyond the wavelengths, of one side."""
-        return max(map(max, self.beyond))
-
-    @property
     def extrapolation(self) -> str:
         """What lies beyond the wavelengths, in words; "" where that is less than 1 % of each."""
         found = []
         for shares, end_um, side in zip(self.beyond, self.known_um, ("below", "above"), strict=True):
-            if large := [
-                f"{name} {100 * share:.0f} %"
-                for name, share in zip("XYZ", shares, strict=True)
-                if share > LEAST_REPORTED
-            ]:
+            named = zip("XYZ", shares, strict=True)
+            large = [f"{name} {100 * share:.0f} %" for name, share in named if share > LEAST_REPORTED]
+            if large:
                 found.append(f"{', '.join(large)} {side} {end_um:g} µm, taken as at {end_um:g}")
         return "; ".join(found)
 
     @cached_property
     def linear_srgb(self) -> Array:
         """Linear sRGB (3,), the perfect white of the illuminant at 1, 1, 1; not cut off."""
-        return settle_array(_balance_for_screen(self.illuminant, self.observer) @ (self.X, self.Y, self.Z) / 100.0)
+        to_screen = balance_for_screen(find_white(self.illuminant, self.observer).tobytes())
+        return settle_array(to_screen @ (self.X, self.Y, self.Z) / 100.0)
 
     @property
     def srgb(self) -> Array:
@@ -226,9 +220,8 @@ class Colour:
         """CIEDE2000 from the colour to what `srgb` shows in its place; 0 where that is the colour."""
         if self.is_in_gamut:
             return 0.0
-        shown = np.linalg.solve(
-            _balance_for_screen(self.illuminant, self.observer), np.clip(self.linear_srgb, 0.0, 1.0)
-        )
+        to_screen = balance_for_screen(find_white(self.illuminant, self.observer).tobytes())
+        shown = np.linalg.solve(to_screen, np.clip(self.linear_srgb, 0.0, 1.0))
         return find_difference(self, _make_colour(shown, self.illuminant, self.observer, self.known_um, self.beyond))
 
     def __str__(self) -> str:
@@ -276,12 +269,9 @@ def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65
     count = np.size(reflectance)
     half = np.unique([*range(0, count, 2), count - 1])
     wavelengths, factors = np.asarray(wavelengths_um, dtype=float)[half], np.asarray(reflectance, dtype=float)[half]
-    weights = spread_weights(
-        wavelengths, *combine_illuminant(illuminant, observer)
-    )  # wider steps than colours may have
-    return find_difference(
-        colour, _make_colour(weights @ factors, illuminant, observer, colour.known_um, colour.beyond)
-    )
+    weights = spread_weights(wavelengths, *combine_illuminant(illuminant, observer))  # in wider steps than allowed
+    coarse = _make_colour(weights @ factors, illuminant, observer, colour.known_um, colour.beyond)
+    return find_difference(colour, coarse)
 
 
 def find_difference(one: Colour, other: Colour) -> float:
@@ -320,13 +310,12 @@ def _make_colour(xyz: Any, illuminant: str, observer: int, known_um: Any, beyond
 
 
 @lru_cache(maxsize=256)
-def _balance_for_screen(illuminant: str, observer: int) -> Array:
-    """(3, 3): XYZ in a light to linear sRGB, with the light's white at the screen's (von Kries' way, CAT02)."""
+def balance_for_screen(white: bytes) -> Array:
+    """(3, 3): XYZ in a light whose white has these X, Y, Z, Y = 1, to linear sRGB, with the light's white at the
+    screen's (von Kries' way, CAT02)."""
     colour = import_colour_science()
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 
     to_xyz = colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
-    balance = matrix_chromatic_adaptation_VonKries(
-        find_white(illuminant, observer), to_xyz.sum(axis=1), transform="CAT02"
-    )
+    balance = matrix_chromatic_adaptation_VonKries(np.frombuffer(white), to_xyz.sum(axis=1), transform="CAT02")
     return settle_array(np.linalg.solve(to_xyz, balance))

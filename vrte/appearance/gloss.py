@@ -39,11 +39,8 @@ MOST_UNEVEN = 0.01  # of the gloss: what both rules may differ by
 def find_glosses(
     panel: Panel, angles: Iterable[float] = (20.0, 60.0, 85.0), progress: Progress | None = None
 ) -> dict[float, float]:
-    """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve.
-
-    Raises SceneError for other angles, without a surface, for wavelengths that do not cover the visible, and where
-    light from below the surface has a peak in the receptor too narrow to be integrated.
-    """
+    """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve. Raises
+    SceneError as `read_gloss` does, and for wavelengths that do not cover the visible."""
     wanted = [check_gloss_angle(angle) for angle in angles]
     weigh_wavelengths(panel.wavelength_um, "C", 2)  # what is refused is refused before the work
     spectrum = panel.solve(*list_gloss_directions(wanted), progress)
@@ -87,8 +84,9 @@ def list_rims(angle_deg: float) -> tuple[Array, Array]:
 def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_deg: float = 60.0) -> float:
     """Specular gloss [gloss units] of what was solved at `list_gloss_directions`.
 
-    ``surfaces``: what lies on top at each wavelength, as `Panel.surface` has it. Raises SceneError as `find_glosses`
-    does, and where the spectrum does not have the directions or is lit from the bottom.
+    ``surfaces``: what lies on top at each wavelength, as `Panel.surface` has it. Raises SceneError for other angles,
+    without a surface, where light from below it has a peak in the receptor too narrow to be integrated, and for a
+    spectrum without the directions or lit from the bottom.
     """
     angle = check_gloss_angle(angle_deg)
     if any(one.diagnostics.get("illuminate", "top") != "top" for one in spectrum):

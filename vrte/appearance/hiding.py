@@ -107,16 +107,13 @@ class Drawdown:
     def measure(self, times: float) -> tuple[float, float]:
         """Y over both cards, where the perfect white has 1; solved once a thickness, and not at all where a thinner
         film hides the cards."""
-        hides = [
-            thin for thin, (black, white) in self.found.items() if thin < times and abs(white - black) < HIDDEN * white
-        ]
         if times not in self.found:
+            thinner = {thin: pair for thin, pair in self.found.items() if thin < times}
+            hides = [thin for thin, (black, white) in thinner.items() if abs(white - black) < HIDDEN * white]
             black, white = (
-                self.found[max(hides)]
-                if hides
-                else [float(self.weights @ self.read(times, card)) for card in self.cards]
+                thinner[max(hides)] if hides else (self.weights @ self.read(times, one) for one in self.cards)
             )
-            self.found[times] = black, white
+            self.found[times] = float(black), float(white)
         return self.found[times]
 
     def find_contrast(self, times: float) -> float:
@@ -163,8 +160,7 @@ def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
     the last, and a few to spare. A panel whose nodes or method are given stays as it is."""
     if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
         return panel
-    mu_i, mu_o, phi = geometry.directions
-    found = panel.put_over(Lambertian(albedo)).choose_quadrature(mu_i, mu_o, phi)
+    found = panel.put_over(Lambertian(albedo)).choose_quadrature(*geometry.directions)
     return replace(panel, asked={**panel.asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
 
@@ -292,11 +288,6 @@ class Hiding:
         return divide_luminances(self.over_black, self.over_white)
 
     @property
-    def lengths_um(self) -> Array | None:
-        """Thicknesses of the curve [um] (m,), None where the film's is given optically."""
-        return None if self.length_um is None else self.times * self.length_um
-
-    @property
     def hiding_length_um(self) -> float | None:
         """The thickness at which the contrast ratio is ``target`` [um]; None where none is, or none is known in um."""
         return None if self.length_um is None or self.hiding_times is None else self.hiding_times * self.length_um
@@ -355,9 +346,8 @@ def find_contrast(
     >>> round(find_contrast(panel, black=0.2, white=0.8), 12)  # of the bare cards
     0.25
     """
-    return prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress, expected=2).find_contrast(
-        1.0
-    )
+    drawdown = prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress, expected=2)
+    return drawdown.find_contrast(1.0)
 
 
 def find_hiding(
@@ -392,21 +382,6 @@ def find_hiding(
     curve = np.array([drawdown.measure(each) for each in times])
     if progress is not None:
         progress(drawdown.solves, drawdown.solves)
-    return Hiding(
-        geometry=drawdown.geometry.name,
-        illuminant=illuminant,
-        observer=observer,
-        black=drawdown.cards[0],
-        white=drawdown.cards[1],
-        target=target,
-        wavelength_um=panel.wavelength_um,
-        over_lambertian=even,
-        without_end=without_end,
-        luminance_without_end=limit,
-        times=np.array(times),
-        over_black=curve[:, 0],
-        over_white=curve[:, 1],
-        hiding_times=hiding,
-        reason=reason,
-        length_um=panel.length_um,
-    )
+    seen = drawdown.geometry.name, illuminant, observer, *drawdown.cards, target
+    known = panel.wavelength_um, even, without_end, limit
+    return Hiding(*seen, *known, np.array(times), curve[:, 0], curve[:, 1], hiding, reason, panel.length_um)

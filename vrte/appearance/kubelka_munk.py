@@ -65,15 +65,6 @@ def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
     return alone, through
 
 
-def reflect_thick_film(K: Any, S: Any) -> Array:
-    """The reflectance of a semi-infinite film, 1 + K/S - sqrt((K/S)^2 + 2 K/S) without its loss of digits at small S.
-
-    >>> reflect_thick_film(0.5, 1.0).round(12).item()
-    0.38196601125
-    """
-    return find_film(K, S, np.inf)[0]
-
-
 def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -> tuple[Array, Array]:
     """K and S [1/unit of ``length``] of a film from its reflectances over black and over a base, all inside its medium.
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -235,7 +236,8 @@ def paint(
         hiding = try_part("hiding power", lambda: find_hiding(panel, white=white, **light, progress=parts[3]), notes)
         fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)
         place = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
-        lobe = solve_lobe(panel, place, parts[5])
+        mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
+        lobe = panel.pick([place]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], parts[5])[0]
     content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
     made_of = tuple(describe_content(content, Path(folder))) if content else (repr(panel),)
     title = panel.title or (Path(scene).stem.replace("_", " ") if isinstance(scene, str | os.PathLike) else "Paint")
@@ -246,15 +248,13 @@ def paint(
 
 def share_parts(progress: Progress | None) -> list[Progress | None]:
     """One call for each of the PARTS of the work, by what they take."""
-    whole = sum(PARTS)
-    before = [sum(PARTS[:place]) for place in range(len(PARTS))]
+    if progress is None:
+        return [None] * len(PARTS)
 
-    def share(start: int, part: int) -> Progress | None:
-        if progress is None:
-            return None
-        return lambda done, total: progress(round(100 * (start + part * done / max(total, 1))), 100 * whole)
+    def report(start: int, part: int, done: int, total: int) -> None:
+        progress(round(100 * (start + part * done / max(total, 1))), 100 * sum(PARTS))
 
-    return [share(*one) for one in zip(before, PARTS, strict=True)]
+    return [partial(report, sum(PARTS[:place]), part) for place, part in enumerate(PARTS)]
 
 
 def try_part(name: str, find: Callable[[], Found], notes: list[str]) -> Found | None:
@@ -279,12 +279,6 @@ def note_warnings(notes: list[str]) -> Iterator[None]:
 
         warnings.showwarning = tell
         yield
-
-
-def solve_lobe(panel: Panel, place: int, progress: Progress | None = None) -> Brdf:
-    """The BRDF at one of the wavelengths, in the plane of incidence at 45 degrees."""
-    mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
-    return panel.pick([place]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], progress)[0]
 
 
 def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:

@@ -16,7 +16,7 @@ from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request
 from vrte.calls.side_by_side import is_shared, run_side_by_side, solve_side_by_side
-from vrte.calls.spectrum import Source
+from vrte.calls.spectrum import Source, name_wavelength
 from vrte.formats.named import find_known_wavelengths
 from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
@@ -109,9 +109,8 @@ class Panel:
         place = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
         ends = np.isfinite(times)
-        lengths = [
-            None if one is None else (one if n != place else one * times) for n, one in enumerate(self.lengths_um)
-        ]
+        lengths, own = list(self.lengths_um), self.length_um
+        lengths[place] = None if own is None else own * times
 
         def scale(scene: Scene) -> Scene:
             film = scene.layers[place]
@@ -172,10 +171,8 @@ class Panel:
 
     def _ask(self, place: int, **asked: Any) -> Request:
         """The request at one wavelength, on one thread. Raises SceneError, which names it."""
-        try:
+        with name_wavelength(self.wavelength_um[place]):
             return make_request("brdf", self.scenes[place], threads=1, **asked)
-        except SceneError as error:
-            raise error.behind(f"at {self.wavelength_um[place]:g} um") from error
 
 
 def make_panel(
@@ -202,9 +199,8 @@ def make_panel(
     if isinstance(scene, Panel):
         if wavelengths_um is not None:
             raise SceneError("wavelengths_um: a panel has its own", "wavelengths_um")
-        return replace(
-            scene, asked={**scene.asked, **check_asked(asked)}, layer=scene.layer if layer is None else layer
-        )
+        kept = scene.layer if layer is None else layer
+        return replace(scene, asked={**scene.asked, **check_asked(asked)}, layer=kept)
     content, folder = read_source(scene, folder)
     content = {key: value for key, value in content.items() if key not in NOT_ASKED}
     asked = check_asked(asked)
@@ -212,10 +208,8 @@ def make_panel(
 
     def make(wavelength: float) -> Any:
         full = {**content, "wavelength_um": wavelength, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
-        try:
+        with name_wavelength(wavelength):
             return make_scene_file(full, "brdf", folder, compute)
-        except SceneError as error:
-            raise error.behind(f"at {wavelength:g} um") from error
 
     low, high, _ = find_known_wavelengths(content, folder)
     for end in at[[0, -1]][[at[0] < low, at[-1] > high]].tolist():  # what is refused is refused before the work

@@ -6,7 +6,8 @@ is a row of QUANTITIES.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class Readings:
     panel: Panel
     conditions: Conditions = field(default_factory=Conditions)
     names: Sequence[str] = ()
+    measured: dict[float, Array] = field(default_factory=dict, init=False)  # over bases, by their albedos
 
     def measure(self, panel: Panel) -> Array:
         """Reflectance factors of a panel (wavelength,)."""
@@ -93,21 +95,11 @@ class Readings:
         """The panel with the nodes that its film takes over both cards."""
         return fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
 
-    @cached_property
-    def bare(self) -> Array:
-        """Reflectance factors of the film over a black base (wavelength,)."""
-        return self.measure(self.film.put_over(Lambertian(0.0)))
-
-    @cached_property
-    def over_black(self) -> Array:
-        """Reflectance factors of the film over the black card (wavelength,)."""
-        black = self.conditions.black
-        return self.measure(self.film.put_over(Lambertian(black))) if black else self.bare
-
-    @cached_property
-    def over_white(self) -> Array:
-        """Reflectance factors of the film over the white card (wavelength,)."""
-        return self.measure(self.film.put_over(Lambertian(self.conditions.white)))
+    def measure_over(self, albedo: float) -> Array:
+        """Reflectance factors of the film over a Lambertian base (wavelength,)."""
+        if albedo not in self.measured:
+            self.measured[albedo] = self.measure(self.film.put_over(Lambertian(albedo)))
+        return self.measured[albedo]
 
     @cached_property
     def without_end(self) -> Array:
@@ -117,7 +109,8 @@ class Readings:
     @cached_property
     def luminances(self) -> tuple[float, float]:
         """Y over the black and the white card."""
-        return self.find_luminance(self.over_black), self.find_luminance(self.over_white)
+        black, white = (self.measure_over(one) for one in (self.conditions.black, self.conditions.white))
+        return self.find_luminance(black), self.find_luminance(white)
 
     @cached_property
     def hiding_length_um(self) -> float:
@@ -141,7 +134,7 @@ class Readings:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class PanelQuantity:
     """A quantity: its definition with the standard's number, how it is found, its unit as UDUNITS writes it.
 
     ``uses``: the conditions it depends on; ``takes``: which of `PARTS` are solved for it; ``dims``: none, or the
@@ -166,17 +159,6 @@ HIDES = ("nodes", *CARDS, "without_end", "search")
 SPECTRUM = ("wavelength_um",)
 
 
-def read_by_name(name: str) -> Callable[[Readings], float | Array]:
-    """What finds a quantity that is an attribute of the readings, or of their colour."""
-    return lambda seen: getattr(seen, name) if hasattr(Readings, name) else getattr(seen.colour, name)
-
-
-def make_gloss_row(angle_deg: float) -> Quantity:
-    """Gloss at one angle."""
-    words = f"specular gloss at {angle_deg:g} degrees, gloss units (ISO 2813)"
-    return Quantity(words, lambda seen: seen.glosses[angle_deg], (), ("gloss",))
-
-
 COLOURS = {
     **{name: f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100" for name in "XYZ"},
     "L": "CIELAB lightness L* (ISO/CIE 11664-4)",
@@ -185,54 +167,65 @@ COLOURS = {
     "C": "CIELAB chroma C*ab (ISO/CIE 11664-4)",
     "h": "CIELAB hue angle h_ab (ISO/CIE 11664-4)",
 }
-SPECTRA = {  # attribute of the readings, words, conditions and parts
-    "reflectance": ("reflectance", "reflectance factor", (), ("panel",)),
+SPECTRA: dict[str, tuple[Callable[[Readings], Array], str, tuple[str, ...], tuple[str, ...]]] = {
+    # how each is found, words, conditions and parts
+    "reflectance": (lambda seen: seen.reflectance, "reflectance factor", (), ("panel",)),
     "reflectance_over_black": (
-        "over_black", "reflectance factor of the film over the black card", ("black",), ("nodes", "black"),
+        lambda seen: seen.measure_over(seen.conditions.black),
+        "reflectance factor of the film over the black card", ("black",), ("nodes", "black"),
     ),
     "reflectance_over_white": (
-        "over_white", "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
+        lambda seen: seen.measure_over(seen.conditions.white),
+        "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
     ),
     "reflectance_without_end": (
-        "without_end", "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
+        lambda seen: seen.without_end, "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
     ),
 }  # fmt: skip
-QUANTITIES: dict[str, Quantity] = {
+QUANTITIES: dict[str, PanelQuantity] = {
     **{
-        name: Quantity(words, read_by_name(name), SEEN, ("panel",), "degree" if name == "h" else "1")
+        name: PanelQuantity(words, attrgetter(f"colour.{name}"), SEEN, ("panel",), "degree" if name == "h" else "1")
         for name, words in COLOURS.items()
     },
     **{
-        name: Quantity(words, read_by_name(attribute), (*LOOK, *more), parts, dims=SPECTRUM)
-        for name, (attribute, words, more, parts) in SPECTRA.items()
+        name: PanelQuantity(words, find, (*LOOK, *more), parts, dims=SPECTRUM)
+        for name, (find, words, more, parts) in SPECTRA.items()
     },
-    "contrast_ratio": Quantity(
+    "contrast_ratio": PanelQuantity(
         "contrast ratio, Y over black over Y over white (ISO 6504-3)",
         lambda seen: float(divide_luminances(*seen.luminances)),
         (*SEEN, *CARDS),
         ("nodes", *CARDS),
     ),
-    "opacity": Quantity(
+    "opacity": PanelQuantity(
         "opacity, Y over a black base over Y of the semi-infinite film (ISO 2471)",
-        lambda seen: float(divide_luminances(seen.find_luminance(seen.bare), seen.find_luminance(seen.without_end))),
+        lambda seen: float(divide_luminances(*map(seen.find_luminance, (seen.measure_over(0.0), seen.without_end)))),
         (*SEEN, *FILM),
         ("nodes", "bare", "without_end"),
     ),
-    "hiding_thickness_um": Quantity(
+    "hiding_thickness_um": PanelQuantity(
         "thickness at which the contrast ratio is the target (ISO 6504-1); inf where none has it",
         lambda seen: seen.hiding_length_um,
         (*SEEN, *CARDS, "target", *FILM),
         HIDES,
         "um",
     ),
-    "spreading_rate": Quantity(
+    "spreading_rate": PanelQuantity(
         "area that a litre of dry film hides at that thickness (ISO 6504-1)",
         lambda seen: 1000.0 / seen.hiding_length_um if seen.hiding_length_um > 0.0 else np.inf,
         (*SEEN, *CARDS, "target", *FILM),
         HIDES,
         "m2 l-1",
     ),
-    **{f"gloss_{angle:g}": make_gloss_row(angle) for angle in RECEPTORS},
+    **{
+        f"gloss_{angle:g}": PanelQuantity(
+            f"specular gloss at {angle:g} degrees, gloss units (ISO 2813)",
+            partial(lambda angle, seen: seen.glosses[angle], angle),
+            (),
+            ("gloss",),
+        )
+        for angle in RECEPTORS
+    },
 }
 
 

@@ -21,7 +21,6 @@ from vrte.appearance.kubelka_munk import (
     find_slab_coefficients,
     put_film_over,
     reflect_film,
-    reflect_thick_film,
     remove_surface,
 )
 from vrte.appearance.panel import Panel
@@ -31,6 +30,7 @@ from vrte.basics.running import Progress, share_progress
 from vrte.basics.views import view
 from vrte.calls.radiance import radiance
 from vrte.calls.side_by_side import run_side_by_side
+from vrte.calls.spectrum import name_wavelength
 from vrte.results.field import Field
 from vrte.scene.boundary import Lambertian
 from vrte.scene.illumination import hemisphere
@@ -78,7 +78,7 @@ class TwoFluxErrors:
     def difference(self) -> Array:
         """Colour differences CIEDE2000 between predicted and exact, over black and over white, (2, m)."""
         pairs = zip(*self.colours, strict=True)
-        return np.array([[find_difference(*pair) for pair in zip(*over, strict=True)] for over in pairs])
+        return np.array([list(map(find_difference, *over)) for over in pairs])
 
     @property
     def contrast_ratio(self) -> Array:
@@ -124,10 +124,6 @@ class KubelkaMunk:
         """The reflectance (n,) above the surface that K and S predict of a film of any thickness [um, or films] over a
         Lambertian base."""
         return add_surface(reflect_film(self.K, self.S, length, base), self.k1, self.k2)
-
-    def predict_thick(self) -> Array:
-        """The reflectance (n,) above the surface that K/S predicts of a semi-infinite film."""
-        return add_surface(reflect_thick_film(self.K, self.S), self.k1, self.k2)
 
     @cached_property
     def transport(self) -> tuple[Array, Array]:
@@ -181,24 +177,12 @@ class KubelkaMunk:
 
     def __str__(self) -> str:
         """A line a wavelength: K, S, both over what diffusion says, and what the surface mirrors and sends back."""
-        rows = [
-            f"  [um]  K [{self.unit}]  S [{self.unit}]  K/diffusion  S/diffusion   k1     k2   over black, white   even"
-        ]
-        columns = (
-            self.wavelength_um,
-            self.K,
-            self.S,
-            *self.over_diffusion,
-            self.k1,
-            self.k2,
-            *self.k2_over,
-            self.k2_even,
-        )
-        for at, K, S, absorbed, turned, *shares in zip(*columns, strict=True):
-            rows.append(
-                f"{at:6.3f}  {K:9.5f}  {S:9.5f}  {absorbed:11.3f}  {turned:11.3f}  "
-                + "  ".join(f"{one:.3f}" for one in shares)
-            )
+        head = f"K [{self.unit}]  S [{self.unit}]  K/diffusion  S/diffusion   k1     k2   over black, white   even"
+        rows = [f"  [um]  {head}"]
+        shares = self.k1, self.k2, *self.k2_over, self.k2_even
+        for row in zip(self.wavelength_um, self.K, self.S, *self.over_diffusion, *shares, strict=True):
+            formats = ("6.3f", "9.5f", "9.5f", "11.3f", "11.3f", *[".3f"] * len(shares))
+            rows.append("  ".join(f"{one:{how}}" for one, how in zip(row, formats, strict=True)))
         return "\n".join(rows)
 
 
@@ -345,11 +329,8 @@ def find_surface_shares(
 
 def find_beams(geometry: Geometry) -> tuple[Array, Array]:
     """Cosines of what falls in and weights (n_in,) that add up beams to a flux of 1."""
-    if geometry.angle_i is None:
-        mu, weights = hemisphere(NODES)
-        return mu, 2.0 * weights
     mu = geometry.directions[0]
-    return mu, 1.0 / mu
+    return mu, 2.0 * hemisphere(NODES)[1] if geometry.angle_i is None else 1.0 / mu
 
 
 def find_even_share(surface: Interface) -> float:
@@ -372,9 +353,7 @@ def solve_fluxes(panel: Panel, mu0: Array, side: str, progress: Progress | None 
     def solve(place: int) -> Field:
         scene = panel.scenes[place]
         tau = [0.0, scene.thickness] if side == "above" and scene.base_is_reached else [0.0]
-        try:
+        with name_wavelength(panel.wavelength_um[place]):
             return radiance(scene, mu0, mu=[], tau=tau, side=side, threads=1, **panel.asked)
-        except SceneError as error:
-            raise error.behind(f"at {panel.wavelength_um[place]:g} um") from error
 
     return run_side_by_side([partial(solve, place) for place in range(len(panel))], progress)

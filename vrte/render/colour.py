@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.appearance.colours import combine_with_observer, encode_srgb, import_colour_science, spread_weights
+from vrte.appearance.colours import (
+    balance_for_screen,
+    combine_with_observer,
+    encode_srgb,
+    import_colour_science,
+    spread_weights,
+)
 from vrte.basics.arrays import Array
 
 FEWEST, MOST = 9, 31  # wavelengths, where their number is given
@@ -45,19 +51,14 @@ def load_sunlight_spectrum(wavelengths_um: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """What makes XYZ an exposed picture: ``balance`` (3, 3) takes XYZ to XYZ with the light's white at that of sRGB,
-    ``gain`` is what they are multiplied by."""
+    """What makes XYZ an exposed picture: ``matrix`` (3, 3) takes XYZ to linear sRGB with the light's white at the
+    screen's."""
 
-    balance: Array
-    gain: float
+    matrix: Array
 
     def linear(self, xyz: Array) -> Array:
         """Linear sRGB (..., 3), where 1 is the brightest that a screen shows; not cut off."""
-        found: Array = (
-            xyz
-            @ (self.gain * import_colour_science(*NEEDED).RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ self.balance).T
-        )
-        return found
+        return np.asarray(xyz @ self.matrix.T)
 
     def __call__(self, xyz: Array) -> Array:
         """sRGB (..., 3) from 0 to 1; what is out of reach is cut off."""
@@ -67,9 +68,5 @@ class Film:
 def make_film(white_xyz: Array, stops: float = 0.0) -> Film:
     """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
     ``stops`` doubles that."""
-    colour = import_colour_science(*NEEDED)
-    from colour.adaptation import matrix_chromatic_adaptation_VonKries
-
-    target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)
-    balance = matrix_chromatic_adaptation_VonKries(white_xyz / white_xyz[1], target, transform="CAT02")
-    return Film(np.asarray(balance, dtype=float), 2.0**stops)
+    import_colour_science(*NEEDED)
+    return Film(2.0**stops * balance_for_screen((white_xyz / white_xyz[1]).tobytes()))
