@@ -158,15 +158,19 @@ class Appearance:
                 for wavelength, value in zip(at, values.tolist(), strict=True):
                     yield Reading(quantity, name, wavelength, value, unit, definition, "Stokes parameters I, Q, U")
         for name in self.reflectances:
-            colour = self.colour(name)
-            for quantity, standard in COLOURS.items():
-                light = f"{self.illuminant}, {self.observer} degree observer"
-                value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
-                yield Reading(quantity, name, None, value, unit, light, standard)
+            yield from list_colour_readings(self.colour(name), name)
 
 
 POLARIZATION = "degree of linear polarization", "angle of linear polarization"
 COLOURS = dict.fromkeys("XYZ", "ISO/CIE 11664-3") | dict.fromkeys("LabCh", "ISO/CIE 11664-4")
+
+
+def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterator[Reading]:
+    """X, Y, Z, L*, a*, b*, C* and h of a colour that is read in a geometry, ``of`` something."""
+    light = f"{colour.illuminant}, {colour.observer} degree observer"
+    for quantity, standard in COLOURS.items():
+        value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
+        yield Reading(quantity + of, geometry, None, value, unit, light, standard)
 
 
 def appearance(
@@ -263,9 +267,8 @@ def read_spectrum(
     light: dict[str, Array] = {}
     for one in map(read_geometry, STANDARD_GEOMETRIES if geometries is None else geometries):
         if one.excluded and spectrum.surface is not None:
-            raise SceneError.of(
-                "geometries", f"{one.name!r} of a rough surface needs the scene, not its spectrum alone"
-            )
+            words = f"{one.name!r} of a rough surface needs the scene, not its spectrum alone"
+            raise SceneError.of("geometries", words)
         try:
             reflectances[one.name] = find_reflectance(spectrum, one, port_deg=port_deg)
         except SceneError:

@@ -132,9 +132,8 @@ def read_geometry(name: Any) -> Geometry:
         if found[2]:  # counted from the mirrored beam towards the light
             angle_o = angle_i - angle_o
         if angle_i == angle_o:
-            raise SceneError.of(
-                "geometry", f"{show_value(name)} looks along the mirrored beam, which has no radiance: ask for gloss"
-            )
+            words = "looks along the mirrored beam, which has no radiance: ask for gloss"
+            raise SceneError.of("geometry", f"{show_value(name)} {words}")
         return Geometry(text, check_angle(name, angle_i), check_angle(name, angle_o))
     raise SceneError.of("geometry", f"must be {ALLOWED}, not {show_value(name)}")
 
@@ -181,13 +180,6 @@ def find_reflectance(
     ``surface``: the panel's surface at each wavelength, which a port needs where it is rough; ``port_deg``: the full
     angle of a round specular port, as seen from the panel. Raises SceneError where the spectrum does not have the
     directions that the geometry takes.
-
-    >>> import vrte
-    >>> from vrte.appearance.panel import make_panel
-    >>> grey = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
-    >>> panel = make_panel({"layer": [grey], "base": {"kind": "lambertian", "albedo": 0.4}}, [0.5, 0.6])
-    >>> find_reflectance(solve_geometry(panel, "45:as15"), "45:as15").round(12).tolist()
-    [0.4, 0.4]
     """
     known = read_geometry(geometry)
     if known.angle_o is not None:

@@ -57,22 +57,14 @@ class OverLambertian:
     r: Array
 
     def reflect(self, albedo: float) -> Array:
-        """The reflectance factor (n,) over a base of that albedo. Raises SceneError.
-
-        >>> OverLambertian(np.array([0.5]), np.array([0.25]), np.array([0.5])).reflect(0.8).round(12).tolist()
-        [0.833333333333]
-        """
+        """The reflectance factor (n,) over a base of that albedo. Raises SceneError."""
         albedo = check_number("albedo", albedo, 0.0, 1.0, "between 0 and 1")
         found: Array = self.bare + albedo * self.u / (1.0 - albedo * self.r)
         return found
 
 
 def fit_lambertian_bases(black: Array, grey: Array, white: Array) -> OverLambertian:
-    """What a film sends back over any Lambertian base, from its reflectance factors over albedos 0, 1/2 and 1.
-
-    >>> fit_lambertian_bases(np.array([0.5]), np.array([2.0 / 3.0]), np.array([1.0])).r.round(12).tolist()
-    [0.5]
-    """
+    """What a film sends back over any Lambertian base, from its reflectance factors over albedos 0, 1/2 and 1."""
     half, whole = grey - black, white - black  # u/(2 - r) and u/(1 - r)
     seen = (half > 0.0) & (whole >= 2.0 * half)  # all else is rounding: the film hides its base, or is not there
     escapes = np.divide(half, whole - half, out=np.ones_like(half), where=seen)  # 1 - r
@@ -202,11 +194,7 @@ def stretch_contrast(contrast: Any) -> Array:
 
 
 def divide_luminances(black: Any, white: Any) -> Array:
-    """Y over black over Y over white; 0 where nothing is reflected.
-
-    >>> divide_luminances([0.4, 0.0], [0.8, 0.0]).tolist()
-    [0.5, 0.0]
-    """
+    """Y over black over Y over white; 0 where nothing is reflected."""
     dark, light = np.asarray(black, float), np.asarray(white, float)
     return np.divide(dark, light, out=np.zeros_like(light), where=light > 0.0)
 
@@ -338,14 +326,7 @@ def find_contrast(
     progress: Progress | None = None,
 ) -> float:
     """The contrast ratio Y_black/Y_white of a panel's film over cards of albedo ``black`` and ``white``, which take the
-    place of its base: two solves a wavelength. Raises SceneError.
-
-    >>> from vrte.appearance.panel import make_panel
-    >>> grey = {"phase": "isotropic", "albedo": 0.5, "thickness": 0.0}
-    >>> panel = make_panel({"layer": [grey]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68])
-    >>> round(find_contrast(panel, black=0.2, white=0.8), 12)  # of the bare cards
-    0.25
-    """
+    place of its base: two solves a wavelength. Raises SceneError."""
     drawdown = prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress, expected=2)
     return drawdown.find_contrast(1.0)
 

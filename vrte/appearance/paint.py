@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.appearance.appearance import COLOURS, Appearance, Reading, appearance
+from vrte.appearance.appearance import Appearance, Reading, appearance, list_colour_readings
 from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import WHITE, Hiding, find_hiding
@@ -122,11 +122,8 @@ class Paint:
             yield Reading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523")
         if self.hiding is not None:
             yield from list_hiding_readings(self.hiding)
-            light = f"{self.look.illuminant}, {self.look.observer} degree observer"
             for name, colour in self.colours.items():
-                for quantity, standard in COLOURS.items():
-                    value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
-                    yield Reading(f"{quantity} {name}", self.hiding.geometry, None, value, unit, light, standard)
+                yield from list_colour_readings(colour, self.hiding.geometry, f" {name}")
         if self.two_fluxes is not None:
             found, source = self.two_fluxes, "Kubelka and Munk 1931; Saunderson 1942"
             for name, values, what in (("K", found.K, "absorption"), ("S", found.S, "scattering")):

@@ -136,9 +136,8 @@ class Panel:
         known = self.length_um
         if known is None or not 0.0 < known < np.inf:
             given = "is given by its optical thickness" if known is None else f"is {known:g} um thick"
-            raise SceneError(
-                f"a film of {wanted:g} um cannot be made of one that {given}: give it a thickness_um above 0"
-            )
+            words = f"cannot be made of one that {given}: give it a thickness_um above 0"
+            raise SceneError(f"a film of {wanted:g} um {words}")
         return self.scale_film(wanted / known)
 
     def take_off_surface(self) -> "Panel":
@@ -260,9 +259,8 @@ def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float]
     low, high, substance = find_known_wavelengths(content, folder)
     first, last = max(low, VISIBLE[0]), min(high, VISIBLE[1])
     if first >= last:
-        raise SceneError(
-            f"wavelengths_um are missing: {substance} is known from {low:g} to {high:g} um, outside of the visible"
-        )
+        known = f"{substance} is known from {low:g} to {high:g} um, outside of the visible"
+        raise SceneError(f"wavelengths_um are missing: {known}")
     return np.linspace(first, last, WAVELENGTHS).round(6).clip(first, last)
 
 

@@ -127,10 +127,8 @@ class KubelkaMunk:
 
     @cached_property
     def transport(self) -> tuple[Array, Array]:
-        """Absorption and reduced scattering coefficients of the film, (n,) each, in the unit of K and S.
-
-        They are (1 - albedo) and albedo (1 - g) times its extinction.
-        """
+        """(1 - albedo) and albedo (1 - g) times the film's extinction: its absorption and reduced scattering
+        coefficients, (n,) each, in the unit of K and S."""
         films = [scene.layers[self.panel.film] for scene in self.panel.scenes]
         extinction = np.array([film.thickness for film in films]) / self.length
         albedo = np.array([film.albedo for film in films])
@@ -139,11 +137,8 @@ class KubelkaMunk:
 
     @property
     def diffusion(self) -> tuple[Array, Array]:
-        """K and S, (n,) each, by which two fluxes decay as diffuse light does.
-
-        They are twice the absorption, and 3/4 of the reduced scattering less 1/4 of the absorption. S < 0 says that
-        light does not diffuse at all.
-        """
+        """K and S, (n,) each, by which two fluxes decay as diffuse light does: twice the absorption, and 3/4 of the
+        reduced scattering less 1/4 of the absorption; S < 0 where light does not diffuse at all."""
         absorbed, turned = self.transport
         return 2.0 * absorbed, 0.75 * turned - 0.25 * absorbed
 
@@ -292,10 +287,8 @@ def solve_film(panel: Panel, progress: Progress | None = None) -> tuple[Array, A
     mu, weights = hemisphere(NODES)
     fields = solve_fluxes(panel.put_over(None), mu, "above", progress)
     alone = np.array([2.0 * weights @ one.flux_up[:, 0] for one in fields])
-    through = np.array(
-        [2.0 * weights @ (one.flux_down + one.direct)[:, -1] if one.tau.size > 1 else 0.0 for one in fields]
-    )
-    return alone, through
+    down = ((one.flux_down + one.direct)[:, -1] if one.tau.size > 1 else 0.0 * weights for one in fields)
+    return alone, np.array([2.0 * weights @ one for one in down])
 
 
 def find_surface_shares(

@@ -169,13 +169,6 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
 
     ``seed``: of the random points; ``folder``: where the sweep file's tables of coefficients are. Raises SceneError for
     a table of anything else than BRDFs or without a grid, and AccuracyError as `vrte.brdf` does.
-
-    >>> import vrte
-    >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
-    >>> axes = {"layer[1].albedo": [0.2, 0.3, 0.4, 0.5]}
-    >>> table = vrte.sweep({"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
-    >>> bool(held_out(table, points=2).errors.max() < 1e-3)
-    True
     """
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":

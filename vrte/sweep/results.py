@@ -73,9 +73,8 @@ def make_scene_request(file: SceneFile, backend: str | None = None) -> Request:
         if file.kind == "brdf":
             return make_brdf_request(file.scene, **file.request, **how, time_limit_s=math.inf)
         if "mu" not in file.request:
-            raise SceneError.of(
-                "mu", "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
-            )
+            words = "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
+            raise SceneError.of("mu", words)
         return make_radiance_request(file.scene, **file.request, **how, time_limit_s=math.inf)
 
 

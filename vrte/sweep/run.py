@@ -119,15 +119,13 @@ def sweep(
     count = count_usable_cpus() if workers is None else check_whole("workers", workers, 1, MOST_WORKERS)
     given = read_sweep(source)
     if precision is not None:
-        given = replace(
-            given, template={**given.template, "precision": check_choice("precision", precision, PRECISIONS)}
-        )
+        chosen = {"precision": check_choice("precision", precision, PRECISIONS)}
+        given = replace(given, template=given.template | chosen)
     if engine != "opencl" and given.template.get("precision", "auto") != "auto":
         raise SceneError("precision goes with engine 'opencl' only", "precision")
     if engine == "opencl" and given.kind == TABLE:
-        raise SceneError(
-            "engine 'opencl' makes tables of BRDFs and fields: an appearance is read by 'threads' or 'dask'"
-        )
+        words = "an appearance is read by 'threads' or 'dask'"
+        raise SceneError(f"engine 'opencl' makes tables of BRDFs and fields: {words}")
     engine_of = partial(run_engine, engine=engine, scheduler=scheduler, workers=count)
     # a device's speed is not known
     predict = None if engine == "opencl" else partial(predict_sweep, workers=count, limit=limit)

@@ -53,11 +53,7 @@ class Grid:
         return math.prod(self.boxes)
 
     def slices(self, chunk: int) -> tuple[slice, ...]:
-        """Where in the table a chunk lies.
-
-        >>> Grid((2, 5), (1, 3)).slices(3)
-        (slice(1, 2, None), slice(3, 5, None))
-        """
+        """Where in the table a chunk lies."""
         corner = np.unravel_index(chunk, self.boxes)
         starts = [int(place) * side for place, side in zip(corner, self.box, strict=True)]
         ends = zip(starts, self.box, self.shape, strict=True)

@@ -130,13 +130,7 @@ class Sweep:
 
 
 def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | None = None) -> Sweep:
-    """A sweep file, or its content, read and checked; nothing is computed. Raises SceneError, OSError.
-
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
-    >>> axes = {"layer[1].thickness": [0.1, 1.0, 10.0]}
-    >>> read_sweep({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}).dimensions
-    {'layer[1].thickness': 3}
-    """
+    """A sweep file, or its content, read and checked; nothing is computed. Raises SceneError, OSError."""
     if isinstance(source, Mapping):
         content = convert_to_plain_content(source)
     else:
@@ -196,9 +190,8 @@ def check(sweep: Sweep) -> None:
     check_dimensions(sweep)
     for axis in sweep.axes:
         if sweep.kind == TABLE and axis.places == ("wavelength_um",):
-            raise SceneError(
-                f"axes.{axis.name}: an appearance is of all wavelengths of {TABLE}.wavelengths_um together"
-            )
+            words = f"an appearance is of all wavelengths of {TABLE}.wavelengths_um together"
+            raise SceneError(f"axes.{axis.name}: {words}")
         try:  # such a number is in the template, or may be put there
             find_number(sweep.template, axis.places, axis.key, default=0.0)
         except SceneError as error:
@@ -223,9 +216,8 @@ def check_dimensions(sweep: Sweep) -> None:
             if name in RESERVED:
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
         if {"/", "\\"} & {*axis.name, *axis.dimension} or axis.name.startswith(".") or axis.dimension.startswith("."):
-            raise SceneError(
-                f"axes: {show_toml(axis.name)} cannot be the name of a coordinate: no /, no \\ and no leading dot"
-            )
+            words = "cannot be the name of a coordinate: no /, no \\ and no leading dot"
+            raise SceneError(f"axes: {show_toml(axis.name)} {words}")
         length = sweep.dimensions[axis.dimension]
         if axis.values.size != length:
             raise SceneError(f"axes: those along {show_toml(axis.dimension)} must have the same number of values")

@@ -23,7 +23,7 @@ from vrte.basics.splines import MIRROR, compute_weights, extend_over_pole, mirro
 from vrte.pictures import page
 from vrte.results.over_hemisphere import HOLE, check_directions, stokes_over_hemisphere
 from vrte.sweep.interpolation import DEGREE, TABLES, interpolate, is_logarithmic, sample_axis, solve_point
-from vrte.sweep.template import Sweep, read_sweep
+from vrte.sweep.template import Axis, Sweep, read_sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -51,19 +51,13 @@ def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
 
 def pack_matrices(matrices: Array) -> dict[str, Any]:
     """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) whose f_00 is above 0, packed: ``text`` base64, ``shape``
-    (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n).
-
-    >>> packed = pack_matrices(np.full((1, 1, 1, 1, 4, 4), 0.25))
-    >>> np.round(unpack_matrices(packed)[0, 0, 0, 0, 1], 6).tolist()
-    [0.25, 0.25, 0.25, 0.25]
-    """
+    (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n)."""
     brightness = matrices[..., 0, 0]
     logarithm = np.log(brightness)
     low, high = float(logarithm.min()), float(logarithm.max())
     middle, step = 0.5 * (low + high), max(STEP, (high - low) / (2.0 * LARGEST))
-    numbers = np.moveaxis(
-        (matrices / (STEP * brightness[..., None, None])).reshape(*brightness.shape, 16), -1, 0
-    ).copy()
+    ratios = matrices / (STEP * brightness[..., None, None])
+    numbers = np.moveaxis(ratios.reshape(*brightness.shape, 16), -1, 0).copy()
     numbers[0] = (logarithm - middle) / step
     steps = np.round(numbers).astype(np.int16)
     for axis in list_packed_axes(steps.ndim):
@@ -105,14 +99,6 @@ def save_page(
     of the page, which is returned by the table's name and said on the page. Files that the sweeps name lie in
     ``folder``, by default the working folder. Raises SceneError for a table of fields or appearances, axes that are no
     grid, too few directions, scenes without result or without light, and a page larger than 60 MB, and OSError.
-
-    >>> import vrte
-    >>> layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
-    >>> brdf = {"mu_i": 0.5, "mu_o": [0.2, 0.6, 1.0], "phi_deg": [0, 90, 180]}
-    >>> axes = {"layer[1].thickness": [0.5, 1.0, 2.0, 4.0]}
-    >>> table = vrte.sweep({"nodes": 4, "layer": [layer], "brdf": brdf, "axes": axes}, workers=1)
-    >>> save_page({"a layer": table}, "layer.html", points=1)["a layer"].shape
-    (1,)
     """
     if Path(path).suffix.lower() != SUFFIX:
         raise SceneError(f"the page {path} must end in {SUFFIX}")
@@ -179,7 +165,10 @@ def describe_lobes(
     seen = seen.assign(mueller=(table.mueller.dims, unpack_matrices(packed)))
     errors = measure_page_error(seen, sweep, points)
     said = {
-        "axes": [describe_page_axis(axis.name, axis.key, table) for axis in sweep.axes],
+        "axes": [
+            describe_page_axis(axis, table[axis.name].values.astype(float), table[axis.name].attrs.get("units", "1"))
+            for axis in sweep.axes
+        ],
         "mu_i": table.mu_i.values.tolist(),
         "mu_o": table.mu_o.values.tolist(),
         "phi": azimuths.tolist(),
@@ -192,12 +181,10 @@ def describe_lobes(
     return said, make_mesh(table.mu_o.values, azimuths), errors
 
 
-def describe_page_axis(name: str, key: str, table: "xarray.Dataset") -> dict[str, Any]:
+def describe_page_axis(axis: Axis, values: Array, unit: str) -> dict[str, Any]:
     """The name, unit and values of a slider."""
-    values = np.asarray(table[name].values, np.float64)
-    unit = str(table[name].attrs.get("units", "1"))
-    label = (name.removesuffix("_um") if unit == "um" else name).replace("_", " ")
-    shown = {"name": name, "label": label, "key": key, "unit": UNITS.get(unit, unit)}
+    label = (axis.name.removesuffix("_um") if unit == "um" else axis.name).replace("_", " ")
+    shown = {"name": axis.name, "label": label, "key": axis.key, "unit": UNITS.get(unit, unit)}
     return {**shown, "values": values.tolist(), "log": is_logarithmic(values), "between": is_between(values)}
 
 
@@ -248,9 +235,8 @@ def measure_page_error(table: "xarray.Dataset", sweep: Sweep, points: int, seed:
         directions = {"mu_i": mu_i, "mu_o": np.cos(theta).tolist(), "phi_deg": phi.tolist()}
         exact = solve_point(replace(sweep, template={**sweep.template, "brdf": directions}), point)
         near = interpolate(table, point | {"mu_i": mu_i}).mueller.values
-        seen = replace(
-            exact, mueller=near[None], mu_o=table.mu_o.values, phi=table.phi_deg.values, surface=None, transmission=None
-        )
+        axes = {"mu_o": table.mu_o.values, "phi": table.phi_deg.values}
+        seen = replace(exact, mueller=near[None], **axes, surface=None, transmission=None)
         columns = [stokes_over_hemisphere(seen, 0, np.degrees(theta), phi, unit) for unit in np.eye(4)]
         off = np.abs(np.stack(columns, axis=-1) - exact.mueller[0]).max()
         errors.append(float(off / near[..., 0, 0].max()))
