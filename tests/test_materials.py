@@ -16,7 +16,7 @@ from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.particle_sources import make_particles
 from vrte.formats.scene_file import make_scene_file, read_scene
 from vrte.optics.refractive_index import MATERIALS, find_wavelength_range, refractive_index
-from vrte.render.swatches import compute_swatch
+from vrte.render.swatches import compute_card
 from vrte.sweep.template import make_scene_at, read_sweep
 
 from .helpers import close_to
@@ -278,7 +278,7 @@ def test_python_has_them_by_name() -> None:
     ],
 )
 def test_the_colour_is_that_of_the_material(name: str, lightness, red_green, yellow_blue) -> None:
-    found = compute_swatch(name, 5).find_lab()
+    found = compute_card(name, 5).find_lab()
     for value, (low, high) in zip(found, (lightness, red_green, yellow_blue), strict=True):
         assert low < value < high
 
@@ -286,7 +286,7 @@ def test_the_colour_is_that_of_the_material(name: str, lightness, red_green, yel
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["alumina powder", "chalk", "fresh snow", "old snow"])
 def test_powders_and_snow_are_white(name: str) -> None:
-    light, red, yellow = compute_swatch(name).find_lab()
+    light, red, yellow = compute_card(name).find_lab()
     assert light > 98.0
     assert abs(red) < 3.0
     assert -6.0 < yellow < 1.0
@@ -294,9 +294,9 @@ def test_powders_and_snow_are_white(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_thin_paint_hides_less_over_black_than_over_white() -> None:
-    hollow = compute_swatch("hollow polymer in acrylic")
+    hollow = compute_card("hollow polymer in acrylic")
     assert (hollow.reflectances[0] < hollow.reflectances[1] - 0.05).all()
-    rutile = compute_swatch("rutile in alkyd")
+    rutile = compute_card("rutile in alkyd")
     assert (rutile.reflectances[0] > 0.95 * rutile.reflectances[1]).all()
 
 

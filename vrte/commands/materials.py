@@ -38,12 +38,12 @@ def run(options: argparse.Namespace) -> None:
         print(f"{name:{width}}  {material.description}")
     if not options.output:
         return
-    from vrte.render.swatches import compute_swatch, draw_swatches
+    from vrte.render.swatches import compute_card, draw_cards
 
-    swatches = []
+    cards = []
     with show_progress() as (phase, tick):
         for name in known:
             phase(name)
-            swatches.append(compute_swatch(name, options.wavelengths, tick))
-    save_figure(draw_swatches(swatches), options.output)
+            cards.append(compute_card(name, options.wavelengths, tick))
+    save_figure(draw_cards(cards), options.output)
     say_written(options.output)

@@ -47,7 +47,7 @@ def find_axis(measured: Measurement, quantity: str) -> str:
     rows = find_rows(measured, quantity)
     columns = {name: getattr(measured, name)[rows] for name in COORDINATES}
     columns |= fold_planes(columns["theta_o_deg"], columns["phi_deg"])
-    counts = {name: count_values(column) for name, column in columns.items()}
+    counts = {name: np.unique(one[np.isfinite(one)].round(DIGITS)).size for name, one in columns.items()}
     best = max(counts, key=lambda name: counts[name])
     return best if counts[best] > 1 else ""
 
@@ -65,20 +65,10 @@ def fold_planes(theta_o_deg: Array, phi_deg: Array) -> dict[str, Array]:
     return {"theta_o_deg": signed, "phi_deg": np.where(far, turned - 180.0, turned)}
 
 
-def count_values(column: Array) -> int:
-    """How many different numbers there are."""
-    return int(np.unique(column[np.isfinite(column)].round(DIGITS)).size)
-
-
 def split_curves(measured: Measurement, quantity: str) -> tuple[str, list[CurveRows]]:
     """The axis of a quantity that has one, and its numbers by all that is not along it, each curve from left to right.
 
     Against the angle of exit the plane of φ and φ + 180 is one curve, its far side at angles below 0, as in a cut.
-
-    >>> seen = Measurement("f00", [0.1, 0.2], theta_i_deg=30.0, theta_o_deg=[10.0, 20.0], phi_deg=[0.0, 180.0])
-    >>> axis, (curve,) = split_curves(seen, "f00")
-    >>> axis, curve.x.tolist(), curve.rows.tolist()
-    ('theta_o_deg', [-20.0, 10.0], [1, 0])
     """
     axis, rows = find_axis(measured, quantity), find_rows(measured, quantity)
     columns: dict[str, Any] = {name: getattr(measured, name)[rows] for name in (*COORDINATES, *LABELS)}

@@ -36,9 +36,8 @@ class Parameter:
         if not self.low < self.high:
             raise SceneError(f"free: {self.name} needs low below high, not {self.low:g} and {self.high:g}", "free")
         if not self.low <= self.start <= self.high:
-            raise SceneError(
-                f"free: {self.name} starts at {self.start:g}, outside its bounds {self.low:g} and {self.high:g}", "free"
-            )
+            bounds = f"outside its bounds {self.low:g} and {self.high:g}"
+            raise SceneError(f"free: {self.name} starts at {self.start:g}, {bounds}", "free")
         if self.is_log and not (self.low >= 0.0 and self.start > 0.0):
             raise SceneError(f"free: {self.name} with spacing 'log' needs a start above 0 and no low below 0", "free")
 
@@ -119,10 +118,8 @@ def read_priors(priors: Mapping[str, Any] | None, names: Sequence[str]) -> Array
             raise SceneError(f"priors: {name} needs a mean and a standard deviation, not {show_value(pair)}", "priors")
         mean, sigma = (float(one) for one in pair)
         if not math.isfinite(mean) or not 0.0 < sigma < math.inf:
-            raise SceneError(
-                f"priors: {name} needs a finite mean and a standard deviation above 0, not {mean:g} and {sigma:g}",
-                "priors",
-            )
+            words = f"needs a finite mean and a standard deviation above 0, not {mean:g} and {sigma:g}"
+            raise SceneError(f"priors: {name} {words}", "priors")
         found[list(names).index(name)] = mean, sigma
     return found
 
@@ -148,7 +145,7 @@ class Problem:
     priors: Array
     sigma: Array
     loss: str = "linear"
-    _kept: dict[bytes, Point] = field(default_factory=dict)
+    kept: dict[bytes, Point] = field(default_factory=dict)
 
     @property
     def known(self) -> Array:
@@ -168,21 +165,17 @@ class Problem:
     def find_point(self, values: Array, with_slopes: bool) -> Point:
         """What the model shows there, remembered. Raises SceneError, AccuracyError."""
         key = values.tobytes()
-        found = self._kept.get(key)
+        found = self.kept.get(key)
         if found is None or (with_slopes and found.slopes is None):
             if with_slopes or self.model.jacobian == "exact":
                 found = Point(values, *self.model.linearize(values))
             else:
                 found = Point(values, self.model.predict(values), None)
-            self._kept.pop(key, None)
-            self._kept[key] = found
-            while len(self._kept) > KEPT:
-                self._kept.pop(next(iter(self._kept)))
+            self.kept.pop(key, None)
+            self.kept[key] = found
+            while len(self.kept) > KEPT:
+                self.kept.pop(next(iter(self.kept)))
         return found
-
-    def forget(self) -> None:
-        """Drops what is remembered: the model has changed."""
-        self._kept.clear()
 
     def join(self, point: Point) -> Array:
         """Residuals in sigmas of rows and of priors."""
@@ -249,18 +242,9 @@ def fit_residuals(
     pairs = zip(problem.parameters, free, strict=True)
     ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one, is_free in pairs if is_free])
     inside = np.clip(begin[free], np.nextafter(ends[:, 0], np.inf), np.nextafter(ends[:, 1], -np.inf))
-    found = least_squares(
-        find_residuals,
-        inside,
-        find_slopes,
-        (ends[:, 0], ends[:, 1]),
-        x_scale="jac",
-        loss=problem.loss,  # type: ignore[arg-type]  # one of LOSSES
-        ftol=ENOUGH,
-        xtol=ENOUGH,
-        gtol=ENOUGH,
-        max_nfev=most_steps,
-    )
+    how: dict[str, Any] = {"x_scale": "jac", "loss": problem.loss, "max_nfev": most_steps}
+    how |= dict.fromkeys(("ftol", "xtol", "gtol"), ENOUGH)
+    found = least_squares(find_residuals, inside, find_slopes, (ends[:, 0], ends[:, 1]), **how)
     return problem.find_values(complete(found.x)), 2.0 * float(found.cost), found.status > 0
 
 

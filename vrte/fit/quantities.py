@@ -53,22 +53,14 @@ class MeasuredQuantity:
 
 
 def divide_jets(one: Array, other: Array) -> Array:
-    """The quotient, by the quotient rule; 0 over 0 is NaN.
-
-    >>> divide_jets(np.array([1.0, 0.0]), np.array([2.0, 1.0])).tolist()
-    [0.5, -0.25]
-    """
+    """The quotient, by the quotient rule; 0 over 0 is NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = one[:1] / other[:1]
         return np.concatenate([share, (one[1:] - share * other[1:]) / other[:1]])
 
 
 def find_length(one: Array, other: Array) -> Array:
-    """The root of the sum of squares; where that is 0, it has no derivative, and 0 stands for it.
-
-    >>> find_length(np.array([3.0, 1.0]), np.array([4.0, 0.0])).tolist()
-    [5.0, 0.6]
-    """
+    """The root of the sum of squares; where that is 0, it has no derivative, and 0 stands for it."""
     length = np.hypot(one[:1], other[:1])
     slope = np.divide(one[:1] * one[1:] + other[:1] * other[1:], length, out=np.zeros_like(one[1:]), where=length > 0.0)
     return np.concatenate([length, slope])

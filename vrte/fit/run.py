@@ -293,7 +293,7 @@ class Search:
             return
         before, model.nodes = model.nodes, needed
         values, old = self.best.values, self.best.predicted
-        self.problem.forget()
+        self.problem.kept.clear()
         moved = float(np.abs((model.predict(values) - old) / self.problem.sigma).max())
         model.notes.append(f"{before} nodes were chosen at the start; {needed} at the end, which move no row by more "
                            f"than {moved:.2g} sigma")  # fmt: skip
@@ -319,10 +319,8 @@ def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
     scale = 1.0
     if not given.has_sigma:
         scale = math.sqrt(chi2 / freedom) if freedom and chi2 else math.nan
-        notes.append(
-            "the measurement has no sigma: rows of a quantity count alike, and errors are scaled by the root of the "
-            f"reduced chi-square{'' if freedom else ', which needs more rows than free numbers'}"
-        )
+        scaled = f"the root of the reduced chi-square{'' if freedom else ', which needs more rows than free numbers'}"
+        notes.append(f"the measurement has no sigma: rows of a quantity count alike, and errors are scaled by {scaled}")
     if problem.loss != "linear":  # what outliers count for
         slopes = slopes * ((1.0 + residuals**2) ** -0.25)[:, None]
     rows = len(given)

@@ -105,6 +105,7 @@ class Panel:
     columns: int = 1  # of the legend
     letters: float = 7.0  # size of the legend's letters
     bare: bool = False
+    grid: bool = True
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def draw_panel(axes: Any, panel: Panel) -> None:
         set_axis(axes, "y", panel.y)
     axes.set_axisbelow(True)
     axes.tick_params(which="both", labelsize=8)
-    axes.grid(**GRID)
+    axes.grid(**GRID) if panel.grid else None
     handles, names = axes.get_legend_handles_labels()
     if panel.legend and handles:
         where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1)} if panel.polar else {"loc": panel.legend}

@@ -80,11 +80,7 @@ def describe_mirrored_beam(brdf: Brdf, place: int, stokes: Any = UNPOLARIZED) ->
 
 
 def name_brdf(brdf: Brdf) -> str:
-    """What a BRDF is called: of light inside the medium, or with what refracts and mirrors it.
-
-    >>> name_brdf(Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {}))
-    'Subsurface BRDF'
-    """
+    """What a BRDF is called: of light inside the medium, or with what refracts and mirrors it."""
     if brdf.specular is not None:
         return "BRDF, without the mirrored beam"
     return "Subsurface BRDF" if brdf.surface is None else "BRDF, rough surface included"
@@ -216,8 +212,6 @@ def lobe(
     The distance from the centre is the size of the quantity ``height`` over its largest, the colour the quantity
     ``colour`` (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Raises
     SceneError for an unknown quantity or place, or too few directions, MissingExtraError without Plotly.
-
-    >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
     import_plotly()
     check_whole("place", place, 0, brdf.mu_i.size - 1)

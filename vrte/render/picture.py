@@ -98,9 +98,8 @@ def draw_sheet(
         colours = make_lobe_colours(both)
         for column, lobe in enumerate(both, 2):
             lobe = replace(lobe, mirrored=lobe.mirrored.partition(",")[0])  # there is no room for how polarized
-            draw_lobe(
-                sheet.axes(*sheet.corner(row, column), size, 0.76 * size), lobe, 1.0 / circle, colours, sheet.letters
-            )
+            axes = sheet.axes(*sheet.corner(row, column), size, 0.76 * size)
+            draw_lobe(axes, lobe, 1.0 / circle, colours, sheet.letters)
         left, top = sheet.corner(row, 2)
         sheet.draw_bar(left + 0.1 * size, top + 0.80 * size, 0.9 * size, colours, limit_ticks(4))
         sheet.text(left + 1.6 * size, top + 0.84 * size, f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$")
@@ -167,11 +166,8 @@ class Scale:
             return [self.low, middle, self.high]
         found = [0.0]
         for step in (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0):
-            if (
-                step <= self.high + 1e-9
-                and (step / self.high) ** self.power - (found[-1] / self.high) ** self.power > 0.16
-            ):
-                found.append(step)
+            apart = (step / self.high) ** self.power - (found[-1] / self.high) ** self.power
+            found += [step] if step <= self.high + 1e-9 and apart > 0.16 else []
         return found
 
     def colour(self, values: Array, cover: Array) -> Array:
@@ -342,15 +338,7 @@ class Sheet:
 
 
 def describe_layers(content: Mapping[str, Any]) -> str:
-    """What a scene file's layers are made of, in one line, from the top down.
-
-    >>> describe_layers({
-    ...     "particles": {"gold": {"index": "gold", "radius_um": 0.6}},
-    ...     "layer": [{"particles": "gold", "thickness": float("inf")}],
-    ...     "base": {"kind": "black"},
-    ... })
-    'gold, radius 0.6 µm; infinitely thick'
-    """
+    """What a scene file's layers are made of, in one line, from the top down."""
     words, deep = [], False
     for layer in content.get("layer", ()):
         interface = layer.get("interface")

@@ -11,7 +11,7 @@ from vrte.appearance.colours import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour
-from vrte.render.geometry import UP, Camera, place_camera, place_lens
+from vrte.render.geometry import UP, place_camera, place_lens
 from vrte.render.objects import CHANNELS, Stage, draw_background, draw_object, weigh_channels
 from vrte.render.setting import SPHERE, Material, Setting
 from vrte.render.shapes import find_shape
@@ -141,7 +141,8 @@ def _draw_sphere(material: Material, setting: Setting, step: Step, resolutions: 
     step(0, material.title)
     lit = Lit(material, setting, resolutions, step)
     table, error = lit.first
-    view = View(_place_camera(setting), lit.sky, setting.size_px, table.resolution)
+    camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
+    view = View(camera, lit.sky, setting.size_px, table.resolution)
     observer, film = lit.weighed
     found = np.full((view.size**2, CHANNELS), np.nan)
     found[view.pixels[0]] = 0.0
@@ -176,7 +177,7 @@ def _draw_on_ground(
 
 def set_stage(materials: Sequence[Material], setting: Setting) -> Stage:
     """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
-    camera = _place_camera(setting)
+    camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
     bodies = []
     for place, material in enumerate(materials):
         shape = find_shape(material.shape)
@@ -228,8 +229,3 @@ def measure_interpolation_error(material: Material, wavelength_um: float, table:
     if brdf.specular is None or table.specular is None:
         return error
     return max(error, float(np.abs(table.mirror(mu_i) - brdf.specular).max()))
-
-
-def _place_camera(setting: Setting) -> Camera:
-    """The camera of a setting; the sun stands at azimuth 0, to the right of a camera that stands clockwise of it."""
-    return place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)

@@ -113,7 +113,9 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
             keys = (*OWN, *(field.name for field in fields(Setting)))
             file = Table((), content, FILE_KEYS)
             table = file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
-            ours = _read_common(table)
+            ours: dict[str, Any] = {key: _read_number(table, key) for key in RANGES if key in table and key not in OWN}
+            ours |= {"sky": table.choice("sky", KINDS)} if "sky" in table else {}
+            ours |= {"size_px": table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)} if "size_px" in table else {}
             shape = shapes[place % len(shapes)] if shapes else None
             materials.append(_make_material(path, content, table, count, shape))
         except SceneError as error:
@@ -123,9 +125,8 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
         for key, value in ours.items():
             other = given.setdefault(key, (value, path))
             if other[0] != value:
-                raise SceneError(
-                    f"{path}: render.{key} = {value!r}: {other[1]} says {other[0]!r}, and a picture has one"
-                )
+                words = f"{other[1]} says {other[0]!r}, and a picture has one"
+                raise SceneError(f"{path}: render.{key} = {value!r}: {words}")
     setting = replace(Setting(), **{key: value for key, (value, _) in given.items()})
     if setting.camera_elevation_deg <= 0.0 and any(material.shape != SPHERE for material in materials):
         raise SceneError(
@@ -133,16 +134,6 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
             "must be more than 0 for an object that stands on the ground"
         )
     return materials, setting
-
-
-def _read_common(table: Table) -> dict[str, Any]:
-    """The keys of a setting that the table [render] has."""
-    found: dict[str, Any] = {key: _read_number(table, key) for key in RANGES if key in table and key not in OWN}
-    if "sky" in table:
-        found["sky"] = table.choice("sky", KINDS)
-    if "size_px" in table:
-        found["size_px"] = table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)
-    return found
 
 
 def _read_number(table: Table, key: str) -> float:

@@ -61,9 +61,6 @@ def compute_optical_thickness(wavelength_um: Any) -> Array:
 
     Bodhaine, Wood, Dutton and Slusser, Journal of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30:
     within 0.01 % of their own tables from 0.25 to 0.85 um.
-
-    >>> compute_optical_thickness(0.55).round(4).item()
-    0.0971
     """
     square = np.asarray(wavelength_um, dtype=float) ** 2
     found: Array = (

@@ -233,12 +233,7 @@ def find_incoming_directions(normal: Array, resolution: Resolution, ground: bool
 
 
 def compute_irradiance(sky: Sky, normal: Array, resolution: Resolution = USUAL) -> Array:
-    """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included.
-
-    >>> from vrte.render.sky import make_sky
-    >>> compute_irradiance(make_sky("uniform", [0.5], 30.0, 0.0), np.array([[0.0, 0.6, 0.8]])).round(6).tolist()
-    [[3.141593]]
-    """
+    """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included."""
     travel, weights = find_incoming_directions(normal, resolution, ground=True)
     weights = weights * -np.einsum("nkc,nc->nk", travel, normal)
     light = Light.of(sky).find(np.zeros((weights.size, 3)), travel.reshape(-1, 3))[..., 0]

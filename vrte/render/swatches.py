@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.appearance.colours import import_colour_science
+from vrte.appearance.colours import convert_to_hex, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
 from vrte.calls.material import material
 from vrte.formats.materials import list_materials
 from vrte.formats.named import find_known_wavelengths
-from vrte.pictures.describe import INK
-from vrte.pictures.figures import make_figure
+from vrte.pictures.describe import INK, Axis, Curve, Panel, Picture, Swatch, Words
+from vrte.pictures.figures import draw_picture
 from vrte.render.colour import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
 from vrte.scene.boundary import Lambertian
 from vrte.scene.interface import Interface
@@ -35,7 +35,7 @@ DARK = 0.35  # luminance below which words and lines on a card are light
 
 
 @dataclass(frozen=True, eq=False)
-class Swatch:
+class ColourCard:
     """A material over black and over white: reflectances (wavelength,), and with each CIE XYZ (3,) in sunlight whose
     white is Y = 1, and sRGB (3,) from 0 to 1."""
 
@@ -55,12 +55,8 @@ class Swatch:
         return found
 
 
-def compute_swatch(name: str, count: int = FEWEST, progress: Callable[[int, int], None] | None = None) -> Swatch:
-    """The card of a ready material, from ``count`` wavelengths of the visible. Raises SceneError, MissingExtraError.
-
-    >>> compute_swatch("hematite in acrylic").find_lab()[1] > 10.0  # red
-    np.True_
-    """
+def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], None] | None = None) -> ColourCard:
+    """The card of a ready material, from ``count`` wavelengths of the visible. Raises SceneError, MissingExtraError."""
     import_colour_science(*NEEDED)
     known = list_materials()[name]
     low, high, _ = find_known_wavelengths(known.content)
@@ -81,28 +77,36 @@ def compute_swatch(name: str, count: int = FEWEST, progress: Callable[[int, int]
     white = weighed.sum(axis=1)
     film = make_film(white)
     xyz = weighed @ found[0], weighed @ found[1]
-    return Swatch(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])), white)
+    return ColourCard(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])), white)
 
 
-def draw_swatches(swatches: Sequence[Swatch]) -> "Figure":
-    """The cards as one figure: left half over black, right half over white, the spectrum drawn across."""
-    rows = -(-len(swatches) // COLUMNS)
-    figure = make_figure(WIDTH * COLUMNS, HEIGHT * rows + 0.35)
-    panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
-    for panel in panels[len(swatches) :]:
-        panel.set_axis_off()
-    for panel, swatch in zip(panels, swatches, strict=False):
-        ink = "white" if swatch.xyz[0][1] < DARK else INK
-        for rgb, values, left, style in zip(swatch.rgb, swatch.reflectances, (400.0, 550.0), ("-", ":"), strict=True):
-            panel.axvspan(left, left + 150.0, color=tuple(rgb), linewidth=0)
-            panel.plot(1e3 * swatch.wavelengths_um, values, color=ink, linewidth=1.2, linestyle=style, alpha=0.85)
-        panel.set(xlim=(400.0, 700.0), ylim=(0.0, 1.03), xticks=(400, 500, 600, 700), yticks=(0.0, 0.5, 1.0))
-        panel.tick_params(labelsize=7, colors=INK, length=2)
-        panel.set_title(swatch.title, fontsize=9, color=INK)
+def describe_card(card: ColourCard) -> Panel:
+    """The left half over black, the right half over white, and both spectra drawn across."""
+    ink = "white" if card.xyz[0][1] < DARK else INK
+    at = 1e3 * card.wavelengths_um
+    halves = [Swatch(convert_to_hex(rgb), 0.5 * place, 0.0, 0.5, 1.0) for place, rgb in enumerate(card.rgb)]
+    spectra = [
+        Curve(at, values, colour=ink, dash=dash, width=1.2, opacity=0.85)
+        for values, dash in zip(card.reflectances, ("-", ":"), strict=True)
+    ]
+    along, up = Axis("", 400.0, 700.0, ticks=(400, 500, 600, 700)), Axis("", 0.0, 1.03, ticks=(0.0, 0.5, 1.0))
+    return Panel([*halves, *spectra], along, up, card.title, grid=False)
+
+
+def draw_cards(cards: Sequence[ColourCard]) -> "Figure":
+    """The cards as one figure, above a line that says what they show."""
+    panels: list[Panel | None] = [describe_card(card) for card in cards]
+    blank = Panel([], bare=True)
+    rows = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
+    rows[-1] += [blank] * (COLUMNS - len(rows[-1]))
     note = (
         f"left over black, right over white (albedo {WHITE:g}), in sunlight; lines: reflectance over the wavelength "
         "[nm], dotted over white, at 8° and without what the surface mirrors"
     )
-    figure.text(0.5, 0.012, note, ha="center", va="bottom", fontsize=8, color=INK)
-    figure.tight_layout(rect=(0.0, 0.035, 1.0, 1.0))
-    return figure
+    picture = Picture(
+        [*rows, [Panel([Words(note, size=8.0)], bare=True)]],
+        WIDTH * COLUMNS,
+        HEIGHT * len(rows) + 0.35,
+        heights=[HEIGHT] * len(rows) + [0.25],
+    )
+    return draw_picture(picture)
