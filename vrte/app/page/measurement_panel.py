@@ -25,7 +25,7 @@ from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Compared, Comparison
 from vrte.app.solving.messages import Fit, Fitted, Refused
 from vrte.basics.errors import SceneError
-from vrte.formats.toml_table import is_number, show_toml
+from vrte.formats.toml_table import is_number
 from vrte.pictures.fit import SCENE, measurement
 
 LOOK_EVERY = 0.1  # seconds between two looks whether something has come
@@ -45,16 +45,12 @@ class MeasurementPanel(LivePanel):
     def lay_out(self, plot: Callable[[], Any]) -> None:
         self.view.setdefault("free", {})
         self.listed: list[FormNumber] = []
-        self.ends: dict[str, tuple[Any, Any, Any]] = {}  # of each number: its value now, from, to
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
         self.back: Any = None  # the button to the values before
-        self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST, on_upload=self.take_upload)
-        self.upload.on_rejected(lambda: self.refuse(TOO_LARGE)).props(f'accept="{",".join(SUFFIXES)}"')
-        self.upload.classes("hidden")
         with ui.row().classes("w-full gap-3 pt-3 items-center"):
             opener = ui.button("Open a measurement", icon="upload_file").props("no-caps outline dense")
-            opener.classes("px-2").on("click", js_handler=f"() => vrte.pick({self.upload.id})")
+            opener.classes("px-2").on("click", js_handler="() => vrte.pick(vrte.upload)")
             self.shown = select([], None, "shown", self.look, 250)
             self.name = ui.label().classes("vrte-note")
         self.message = add_message("vrte-warning w-full mt-2", "status")
@@ -81,62 +77,38 @@ class MeasurementPanel(LivePanel):
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
 
     def _draw_free(self) -> None:
-        """A row for each number of the form; anew where there are others."""
-        before, self.listed = self.listed, list_free_numbers(self.session.content)
-        if [(one.key, one.label) for one in self.listed] != [(one.key, one.label) for one in before] or not self.ends:
-            self.free.clear()
-            with self.free, add_table("vrte-columns", ["may change", "now", "from", "to"]):
-                self.ends = {one.key: self._add_row(one) for one in self.listed}
-        for one in self.listed:
-            now, *fields = self.ends[one.key]
-            now.set_text(write_digits(one.start))
-            for side, field in zip(("low", "high"), fields, strict=True):
-                if side not in self.view["free"].get(one.key, {}):
-                    field.props["placeholder"] = write_digits(getattr(one, side))
-                    field.update()
-
-    def _add_row(self, one: FormNumber) -> tuple[Any, Any, Any]:
-        """A number: whether it may change, its value, from where to where it may go."""
-        given = self.view["free"].get(one.key, {})
-        fields = []
-        with ui.element("tr"):
-            with ui.element("td"):
-                box = ui.checkbox(one.label, value=bool(given.get("free"))).props("dense size=sm").tooltip(one.key)
-                box.on_value_change(partial(self.set_free, one.key, "free"))
-            with ui.element("td"):
-                now = ui.label()
-            for side, words in (("low", "from"), ("high", "to")):
-                with ui.element("td"):
-                    field = ui.input(value=write_field_text(given.get(side)))
-                    field.on_value_change(partial(self.set_free, one.key, side)).without_auto_validation()
-                    field.props("outlined dense hide-bottom-space debounce=120 maxlength=40").classes("vrte-end")
-                    field.props["aria-label"] = f"{one.label}, {words}"
-                    fields.append(field)
-        return now, fields[0], fields[1]
+        """A row for each number of the form: whether it may change, its value, from where to where it may go."""
+        listed = list_free_numbers(self.session.content)
+        if listed == self.listed:
+            return
+        self.listed = listed
+        self.free.clear()
+        with self.free, add_table("vrte-columns", ["may change", "now", "from", "to"]):
+            for one in listed:
+                given = self.view["free"].get(one.key, {})
+                with ui.element("tr"):
+                    with ui.element("td"):
+                        box = ui.checkbox(one.label, value=bool(given.get("free"))).props("dense size=sm")
+                        box.tooltip(one.key).on_value_change(partial(self.set_free, one.key, "free"))
+                    with ui.element("td"):
+                        ui.label(write_digits(one.start))
+                    for side, words in (("low", "from"), ("high", "to")):
+                        with ui.element("td"):
+                            field = ui.input(value=write_field_text(given.get(side))).classes("vrte-end")
+                            field.on_value_change(partial(self.set_free, one.key, side)).without_auto_validation()
+                            field.props("outlined dense hide-bottom-space debounce=120 maxlength=40")
+                            field.props["placeholder"] = write_digits(getattr(one, side))
+                            field.props["aria-label"] = f"{one.label}, {words}"
 
     # what somebody does
 
-    async def take_upload(self, event: Any) -> None:
-        """A file that somebody has chosen."""
-        self.upload.reset()
-        self.take(str(event.file.name), await event.file.read())
-
     def take(self, name: str, data: bytes) -> None:
         """A measurement: it is read aside, and shown beside the scene."""
-        suffix = Path(name).suffix.lower()
-        if suffix not in SUFFIXES:
-            self.refuse(f"{show_toml(name[:60])} is no measurement: the file must end in {' or '.join(SUFFIXES)}")
-        elif len(data) > LARGEST:
-            self.refuse(TOO_LARGE)
-        else:
+        self.view["refused"] = TOO_LARGE if len(data) > LARGEST else ""  # the measurement stays as it was
+        if not self.view["refused"]:
             self.view["kept"] = self.view.pop("kept", self.view.get("measurement"))  # until this one is read
-            self.view |= {"measurement": (name[:100], data, suffix), "refused": ""}
-            self.refresh()
-
-    def refuse(self, why: str) -> None:
-        """What is wrong with a file; the measurement stays as it was."""
-        self.view["refused"] = why
-        self._show()
+            self.view["measurement"] = name[:100], data, Path(name).suffix.lower()
+        self.refresh()
 
     def look(self, shown: Any) -> None:
         """Shows another quantity of the measurement."""

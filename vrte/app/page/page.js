@@ -2,6 +2,7 @@
 window.vrte = {
   // once a page is there: `upload` is the element that takes files
   begin(upload) {
+    this.upload = upload;
     document.documentElement.lang = "en";
     this.take_drops(upload);
     this.remember_focus();

@@ -33,7 +33,6 @@ from vrte.formats.toml_table import is_number
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 GALLERY = Path(__file__).parents[1] / "gallery"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
-LOOK_EVERY = 0.05  # seconds between two looks whether a scene has been read
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
@@ -198,6 +197,8 @@ class Page:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
+        elif isinstance(outcome, Adopted):
+            self.fill(outcome.content, outcome.notes)
         elif isinstance(outcome, Outcome):
             self.session.outcome = outcome
             self.tidy()
@@ -225,7 +226,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                await self.adopt(data)
+                self.session.start_adopting(data)
             elif is_measurement(data, suffix, wanted=self.session.view["tab"] == "measurement"):
                 self.results.tabs.set_value("measurement")
                 self.results.live["measurement"].take(name, data)
@@ -233,16 +234,6 @@ class Page:
                 self.session.start(Read(data, suffix))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
-
-    async def adopt(self, given: bytes | str) -> None:
-        """A stranger's scene into the form, read by a process of its own. Raises SceneError."""
-        job = self.session.adopt(given)
-        while not job.ended:
-            await asyncio.sleep(LOOK_EVERY)
-        if isinstance(job.outcome, Adopted):
-            self.fill(job.outcome.content, job.outcome.notes)
-        elif job is self.session.adopts:  # no newer one came
-            raise SceneError(job.message)
 
     def complain(self, text: str) -> None:
         """Shows what is wrong, where it is seen."""
@@ -300,14 +291,11 @@ class Page:
         text = f"The address of this page carries the scene now. {copied} {others}{without}"
         ui.notify(text, type="info", multi_line=True, close_button=True)
 
-    async def take_link(self, event: Any) -> None:
+    def take_link(self, event: Any) -> None:
         """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
-        text = event.args
-        if not isinstance(text, str) or text == self.session.view.get("link"):
-            return
-        self.session.view["link"] = text
-        with report_errors(lambda why: self.complain(f"the scene in this address: {why}")):
-            await self.adopt(text)
+        if isinstance(event.args, str) and event.args != self.session.view.get("link"):
+            self.session.view["link"] = event.args
+            self.session.start_adopting(event.args)
 
     def picture(self) -> None:
         """What the figure of the open tab looks like now, drawn by the browser."""

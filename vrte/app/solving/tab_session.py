@@ -26,9 +26,9 @@ class TabSession:
     ``outcome`` and the job that it was ``taken`` of; ``view``, what it looks at, and how many ``pages`` look; the first
     field that is ``wrong``: its message, and its place.
 
-    ``said`` is of parts that are made from files, of which ``looked`` is the one that a job ``looks`` at; ``adopts``
-    reads a stranger's scene; ``live`` answers what the scene looks like, ``beside`` what it shows beside a measurement,
-    to which a job ``fits`` it; ``fitted`` is what that found."""
+    ``said`` is of parts that are made from files, of which ``looked`` is the one that a job ``looks`` at; ``live``
+    answers what the scene looks like, ``beside`` what it shows beside a measurement, to which a job ``fits`` it;
+    ``fitted`` is what that found."""
 
     content: Content
     uploads: Uploads = field(default_factory=Uploads)
@@ -40,7 +40,6 @@ class TabSession:
     taken: Job | None = None
     said: dict[str, Said] = field(default_factory=dict)
     looks: Job | None = None
-    adopts: Job | None = None
     live: LiveQuery = field(default_factory=LiveQuery)
     beside: LiveQuery = field(default_factory=LiveQuery)
     fits: Job | None = None
@@ -57,11 +56,9 @@ class TabSession:
         self.cancel()
         self.job = Job(task or Solve(copy.deepcopy(self.content), self.uploads.folder))
 
-    def adopt(self, given: bytes | str) -> Job:
-        """Starts to read a scene from a file's bytes or a link's text, in place of the one that is being read."""
-        end(self.adopts)
-        self.adopts = Job(Adopt(given, self.uploads.folder, self.uploads.names))
-        return self.adopts
+    def start_adopting(self, given: bytes | str) -> None:
+        """Starts to read a scene from a file's bytes or a link's text, in place of the job that runs."""
+        self.start(Adopt(given, self.uploads.folder, self.uploads.names))
 
     def cancel(self) -> None:
         """Ends the job that runs."""
@@ -95,8 +92,8 @@ class TabSession:
 
     def rest(self) -> None:
         """Ends what nobody waits for."""
-        for job in (self.job, self.adopts, self.fits):
-            end(job)
+        end(self.job)
+        end(self.fits)
         self.live.close()
         self.beside.close()
 
