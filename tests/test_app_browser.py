@@ -536,7 +536,7 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
 
 @pytest.mark.slow
 def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> None:
-    """On a phone, too, in the dark, and by keys."""
+    """On a phone, too, in the dark, and by keys; what is of another setting is grey, and says so."""
     tab = open_tab(size=(390, 844), color_scheme="dark")
     tab.page.get_by_role("tab", name="Appearance").click()
     tab.says("Layer 1 has an optical thickness")
@@ -544,19 +544,31 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
         box = one.bounding_box()
         assert (box["x"] >= 0.0, box["x"] + box["width"] <= 390.0) == (True, True)
     tab.begin_with("White gloss paint")
+    tab.page.get_by_text(re.compile("^Solved: ")).wait_for(state="hidden")  # that was of another scene
     tab.wait_for_figure()
     swatch, slider = (tab.page.locator(one).first.bounding_box() for one in (".vrte-drawdown", ".vrte-bars .q-slider"))
     assert swatch["y"] + swatch["height"] < slider["y"] < 844 - 96  # both are seen at once
     tab.waits_for(SETTLED)
+    tab.says(re.compile(r"^hiding thickness [\d.]+ µm"))
+    tab.says(re.compile(r"^gloss 20°/60°/85°: [\d.]+ / [\d.]+ / [\d.]+ GU"))
+    mark = tab.page.get_by_text("for the previous setting", exact=True)
+    mark.wait_for(state="hidden")
     assert tab.value("thickness [µm]") == "60"
     assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
     swatches = tab.page.get_by_role("img", name=re.compile("^colour over (black|white): #[0-9a-f]{6}$"))
     before = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
     tab.button("Compare with this from now on").click()
     tab.says("ΔE2000 from before: over black 0.00")
+    tab.waits_for("!document.querySelector('.vrte-old')")
+    tab.page.evaluate(WATCH)
     tab.slide("thickness [µm]", 0.3)
     tab.waits_for("before => document.querySelector('.vrte-drawdown > div').ariaLabel != before", before[0])
     tab.waits_for(SETTLED)
+    mark.wait_for(state="hidden")
+    seen = tab.page.evaluate("window.seen")
+    assert any(grey for _, grey in seen)
+    assert all(grey for colour, grey in seen if colour == before[0])  # never the old colour at full strength
+    assert seen[-1][1] is False
     thickness = float(tab.value("thickness [µm]"))
     assert 3.0 < thickness < 10.0  # the slider is the form's field
     after = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
@@ -748,31 +760,6 @@ def test_everything_can_be_read_and_has_a_name(open_tab: Callable[..., Tab], sch
     assert tab.value("median diameter [µm]") == "0.2"
     assert tab.value("refractive index of its medium") == "alkyd"
     tab.waits_for("!document.querySelector('.vrte-go').disabled")
-
-
-@pytest.mark.slow
-def test_what_is_of_another_setting_is_grey_and_says_so(tab: Tab) -> None:
-    tab.wait_for_figure()
-    tab.says(re.compile("^Solved: reflectance 0"))
-    tab.page.get_by_role("tab", name="Appearance").click()
-    tab.begin_with("White gloss paint")
-    tab.page.get_by_text(re.compile("^Solved: ")).wait_for(state="hidden")  # that was of another scene
-    tab.wait_for_figure()
-    tab.says(re.compile(r"^hiding thickness [\d.]+ µm"))
-    tab.says(re.compile(r"^gloss 20°/60°/85°: [\d.]+ / [\d.]+ / [\d.]+ GU"))
-    mark = tab.page.get_by_text("for the previous setting", exact=True)
-    mark.wait_for(state="hidden")
-    ends = "document.querySelector('.vrte-drawdown > div').ariaLabel"
-    before = tab.page.evaluate(ends)
-    tab.page.evaluate(WATCH)
-    tab.slide("median diameter [µm]", 0.2)
-    tab.waits_for(f"before => {ends} != before", before)
-    tab.waits_for(SETTLED)
-    mark.wait_for(state="hidden")
-    seen = tab.page.evaluate("window.seen")
-    assert any(grey for _, grey in seen)
-    assert all(grey for colour, grey in seen if colour == before)  # never the old colour at full strength
-    assert seen[-1][1] is False
 
 
 # after every change of the page, once a slider has moved: the first swatch's colour, and whether it is grey

@@ -259,12 +259,6 @@ def refused(told: pytest.CaptureFixture[str], *arguments: str) -> str:
     return said
 
 
-def test_other_machines_only_where_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
-    for host in ("0.0.0.0", "::"):
-        told = f"--host {host} lets other machines reach the viewer: say that too, --open-to-network"
-        assert refused(capfd, "--host", host) == f"vrte: error: {told} (docs/how_to/viewer.md)\n"
-
-
 @pytest.mark.slow
 def test_what_it_means_to_let_others_in_is_printed() -> None:
     process = started("--host", "0.0.0.0", "--open-to-network")
@@ -331,34 +325,32 @@ def test_the_address_is_on_no_command_line() -> None:
     assert not page.parent.exists()
 
 
-def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        told = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
-        assert refused(capsys, "--port", str(port)).startswith(told)
-        with bind_socket("127.0.0.1", 0) as free:
-            assert free.getsockname()[1] != port
-
-
-def test_a_host_that_is_none_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    told = "cannot listen on port 8765 of 192.0.2.1"
-    assert told in refused(capsys, "--host", "192.0.2.1", "--open-to-network")
-
-
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("arguments", "text", "words"),
     [
-        ("gone.toml", None, "No such file"),
-        ("bad.toml", "layer = 3\n[brdf]\nmu_i = 1\nmu_o = 1", "layer = 3: must be tables"),
-        ("bad.nc", "text", "is not a NetCDF file"),
-        ("bad.csv", "text", "bad.csv"),
+        (("gone.toml",), None, "No such file"),
+        (("bad.toml",), "layer = 3\n[brdf]\nmu_i = 1\nmu_o = 1", "layer = 3: must be tables"),
+        (("bad.nc",), "text", "is not a NetCDF file"),
+        (("bad.csv",), "text", "bad.csv"),
+        (("--host", "192.0.2.1", "--open-to-network"), None, "cannot listen on port 8765 of 192.0.2.1"),
+        *(
+            (("--host", host), None, f"{host} lets other machines reach the viewer: say that too, --open-to-network")
+            for host in ("0.0.0.0", "::")
+        ),
     ],
 )
-def test_a_file_that_is_none_is_told_before_a_page_opens(
-    name: str, text: str | None, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_cannot_be_served_is_one_sentence(
+    arguments: tuple[str, ...], text: str | None, words: str, tmp_path: Path, monkeypatch: Any, capfd: Any
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     if text is not None:
-        (tmp_path / name).write_text(text)
-    assert words in refused(capsys, str(tmp_path / name))
+        Path(arguments[0]).write_text(text)
+    assert words in refused(capfd, *arguments)
+
+
+def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    with bind_socket("127.0.0.1", 0) as taken, bind_socket("127.0.0.1", 0) as free:
+        port = taken.getsockname()[1]
+        assert free.getsockname()[1] != port
+        told = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
+        assert refused(capsys, "--port", str(port)).startswith(told)
