@@ -21,7 +21,7 @@ from vrte.app.form.fields import get_value
 from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.solving import worker_process
-from vrte.app.solving.appearance import Appeared, Question, Studio, Viewing
+from vrte.app.solving.appearance import AppearanceAnswerer, Appeared, Question, Viewing
 from vrte.app.solving.messages import Refused
 from vrte.app.solving.page_files import make_colours_download
 from vrte.app.solving.tab_session import TabSessions
@@ -69,7 +69,7 @@ def ask(live: LiveQuery, content: dict[str, Any], *how: Any) -> Any:
     return live.answer
 
 
-def work(studio: Studio, content: dict[str, Any], viewing: Viewing = SEEN, newer: int = 9) -> list[Any]:
+def work(studio: AppearanceAnswerer, content: dict[str, Any], viewing: Viewing = SEEN, newer: int = 9) -> list[Any]:
     """What is told of a scene in this process; there is a newer question after so many answers."""
     told: list[Any] = []
     told.append(explain_failure(studio.answer, Question(content, Path(), viewing),
@@ -92,10 +92,10 @@ def test_the_numbers_are_those_of_the_library(shared: LiveQuery) -> None:
     white = panel.put_over(vrte.Lambertian(0.9))
     solved = [one.solve(np.cos(np.radians([45.0, 8.0]))) for one in (panel.put_over(None), white)]
     seen = [np.pi * one.mueller[:, 0, 0, 0, 0, 0] for one in solved]
-    assert_close(found.shares.over_black, seen[0], rtol=0.0, atol=1e-4)
-    assert_close(found.shares.over_white, seen[1], rtol=0.0, atol=1e-4)
-    assert found.shares.wavelength_um.size == 16
-    shares = found.shares
+    assert_close(found.spectra.over_black, seen[0], rtol=0.0, atol=1e-4)
+    assert_close(found.spectra.over_white, seen[1], rtol=0.0, atol=1e-4)
+    assert found.spectra.wavelength_um.size == 16
+    shares = found.spectra
     colours = [find_colour(shares.wavelength_um, one, "A", 2) for one in (shares.over_black, shares.over_white)]
     assert (found.black.hex, found.white.hex) == (colours[0].hex, colours[1].hex)
     assert found.white.numbers["b"] == close_to(colours[1].b, rtol=1e-9, atol=0.0)
@@ -103,23 +103,23 @@ def test_the_numbers_are_those_of_the_library(shared: LiveQuery) -> None:
     assert found.apart == close_to(find_difference(*colours), rtol=1e-9, atol=0.0)
     assert 0.1 < found.contrast < 0.9
 
-    other = ask(shared, DUST, Viewing("A", 2, "8:di", 0.9), found.shares)
-    assert_close(other.shares.over_white, solved[1].total_reflectance[:, 1], rtol=0.0, atol=1e-4)
+    other = ask(shared, DUST, Viewing("A", 2, "8:di", 0.9), found.spectra)
+    assert_close(other.spectra.over_white, solved[1].total_reflectance[:, 1], rtol=0.0, atol=1e-4)
     assert other.changed is not None
-    now = find_colour(other.shares.wavelength_um, other.shares.over_white, "A", 2)
+    now = find_colour(other.spectra.wavelength_um, other.spectra.over_white, "A", 2)
     assert other.changed[1] == close_to(find_difference(now, colours[1]), rtol=1e-9, atol=0.0)
     assert other.before == (found.black, found.white)
 
 
 def test_coarse_colours_come_first_and_gloss_and_hiding_last() -> None:
-    studio = Studio()
+    studio = AppearanceAnswerer()
     studio.pace = 1.0  # seconds a wavelength: as on a slow machine
     coarse, colours, final = work(studio, DUST, Viewing(white=0.9))
     flags = [(one.coarse, one.follows) for one in (coarse, colours, final)]
     assert flags == [(True, True), (False, True), (False, False)]
-    assert (colours.shares, colours.black, colours.readings) == (final.shares, final.black, ())
+    assert (colours.spectra, colours.black, colours.readings) == (final.spectra, final.black, ())
     assert math.dist(*([one.white.numbers[name] for name in "Lab"] for one in (coarse, final))) < 1.0
-    assert not np.array_equal(coarse.shares.over_black, final.shares.over_black)
+    assert not np.array_equal(coarse.spectra.over_black, final.spectra.over_black)
     assert final.why_none == ()
     found = {(one.quantity, one.geometry): one.value for one in final.readings}
     panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, accuracy=1e-4)
@@ -148,17 +148,17 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(share
     values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
     assert values["L over white", ""] == found.white.numbers["L"]
     assert values["contrast ratio", ""] == found.contrast
-    at, share = float(found.shares.wavelength_um[3]), found.shares.over_black[3]
+    at, share = float(found.spectra.wavelength_um[3]), found.spectra.over_black[3]
     assert values["reflectance factor over black", repr(at)] == share
     assert sum(row["quantity"] == "gloss" for row in rows) == 3
     for live, content in ((shared, thicken(2.0)), (LiveQuery(), DUST)):
         with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
             make_colours_download(live, content)
-    figure = figures.spectra(found.shares, found.shares, "45:0")
+    figure = figures.spectra(found.spectra, found.spectra, "45:0")
     names = [trace.name for trace in figure.data]
     assert names == ["over black", "over white", "over black, before", "over white, before"]
-    assert_close(figure.data[0].y, found.shares.over_black, rtol=1e-6, atol=0.0)
-    assert_close(figure.data[0].x, found.shares.wavelength_um, rtol=1e-6, atol=0.0)
+    assert_close(figure.data[0].y, found.spectra.over_black, rtol=1e-6, atol=0.0)
+    assert_close(figure.data[0].x, found.spectra.wavelength_um, rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_the_newest_position_of_a_slider_wins(shared: LiveQuery) -> None:
     seen = set()
     for step in range(60):
         shared.ask(Question(thicken(3.0 + 0.1 * step), Path()))
-        seen.add(id(shared.answer.shares))
+        seen.add(id(shared.answer.spectra))
     last = ask(shared, thicken(8.9))  # asked last already
     assert shared.answered is shared.asked
     assert len(seen) < 30  # the others were passed over
@@ -260,9 +260,9 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> 
 def test_what_is_missing_is_said() -> None:
     assert "optical thickness" in explain_missing(START)
     assert "No layer here holds particles" in explain_missing({"layer": [{"phase": "rayleigh", "thickness": 1.0}]})
-    endless = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
-    assert explain_missing(endless) == ""
-    final = work(Studio(), endless)[-1]
+    semi_infinite = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
+    assert explain_missing(semi_infinite) == ""
+    final = work(AppearanceAnswerer(), semi_infinite)[-1]
     assert final.readings == ()
     assert [text.partition(":")[0] for text in final.why_none] == ["no gloss", "no hiding thickness"]
     assert "needs a surface" in final.why_none[0]

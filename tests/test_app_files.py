@@ -14,7 +14,7 @@ from tests.test_app_solving import ended
 from vrte.app.form import content as form
 from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content, set_base
-from vrte.app.form.files import adopt_and_tell
+from vrte.app.form.files import adopt_with_notes
 from vrte.app.solving import page_files as limits
 from vrte.app.solving.messages import Outcome, Solve
 from vrte.app.solving.page_files import (
@@ -147,7 +147,7 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_told(uploads: Uploads
     session.content["layer"][1]["phase"] = uploads.add("fog.csv", COEFFICIENTS, CSV, 1000)
     assert session.find_problems() == {("layer", 1, "phase"): f"layer 2: table of coefficients: {WAITS}"}
     assert looked(session) == {}
-    (said,) = session.said.values()
+    (said,) = session.parts_read.values()
     assert said.words == read_coefficients(uploads.folder / "fog.csv").in_words
     wrong = COEFFICIENTS.replace(b"0.3", b"4")
     session.content["layer"][1]["phase"] = uploads.add("fog.csv", wrong, CSV, 1000)
@@ -184,23 +184,23 @@ def test_a_process_that_dies_of_a_file_is_a_sentence(uploads: Uploads, monkeypat
 
 def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
     given = {**START, "layer": [{"phase": "../fog.csv", "albedo": 1, "thickness": 1, "tolerance": 0.1}]}
-    content, told = adopt_and_tell(given)
+    content, told = adopt_with_notes(given)
     assert content["layer"] == given["layer"]
     assert told == ('"../fog.csv" is not here: put it in where the form asks for it',)
     assert list(TabSession(content).find_problems()) == [("layer", 0, "phase")]
     with pytest.raises(vrte.SceneError, match="nodes"):
-        adopt_and_tell({**given, "nodes": 0})
+        adopt_with_notes({**given, "nodes": 0})
 
 
 @pytest.mark.slow
 def test_an_opened_scene_has_what_it_names_looked_at_aside(uploads: Uploads) -> None:
     """What a page brings is read by the server's process nowhere, if it is more than lines of text."""
     uploads.add("fog.csv", COEFFICIENTS.replace(b"0.3", b"4"), CSV, 1000)
-    content, told = adopt_and_tell(FOG, uploads.folder, uploads.names, True)
+    content, told = adopt_with_notes(FOG, uploads.folder, uploads.names, True)
     assert (content["layer"], told) == (FOG["layer"], ())
     assert "phase" in str(looked(TabSession(content, uploads)))
     with pytest.raises(vrte.SceneError, match=r"fog\.csv"):
-        adopt_and_tell(FOG, uploads.folder, uploads.names)  # as `vrte view` begins
+        adopt_with_notes(FOG, uploads.folder, uploads.names)  # as `vrte view` begins
 
 
 def test_indices_and_sizes_are_read_where_they_are_named(uploads: Uploads) -> None:

@@ -16,7 +16,7 @@ import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
 from vrte.app.form.fields import find_field, list_places, parse_field_text, write_field_text
-from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, begin_with_material, write_content
+from vrte.app.form.files import MOST_OF_AXIS, adopt_content, adopt_with_notes, begin_with_material, write_content
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
@@ -411,7 +411,7 @@ def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
 @pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
 def test_every_gallery_scene_opens_and_what_it_lacks_is_told(path: Path) -> None:
     given = read_content(path)
-    content, told = adopt_and_tell(given)
+    content, told = adopt_with_notes(given)
     assert problems(content) == {}
     assert len(form.list_page_wavelengths(content)) >= 7
     assert [text.split()[0] for text in told] == ["[brdf]", "wavelength_um"]
@@ -424,11 +424,11 @@ def test_sweeps_open_with_the_wavelengths_that_a_page_shows() -> None:
         ("gold_table", ["axes.wavelength_um: 10 of its 28 wavelengths are taken", f"axes: radius_um {others}"]),
         ("rutile_spectrum", ["axes.wavelength_um: 10 of its 55 wavelengths are taken"]),
     ):
-        content, told = adopt_and_tell(read_content(EXAMPLES / f"{name}.toml"))
+        content, told = adopt_with_notes(read_content(EXAMPLES / f"{name}.toml"))
         assert ("axes" in content, len(form.list_page_wavelengths(content)), [*told]) == (False, MOST_OF_AXIS, expected)
-    content, told = adopt_and_tell(fresh(axes={"wavelength_um": [0.5, 0.6]}))
+    content, told = adopt_with_notes(fresh(axes={"wavelength_um": [0.5, 0.6]}))
     assert (content["wavelength_um"], told) == ([0.5, 0.6], ())
-    _, told = adopt_and_tell(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
+    _, told = adopt_with_notes(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
     assert told == (f"axes: depth {others}",)
 
 

@@ -11,7 +11,7 @@ import pytest
 import vrte
 from tests.test_app_solving import until
 from vrte.app.form.content import START, Content
-from vrte.app.form.numbers import list_free_numbers, put_values, write_shares_out
+from vrte.app.form.numbers import list_free_numbers, put_values, write_fractions
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import (
@@ -178,7 +178,7 @@ def test_the_form_offers_its_numbers_and_takes_values() -> None:
         "base.albedo",
     ]
     assert all(one.low <= one.start <= one.high and one.low < one.high and one.label for one in listed)
-    assert write_shares_out(content)["layer"][1]["volume_fraction"] == 0.15
+    assert write_fractions(content)["layer"][1]["volume_fraction"] == 0.15
     taken = put_values(content, {("particles", "dust", "index", 1): 0.0123456789, ("layer", 1, "volume_fraction"): 0.2})
     assert taken["particles"]["dust"]["index"] == [1.5, 0.0123457]
     assert taken["layer"][1]["volume_fraction"] == 0.2

@@ -9,7 +9,7 @@ import pytest
 
 import vrte
 from vrte import SceneError, cli
-from vrte.app.form.files import adopt_and_tell
+from vrte.app.form.files import adopt_with_notes
 from vrte.commands import materials as commands
 from vrte.formats.materials import KEYS, expand_materials, find_material, list_materials
 from vrte.formats.named import find_known_wavelengths, find_named_tables
@@ -180,7 +180,7 @@ def test_spectra_and_sweeps_take_it(tmp_path: Path) -> None:
 
 
 def test_the_page_shows_its_particles_one_by_one() -> None:
-    content, told = adopt_and_tell(of("hematite in acrylic", None))
+    content, told = adopt_with_notes(of("hematite in acrylic", None))
     assert "wavelength_um is missing" in told[0]
     assert list(content["particles"]) == ["hematite in acrylic: hematite"]
     assert "material" not in content["layer"][0]
@@ -188,7 +188,7 @@ def test_the_page_shows_its_particles_one_by_one() -> None:
 
 def test_a_stranger_names_no_material_of_the_machine() -> None:
     with pytest.raises(SceneError, match="reads no files of the machine"):
-        adopt_and_tell(of("/etc/own.toml"))
+        adopt_with_notes(of("/etc/own.toml"))
 
 
 # ---- what is wrong

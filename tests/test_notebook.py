@@ -140,7 +140,7 @@ def test_parts_of_a_scene_describe_themselves_in_three_lines_and_in_a_table() ->
         vrte.Layer(vrte.rayleigh(), 1.0, 2.0),
     ]
     three = vrte.Scene(layers, vrte.Lambertian(0.2))
-    endless = vrte.Scene(vrte.Layer(vrte.rayleigh(), 1.0, np.inf))
+    semi_infinite = vrte.Scene(vrte.Layer(vrte.rayleigh(), 1.0, np.inf))
     for part, pattern in (
         (particles, r"Particles: spheres, Monodisperse\(radius_um=0.6\), at 0.64 um, index 0.19 \+ 3.5i \(given\)\n"
                     r".*albedo 0\.\d+, g 0\.\d+, \d+ terms, polarizing\n  extinction \d"),
@@ -148,7 +148,7 @@ def test_parts_of_a_scene_describe_themselves_in_three_lines_and_in_a_table() ->
         (layers[0], r"Layer\(optical thickness 3, albedo 0\."),
         (three, r"Scene: 3 layers, optical thickness 6, base Lambertian\(albedo=0.2\)\n  top: optical thickness 3, .*\n"
                 r"  bottom: optical thickness 2, albedo 1, g 0, 3 terms, polarizing \(1 more above\)$"),
-        (endless, r"Scene: 1 layer, optical thickness inf, base black, which no light reaches\n"),
+        (semi_infinite, r"Scene: 1 layer, optical thickness inf, base black, which no light reaches\n"),
     ):  # fmt: skip
         assert re.match(pattern, repr(part))
         assert repr(part).count("\n") <= 2

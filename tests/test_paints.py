@@ -10,7 +10,7 @@ import pytest
 
 import vrte
 from vrte import SceneError
-from vrte.app.form.files import adopt_and_tell
+from vrte.app.form.files import adopt_with_notes
 from vrte.formats.materials import WORDS, list_materials
 from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.named import list_materials as list_substances
@@ -218,12 +218,12 @@ def test_a_smooth_paint_has_no_facets_to_change_and_shadows_can_be_left_out() ->
 
 
 def test_the_viewer_takes_it_apart() -> None:
-    content, told = adopt_and_tell({key: value for key, value in of().items() if key == "paint"})
+    content, told = adopt_with_notes({key: value for key, value in of().items() if key == "paint"})
     assert "paint" not in content
     assert list(content["particles"]) == ["rutile"]
     assert content["layer"][1]["thickness_um"] == 60.0
     assert any("wavelength_um is missing" in one for one in told)
-    _, told = adopt_and_tell(of(binder="/etc/own.csv"))  # which nobody reads
+    _, told = adopt_with_notes(of(binder="/etc/own.csv"))  # which nobody reads
     assert any('"/etc/own.csv" is not here' in one for one in told)
 
 
@@ -235,7 +235,7 @@ def test_an_example_is_read_by_every_command(name: str) -> None:
     assert made.scene.layers[0].thickness > 20.0
     materials, _ = setting.read([path], None)
     assert materials[0].coloured
-    adopt_and_tell(content)
+    adopt_with_notes(content)
     written = {**expand_content(content), "wavelength_um": 0.55}
     assert written["layer"] == expand_paint(content)["layer"]
     assert make_scene_file(written, "brdf").scene.layers[0].thickness == made.scene.layers[0].thickness

@@ -44,9 +44,9 @@ def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
     moved = panel.make_as_thick(20.0).put_over(vrte.Lambertian(0.8))
     assert moved.length_um == 20.0
     assert_close(moved.solve(0.7).reflectance, other.solve(0.7).reflectance, rtol=0.0, atol=1e-13)
-    endless = panel.make_as_thick(math.inf)
-    assert endless.length_um == math.inf
-    assert_close(endless.solve(0.7).reflectance, 1.0, rtol=0.0, atol=1e-8)  # nothing absorbs
+    semi_infinite = panel.make_as_thick(math.inf)
+    assert semi_infinite.length_um == math.inf
+    assert_close(semi_infinite.solve(0.7).reflectance, 1.0, rtol=0.0, atol=1e-8)  # nothing absorbs
     with pytest.raises(vrte.SceneError, match="is given by its optical thickness: give it a thickness_um"):
         make_panel({"layer": [FILM]}, TWO).make_as_thick(3.0)
     with pytest.raises(vrte.SceneError, match="semi-infinite, and can be made no thicker"):

@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
 
 def make_first_sessions(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result."""
-    from vrte.app.form.files import adopt_and_tell
+    from vrte.app.form.files import adopt_with_notes
     from vrte.app.solving.solve import make_outcome
     from vrte.app.solving.tab_session import TabSessions
     from vrte.formats import load
@@ -61,7 +61,7 @@ def make_first_sessions(path: Path | None) -> Any:
     try:
         if path.suffix.lower() == ".toml":
             content = read_content(path)
-            content, told = adopt_and_tell(content, path.parent, frozenset(find_named_tables(content).values()))
+            content, told = adopt_with_notes(content, path.parent, frozenset(find_named_tables(content).values()))
             for text in told:
                 print(f"vrte view: {text}", file=sys.stderr)
             return TabSessions(content, path.parent)

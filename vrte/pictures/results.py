@@ -382,7 +382,7 @@ def reflectance(found: Any, wavelength_um: Sequence[float], place: int) -> Any:
 
 def spectra(found: Any, before: Any, geometry: str) -> Any:
     """Reflectance factors over black and over white against the wavelength, and thinner those of ``before``; both are
-    `vrte.app.solving.appearance.Shares`. Raises MissingExtraError without Plotly."""
+    `vrte.app.solving.appearance.CardSpectra`. Raises MissingExtraError without Plotly."""
     parts = [
         Curve(shares.wavelength_um, curve, name if now else f"{name}, before", colour, dash if now else ":",
               opacity=1.0 if now else 0.6, hover=f"{name}<br>%{{x:.4g}} µm: %{{y:.4f}}")

@@ -30,7 +30,7 @@ PLAIN_BASE: Content = {"kind": "lambertian", "albedo": 0.5}
 
 
 @dataclass(frozen=True)
-class Said:
+class PartRead:
     """A part that was made from a file, described in ``words``, or a ``message`` about what is wrong at a place."""
 
     words: str = ""
@@ -93,20 +93,20 @@ def find_problems(
     content: Content,
     folder: Path = Path(),
     tables: frozenset[str] = frozenset(),
-    said: Mapping[str, Said] | None = None,
+    parts_read: Mapping[str, PartRead] | None = None,
 ) -> dict[Place, str]:
     """Messages of the library by the place that they are about, () for none; empty where all is well.
 
-    A field that is wrong is replaced in a copy by what is right, and the check goes on. ``said``: what is known of
+    A field that is wrong is replaced in a copy by what is right, and the check goes on. ``parts_read``: the known
     parts that are made from files, by `name_part`; None: they are read here.
 
     >>> from vrte.app.form.content import START
     >>> list(find_problems(START | {"nodes": 10**6, "wavelength_um": -1}))
     [('nodes',), ('wavelength_um',)]
     """
-    parts = list(dict.fromkeys(list_parts(content, tables))) if said is not None else []
-    waits = {place: Said(message=f"{show_place(place)}: {WAITS}", place=place) for place in parts}
-    read = [(said or {}).get(name_part(content, place), waits[place]) for place in parts]
+    parts = list(dict.fromkeys(list_parts(content, tables))) if parts_read is not None else []
+    waits = {place: PartRead(message=f"{show_place(place)}: {WAITS}", place=place) for place in parts}
+    read = [(parts_read or {}).get(name_part(content, place), waits[place]) for place in parts]
     found = {one.place: one.message for one in read if one.message}
     repaired: set[Place] = set()
     trial = replace_parts(content, parts)
@@ -120,7 +120,7 @@ def find_problems(
             place[:-1] and not find_field(place, trial).label and find_field(place[:-1], trial).label
         ):  # start, stop or count of a range
             place = place[:-1]
-        if not any(one[: len(place)] == place for one in found):  # what is wrong with a part of it is said already
+        if not any(one[: len(place)] == place for one in found):  # what is wrong with a part of it is found already
             found[place] = message
         if not place or find_card(place) in repaired:
             break
@@ -161,7 +161,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
     if isinstance(layers, list):
         content = {**content, "layer": [keep_one_term(layer) for layer in layers]}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # they are told with the result
+        warnings.simplefilter("ignore", UserWarning)  # they come with the result
         # tables are ranges: the first and the last wavelength will do
         for wavelength, kind in product(dict.fromkeys((wavelengths[0], wavelengths[-1])), ("brdf", "field")):
             if kind == "brdf" or kind in content:
@@ -200,8 +200,8 @@ def check_amount(content: Content) -> None:
         for key in ("mu0", ANGLES["mu0"]):
             if kind == "field" and form.count_of(table.get(key)) > 1:
                 raise SceneError(f"field.{key}: the page shows one beam; `vrte field` takes more", kind, key)
-        said = [ANGLES[key] if ANGLES.get(key) in table else key for key in keys]
-        counts = {key: form.count_of(table.get(key, 0.0)) for key in said}
+        names = [ANGLES[key] if ANGLES.get(key) in table else key for key in keys]
+        counts = {key: form.count_of(table.get(key, 0.0)) for key in names}
         for key, count in counts.items():
             if count > MOST_DIRECTIONS:
                 words = f"the page takes at most {MOST_DIRECTIONS} of them, not {count:.3g}"

@@ -27,7 +27,7 @@ Content = dict[str, Any]
 
 MOST_WAVELENGTHS = 40  # that a page shows
 HUGE = 10**9
-DEEPEST = 10.0  # optical depth down to which the field is shown where nothing is said
+DEEPEST = 10.0  # optical depth down to which the field is shown where none is given
 
 START: Content = {
     "wavelength_um": 0.64,
@@ -136,7 +136,7 @@ def select_wavelength(content: Content, wavelength: float) -> Content:
 
 
 def choose_keywords(file: SceneFile) -> Content:
-    """The keywords of `vrte.brdf` or `vrte.radiance`; the depths of a field where nothing is said: five, evenly."""
+    """The keywords of `vrte.brdf` or `vrte.radiance`; the depths of a field where none is given: five, evenly."""
     found = file.keywords({})
     if file.kind == "field" and "tau" not in found:
         bottom = min(file.scene.thickness, DEEPEST)
@@ -275,9 +275,9 @@ def set_size_mode(kind: Content, mode: str) -> None:
     before = get_size_mode(kind)
     if mode == before:
         return
-    told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
+    given = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
     kind.update(copy.deepcopy(SIZE_MODES[mode][1]))
-    size: Any = told.get(f"{before}_um")
+    size: Any = given.get(f"{before}_um")
     if mode in ("radius", "diameter") and is_number(size):
         kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
 

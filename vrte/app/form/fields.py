@@ -162,7 +162,7 @@ KEY = r'(?:\.(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"))'
 KEYS = re.compile(
     rf"(?<![\w.'\"\[])(?:layer\[\d+\]{KEY}*|(?:particles|base|brdf|field){KEY}+|wavelength_um\b{KEY}*|host_index\b)"
 )
-FIRST = re.compile(r"(?:nodes|accuracy)\b")  # words that are also said otherwise
+FIRST = re.compile(r"(?:nodes|accuracy)\b")  # words that also have another meaning
 STEP = re.compile(r'\[(\d+)\]|"((?:[^"\\]|\\.)*)"|[A-Za-z0-9_-]+')
 HALF = re.compile(r"half of it, \w+ must")  # of a diameter: the argument is a radius
 WAVELENGTHS = "wavelengths [µm]: one, several with commas, or start:stop:count"

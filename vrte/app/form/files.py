@@ -29,10 +29,10 @@ LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
 
 def adopt_content(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
     """The content of a file, checked, with what a form needs besides. Raises SceneError."""
-    return adopt_and_tell(content, folder, tables)[0]
+    return adopt_with_notes(content, folder, tables)[0]
 
 
-def adopt_and_tell(
+def adopt_with_notes(
     content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset(), aside: bool = False
 ) -> tuple[Content, tuple[str, ...]]:
     """The same, and a sentence for each part that the file did not have, or that the page cannot show.
@@ -43,7 +43,7 @@ def adopt_and_tell(
     found = expand_paint(copy.deepcopy(content))
     if "base" in found:  # which may be bare: the form shows a layer that light does not notice
         found.setdefault("layer", [{"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}])
-    told = (*remove_axes(found), *add_defaults(found))
+    notes = (*remove_axes(found), *add_defaults(found))
     trial = replace_parts(found, list(list_parts(found, tables)) if aside else ())
     missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}
     asked_for = {place: name for place, name in missing.items() if find_field(place, found).label}
@@ -51,13 +51,15 @@ def adopt_and_tell(
         repair_field(trial, find_card(place))
     check(trial, folder, tables)
     found = expand_materials(found, folder)  # the form shows particles, one by one
-    told += tuple(f"{show_toml(name)} is not here: put it in where the form asks for it" for name in asked_for.values())
+    notes += tuple(
+        f"{show_toml(name)} is not here: put it in where the form asks for it" for name in asked_for.values()
+    )
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
         named = layer.get("phase")
         if isinstance(named, str) and named in PHASES:
             layer["phase"] = PHASES[named].start or named  # the same, with fields for what it begins with
-    return found, told
+    return found, notes
 
 
 def begin_with_material(material: ReadyMaterial | ReadyPaint) -> tuple[Content, tuple[str, ...]]:

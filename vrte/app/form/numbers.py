@@ -137,8 +137,8 @@ def suggest_limits(place: Place, value: float) -> tuple[float, float]:
     return min(low, value), max(high, value)
 
 
-def write_shares_out(content: Content) -> Content:
-    """The same content with shares in per cent as numbers, which alone a fit can change."""
+def write_fractions(content: Content) -> Content:
+    """The same content with fractions in per cent as numbers, which alone a fit can change."""
     found = copy.deepcopy(content)
     for free in list_free_numbers(content):
         if isinstance(get_value(content, free.place), str):

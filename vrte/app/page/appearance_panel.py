@@ -62,7 +62,7 @@ class AppearancePanel(LivePanel):
             self.status = ui.label().classes("vrte-note")
             self.stop = ui.button("Stop", icon="stop", on_click=self.end)
             self.stop.props("flat dense no-caps size=sm color=negative")
-        self.told = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
+        self.spoken = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
         with ui.column().classes("w-full gap-2 no-wrap pb-4 vrte-below") as self.answer:
             self.gaps, self.notes = add_message("vrte-note"), add_message("vrte-warning w-full")
             with ui.element("div").classes("vrte-look"):
@@ -121,7 +121,7 @@ class AppearancePanel(LivePanel):
         """Later colours are compared with those that are shown."""
         answer = self.session.live.answer
         if isinstance(answer, Appeared):
-            self.view["before"] = answer.shares
+            self.view["before"] = answer.spectra
             self.refresh()
 
     def end(self) -> None:
@@ -187,8 +187,8 @@ class AppearancePanel(LivePanel):
             words.set_text(f"{side} {shade.hex}")
             below.set_visibility(then is not None)
             colour_swatch(below, then or shade)
-            if shade.gap > 0.0:
-                gaps.append(f"{side}: no screen of sRGB shows it; the swatch is {shade.gap:.1f} ΔE2000 away")
+            if shade.gamut_gap > 0.0:
+                gaps.append(f"{side}: no screen of sRGB shows it; the swatch is {shade.gamut_gap:.1f} ΔE2000 away")
         self.gaps.set_text("; ".join(gaps))
         self.contrast.set_text(f"contrast ratio {answer.contrast:.4f}")
         self.apart.set_text(f"ΔE2000 between black and white: {answer.apart:.2f}")
@@ -207,16 +207,18 @@ class AppearancePanel(LivePanel):
             add_table("", ["", *SIDES], rows)
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
-        said = "; ".join([*notes, *answer.why_none, *answer.notes])
-        self.notes.set_text(translate_message(said, self.session.content))
-        at = answer.shares.wavelength_um
+        sentences = "; ".join([*notes, *answer.why_none, *answer.notes])
+        self.notes.set_text(translate_message(sentences, self.session.content))
+        at = answer.spectra.wavelength_um
         words = f"coarse: {appearance.COARSE}" if answer.coarse else f"{at.size}"
         more = "" if answer.coarse or not answer.follows else "; gloss and hiding thickness are being worked out"
         ends = f"{at[0]:.4g} to {at[-1]:.4g} µm, accuracy {appearance.ACCURACY:g}"
         self.status.set_text(f"{words} wavelengths, {ends}; {answer.seconds:.2f} s{more}")
         if not answer.follows:
-            self.told.set_text("; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding)))))
-        self.draw_figure(spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
+            self.spoken.set_text(
+                "; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding))))
+            )
+        self.draw_figure(spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry))
 
 
 def make_swatch() -> tuple[Any, Any, Any]:

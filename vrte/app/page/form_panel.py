@@ -80,11 +80,11 @@ class FormPanel:
                 section.set_value(True)  # a message must be seen
         for place, label in self.words.items():
             part = place[:1] if place[0] == "base" else place[:3]
-            said = session.said.get(name_part(session.content, part))
-            label.set_text(said.words if said else "")
+            read = session.parts_read.get(name_part(session.content, part))
+            label.set_text(read.words if read else "")
         self.general.set_text("; ".join(rest))
-        told: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
-        session.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
+        found: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
+        session.wrong = next(iter([*found, *((message, ()) for message in rest)]), None)
         self.changed()
 
     def jump(self) -> None:
@@ -96,7 +96,7 @@ class FormPanel:
             ui.run_javascript(f"setTimeout(() => vrte.jump({field.id}), 250)")
 
     def change(self, action: Callable[..., Any], *arguments: Any) -> None:
-        """Something other than a field's text: done, then all is drawn anew; what cannot be done is told."""
+        """Something other than a field's text: done, then all is drawn anew; what cannot be done is notified."""
         with report_errors(lambda why: ui.notify(why, type="warning", multi_line=True)):
             action(*arguments)
         self.refused.clear()
@@ -150,8 +150,8 @@ class FormPanel:
         elif isinstance(key, Flag):
             usual = key.usual(get_value(content, place[:-1]))
             now = usual if value is None else value is True
-            told = key.needed or key.start is not None  # else a box as it usually is puts in nothing
-            self.switch(key.label, now, lambda ticked: put(ticked if told or ticked != usual else None))
+            kept = key.needed or key.start is not None  # else a box as it usually is puts in nothing
+            self.switch(key.label, now, lambda ticked: put(ticked if kept or ticked != usual else None))
             self.complaint(*place)
         else:
             self.field(*place)

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
-from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_shares_out
+from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_fractions
 from vrte.app.page.controls import (
     GO,
     LivePanel,
@@ -124,7 +124,7 @@ class MeasurementPanel(LivePanel):
             del self.view["free"][key][side]
 
     def begin(self) -> None:
-        """Starts the fit; what keeps it from that is said."""
+        """Starts the fit; what keeps it from that is shown."""
         session = self.session
         self.failure.set_text("")
         with report_errors(self.failure.set_text):
@@ -135,7 +135,7 @@ class MeasurementPanel(LivePanel):
             free = choose_free(self.listed, self.view["free"])
             self.view.pop("before_fit", None)
             _, data, suffix = self.view["measurement"]
-            content = write_shares_out(session.content)
+            content = write_fractions(session.content)
             session.start_fit(Fit(content, session.uploads.folder, data, suffix, free))
             self.view["stopped"] = False
             self.timer.activate()
@@ -233,7 +233,7 @@ class MeasurementPanel(LivePanel):
             view["shown"] = offered[0]
         job, fitted = self.session.fits, self.session.fitted
         predicted, fine, source = compared.predicted, compared.fine, SCENE
-        if fitted is not None and write_shares_out(self.session.content) == fitted.content:
+        if fitted is not None and write_fractions(self.session.content) == fitted.content:
             predicted, fine, source = fitted.predicted, None, OF_FIT
         elif job is not None and job.step is not None and fitted is None:
             predicted, fine, source = job.step.predicted, None, OF_STEP

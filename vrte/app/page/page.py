@@ -13,7 +13,7 @@ from nicegui import ui
 
 from vrte import __version__
 from vrte.app.form import files
-from vrte.app.form.checks import Said
+from vrte.app.form.checks import PartRead
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
 from vrte.app.page.controls import GO, add_heading, add_menu_item, add_message, make_menu, report_errors
@@ -135,7 +135,7 @@ class Page:
                 self.cancel_button.props("no-caps outline color=negative")
             self.bar = ui.linear_progress(0, show_value=False).props('rounded size=6px aria-label="progress"')
             self.stage = ui.label().classes("vrte-note")
-            self.said = ui.label().classes("vrte-note").props("role=status aria-live=polite")
+            self.report = ui.label().classes("vrte-note").props("role=status aria-live=polite")
 
     def _draw_form(self) -> None:
         self.form_area.clear()
@@ -161,7 +161,7 @@ class Page:
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
         if self.results.mark_stale() and not self.session.busy:
-            self.said.set_text("")  # it was of another scene
+            self.report.set_text("")  # it was of another scene
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
@@ -170,7 +170,7 @@ class Page:
             self.failure.set_text("; ".join(wrong.values()))
             return
         if not self.session.busy:
-            self.said.set_text("Solving.")
+            self.report.set_text("Solving.")
             self.session.start()
             self.follow()
 
@@ -188,12 +188,12 @@ class Page:
         elif job is not None and not busy and job is not self.session.taken:
             self.session.taken = job
             self.failure.set_text(translate_message(job.message, self.session.content))
-            self.said.set_text("")
+            self.report.set_text("")
             self.take(job.outcome)
             job.outcome = None  # the session has it, or the browser
         self._mark()
 
-    def take(self, outcome: Outcome | Written | Said | Fitted | Adopted | None) -> None:
+    def take(self, outcome: Outcome | Written | PartRead | Fitted | Adopted | None) -> None:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
@@ -210,7 +210,7 @@ class Page:
             self.results.refresh()
             if outcome.brdfs:
                 done = "Opened" if outcome.opened else "Solved"
-                self.said.set_text(f"{done}: {self.results.describe_reflectance(outcome)}.")
+                self.report.set_text(f"{done}: {self.results.describe_reflectance(outcome)}.")
             if outcome.content == START:
                 Page.start_outcome = outcome
             else:
@@ -313,7 +313,7 @@ class Page:
             for message in session.find_problems().values():
                 raise SceneError(message)
             wavelengths = page_files.choose_tensor_wavelengths(session.content)
-            self.said.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
+            self.report.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
             session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))
 
 

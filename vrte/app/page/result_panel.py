@@ -61,7 +61,7 @@ VIEW = {  # what a new tab looks at
     "colour": DEGREE_LINEAR,
     "cut": "f00",
     "inside": "I",
-    "shares": False,
+    "over_largest": False,
     "light": "unpolarized",
     "stokes": "1, 0, 0, 0",
 }
@@ -151,8 +151,8 @@ class ResultPanel:
             for key, label, names in SELECTS.get(tab, ()):
                 select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
             if tab == "inside":
-                each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
-                each.on_value_change(lambda event: self.set("shares", bool(event.value)))
+                each = ui.checkbox("I: each depth over its largest", value=self.view["over_largest"]).props("dense")
+                each.on_value_change(lambda event: self.set("over_largest", bool(event.value)))
             if tab == "scattering":
                 self.layer = select([], None, "layer", partial(self.set, "layer"))
         if tab == "scattering":
@@ -255,8 +255,8 @@ class ResultPanel:
         tab = self.view["tab"]
         live = tab in LIVE
         self.mark_stale()
-        said = "; ".join(outcome.notes) if outcome and not live else ""
-        self.notes.set_text(translate_message(said, self.session.content))
+        notes = "; ".join(outcome.notes) if outcome and not live else ""
+        self.notes.set_text(translate_message(notes, self.session.content))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         several = bool(outcome and outcome.count > 1) and not live
         (incidence, beside, _), (wavelength, above, _) = self.sliders.values()
@@ -288,8 +288,10 @@ class ResultPanel:
         elif tab == "inside":
             if not outcome.fields:
                 raise SceneError(NO_FIELD)
-            shares = view["shares"] and view["inside"] == "I"
-            self._draw(tab, figures.field_polar(outcome.fields[which], view["inside"], shares, bool(view.get("dark"))))
+            over_largest = view["over_largest"] and view["inside"] == "I"
+            self._draw(
+                tab, figures.field_polar(outcome.fields[which], view["inside"], over_largest, bool(view.get("dark")))
+            )
         elif not outcome.brdfs:
             raise SceneError(NO_BRDF)
         elif tab == "reflectance":

@@ -48,7 +48,7 @@ class Viewing:
 
 
 @dataclass(frozen=True, eq=False)
-class Shares:
+class CardSpectra:
     """Reflectance factors over black and over white (wavelength,) at wavelengths [um]."""
 
     wavelength_um: Array
@@ -64,15 +64,15 @@ class Question:
     content: dict[str, Any]
     folder: Path
     viewing: Viewing = Viewing()
-    before: Shares | None = None
+    before: CardSpectra | None = None
 
 
 @dataclass(frozen=True)
 class Shade:
-    """A colour as numbers, and as a screen shows it, which may be ``gap`` CIEDE2000 from it."""
+    """A colour as numbers, and as a screen shows it, which may be ``gamut_gap`` CIEDE2000 from it."""
 
     hex: str
-    gap: float
+    gamut_gap: float
     numbers: dict[str, float]
     extrapolation: str
 
@@ -90,7 +90,7 @@ class Appeared(Message):
     ``why_none`` of those that there are not. ``coarse``: of few wavelengths; ``follows``: a better answer does."""
 
     viewing: Viewing
-    shares: Shares
+    spectra: CardSpectra
     black: Shade
     white: Shade
     contrast: float
@@ -105,25 +105,25 @@ class Appeared(Message):
     why_none: tuple[str, ...] = ()
 
 
-class Studio:
+class AppearanceAnswerer:
     """Answers questions about scenes that change a little: particles and spectra of the last ones are remembered."""
 
     def __init__(self) -> None:
         self.kinds: dict[bytes, Particles] = {}
         self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
-        self.found: dict[bytes, dict[str, Shares]] = {}  # by geometry
+        self.found: dict[bytes, dict[str, CardSpectra]] = {}  # by geometry
         self.read: dict[bytes, tuple[tuple[Reading, ...], tuple[str, ...]]] = {}  # gloss and hiding, and why not
         self.nodes: dict[str, Any] = {}
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
     def answer(self, question: Question, exchange: Exchange) -> Appeared:
-        """Colours, gloss and hiding; colours alone are told first, before them coarse ones where they take long."""
+        """Colours, gloss and hiding; colours alone are reported first, before them coarse ones where they take long."""
         begin = time.perf_counter()
         import_colour_science()
         content = {key: value for key, value in question.content.items() if key not in LEFT_OUT}
         key = pickle.dumps((content, question.folder, question.viewing.white))
 
-        def describe(found: dict[str, Shares], **more: Any) -> Appeared:
+        def describe(found: dict[str, CardSpectra], **more: Any) -> Appeared:
             notes = self._collect_notes(content, exchange.notes(LongSolveWarning))
             seconds = time.perf_counter() - begin
             return describe_spectra(question, found[question.viewing.geometry], seconds=seconds, notes=notes, **more)
@@ -139,7 +139,7 @@ class Studio:
                 nodes = self.nodes or panel.put_over(None).choose_quadrature(MU_I)
                 few = self._solve(panel, question.viewing.white, nodes)
                 few = {name: spread_over(one, at) for name, one in few.items()}
-                exchange.tell(describe(few, coarse=True, follows=True))
+                exchange.report(describe(few, coarse=True, follows=True))
             panel = self._make(content, question.folder, at, exchange.check)
             begun = time.perf_counter()
             self.nodes = panel.put_over(None).choose_quadrature(MU_I)
@@ -150,7 +150,7 @@ class Studio:
         forget_oldest(self.kinds, MOST_KINDS)
         seen = pickle.dumps((content, question.folder, question.viewing))
         if seen not in self.read:
-            exchange.tell(describe(both, follows=True))
+            exchange.report(describe(both, follows=True))
             panel = self._make(content, question.folder, both["45:0"].wavelength_um, exchange.check)
             nodes = self.nodes if is_new else panel.put_over(None).choose_quadrature(MU_I)
             self.read[seen] = read_off(make_panel(panel, **nodes), question.viewing, exchange.check)
@@ -171,14 +171,14 @@ class Studio:
 
     def _solve(
         self, panel: Panel, white: float, nodes: dict[str, Any], progress: Progress | None = None
-    ) -> dict[str, Shares]:
+    ) -> dict[str, CardSpectra]:
         """Reflectance factors over black and over white, by geometry."""
         bare = make_panel(panel, **nodes).put_over(None)
         solved = [bare.solve(MU_I, progress=progress)] * 2
         if all(scene.base_is_reached for scene in bare.scenes):
             solved[1] = bare.put_over(Lambertian(white)).solve(MU_I, progress=progress)
         at = panel.wavelength_um
-        return {name: Shares(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
+        return {name: CardSpectra(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
     def _collect_notes(self, content: dict[str, Any], warned: tuple[str, ...]) -> tuple[str, ...]:
         """What the library warns of: of layers now, of particles as they were made."""
@@ -225,13 +225,13 @@ def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[
 
 def list_readings(answer: Appeared) -> Iterator[Reading]:
     """All numbers of an answer, one a row."""
-    viewing, shares = answer.viewing, answer.shares
+    viewing, spectra = answer.viewing, answer.spectra
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
     cards = f"over a card of albedo 0 and one of {viewing.white:g}"
-    sides = ("black", shares.over_black, answer.black), ("white", shares.over_white, answer.white)
+    sides = ("black", spectra.over_black, answer.black), ("white", spectra.over_white, answer.white)
     for side, values, shade in sides:
         over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
-        for wavelength, value in zip(shares.wavelength_um.tolist(), values.tolist(), strict=True):
+        for wavelength, value in zip(spectra.wavelength_um.tolist(), values.tolist(), strict=True):
             yield Reading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
         for name, value in shade.numbers.items():
             unit, standard = "degree" if name == "h" else "1", "ISO/CIE 11664-3" if name in "XYZ" else "ISO/CIE 11664-4"
@@ -243,37 +243,37 @@ def list_readings(answer: Appeared) -> Iterator[Reading]:
     yield from answer.readings
 
 
-def describe_spectra(question: Question, shares: Shares, **more: Any) -> Appeared:
+def describe_spectra(question: Question, spectra: CardSpectra, **more: Any) -> Appeared:
     """The colours of spectra, and what they differ by."""
     viewing = question.viewing
-    black, white = find_colours(shares, viewing)
+    black, white = find_colours(spectra, viewing)
     if question.before is not None:
         then = find_colours(question.before, viewing)
         more["before"] = Shade.of(then[0]), Shade.of(then[1])
         more["changed"] = find_difference(black, then[0]), find_difference(white, then[1])
     contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
     apart = find_difference(black, white)
-    return Appeared(viewing, shares, Shade.of(black), Shade.of(white), contrast, apart, **more)
+    return Appeared(viewing, spectra, Shade.of(black), Shade.of(white), contrast, apart, **more)
 
 
-def find_colours(shares: Shares, viewing: Viewing) -> tuple[Colour, Colour]:
+def find_colours(spectra: CardSpectra, viewing: Viewing) -> tuple[Colour, Colour]:
     """The colours over black and over white."""
     how = viewing.illuminant, viewing.observer
-    over_black, over_white = (np.clip(one, 0.0, None) for one in (shares.over_black, shares.over_white))
-    return find_colour(shares.wavelength_um, over_black, *how), find_colour(shares.wavelength_um, over_white, *how)
+    over_black, over_white = (np.clip(one, 0.0, None) for one in (spectra.over_black, spectra.over_white))
+    return find_colour(spectra.wavelength_um, over_black, *how), find_colour(spectra.wavelength_um, over_white, *how)
 
 
-def spread_over(few: Shares, wavelength_um: Array) -> Shares:
+def spread_over(few: CardSpectra, wavelength_um: Array) -> CardSpectra:
     """Spectra at more wavelengths than they are known at, (n,) [um]: cubic splines.
 
-    >>> few = Shares(np.linspace(0.4, 0.7, 6), np.linspace(0.1, 0.6, 6), np.ones(6))
+    >>> few = CardSpectra(np.linspace(0.4, 0.7, 6), np.linspace(0.1, 0.6, 6), np.ones(6))
     >>> spread_over(few, np.array([0.43])).over_black.round(6).tolist()
     [0.15]
     """
     from scipy.interpolate import make_interp_spline
 
     curves = (few.over_black, few.over_white)
-    return Shares(wavelength_um, *(make_interp_spline(few.wavelength_um, one)(wavelength_um) for one in curves))
+    return CardSpectra(wavelength_um, *(make_interp_spline(few.wavelength_um, one)(wavelength_um) for one in curves))
 
 
 def forget_oldest(kept: dict[bytes, Any], most: int) -> None:

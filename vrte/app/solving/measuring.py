@@ -59,14 +59,14 @@ class Comparer:
         self.read: tuple[bytes, Measurement] | None = None
 
     def answer(self, question: Comparison, exchange: Exchange) -> Message:
-        """A new measurement is told at once, before the scene is solved."""
+        """A new measurement is reported at once, before the scene is solved."""
         begin = time.perf_counter()
         if self.read is None or self.read[0] != question.data:
             self.read = question.data, read_bytes(question.data, question.suffix)
-            exchange.tell(Compared(self.read[1], follows=True))
+            exchange.report(Compared(self.read[1], follows=True))
         exchange.check()
         measured = self.read[1]
-        found = explain_failure(partial(self._compare, measured), question, Exchange(exchange.tell))
+        found = explain_failure(partial(self._compare, measured), question, Exchange(exchange.report))
         if isinstance(found, Compared):
             return replace(found, seconds=time.perf_counter() - begin)
         return Compared(measured, message=found.message if isinstance(found, Refused) else "")
@@ -132,8 +132,8 @@ def predict_rows(
 
 
 def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
-    """What a fit finds, each step told. Raises SceneError, KeyboardInterrupt before the first step."""
-    exchange.tell(Progress(0.0, "reading the measurement"))
+    """What a fit finds, each step reported. Raises SceneError, KeyboardInterrupt before the first step."""
+    exchange.report(Progress(0.0, "reading the measurement"))
     measured = read_bytes(task.data, task.suffix)
     content, notes = choose_wavelength(task.content, measured)
     fraction = 0.0
@@ -144,15 +144,19 @@ def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
 
     def watch(step: least_squares.Step) -> None:
         stage = f"step {step.step}: χ² = {step.chi2:.5g}"
-        exchange.tell(Step(fraction, stage, np.array([*step.values.values()]), step.chi2, np.array(step.predicted)))
+        exchange.report(Step(fraction, stage, np.array([*step.values.values()]), step.chi2, np.array(step.predicted)))
 
-    exchange.tell(Progress(0.0, "the scene as it is, and how it changes with each number"))
+    exchange.report(Progress(0.0, "the scene as it is, and how it changes with each number"))
     found = least_squares.fit(measured, content, task.free, folder=task.folder, progress=progress, watch=watch)
-    exchange.tell(Progress(1.0, "the page of the fit"))
+    exchange.report(Progress(1.0, "the page of the fit"))
     page = b""
     with suppress(MissingExtraError):
         page = collect_bytes("fit.html", found.page)
-    notes = (*notes, *found.notes, *exchange.notes(IndistinguishableWarning, LongSolveWarning))  # the first is told
+    notes = (
+        *notes,
+        *found.notes,
+        *exchange.notes(IndistinguishableWarning, LongSolveWarning),
+    )  # the first is a sentence already
     return Fitted(
         task.content,
         tuple(found.names),

@@ -1,4 +1,4 @@
-"""What the viewer and its worker processes tell each other: tasks one way, messages the other (`worker_process`)."""
+"""What the viewer and its worker processes send each other: tasks one way, messages the other (`worker_process`)."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.app.form.checks import Said
+from vrte.app.form.checks import PartRead
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -108,7 +108,7 @@ class Adopted(Message):
 
 @dataclass(frozen=True, eq=False)
 class Fitted(Message):
-    """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where nothing tells them,
+    """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where they are unknown,
     correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell; a page of all
     of it, b"" without; and what else is to be known."""
 
@@ -163,7 +163,7 @@ class Reflectances:
     mirrored as a beam, with that and without it.
 
     ``colours`` are "#rrggbb" of the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
-    from there: by reciprocity the same shares. ``why_none`` says why there are no colours. ``mu_i`` (n,).
+    from there: by reciprocity the same reflectances. ``why_none`` says why there are no colours. ``mu_i`` (n,).
     """
 
     mu_i: Array
@@ -200,4 +200,4 @@ class Outcome(Message):
         return matrices + sum(field.stokes.nbytes for field in self.fields)
 
 
-Answer = Outcome | Written | Said | Fitted | Adopted
+Answer = Outcome | Written | PartRead | Fitted | Adopted

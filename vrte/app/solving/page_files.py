@@ -64,7 +64,7 @@ class Uploads:
             path = self.folder / name
             if name in self.own and path.read_bytes() == data:
                 return name
-            if not path.exists():  # a table never changes under its name: results tell what they are of by it
+            if not path.exists():  # a table never changes under its name: results name their scene by it
                 break
         path.write_bytes(data)
         self.own[name] = len(data)

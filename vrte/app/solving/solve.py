@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.app.form.checks import Said, select_part
+from vrte.app.form.checks import PartRead, select_part
 from vrte.app.form.content import (
     Content,
     choose_keywords,
@@ -18,7 +18,7 @@ from vrte.app.form.content import (
     name_layers,
     select_wavelength,
 )
-from vrte.app.form.files import adopt_and_tell, adopt_content, parse_content, read_link
+from vrte.app.form.files import adopt_content, adopt_with_notes, parse_content, read_link
 from vrte.app.solving import messages
 from vrte.app.solving.messages import Outcome, Progress
 from vrte.app.solving.page_files import collect_bytes
@@ -63,11 +63,11 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
         """Progress within one stage of one wavelength: what remains after its last Fourier order takes time, too."""
         step = which * len(stages) + stages.index(stage)
         where = f" at {wavelengths[which]:g} µm" if len(wavelengths) > 1 else ""
-        exchange.tell(Progress(step / count, f"{stage}{where}"))
+        exchange.report(Progress(step / count, f"{stage}{where}"))
 
         def progress(done: int, total: int) -> None:
             words = f"Fourier orders, {done} of {total}" if done < total else "adding up"
-            exchange.tell(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
+            exchange.report(Progress((step + LAST_ORDER * done / max(total, 1)) / count, f"{stage}{where}: {words}"))
 
         return progress
 
@@ -105,7 +105,7 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
     )
 
 
-def look_at_part(task: messages.Look, exchange: Exchange) -> Said:
+def look_at_part(task: messages.Look, exchange: Exchange) -> PartRead:
     """What a part is that is made from a file, at the first and the last wavelength."""
     wavelengths = list_page_wavelengths(task.content)
     words = []
@@ -115,10 +115,10 @@ def look_at_part(task: messages.Look, exchange: Exchange) -> Said:
             scene = make_scene_file(alone, "brdf", task.folder).scene
         except SceneError as error:
             text = str(error).replace(f"{task.folder}{os.sep}", "")  # where it lies is nobody's business
-            return Said(message=put_in_one_line(text, 1000), place=error.place or task.place)
+            return PartRead(message=put_in_one_line(text, 1000), place=error.place or task.place)
         made: Any = scene.base if task.place[0] == "base" else scene.layers[int(task.place[1])].phase_matrix
         words.append(describe_part(made))
-    return Said("; ".join(dict.fromkeys((*words, *exchange.notes())))[:MOST_WORDS])
+    return PartRead("; ".join(dict.fromkeys((*words, *exchange.notes())))[:MOST_WORDS])
 
 
 def describe_part(made: Any) -> str:
@@ -242,8 +242,8 @@ def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
     """A result as something to see."""
     if isinstance(found, Spectrum):
         wavelengths = found.wavelength_um.tolist()
-        content, shares = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
-        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=shares)
+        content, reflectances = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
+        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=reflectances)
     content = recover_scene(found)
     if isinstance(found, Brdf):
         return Outcome(content, brdfs=(found,), opened=True, reflectances=collect_reflectances((), (found,)))
@@ -252,7 +252,7 @@ def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
 
 
 def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
-    """The content of the scene file that a result tells of, where it does and the page can take it."""
+    """The content of the scene file that a result holds, where it does and the page can take it."""
     text = result.diagnostics.get(SCENE)
     if not isinstance(text, str):
         return None
@@ -273,15 +273,15 @@ def write_tensor(task: messages.Tensor, exchange: Exchange) -> messages.Written:
     found = spectrum(
         task.content,
         task.wavelengths_um,
-        lambda done, total: exchange.tell(Progress(0.9 * done / max(total, 1), stage)),
+        lambda done, total: exchange.report(Progress(0.9 * done / max(total, 1), stage)),
         task.folder,
         **directions(),
     )
-    exchange.tell(Progress(0.9, "writing the tensor"))
+    exchange.report(Progress(0.9, "writing the tensor"))
     return messages.Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
 
 
 def adopt(task: messages.Adopt, exchange: Exchange) -> messages.Adopted:
     """A stranger's scene as the form takes it."""
     given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
-    return messages.Adopted(*adopt_and_tell(given, task.folder, task.names, aside=True))
+    return messages.Adopted(*adopt_with_notes(given, task.folder, task.names, aside=True))

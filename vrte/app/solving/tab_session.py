@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.checks import Said, find_problems, list_parts, name_part
+from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
 from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task
@@ -26,9 +26,9 @@ class TabSession:
     ``outcome`` and the job that it was ``taken`` of; ``view``, what it looks at, and how many ``pages`` look; the first
     field that is ``wrong``: its message, and its place.
 
-    ``said`` is of parts that are made from files, of which ``looked`` is the one that a job ``looks`` at; ``live``
-    answers what the scene looks like, ``beside`` what it shows beside a measurement, to which a job ``fits`` it;
-    ``fitted`` is what that found."""
+    ``parts_read`` describes parts that are made from files, of which ``looked`` is the one that a job ``looks`` at;
+    ``live`` answers what the scene looks like, ``beside`` what it shows beside a measurement, to which a job ``fits``
+    it; ``fitted`` is what that found."""
 
     content: Content
     uploads: Uploads = field(default_factory=Uploads)
@@ -38,7 +38,7 @@ class TabSession:
     pages: int = 0
     wrong: tuple[str, Place] | None = None
     taken: Job | None = None
-    said: dict[str, Said] = field(default_factory=dict)
+    parts_read: dict[str, PartRead] = field(default_factory=dict)
     looks: Job | None = None
     live: LiveQuery = field(default_factory=LiveQuery)
     beside: LiveQuery = field(default_factory=LiveQuery)
@@ -99,9 +99,9 @@ class TabSession:
 
     def find_problems(self) -> dict[Place, str]:
         """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
-        found = find_problems(self.content, self.uploads.folder, self.uploads.names, self.said)
+        found = find_problems(self.content, self.uploads.folder, self.uploads.names, self.parts_read)
         places = list_parts(self.content, self.uploads.names)
-        unknown = next((place for place in places if name_part(self.content, place) not in self.said), None)
+        unknown = next((place for place in places if name_part(self.content, place) not in self.parts_read), None)
         if unknown is not None and self.looks is None:
             self.looks = Job(Look(copy.deepcopy(self.content), self.uploads.folder, unknown))
             self.looked = name_part(self.content, unknown), unknown
@@ -113,10 +113,10 @@ class TabSession:
             return False
         name, place = self.looked
         found, message = self.looks.outcome, self.looks.message
-        self.said[name] = found if isinstance(found, Said) else Said(message=message, place=place)
+        self.parts_read[name] = found if isinstance(found, PartRead) else PartRead(message=message, place=place)
         self.looks = None
-        while len(self.said) > MOST_SAID:
-            del self.said[next(iter(self.said))]
+        while len(self.parts_read) > MOST_SAID:
+            del self.parts_read[next(iter(self.parts_read))]
         return True
 
     def close(self) -> None:

@@ -29,7 +29,7 @@ ANSWERERS = {  # by the name of a task: a function, or a class of which one answ
     "Look": "solve.look_at_part",
     "Fit": "measuring.fit_scene",
     "Comparison": "measuring.Comparer",
-    "Question": "appearance.Studio",
+    "Question": "appearance.AppearanceAnswerer",
 }
 SENTENCES = SceneError, AccuracyError, DeviceError, MissingExtraError, OSError  # errors that are sentences already
 
@@ -39,11 +39,11 @@ class NewerError(Exception):
 
 
 class Exchange:
-    """What an answer is worked out with: ``tell`` messages that come before it, ``check`` whether it is still wanted,
+    """What an answer is worked out with: ``report`` messages that come before it, ``check`` whether it is still wanted,
     and the ``notes`` that the library has warned of."""
 
-    def __init__(self, tell: Callable[[Message], None], is_old: Callable[[], bool] = lambda: False) -> None:
-        self.tell, self.is_old = tell, is_old
+    def __init__(self, report: Callable[[Message], None], is_old: Callable[[], bool] = lambda: False) -> None:
+        self.report, self.is_old = report, is_old
         self.caught: Sequence[warnings.WarningMessage] = ()
 
     def check(self, *_: Any) -> None:
@@ -53,8 +53,8 @@ class Exchange:
 
     def notes(self, *silent: type[Warning]) -> tuple[str, ...]:
         """Warnings so far, each once, but those ``silent``."""
-        told = [str(one.message) for one in self.caught if not issubclass(one.category, silent)]
-        return tuple(dict.fromkeys(told))[:MOST_NOTES]
+        found = [str(one.message) for one in self.caught if not issubclass(one.category, silent)]
+        return tuple(dict.fromkeys(found))[:MOST_NOTES]
 
 
 def take_newest(inbox: SimpleQueue[Any]) -> Any:
@@ -100,7 +100,7 @@ def main() -> None:
     while True:
         number, task = take_newest(inbox)
 
-        def tell(message: Message, number: int = number) -> None:
+        def report(message: Message, number: int = number) -> None:
             with lock:
                 pickle.dump((number, message), output, protocol=pickle.HIGHEST_PROTOCOL)
                 output.flush()
@@ -110,9 +110,9 @@ def main() -> None:
             module, _, name = ANSWERERS[kind.__name__].partition(".")
             found = getattr(import_module(f"vrte.app.solving.{module}"), name)
             answerers[kind] = found().answer if isinstance(found, type) else found
-        answer = explain_failure(answerers[kind], task, Exchange(tell, lambda: not inbox.empty()))
+        answer = explain_failure(answerers[kind], task, Exchange(report, lambda: not inbox.empty()))
         if answer is not None:
-            tell(answer)
+            report(answer)
 
 
 def explain_failure(work: Callable[[Any, Exchange], Message], task: Any, exchange: Exchange) -> Message | None:

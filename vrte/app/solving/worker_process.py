@@ -165,7 +165,7 @@ def explain_end(code: int, complaints: IO[bytes]) -> str:
 class Job:
     """One task in a process of its own. What it says may be read at any time; ``ended`` is the last thing to change.
 
-    ``fraction`` from 0 to 1 and ``stage`` tell how far it is, ``step`` where a fit is; at the end there is an
+    ``fraction`` from 0 to 1 and ``stage`` say how far it is, ``step`` where a fit is; at the end there is an
     ``outcome``, or a ``message`` that says why not.
     """
 
