@@ -132,7 +132,7 @@ OTHERS = list_faults(
     ("seal", "formats/seal.py", "if first != COMMENT + make_seal(rest)", "if not first",
      "tables of results that were changed are read", "foreign_files"),
     ("unlikely", "fit/verdict.py", "UNLIKELY = 0.01", "UNLIKELY = 1e-9",
-     "models that do not fit are said to fit", "fit fit_verdict"),
+     "models that do not fit are said to fit", "fit"),
     ("hiding", "appearance/hiding.py", "\nCLOSE = 1e-3", "\nCLOSE = 0.3",
      "the search for the hiding thickness ends too early", "appearance_hiding"),
 )  # fmt: skip

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -304,7 +303,7 @@ ROOT = Path(__file__).parents[1]
 
 
 @dataclass
-class Table:
+class KilledSweep:
     """A sweep of ``scenes`` in chunks of two, and what became of it."""
 
     folder: Path
@@ -312,26 +311,20 @@ class Table:
     started: "list[subprocess.Popen[str]]" = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        depths = self.scenes // 4
         self.file, self.output = self.folder / "sweep.toml", self.folder / "table.zarr"
-        self.partial = self.output.with_name("table.zarr.partial")
-        self.kept = self.folder / "kept.log"
-        self.file.write_text(
-            SCENE + "wavelength_um = [0.45, 0.5, 0.55, 0.6]\n"
-            f'"layer[1].thickness" = {{ start = 0.1, stop = 10, count = {depths} }}\n'
-        )
+        self.partial, self.kept = self.folder / "table.zarr.partial", self.folder / "kept.log"
+        depths = f'"layer[1].thickness" = {{ start = 0.1, stop = 10, count = {self.scenes // 4} }}\n'
+        self.file.write_text(f"{SCENE}wavelength_um = [0.45, 0.5, 0.55, 0.6]\n{depths}")
 
     def start(self, *more: str, own_group: bool = False) -> "subprocess.Popen[str]":
         """The command; its log stays when the folder goes."""
         command = [sys.executable, "-m", "vrte.cli", "sweep", str(self.file), "-o", str(self.output), "--chunk", "2"]
-        process = subprocess.Popen(
-            [*command, *more], stderr=subprocess.PIPE, text=True, cwd=ROOT, start_new_session=own_group
-        )
-        self.started.append(process)
+        how: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "cwd": ROOT, "start_new_session": own_group}
+        self.started.append(subprocess.Popen([*command, *more], **how))
         if not self.kept.exists():
-            wait_until((self.partial / "log.txt").exists, process=process)
+            wait_until((self.partial / "log.txt").exists, process=self.started[-1])
             os.link(self.partial / "log.txt", self.kept)
-        return process
+        return self.started[-1]
 
     def end(self) -> None:
         """Nothing goes on when a test has failed."""
@@ -352,85 +345,27 @@ class Table:
         """Chunks begun since that line of the log."""
         return [int(chunk) for word, chunk, *_ in self.lines()[start:] if word == "begin"]
 
+    def wait_until_quiet(self) -> None:
+        """Workers end with the process that started them, a moment later."""
+        before: Any = None
+        while before != (now := (self.kept.stat().st_size, self.done())):
+            before = now
+            time.sleep(0.3)
+
     def check_same_as_undisturbed(self) -> None:
         with open_table(self.output) as table:
             expected = vrte.sweep(self.file, workers=1)
             assert not (expected.error != "").any()
-            for name in ("mueller", "reflectance", "direct_transmittance", "error"):
-                found = table[name].values
-                assert found.tobytes() == expected[name].values.tobytes() if name != "error" else (found == "").all()
+            assert (table.error.values == "").all()
+            for name in ("mueller", "reflectance", "direct_transmittance"):
+                assert table[name].values.tobytes() == expected[name].values.tobytes()
         assert not self.partial.exists()
 
 
-def killed_again_and_again(table: Table, kills: int, seed: int, *engine: str) -> None:
-    """Kills the whole process ``kills`` times; each time it has at least begun something."""
-    chance = random.Random(seed)
-    chunks = table.scenes // 2
-    seen: list[tuple[set[int], int]] = []
-    for kill in range(kills):
-        process = table.start(*engine)
-        line = len(table.lines()) if seen else 0
-        goal = len(table.begun(line)) + chance.randint(
-            3, max(3, chunks // (2 * kills))
-        )  # on two workers, one has then ended
-        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
-        time.sleep(chance.uniform(0.0, 0.03))
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        assert not table.output.exists(), f"finished before kill {kill + 1}"
-        wait_until_quiet(table)
-        seen.append((table.done(), len(table.lines())))
-    last = table.start(*engine)
-    _, complaint = last.communicate(timeout=300)
-    assert (last.returncode, complaint) == (0, "")
-    for done, line in seen:
-        assert not done & set(table.begun(line))
-    in_flight = len(table.begun()) - chunks
-    assert in_flight <= 2 * kills
-    assert seen[-1][0]
-    table.check_same_as_undisturbed()
-
-
-def wait_until_quiet(table: Table) -> None:
-    """Workers end with the process that started them, a moment later."""
-    while True:
-        before = table.kept.stat().st_size, table.done()
-        time.sleep(0.3)
-        if before == (table.kept.stat().st_size, table.done()):
-            return
-
-
-def worker_killed_again_and_again(table: Table, kills: int, seed: int) -> None:
-    """Kills ``kills`` times a Dask worker that is at work; the sweep itself goes on."""
-    chance = random.Random(seed)
-    process = table.start(*DASK)
-    dead: set[int] = set()
-    seen: list[tuple[set[int], int]] = []
-    for _ in range(kills):
-        line = len(table.lines())
-        goal = chance.randint(1, table.scenes // (4 * kills))
-        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
-        time.sleep(chance.uniform(0.0, 0.03))
-        worker = next(pid for word in reversed(table.lines()) if (pid := int(word[2].rpartition(":")[2])) not in dead)
-        done, line = table.done(), len(table.lines())
-        os.kill(worker, signal.SIGKILL)
-        dead.add(worker)
-        seen.append((done, line))
-    _, complaint = process.communicate(timeout=300)
-    assert (process.returncode, complaint) == (0, "")
-    assert len(dead) == kills
-    for done, line in seen:
-        assert not done & set(table.begun(line))
-    often = Counter(table.begun())
-    assert set(often) == set(range(table.scenes // 2))
-    assert sum(often.values()) - len(often) <= kills
-    table.check_same_as_undisturbed()
-
-
 @pytest.fixture
-def table(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Table]:
+def table(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[KilledSweep]:
     """A sweep of as many scenes as the test asks for."""
-    found = Table(tmp_path, request.param)
+    found = KilledSweep(tmp_path, request.param)
     yield found
     found.end()
 
@@ -440,23 +375,46 @@ DASK = ("--engine", "dask", "--workers", "2")
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("table", "kills", "engine"),
-    [(64, 1, ()), (400, 10, ()), (400, 10, DASK)],
+    ("table", "kills", "engine", "worker"),
+    [(64, 1, (), False), (400, 10, (), False), (400, 10, DASK, False), (64, 2, DASK, True), (1200, 10, DASK, True)],
     indirect=["table"],
 )
-def test_process_killed(table: Table, kills: int, engine: tuple[str, ...]) -> None:
-    killed_again_and_again(table, kills, random.randrange(10**6), *engine)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("table", "kills"), [(64, 2), (1200, 10)], indirect=["table"])
-def test_dask_worker_killed(table: Table, kills: int) -> None:
-    worker_killed_again_and_again(table, kills, random.randrange(10**6))
+def test_killed_again_and_again(table: KilledSweep, kills: int, engine: tuple[str, ...], worker: bool) -> None:
+    """The whole process each time, or a Dask ``worker`` that is at work, while the sweep itself goes on; each time
+    something has at least begun."""
+    chunks, dead, seen = table.scenes // 2, set[int](), list[tuple[set[int], int]]()
+    for kill in range(kills):
+        process = table.started[-1] if worker and kill else table.start(*engine)
+        line = len(table.lines()) if seen else 0
+        least, most = (1, chunks // (2 * kills)) if worker else (3, max(3, chunks // (2 * kills)))  # on two workers
+        goal = len(table.begun(line)) + random.randint(least, most)
+        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
+        time.sleep(random.uniform(0.0, 0.03))
+        if worker:
+            workers = (int(word[2].rpartition(":")[2]) for word in reversed(table.lines()))
+            dead.add(chosen := next(one for one in workers if one not in dead))
+            seen.append((table.done(), len(table.lines())))
+            os.kill(chosen, signal.SIGKILL)
+            continue
+        process.kill()
+        process.communicate()
+        assert not table.output.exists(), f"finished before kill {kill + 1}"
+        table.wait_until_quiet()
+        seen.append((table.done(), len(table.lines())))
+    last = table.started[-1] if worker else table.start(*engine)
+    _, complaint = last.communicate(timeout=300)
+    assert (last.returncode, complaint) == (0, "")
+    for done, line in seen:
+        assert not done & set(table.begun(line))
+    assert set(table.begun()) == set(range(chunks))
+    assert len(table.begun()) - chunks <= (1 if worker else 2) * kills
+    assert seen[-1][0]
+    table.check_same_as_undisturbed()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("table", [1200], indirect=True)
-def test_interrupted_with_its_dask_workers_it_says_one_line(table: Table) -> None:
+def test_interrupted_with_its_dask_workers_it_says_one_line(table: KilledSweep) -> None:
     # as a terminal does: the interrupt goes to the whole group of processes
     process = table.start(*DASK, own_group=True)
     wait_until(lambda: len(table.done()) > 2, process=process)
