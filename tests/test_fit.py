@@ -15,7 +15,7 @@ import pytest
 import vrte
 from vrte.cli import main
 from vrte.fit.model import make_model
-from vrte.fit.run import Step
+from vrte.fit.run import FitStep
 from vrte.fit.verdict import UNLIKELY, count_runs, find_p_value
 
 from .helpers import assert_close, close_to
@@ -139,7 +139,7 @@ def test_a_bound_that_is_reached_is_told() -> None:
 
 
 def test_stopped_it_keeps_the_best_so_far() -> None:
-    def stop(step: Step) -> None:
+    def stop(step: FitStep) -> None:
         if step.step == 2:
             raise KeyboardInterrupt
 
@@ -218,7 +218,7 @@ def test_a_profile_of_a_linear_problem_is_a_parabola_as_wide_as_the_error() -> N
 
 
 def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -> None:
-    def stop(step: Step) -> None:
+    def stop(step: FitStep) -> None:
         if step.step == 2:
             raise KeyboardInterrupt
 
@@ -228,12 +228,12 @@ def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -
     part = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=stop)
     assert part.interrupted
     assert not list(tmp_path.glob(".vrte*"))
-    again: list[Step] = []
+    again: list[FitStep] = []
     found = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=again.append)
     assert_close(found.values, whole.values, rtol=1e-6, atol=0.0)
     assert again[0].chi2 == close_to(part.chi2, rtol=1e-6, atol=0.0)  # where it was
     assert len(found.starts) == 2
-    quick: list[Step] = []
+    quick: list[FitStep] = []
     same = vrte.fit(given, SCENE, free, nodes=4, starts=2, resume=state, watch=quick.append)
     assert not quick
     assert_close(same.values, found.values, rtol=1e-7, atol=0.0)

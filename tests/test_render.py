@@ -22,11 +22,11 @@ from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, compute_normals, place_camera
 from vrte.render.picture import Sheet, colour_angles
 from vrte.render.rendering import compute_pictures, find_fine_table, measure_interpolation_error
-from vrte.render.setting import Setting, read
+from vrte.render.setting import PictureSetting, read
 from vrte.render.sky import Sky, compute_optical_thickness, make_sky
 from vrte.render.spheres import MARGIN, SUN_RADIUS, View, mirror_sun
 from vrte.render.surfaces import compute_irradiance
-from vrte.render.tables import Resolution, Table, tabulate_brdf
+from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
 
 from .helpers import assert_close, close_to
 
@@ -35,7 +35,7 @@ WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0
 PLAIN = '[[layer]]\nphase = "rayleigh"\nalbedo = 1.0\nthickness = 2.0\n'
 
 
-def table(scene: vrte.Scene, resolution: Resolution = COARSE, **how: Any) -> Table:
+def table(scene: vrte.Scene, resolution: Resolution = COARSE, **how: Any) -> BrdfTable:
     how = {"nodes": 12} | how
     return tabulate_brdf(vrte.brdf(scene, resolution.mu, resolution.mu, resolution.phi, **how), resolution)
 
@@ -48,7 +48,7 @@ def normals_of(seen: View) -> Array:
     return compute_normals(seen.camera, *seen.pixels[1:])
 
 
-def draw(seen: View, here: Table) -> Array:
+def draw(seen: View, here: BrdfTable) -> Array:
     """Stokes vectors (pixel, 4) of a sphere at the one wavelength of its sky."""
     return seen.stokes([here])[:, 0]
 
@@ -425,7 +425,7 @@ def test_angles_have_the_colours_of_the_wheel() -> None:
 
 def test_setting_has_its_defaults(tmp_path: Path) -> None:
     materials, setting = read([write(tmp_path / "white_paint.toml", PLAIN)])
-    assert setting == Setting()
+    assert setting == PictureSetting()
     assert materials[0].title == "white paint"
     np.testing.assert_array_equal(materials[0].wavelengths_um, colour.choose_wavelengths(9))
 
@@ -433,7 +433,7 @@ def test_setting_has_its_defaults(tmp_path: Path) -> None:
 INDEX = 1.5 + 0.3j
 
 
-def mirror_table(index: complex) -> Table:
+def mirror_table(index: complex) -> BrdfTable:
     """A sphere that only mirrors, as if of glass or metal without end."""
     directions = COARSE.mu, COARSE.mu, COARSE.phi
     dark = np.zeros((*(one.size for one in directions), 4, 4))
@@ -510,7 +510,7 @@ def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
     assert_close(draw(seen, mirror_table(1.5)).sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
 
 
-def rough_table(surface: RoughSurface) -> Table:
+def rough_table(surface: RoughSurface) -> BrdfTable:
     """A sphere of facets alone."""
     return replace(mirror_table(1.5), specular=None, facets=surface)
 

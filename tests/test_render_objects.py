@@ -22,8 +22,8 @@ from vrte.render.setting import read
 from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
 from vrte.render.sky import Sky, make_sky
 from vrte.render.spheres import MARGIN, View
-from vrte.render.surfaces import Light
-from vrte.render.tables import Resolution, Table, tabulate_brdf
+from vrte.render.surfaces import SceneLight
+from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
 
 from .helpers import assert_close, close_to
 
@@ -36,7 +36,7 @@ BOX = "\n".join(
 )
 
 
-def table(scene: vrte.Scene) -> Table:
+def table(scene: vrte.Scene) -> BrdfTable:
     """A BRDF as a picture has it: facets on top are kept by themselves."""
     top = scene.interfaces[0]
     found = vrte.brdf(scene, COARSE.mu, COARSE.mu, COARSE.phi, nodes=12)
@@ -48,10 +48,10 @@ def far_lens(camera: Camera, size: int, radius: float = 1.0) -> Lens:
     return Lens(camera, np.zeros(3), FAR, radius / (MARGIN * FAR), size, size)
 
 
-def draw_ball(here: Table, sky: Sky, camera: Camera, size: int, rings: int) -> Array:
+def draw_ball(here: BrdfTable, sky: Sky, camera: Camera, size: int, rings: int) -> Array:
     """Stokes vectors (pixel, 4) of a ball that floats, over a ground without its shadow."""
     stage = Stage([make_ball(rings)], far_lens(camera, size), sky.beam, standing=False)
-    light = Light.of(sky, 0.2, stage.ground)
+    light = SceneLight.of(sky, 0.2, stage.ground)
     _, samples = draw_background(stage, light, GREY)
     return draw_object(stage, samples, [here], light, GREY)[:, [0, 3, 4, 5]]
 
@@ -123,7 +123,7 @@ def test_a_box_throws_a_shadow_as_long_as_the_sun_is_low(elevation: float) -> No
     size, reach = 120, 1.5
     sky = make_sky("rayleigh", [0.55], elevation, 0.5)
     stage = Stage([box], far_lens(place_camera(89.999, 0.0), size, reach * MARGIN), sky.beam)
-    light = Light.of(sky, 0.5, stage.ground)
+    light = SceneLight.of(sky, 0.5, stage.ground)
     ground = draw_background(stage, light, GREY)[0][:, 0].reshape(size, size)
     across = (np.arange(size) + 0.5 - 0.5 * size) * (2.0 * reach / size)
     # the camera at azimuth 0 has the east below and the north at its right
@@ -139,7 +139,7 @@ def test_skylight_on_the_ground_before_a_long_wall() -> None:
     wall = make_box((-0.1, -30.0, 0.0), (0.0, 30.0, 1.0))
     sky = make_sky("uniform", [0.5], 40.0, 0.0)
     stage = Stage([wall], far_lens(place_camera(20.0, 0.0), 16), sky.beam)
-    light = Light.of(sky, 0.0, stage.ground)
+    light = SceneLight.of(sky, 0.0, stage.ground)
     assert stage.ground is not None
     distance = np.array([0.3, 1.0, 2.5])
     found = (stage.ground.rows(distance, 0.0 * distance) @ light.skylight_shares)[:, 0]

@@ -22,7 +22,7 @@ from vrte.formats.scene_writer import write_value
 from vrte.formats.sizes import DIAMETERS, SIZE_KEYS, SIZES
 from vrte.formats.toml_table import RANGE_KEYS
 from vrte.optics.crowding import PACKINGS
-from vrte.render.setting import OBJECTS, OWN, RANGES, Setting
+from vrte.render.setting import OBJECTS, OWN, RANGES, PictureSetting
 from vrte.render.sky import KINDS
 from vrte.request.how import OPTIONS
 from vrte.sweep.results import KEYS as APPEARANCE_KEYS
@@ -30,7 +30,7 @@ from vrte.sweep.template import AXIS_KEYS
 
 PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "scene_files.md").read_text(encoding="utf-8")
 HEADINGS = re.compile(r"^##+ ([^\n]+)\n(.*?)(?=^##|\Z)", re.M | re.S)
-SETTING = {field.name: field.default for field in fields(Setting)}
+SETTING = {field.name: field.default for field in fields(PictureSetting)}
 
 
 def read_rows(section: str) -> dict[str, list[str]]:

@@ -15,7 +15,7 @@ from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import show_place
 from vrte.optics.refractive_index import refractive_index
 from vrte.scene.scene import Scene
-from vrte.sweep.optics import Optics
+from vrte.sweep.optics import KeptOptics
 
 from .helpers import assert_close, close_to
 
@@ -175,7 +175,7 @@ def test_media_must_fit_together() -> None:
 
 
 def test_particles_kept_by_a_sweep_keep_their_medium(tmp_path: Path) -> None:
-    optics = Optics(tmp_path)
+    optics = KeptOptics(tmp_path)
     given = {"index": 1.7, "radius_um": 0.1, "wavelength_um": 0.55, "host_index": 1.5}
     kept = optics.keep("spheres", given)
     assert kept.host_index == optics("spheres", given).host_index == 1.5

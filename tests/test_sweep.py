@@ -413,7 +413,7 @@ def test_optics_are_computed_once_for_each_particle_and_wavelength(file: Path, m
 def test_particles_kept_on_disk_are_the_same(tmp_path: Path) -> None:
     gold = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64)
     given = {"index": "gold", "radius_um": 0.1, "wavelength_um": 0.64}
-    for found in (optics.Optics(tmp_path).keep("spheres", given), optics.Optics(tmp_path)("spheres", given)):
+    for found in (optics.KeptOptics(tmp_path).keep("spheres", given), optics.KeptOptics(tmp_path)("spheres", given)):
         np.testing.assert_array_equal(found.phase_matrix.coefficients, gold.phase_matrix.coefficients)
         for name in (*optics.NUMBERS, "description"):
             assert getattr(found, name) == getattr(gold, name)
@@ -619,7 +619,7 @@ def test_clusters_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     ):
         vrte.sweep(given, engine="dask", scheduler=empty.scheduler_address)
     with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
-        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.Chunk(0))
+        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.SceneChunk(0))
 
 
 def listening() -> set[Any]:

@@ -28,7 +28,7 @@ from vrte.results.spectrum import Spectrum
 VISUAL = "45:0"  # the default: the surface's mirror image is left out
 
 
-class Reading(NamedTuple):
+class InstrumentReading(NamedTuple):
     """One number that an instrument reads, as `Appearance.list_readings` lists them: the quantity, the geometry
     ("45:0"), the wavelength [um] or None, the value and its unit, "1" for none, what it is in words, and the
     standard."""
@@ -145,18 +145,22 @@ class Appearance:
         "di:di" or "inside"; Saunderson's k1 and k2 (n,) of its surface are computed, or given."""
         return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
 
-    def list_readings(self) -> Iterator[Reading]:
+    def list_readings(self) -> Iterator[InstrumentReading]:
         """All reflectances, polarizations and colours, a number a row."""
         at = self.wavelength_um.round(9).tolist()
         for name, values in self.reflectances.items():
             known = read_geometry(name)
             for wavelength, value in zip(at, values.tolist(), strict=True):
-                yield Reading("reflectance factor", name, wavelength, value, "1", known.definition, known.standard)
+                yield InstrumentReading(
+                    "reflectance factor", name, wavelength, value, "1", known.definition, known.standard
+                )
         for name in self.light:
             for quantity, values, unit in zip(POLARIZATION, self.polarization(name), ("1", "degree"), strict=True):
                 definition = f"of unpolarized light, after {read_geometry(name).definition}"
                 for wavelength, value in zip(at, values.tolist(), strict=True):
-                    yield Reading(quantity, name, wavelength, value, unit, definition, "Stokes parameters I, Q, U")
+                    yield InstrumentReading(
+                        quantity, name, wavelength, value, unit, definition, "Stokes parameters I, Q, U"
+                    )
         for name in self.reflectances:
             yield from list_colour_readings(self.colour(name), name)
 
@@ -165,12 +169,12 @@ POLARIZATION = "degree of linear polarization", "angle of linear polarization"
 COLOURS = dict.fromkeys("XYZ", "ISO/CIE 11664-3") | dict.fromkeys("LabCh", "ISO/CIE 11664-4")
 
 
-def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterator[Reading]:
+def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterator[InstrumentReading]:
     """X, Y, Z, L*, a*, b*, C* and h of a colour that is read in a geometry, ``of`` something."""
     light = f"{colour.illuminant}, {colour.observer} degree observer"
     for quantity, standard in COLOURS.items():
         value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
-        yield Reading(quantity + of, geometry, None, value, unit, light, standard)
+        yield InstrumentReading(quantity + of, geometry, None, value, unit, light, standard)
 
 
 def appearance(

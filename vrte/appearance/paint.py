@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.appearance.appearance import Appearance, Reading, appearance, list_colour_readings
+from vrte.appearance.appearance import Appearance, InstrumentReading, appearance, list_colour_readings
 from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import WHITE, Hiding, find_hiding
@@ -114,12 +114,14 @@ class Paint:
         for angle, gloss in self.glosses.items():
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
 
-    def list_readings(self) -> Iterator[Reading]:
+    def list_readings(self) -> Iterator[InstrumentReading]:
         """Every number of the page, one a row, as the table in .csv has them."""
         yield from self.look.list_readings()
         for angle, gloss in self.glosses.items():
             definition = "specular gloss, 100 of polished black glass of index 1.567"
-            yield Reading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523")
+            yield InstrumentReading(
+                "gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523"
+            )
         if self.hiding is not None:
             yield from list_hiding_readings(self.hiding)
             for name, colour in self.colours.items():
@@ -129,11 +131,11 @@ class Paint:
             for name, values, what in (("K", found.K, "absorption"), ("S", found.S, "scattering")):
                 words = f"{what} of two fluxes, of even light inside the film"
                 for at, value in zip(self.look.wavelength_um.round(9).tolist(), values.tolist(), strict=True):
-                    yield Reading(name, found.geometry.name, at, value, found.unit, words, source)
+                    yield InstrumentReading(name, found.geometry.name, at, value, found.unit, words, source)
         for angle, light in zip(*cut_lobe(self.lobe), strict=True):
             words = "BRDF of unpolarized light in the plane of incidence, without the mirrored beam"
             name = f"{LOBE_DEG:g}:{angle:g}"
-            yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", words, "Nicodemus 1977")
+            yield InstrumentReading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", words, "Nicodemus 1977")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the page (.html, which opens without a network), one sheet of pictures (.png), or all numbers (.csv)
@@ -278,7 +280,7 @@ def note_warnings(notes: list[str]) -> Iterator[None]:
         yield
 
 
-def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
+def list_hiding_readings(hiding: Hiding) -> Iterator[InstrumentReading]:
     """Contrast ratio, opacity, the hiding thickness, and reflectance factors over the cards and semi-infinite."""
     seen, length, times = hiding.geometry, hiding.hiding_length_um, hiding.hiding_times
     cards = f"Y over a black card ({hiding.black:g}) over Y over a white one ({hiding.white:g})"
@@ -297,14 +299,14 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
     )  # fmt: skip
     for name, single, unit, words, standard in rows:
         if single is not None:
-            yield Reading(name, seen, None, single, unit, words, standard)
+            yield InstrumentReading(name, seen, None, single, unit, words, standard)
     for name, values in hiding.reflectances.items():
         words = f"of the film {name}, where the perfect white diffuser has 1"
         for wavelength, value in zip(hiding.wavelength_um.tolist(), values.tolist(), strict=True):
-            yield Reading(f"reflectance factor {name}", seen, wavelength, value, "1", words, "CIE 15")
+            yield InstrumentReading(f"reflectance factor {name}", seen, wavelength, value, "1", words, "CIE 15")
     for one, value in zip(hiding.times.tolist(), hiding.contrast_ratios.tolist(), strict=True):
         film = f"{one:.6g} x film" if hiding.length_um is None else f"{one * hiding.length_um:.6g} um"
-        yield Reading(OF_FILMS + film, seen, None, value, "1", cards, ratio)
+        yield InstrumentReading(OF_FILMS + film, seen, None, value, "1", cards, ratio)
 
 
 def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:

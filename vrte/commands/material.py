@@ -252,7 +252,7 @@ def write_table(columns: Columns, path: Path) -> None:
 
 def draw_columns(columns: Columns, name: str, groups: list[tuple[str, tuple[str, ...]]]) -> Any:
     """Groups of columns beside each other, each with its title, over the wavelength."""
-    from vrte.pictures.describe import BLUE, GREEN, ORANGE, Axis, Curve, Panel, Picture
+    from vrte.pictures.describe import BLUE, GREEN, ORANGE, Axis, Curve, Picture, PlotPanel
     from vrte.pictures.figures import draw_picture
 
     panels = []
@@ -263,5 +263,5 @@ def draw_columns(columns: Columns, name: str, groups: list[tuple[str, tuple[str,
                   marker="o" if len(columns[column]) < 40 else "")
             for column, colour in zip(names, (BLUE, ORANGE, GREEN), strict=False)
         ]  # fmt: skip
-        panels.append(Panel(curves, Axis("wavelength [µm]"), Axis(low=least), title))
+        panels.append(PlotPanel(curves, Axis("wavelength [µm]"), Axis(low=least), title))
     return draw_picture(Picture([panels], 4.8 * len(groups), 4.0, name))

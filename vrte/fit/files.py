@@ -15,7 +15,7 @@ from vrte.basics.arrays import check_whole
 from vrte.basics.errors import SceneError
 from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
 from vrte.fit.model import make_model
-from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, Parameter, Problem
+from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, FitProblem, Parameter
 from vrte.fit.result import ARRAYS, Fit, Start
 from vrte.formats.journal import read_journal, write_journal
 from vrte.formats.named import find_named_tables
@@ -29,7 +29,7 @@ WRITER = "a fit"
 PLAIN = [one.name for one in fields(Fit) if one.name not in (*ARRAYS, "measurement", "starts", "problem")]
 
 
-def find_fingerprint(problem: Problem, record: Mapping[str, Any]) -> str:
+def find_fingerprint(problem: FitProblem, record: Mapping[str, Any]) -> str:
     """Of all that decides about a fit: data, scene, the tables it names, free numbers, priors, and how it is made."""
     from vrte import __version__
 
@@ -139,7 +139,7 @@ def restore_problem(
     model.options, model.nodes = dict(record["options"]), fields["nodes"]
     parameters = tuple(Parameter(**one) for one in record["parameters"])
     priors = np.array([[math.nan if one is None else one for one in pair] for pair in record["priors"]], float)
-    return Problem(model, parameters, priors.reshape(-1, 2), np.array(record["sigma"], float), record["loss"])
+    return FitProblem(model, parameters, priors.reshape(-1, 2), np.array(record["sigma"], float), record["loss"])
 
 
 @dataclass(frozen=True, eq=False)

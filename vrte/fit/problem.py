@@ -134,7 +134,7 @@ class Point:
 
 
 @dataclass(eq=False)
-class Problem:
+class FitProblem:
     """A measurement, a model, its free numbers, priors (n, 2), and the sigmas (rows,) that count.
 
     ``loss``: what is made least of residuals, one of LOSSES.
@@ -209,7 +209,7 @@ class Problem:
 
 
 def fit_residuals(
-    problem: Problem,
+    problem: FitProblem,
     begin: Array,
     free: BoolArray,
     most_steps: int,

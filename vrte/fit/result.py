@@ -18,7 +18,7 @@ from vrte.scene.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from vrte.fit.problem import Problem
+    from vrte.fit.problem import FitProblem
     from vrte.fit.verdict import Profile
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
@@ -110,7 +110,7 @@ class Fit:
     starts: tuple[Start, ...]
     nodes: int | None
     interrupted: bool = False
-    problem: "Problem | None" = field(default=None)
+    problem: "FitProblem | None" = field(default=None)
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -215,7 +215,7 @@ class Fit:
             raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
         return family.content_at(np.array(self.values))
 
-    def find_problem(self) -> "Problem":
+    def find_problem(self) -> "FitProblem":
         """Model, free numbers and priors, for what is asked of the fit later."""
         if self.problem is None:
             raise SceneError("this fit was read from a file that does not hold its scene")

@@ -18,9 +18,9 @@ from vrte.fit.problem import (
     JACOBIANS,
     LOSSES,
     MOST_STARTS,
+    FitProblem,
     Parameter,
     Point,
-    Problem,
     choose_sigma,
     fit_residuals,
     read_parameters,
@@ -48,7 +48,7 @@ NODES_MATTER = 0.1  # sigma by which more nodes may move a row
 NEAR_A_BOUND = 1e-4  # of the range, or of the value
 
 
-class Step(NamedTuple):
+class FitStep(NamedTuple):
     """Where a fit is after a step, as ``watch`` is told: which start, from 0, how many steps, the free numbers by name,
     chi2, and what the scene shows there (rows,)."""
 
@@ -59,7 +59,7 @@ class Step(NamedTuple):
     predicted: Any
 
 
-Watch = Callable[[Step], None]
+Watch = Callable[[FitStep], None]
 
 
 def fit(
@@ -128,7 +128,7 @@ def fit(
     progress : callable, optional
         Called with (steps done, steps at most).
     watch : callable, optional
-        Called with a `vrte.fit.run.Step` after each step: numbers, chi2, and what the scene shows there.
+        Called with a `vrte.fit.run.FitStep` after each step: numbers, chi2, and what the scene shows there.
     resume : path, optional
         A file in which the fit notes after each step how far it has come: the same call goes on from there.
 
@@ -182,7 +182,7 @@ def fit(
     model = make_model(measurement, scene, names, nodes, accuracy, wavelengths_um, folder, threads, jacobian)
     begun = dict(zip(names, model.start.tolist(), strict=True))
     parameters = read_parameters(free, bounds, begun, model.source.limits)
-    problem = Problem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
+    problem = FitProblem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
     first = np.array([one.start for one in parameters])
     check_count(problem)
     begins = spread_starts(parameters, count, seed)
@@ -203,7 +203,7 @@ def fit(
     return make_fit(problem, search, interrupted)
 
 
-def check_count(problem: Problem) -> None:
+def check_count(problem: FitProblem) -> None:
     """Whether there are enough rows. Raises SceneError."""
     rows, priors, free = len(problem.model.measurement), int(problem.known.sum()), len(problem.parameters)
     if rows + priors < free:
@@ -211,7 +211,7 @@ def check_count(problem: Problem) -> None:
         raise SceneError(f"measurement has {words}, too few for {free} free numbers: at least as many are needed")
 
 
-def check_slopes(problem: Problem, values: Array) -> None:
+def check_slopes(problem: FitProblem, values: Array) -> None:
     """Whether each free number does something to the data, or has a prior. Raises SceneError."""
     point = problem.find_point(values, True)
     assert point.slopes is not None
@@ -241,7 +241,7 @@ def spread_starts(parameters: Sequence[Parameter], count: int, seed: int) -> lis
 class Search:
     """Least squares from several starts; ``best``: the point of the least sum so far, whose derivatives are known."""
 
-    def __init__(self, problem: Problem, journal: Journal, most_steps: int, watch: Watch | None) -> None:
+    def __init__(self, problem: FitProblem, journal: Journal, most_steps: int, watch: Watch | None) -> None:
         self.problem, self.journal, self.most_steps, self.watch = problem, journal, most_steps, watch
         self.best: Point | None = None
         self.cost = math.inf
@@ -261,7 +261,7 @@ class Search:
             if self.watch is not None:
                 told = dict(zip(problem.model.names, point.values.tolist(), strict=True))
                 chi2 = problem.measure(problem.join(point))
-                self.watch(Step(place, step, told, chi2, settle_array(point.predicted.copy())))
+                self.watch(FitStep(place, step, told, chi2, settle_array(point.predicted.copy())))
             step += 1
             if progress is not None:
                 progress(min(step, self.most_steps), self.most_steps)
@@ -304,7 +304,7 @@ class Search:
         self.keep(self.problem.find_point(values, True))
 
 
-def make_fit(problem: Problem, search: Search, interrupted: bool) -> Fit:
+def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
     """The result, with errors and what the data cannot tell. Warns (IndistinguishableWarning)."""
     best, model, given = search.best, problem.model, problem.model.measurement
     assert best is not None

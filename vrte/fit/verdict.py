@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array, check_vector, check_whole, settle_array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.fit.measurement import COORDINATES, Measurement
-from vrte.fit.problem import Problem, fit_residuals
+from vrte.fit.problem import FitProblem, fit_residuals
 from vrte.fit.quantities import LOOK, QUANTITIES
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
     return Profile(name, settle_array(grid), settle_array(chi2), settle_array(found), low, high)
 
 
-def choose_values(problem: Problem, fit: "Fit", place: int, points: int) -> Array:
+def choose_values(problem: FitProblem, fit: "Fit", place: int, points: int) -> Array:
     """Values to three standard deviations on either side, within the bounds. Raises SceneError."""
     one, value, error = problem.parameters[place], float(fit.values[place]), float(fit.errors[place])
     if not np.isfinite(error) or error == 0.0:

@@ -9,7 +9,7 @@ from vrte.appearance.hiding import Hiding
 from vrte.appearance.two_flux_fit import BACKGROUNDS, KubelkaMunk, TwoFluxErrors
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
-from vrte.pictures.describe import BLUE, GREEN, INK, ORANGE, RED, Axis, Curve, Line, Panel, Picture, Words
+from vrte.pictures.describe import BLUE, GREEN, INK, ORANGE, RED, Axis, Curve, Line, Picture, PlotPanel, Words
 from vrte.pictures.figures import draw_picture, find_log_ticks
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ LEAST_ABSORPTION = 1e-9  # of the largest S: a K below it is rounding
 SEEN = 0.5  # CIEDE2000 that is hardly seen side by side
 
 
-def describe_hiding(hiding: Hiding) -> tuple[Panel, Panel]:
+def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
     """The contrast ratio against thickness, with the target and the thickness that reaches it, and Y over black, over
     white and without end; dots are exact solves, and a line stands where the panel's own film is."""
     scale, unit = (hiding.length_um, "µm") if hiding.length_um else (1.0, "times the film")
@@ -50,8 +50,8 @@ def describe_hiding(hiding: Hiding) -> tuple[Panel, Panel]:
     ticks, words = find_log_ticks(*(scale * ends).tolist())
     along = Axis(f"dry film [{unit}]", log=10.0, ticks=ticks, words=words)
     light = f"luminance Y, {hiding.geometry}, {hiding.illuminant}, {hiding.observer}°"
-    first = Panel([*left, *film], along, Axis("contrast ratio", 0.0, 1.05), legend="lower right", letters=8.0)
-    return first, Panel([*right, *film], along, Axis(light, low=0.0), letters=8.0)
+    first = PlotPanel([*left, *film], along, Axis("contrast ratio", 0.0, 1.05), legend="lower right", letters=8.0)
+    return first, PlotPanel([*right, *film], along, Axis(light, low=0.0), letters=8.0)
 
 
 def draw_hiding(hiding: Hiding) -> "Figure":
@@ -59,7 +59,7 @@ def draw_hiding(hiding: Hiding) -> "Figure":
     return draw_picture(Picture([describe_hiding(hiding)], 9.0, 3.6))
 
 
-def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> Panel:
+def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> PlotPanel:
     """K and S against wavelength, and where asked for what diffusion makes of absorption and scattering."""
     most = float(found.S.max()) or 1.0
     absorbs = bool((LEAST_ABSORPTION * most < found.K).all())
@@ -74,8 +74,8 @@ def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> P
     along = Axis("wavelength [µm]")
     unit = f"Kubelka-Munk's K, S [{found.unit.replace('um', 'µm')}]"
     if with_diffusion:
-        return Panel(parts, along, Axis(unit, 1e-6 * most, 3.0 * max(most, float(found.K.max())), log=10.0))
-    return Panel(parts, along, Axis(unit, log=10.0) if absorbs else Axis(unit, low=0.0))
+        return PlotPanel(parts, along, Axis(unit, 1e-6 * most, 3.0 * max(most, float(found.K.max())), log=10.0))
+    return PlotPanel(parts, along, Axis(unit, log=10.0) if absorbs else Axis(unit, low=0.0))
 
 
 def draw_two_fluxes(found: KubelkaMunk, lengths: Any = None, progress: Progress | None = None) -> "Figure":
@@ -115,7 +115,7 @@ def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> "Figure":
     titles = "reflectance: exact (points), by K and S (lines)", "by K and S less exact", "colour difference, CIEDE2000"
     above = Axis(low=0.0, high=1.0), Axis(), Axis(low=0.0)
     first, second, third = (
-        Panel([*some, Line(x=found.length)], along, y, title)
+        PlotPanel([*some, Line(x=found.length)], along, y, title)
         for some, y, title in zip(parts, above, titles, strict=True)
     )
     fourth = replace(describe_coefficients(found, with_diffusion=True), title="K and S, and those of diffusion")

@@ -93,7 +93,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Panel:
+class PlotPanel:
     """What lies over one pair of axes; without axes (``bare``) swatches or words alone."""
 
     parts: Sequence[Curve | Line | Words | Swatch]
@@ -112,7 +112,7 @@ class Panel:
 class Picture:
     """Panels in rows, None where there is none, with sizes [inches] and the ratios of rows and columns."""
 
-    rows: Sequence[Sequence[Panel | None]]
+    rows: Sequence[Sequence[PlotPanel | None]]
     width: float
     height: float
     title: str = ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.describe import FAINT, INK, Axis, Curve, Line, Panel, Picture, Words
+from vrte.pictures.describe import FAINT, INK, Axis, Curve, Line, Picture, PlotPanel, Words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ def draw_picture(picture: Picture) -> "Figure":
     return figure
 
 
-def draw_panel(axes: Any, panel: Panel) -> None:
+def draw_panel(axes: Any, panel: PlotPanel) -> None:
     """A panel into matplotlib's axes."""
     from matplotlib.patches import Rectangle
 

@@ -13,7 +13,7 @@ from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import QUANTITIES
 from vrte.fit.result import Fit
 from vrte.fit.verdict import Profile
-from vrte.pictures.describe import BLUE, GREY, INK, ORANGE, PALETTE, Axis, Curve, Line, Panel, Picture, spread
+from vrte.pictures.describe import BLUE, GREY, INK, ORANGE, PALETTE, Axis, Curve, Line, Picture, PlotPanel, spread
 from vrte.pictures.figures import draw_picture
 from vrte.pictures.interactive import draw_interactive
 from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table, save_page
@@ -97,7 +97,7 @@ def measurement(
         under = f"points: measured{'' if predicted is None else f'; lines: vrte, {source}'}{folded}{some}"
     named = sum(bool(one.name) and one.listed for one in upper) > 1
     residual = "residual" if sigma is None else "residual / σ"
-    panels = [Panel(upper, along, Axis(describe_unit(shown))), Panel(lower, along, Axis(residual))]
+    panels = [PlotPanel(upper, along, Axis(describe_unit(shown))), PlotPanel(lower, along, Axis(residual))]
     title = f"Measured {shown.replace('_', ' ')}"
     return draw_interactive(panels, title, under, (0.7, 0.3), showlegend=named, barmode="overlay")
 
@@ -117,7 +117,7 @@ def draw_fit(fit: Fit) -> "Figure":
     return draw_picture(Picture(rows, 4.2 * (len(columns) + 0.7), 5.2, heights=(2.0, 1.0), widths=widths))
 
 
-def describe_quantity(fit: Fit, name: str, rows: Any = None) -> tuple[Panel, Panel]:
+def describe_quantity(fit: Fit, name: str, rows: Any = None) -> tuple[PlotPanel, PlotPanel]:
     """Points with error bars and what the fit shows, and below them the residuals; of several quantities, and where
     nothing differs between the rows, along the row."""
     given, mixed = fit.measurement, rows is not None
@@ -132,11 +132,11 @@ def describe_quantity(fit: Fit, name: str, rows: Any = None) -> tuple[Panel, Pan
     parts = [part for pair in zip(upper[::2], crosses, strict=True) for part in pair]
     bars = [replace(one, sigma=1.0) if isinstance(one, Curve) else one for one in lower]
     legend = "best" if 1 < len(curves) <= MOST_NAMED else ""
-    top = Panel(parts, title=describe_unit(name), legend=legend)
-    return top, Panel(bars, Axis(along), Axis("residual [sigma]"))
+    top = PlotPanel(parts, title=describe_unit(name), legend=legend)
+    return top, PlotPanel(bars, Axis(along), Axis("residual [sigma]"))
 
 
-def describe_spread(residuals: Array) -> Panel:
+def describe_spread(residuals: Array) -> PlotPanel:
     """How residuals are spread, and how normal noise would be."""
     reach = max(3.5, 1.1 * float(np.abs(residuals).max(initial=0.0)))
     counts, edges = np.histogram(residuals, int(np.clip(2.0 * np.sqrt(residuals.size), 7, 41)), (-reach, reach))
@@ -144,13 +144,13 @@ def describe_spread(residuals: Array) -> Panel:
     normal = residuals.size * (edges[1] - edges[0]) * np.exp(-0.5 * fine**2) / np.sqrt(2.0 * np.pi)
     bars = Curve(np.concatenate([[0.0], np.repeat(counts, 2), [0.0]]), steps, "", BLUE, filled=True, opacity=0.6)
     title = "residuals [sigma],\nand normal noise"
-    return Panel([bars, Curve(normal, fine, "", ORANGE)], Axis("rows", low=0.0), title=title)
+    return PlotPanel([bars, Curve(normal, fine, "", ORANGE)], Axis("rows", low=0.0), title=title)
 
 
-def describe_profile(profile: Profile) -> Panel:
+def describe_profile(profile: Profile) -> PlotPanel:
     """The rise of chi2 along one number, and the 1 that ends its interval."""
     rise = Curve(profile.values, profile.chi2 - profile.chi2.min(), "", BLUE, "-", "o", width=1.0)
-    return Panel([rise, Line(y=1.0, colour=ORANGE)], title=f"chi2 above its least along\n{profile.name}")
+    return PlotPanel([rise, Line(y=1.0, colour=ORANGE)], title=f"chi2 above its least along\n{profile.name}")
 
 
 # ---- the page

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.errors import import_extra
-from vrte.pictures.describe import INCIDENT, INK, ZERO, Axis, Curve, Panel
+from vrte.pictures.describe import INCIDENT, INK, ZERO, Axis, Curve, PlotPanel
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -54,7 +54,7 @@ def make_plotly_figure(traces: list[dict[str, Any]], title: str, under: str, **l
 
 
 def draw_interactive(
-    panels: Sequence[Panel], title: str, under: str, heights: Sequence[float] = (), **layout: Any
+    panels: Sequence[PlotPanel], title: str, under: str, heights: Sequence[float] = (), **layout: Any
 ) -> "Figure":
     """The figure of one polar panel, or of panels one above the other along the x of the last, ``heights`` high."""
     if panels[0].polar:
@@ -113,7 +113,7 @@ def make_axis(axis: Axis, **more: Any) -> dict[str, Any]:
     return made | GRID | more
 
 
-def make_polar_axes(panel: Panel) -> dict[str, Any]:
+def make_polar_axes(panel: PlotPanel) -> dict[str, Any]:
     """Angles clockwise from straight up; the sector is Plotly's, counter-clockwise from the right."""
     half = panel.polar == "half"
     marked = range(-90, 91, 30) if half else range(0, 360, 30)

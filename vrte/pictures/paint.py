@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.appearance.appearance import COLOURS, VISUAL, Reading
+from vrte.appearance.appearance import COLOURS, VISUAL, InstrumentReading
 from vrte.appearance.geometries import MULTI_ANGLE, read_geometry
 from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.appearance import describe_coefficients, describe_hiding
-from vrte.pictures.describe import BLUE, GREEN, INCIDENT, INK, ORANGE, Axis, Curve, Panel, Picture, Swatch, Words
+from vrte.pictures.describe import BLUE, GREEN, INCIDENT, INK, ORANGE, Axis, Curve, Picture, PlotPanel, Swatch, Words
 from vrte.pictures.figures import draw_picture, save_figure
 from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table
 
@@ -30,7 +30,7 @@ SUFFIXES = ".html", ".png", ".csv"
 COLUMNS = "quantity", "geometry", "wavelength_um", "value", "unit", "definition", "standard"
 
 
-def describe_card(paint: Paint) -> Panel:
+def describe_card(paint: Paint) -> PlotPanel:
     """A drawdown card: the film across black and white, its colours as a screen shows them."""
     shown = list(paint.colours.items())[:2]
     parts: list[Any] = []
@@ -41,10 +41,10 @@ def describe_card(paint: Paint) -> Panel:
         gap = "" if colour.is_in_gamut else f"\nout of the screen's colours\nby {colour.gamut_gap:.1f} CIEDE2000"
         words = f"{name}\n{colour.hex}\nL* {colour.L:.1f}  a* {colour.a:.1f}  b* {colour.b:.1f}{gap}"
         parts.append(Words(words, (place + 0.5) * width, colour=INK if colour.L > 55.0 else "white"))
-    return Panel(parts, title="Drawdown card", bare=True)
+    return PlotPanel(parts, title="Drawdown card", bare=True)
 
 
-def describe_reflectance(paint: Paint) -> Panel:
+def describe_reflectance(paint: Paint) -> PlotPanel:
     """Reflectance factors over black, over white and semi-infinite, and all light of the panel as it lies."""
     at, parts, seen = paint.look.wavelength_um, [], paint.hiding
     if seen is None:
@@ -56,17 +56,17 @@ def describe_reflectance(paint: Paint) -> Panel:
             Curve(at, seen.reflectance_over_black, f"over black, {seen.geometry}", BLUE),
         ]
     parts.append(Curve(at, paint.look.reflectance("8:di"), "as it lies, 8:di (SPIN)", GREEN, "--", width=1.2))
-    return Panel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0), "Reflectance")
+    return PlotPanel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0), "Reflectance")
 
 
-def describe_film(paint: Paint) -> Panel:
+def describe_film(paint: Paint) -> PlotPanel:
     """Contrast ratio against thickness, with what counts as hidden."""
-    missing = Panel([Words("no hiding curve: see the notes")], bare=True)
+    missing = PlotPanel([Words("no hiding curve: see the notes")], bare=True)
     found = missing if paint.hiding is None else describe_hiding(paint.hiding)[0]
     return replace(found, title="Hiding power", letters=7.0)
 
 
-def describe_polar_cut(paint: Paint) -> Panel:
+def describe_polar_cut(paint: Paint) -> PlotPanel:
     """pi times the BRDF in the plane of incidence: 1 is the perfect white diffuser's half circle of radius."""
     angle, light = cut_lobe(paint.lobe)
     factor = np.pi * np.maximum(light[:, 0], 0.0)
@@ -77,10 +77,10 @@ def describe_polar_cut(paint: Paint) -> Panel:
         share = 100.0 * float(paint.lobe.specular[0, 0, 0])
         words = f"mirrored beam, {share:.3g} %, not in the curve"
         parts.append(Curve([LOBE_DEG] * 2, [0.0, top], words, GREEN, "--", width=1.2))
-    return Panel(parts, y=Axis("", 0.0, top), title=f"Light from {LOBE_DEG:g}°: π BRDF in its plane", polar="half")
+    return PlotPanel(parts, y=Axis("", 0.0, top), title=f"Light from {LOBE_DEG:g}°: π BRDF in its plane", polar="half")
 
 
-def describe_angles(paint: Paint) -> Panel:
+def describe_angles(paint: Paint) -> PlotPanel:
     """Y at the angles of multi-angle instruments, off the mirrored beam of light at 45 degrees."""
     offs = [LOBE_DEG - float(read_geometry(name).angle_o or 0.0) for name in MULTI_ANGLE]
     luminances = [paint.look.colour(name).Y for name in MULTI_ANGLE]
@@ -90,25 +90,25 @@ def describe_angles(paint: Paint) -> Panel:
         for off, name in zip(offs, MULTI_ANGLE, strict=True)
     ]
     above = Axis("Y (perfect white: 100)", 0.0, 1.15 * max(luminances))
-    return Panel(parts, Axis("degrees off the mirrored beam"), above, f"Multi-angle, light at {LOBE_DEG:g}°")
+    return PlotPanel(parts, Axis("degrees off the mirrored beam"), above, f"Multi-angle, light at {LOBE_DEG:g}°")
 
 
-def describe_polarization(paint: Paint) -> Panel:
+def describe_polarization(paint: Paint) -> PlotPanel:
     """Degree of linear polarization in three geometries, of unpolarized light."""
     seen = zip((VISUAL, MULTI_ANGLE[0], MULTI_ANGLE[-1]), (INK, BLUE, ORANGE), strict=True)
     at, look = paint.look.wavelength_um, paint.look
     parts = [Curve(at, 100.0 * look.polarization(name)[0], name, colour) for name, colour in seen]
-    return Panel(parts, WAVELENGTH, Axis("degree of linear polarization [%]", low=0.0), "Polarization")
+    return PlotPanel(parts, WAVELENGTH, Axis("degree of linear polarization [%]", low=0.0), "Polarization")
 
 
-def describe_two_fluxes(paint: Paint) -> Panel:
+def describe_two_fluxes(paint: Paint) -> PlotPanel:
     """K and S against wavelength."""
-    missing = Panel([Words("no K and S: see the notes")], bare=True)
+    missing = PlotPanel([Words("no K and S: see the notes")], bare=True)
     found = missing if paint.two_fluxes is None else describe_coefficients(paint.two_fluxes)
     return replace(found, title="Kubelka-Munk inside the film")
 
 
-PANELS: tuple[Callable[[Paint], Panel], ...] = (
+PANELS: tuple[Callable[[Paint], PlotPanel], ...] = (
     describe_card, describe_reflectance, describe_film, describe_polar_cut, describe_angles, describe_polarization,
     describe_two_fluxes,
 )  # fmt: skip
@@ -119,7 +119,7 @@ def draw_sheet(paint: Paint) -> "Figure":
     numbers = [f"{name}: {value}" for name, value in paint.list_numbers() if not name.startswith("colour")]
     wavelength = f"polar cut at {paint.lobe_um:g} µm, colours {paint.look.illuminant}/{paint.look.observer}°"
     words = "\n".join([*paint.made_of, "", *numbers, "", wavelength])
-    panels = [*(describe(paint) for describe in PANELS), Panel([Words(words, 0.0, 0.98, align="left")], bare=True)]
+    panels = [*(describe(paint) for describe in PANELS), PlotPanel([Words(words, 0.0, 0.98, align="left")], bare=True)]
     return draw_picture(Picture([panels[:3], panels[3:6], panels[6:]], 14.4, 10.4, paint.title))
 
 
@@ -138,7 +138,7 @@ def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
         part.write_text(text, encoding="utf-8", newline="")
 
 
-def write_table(readings: Iterable[Reading]) -> str:
+def write_table(readings: Iterable[InstrumentReading]) -> str:
     """All numbers as CSV, one a row, digits enough to read them back."""
     made = io.StringIO()
     rows = csv.writer(made, lineterminator="\n")
@@ -193,7 +193,7 @@ def make_colours(paint: Paint) -> str:
     return f"{make_table(head, rows, '.2f')}<p>{words}</p>"
 
 
-def make_spectra(paint: Paint, readings: Iterable[Reading]) -> str:
+def make_spectra(paint: Paint, readings: Iterable[InstrumentReading]) -> str:
     """All readings at every wavelength, a column a wavelength."""
     at = paint.look.wavelength_um.tolist()
     rows: dict[tuple[str, ...], list[float]] = {}

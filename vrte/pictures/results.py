@@ -26,8 +26,8 @@ from vrte.pictures.describe import (
     Axis,
     Curve,
     Line,
-    Panel,
     Picture,
+    PlotPanel,
     colour_scale,
     spread,
 )
@@ -85,7 +85,7 @@ def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> 
 # ---- BRDFs
 
 
-def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Panel:
+def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> PlotPanel:
     """A quantity of the light that leaves against its angle from the normal, in upright planes, as a half circle, whose
     centre is as far below 0 as the rim is above where the quantity may be negative."""
     incident = incident_for(quantity, stokes)
@@ -99,7 +99,7 @@ def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = U
     parts.append(describe_arrow(-beam, high, low, "incident light"))
     if mirrored:
         parts.append(describe_arrow(beam, low, high, f"{mirrored}, not in the curves", MIRRORED))
-    return Panel(parts, y=Axis(label_quantity(quantity), low, low + 1.05 * (high - low)), polar="half")
+    return PlotPanel(parts, y=Axis(label_quantity(quantity), low, low + 1.05 * (high - low)), polar="half")
 
 
 def describe_zero(low: float, last: float) -> list[Curve]:
@@ -191,14 +191,14 @@ def draw_changes(figure: Any, brdf: Brdf, chosen: Sequence[int]) -> None:
     exit_angle = Axis("angle of exit in the plane of incidence [°]", -90.0, 90.0, ticks=range(-90, 91, 30))
     for axes, some, place in zip(panels, parts, chosen, strict=True):
         beam = Line(x=-float(np.degrees(np.arccos(brdf.mu_i[place]))), colour=INCIDENT)
-        draw_panel(axes, Panel([*some, beam], x=exit_angle, legend=""))
+        draw_panel(axes, PlotPanel([*some, beam], x=exit_angle, legend=""))
     title = "derivatives of $f_{00}$, each over its largest"
     left_out = len(brdf.jacobian or {}) - len(changes)
     figure.suptitle(title + (f" ({left_out} more are not drawn)" if left_out else ""), y=0.97, fontsize=11)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=2, fontsize=9, frameon=False)
 
 
-def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[Panel, Panel]:
+def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:
     """f00 and the degree of linear polarization in the plane of incidence, a curve an incident direction."""
     light: list[Any] = []
     polarized: list[Any] = []
@@ -211,7 +211,7 @@ def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[Panel, Panel]:
     beam = "" if brdf.specular is None else "; dotted: mirrored beam, not in it"
     titles = f"f00 [sr⁻¹]{beam}", "degree of linear polarization"
     first, second = (
-        Panel(some, EXIT, Axis(low=0.0), title) for some, title in zip((light, polarized), titles, strict=True)
+        PlotPanel(some, EXIT, Axis(low=0.0), title) for some, title in zip((light, polarized), titles, strict=True)
     )
     return first, second
 
@@ -229,7 +229,7 @@ def name_depth(field: Field, depth: int) -> str:
     return f"τ = {field.tau[depth]:.4g}" + ("" if field.index is None else f", n = {field.index[depth]:.4g}")
 
 
-def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[Panel, Panel]:
+def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:
     """I and the degree of polarization against mu at one azimuth, a line a depth, and one each for light that goes up
     and down, since it may jump at the horizon. Directions that were computed are marked where they are few."""
     panels: tuple[list[Any], list[Any]] = [], []
@@ -249,8 +249,8 @@ def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[P
             name = ""
     where = "" if field.index is None else ", in the medium of each depth"
     mu_axis = Axis(f"μ  (< 0 down, > 0 up{where})")
-    light_panel = Panel([*panels[0], Line(x=0.0)], mu_axis, Axis("I  [W m⁻² sr⁻¹]", low=0.0))
-    return light_panel, Panel([*panels[1], Line(x=0.0)], mu_axis, Axis("degree of polarization", low=0.0))
+    light_panel = PlotPanel([*panels[0], Line(x=0.0)], mu_axis, Axis("I  [W m⁻² sr⁻¹]", low=0.0))
+    return light_panel, PlotPanel([*panels[1], Line(x=0.0)], mu_axis, Axis("degree of polarization", low=0.0))
 
 
 def draw_field(field: Field) -> "Figure":
@@ -301,7 +301,7 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     parts.append(describe_arrow(beam, low, high, f"the beam{outside}"))
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
     what = f"{quantity}, each depth over its largest" if over_largest else label_quantity(quantity)
-    panel = Panel(parts, y=Axis(label_quantity(quantity), low, low + 1.05 * (high - low)), polar="whole")
+    panel = PlotPanel(parts, y=Axis(label_quantity(quantity), low, low + 1.05 * (high - low)), polar="whole")
     under = f"μ<sub>0</sub> = {mu0:.4g}{outside}; above: going up; {SIDES}{shown}"
     return draw_interactive([panel], f"{name_field(field)}: {what}", under)
 
@@ -329,7 +329,7 @@ def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
 # ---- spectra
 
 
-def describe_spectrum(spectrum: Spectrum) -> list[Panel]:
+def describe_spectrum(spectrum: Spectrum) -> list[PlotPanel]:
     """Reflectance against wavelength, a line an incident direction, and f00 in the plane of incidence of the first of
     them, a line a wavelength, where there are enough directions."""
     first, places = spectrum[0], spread(spectrum[0].mu_i.size, MOST_LOBES)
@@ -343,7 +343,7 @@ def describe_spectrum(spectrum: Spectrum) -> list[Panel]:
             beams = [float(one.specular[place, 0, 0]) for one in spectrum if one.specular is not None]
             parts.append(Curve(spectrum.wavelength_um, beams, "", colour, "--", marker, size=3.0))
     words = "reflectance" if first.specular is None else "diffuse reflectance; dashed: mirrored as a beam"
-    panels = [Panel(parts, WAVELENGTH, Axis(low=0.0), words)]
+    panels = [PlotPanel(parts, WAVELENGTH, Axis(low=0.0), words)]
     try:
         check_directions(first.mu_o, first.phi)
     except SceneError:
@@ -354,7 +354,7 @@ def describe_spectrum(spectrum: Spectrum) -> list[Panel]:
         Curve(angle, light[:, 0], f"{spectrum.wavelength_um[place]:.4g} µm", colour)
         for place, (angle, light), colour in zip(shown, found, colour_scale(len(shown)), strict=True)
     ]
-    return [*panels, Panel(lines, EXIT, Axis(low=0.0), f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}")]
+    return [*panels, PlotPanel(lines, EXIT, Axis(low=0.0), f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}")]
 
 
 def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
@@ -377,7 +377,9 @@ def reflectance(found: Any, wavelength_um: Sequence[float], place: int) -> Any:
     light = f"light from {angle[place]:.0f}° off the normal; " if spectral else ""
     under = f"{light}unpolarized, all directions of exit"
     along = WAVELENGTH if spectral else Axis("angle of incidence [°]")
-    return draw_interactive([Panel(parts, along, Axis("reflectance", low=0.0))], "Reflectance", under, showlegend=True)
+    return draw_interactive(
+        [PlotPanel(parts, along, Axis("reflectance", low=0.0))], "Reflectance", under, showlegend=True
+    )
 
 
 def spectra(found: Any, before: Any, geometry: str) -> Any:
@@ -390,7 +392,7 @@ def spectra(found: Any, before: Any, geometry: str) -> Any:
         for name, curve, (colour, dash) in zip(
             ("over black", "over white"), (shares.over_black, shares.over_white), BASES, strict=False)
     ]  # fmt: skip
-    panel = Panel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0))
+    panel = PlotPanel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0))
     title, under = f"Reflectance factor, {geometry}", "1 is the perfect white diffuser"
     return draw_interactive([panel], title, under, showlegend=True)
 
@@ -398,7 +400,7 @@ def spectra(found: Any, before: Any, geometry: str) -> Any:
 # ---- phase matrices
 
 
-def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[Panel]:
+def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[PlotPanel]:
     """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle; with gaps
     where F11 is not above 0, as rounded tables have it."""
     matrix = phase_matrix.scattering_matrix(ANGLES_DEG)
@@ -408,9 +410,9 @@ def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[Panel]:
         Curve(ANGLES_DEG, sign * matrix[:, row, column] / f11, name, colour, hover=hover.format(name))
         for (name, (row, column), sign, _), colour in zip(RATIOS, PALETTE, strict=True)
     ]
-    first = Panel([Curve(ANGLES_DEG, f11, "F11", INK, width=1.7, hover=hover.format("F11"))], SCATTERING)
+    first = PlotPanel([Curve(ANGLES_DEG, f11, "F11", INK, width=1.7, hover=hover.format("F11"))], SCATTERING)
     first = replace(first, y=Axis("F11", log=10.0), title=f"F11, asymmetry {phase_matrix.asymmetry:.4g}", legend="")
-    second = Panel(ratios, SCATTERING, Axis("ratio to F11", -1.05, 1.05), "ratios to F11", columns=2)
+    second = PlotPanel(ratios, SCATTERING, Axis("ratio to F11", -1.05, 1.05), "ratios to F11", columns=2)
     return [first, second]
 
 
@@ -432,7 +434,7 @@ def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: flo
     ]
     panels[1] = replace(panels[1], parts=[*panels[1].parts, *points])
     error = [Curve(table.angle_deg, np.maximum(known.error, 1e-16), "", RED, width=1.2)]
-    below = Panel(error, SCATTERING, Axis("error/F11", log=10.0))
+    below = PlotPanel(error, SCATTERING, Axis("error/F11", log=10.0))
     return draw_picture(Picture([panels, [below]], width, 1.4 * height, heights=(3.0, 1.0)))
 
 
@@ -454,7 +456,7 @@ def coefficients(phase_matrix: PhaseMatrix) -> Any:
     ]  # fmt: skip
     some = "" if shown == phase_matrix.terms else f", the first {shown} of {phase_matrix.terms} degrees"
     under = f"g = {phase_matrix.asymmetry:.4g}, {phase_matrix.terms} terms{some}"
-    panel = Panel(parts, Axis("degree l"), Axis("coefficient"))
+    panel = PlotPanel(parts, Axis("degree l"), Axis("coefficient"))
     return draw_interactive([panel], "Expansion coefficients", under)
 
 
@@ -473,7 +475,7 @@ def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":
     return draw_picture(Picture([[one] for one in panels], width, height * len(panels)))
 
 
-def describe_orders(plan: Plan, title: str) -> Panel:
+def describe_orders(plan: Plan, title: str) -> PlotPanel:
     """A step an order, blocks of the same order on top of each other; what is left out is hatched."""
     base, parts = np.zeros(plan.orders), []
     edges = np.repeat(np.arange(plan.orders + 1) - 0.5, 2)[1:-1]
@@ -489,7 +491,7 @@ def describe_orders(plan: Plan, title: str) -> Panel:
         first, end, high = plan.orders - 0.5, last - 0.5, float(base.max()) or 1.0
         x, y = [first, end, end, first], [0.0, 0.0, high, high]
         parts.append(Curve(x, y, name, "#eeeeee", filled=True, hatch="//"))
-    return Panel(parts, Axis("Fourier order", -0.5, last - 0.5, whole=True), Axis("operations"), title, letters=8.0)
+    return PlotPanel(parts, Axis("Fourier order", -0.5, last - 0.5, whole=True), Axis("operations"), title, letters=8.0)
 
 
 def sum_operations_by_order(facts: Mapping[str, Any]) -> dict[str, dict[int, float]]:

@@ -17,8 +17,8 @@ from vrte.render import surfaces
 from vrte.render.geometry import EAST, NORTH, UP, Lens, find_turn_from_world, normalize, turn_stokes
 from vrte.render.shapes import OFF_SURFACE, Body, Rays
 from vrte.render.spheres import SUN_RADIUS
-from vrte.render.surfaces import BLOCK, Ground, Light, Points, split
-from vrte.render.tables import Lookup, Resolution, Table
+from vrte.render.surfaces import BLOCK, Points, SceneLight, ShadedGround, split
+from vrte.render.tables import BrdfTable, Lookup, Resolution
 
 CHANNELS = 6  # X, Y and Z of I, and Q, U and V weighted as Y is
 SAMPLES = 3  # of a pixel, each way
@@ -61,9 +61,9 @@ class Stage:
         return Rays(self.bodies)
 
     @cached_property
-    def ground(self) -> Ground | None:
+    def ground(self) -> ShadedGround | None:
         """The objects' shadow on it; None where they do not stand on it."""
-        return Ground.below(self.bodies, self.rays, self.beam) if self.standing else None
+        return ShadedGround.below(self.bodies, self.rays, self.beam) if self.standing else None
 
     @cached_property
     def suns(self) -> Array:
@@ -101,7 +101,7 @@ class Stage:
         return ~self.rays.find_blocked(start, self.suns[samples.sun])
 
 
-def draw_background(stage: Stage, light: Light, observer: Array) -> tuple[Array, Samples]:
+def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[Array, Samples]:
     """Sky and ground as channels (pixel, 6), each as much as is seen of it, and the samples of all objects.
 
     ``observer`` (3, wavelength) weighs wavelengths.
@@ -148,7 +148,9 @@ def weigh_channels(stokes: Array, observer: Array) -> Array:
     return found
 
 
-def draw_object(stage: Stage, samples: Samples, tables: Sequence[Table], light: Light, observer: Array) -> Array:
+def draw_object(
+    stage: Stage, samples: Samples, tables: Sequence[BrdfTable], light: SceneLight, observer: Array
+) -> Array:
     """One body's light as channels (pixel, 6), from all its ``samples`` and the tables of its material at the
     wavelengths of ``light``."""
     lookup = Lookup.between_values(tables)
@@ -179,7 +181,7 @@ def draw_object(stage: Stage, samples: Samples, tables: Sequence[Table], light: 
 
 
 def add_glints(
-    found: Array, stage: Stage, samples: Samples, tables: Sequence[Table], light: Light, observer: Array
+    found: Array, stage: Stage, samples: Samples, tables: Sequence[BrdfTable], light: SceneLight, observer: Array
 ) -> None:
     """Adds the sun's image in smooth surfaces, an even disc of 0.53 degrees, to channels (pixel, 6).
 

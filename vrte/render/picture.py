@@ -24,7 +24,7 @@ from vrte.pictures.describe import INK
 from vrte.pictures.figures import DPI, limit_ticks, make_figure, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.rendering import Rendering
-from vrte.render.setting import Setting
+from vrte.render.setting import PictureSetting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,7 +57,7 @@ def save_colours(renderings: Sequence[Rendering], path: str | os.PathLike[str]) 
         image.save(part, format="PNG", optimize=True)
 
 
-def draw_figure(renderings: Sequence[Rendering], setting: Setting) -> "Figure":
+def draw_figure(renderings: Sequence[Rendering], setting: PictureSetting) -> "Figure":
     """A row a picture, a column each for colour, degree and angle of linear and degree of circular polarization."""
     sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=describe_light(setting, renderings))
     degrees = measure_degrees(renderings)
@@ -78,7 +78,7 @@ def draw_figure(renderings: Sequence[Rendering], setting: Setting) -> "Figure":
 
 
 def draw_sheet(
-    renderings: Sequence[Rendering], setting: Setting, progress: Callable[[int, int, str], None] | None = None
+    renderings: Sequence[Rendering], setting: PictureSetting, progress: Callable[[int, int, str], None] | None = None
 ) -> "Figure":
     """A row a material: its picture in colour, the degree of polarization, and lobes; ``progress`` is called with (rows
     done, rows, title)."""
@@ -110,7 +110,7 @@ def draw_sheet(
     return sheet.figure
 
 
-def draw_row(rendering: Rendering, setting: Setting) -> "Figure":
+def draw_row(rendering: Rendering, setting: PictureSetting) -> "Figure":
     """One wide picture of all that stands beside each other: in colour, and below how much of it is polarized."""
     require_pictures()
     from matplotlib.colorbar import Colorbar
@@ -189,7 +189,7 @@ def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
     return Scale(DEGREE_COLOURS, 0.0, min(most, 1.0), power)
 
 
-def describe_light(setting: Setting, renderings: Sequence[Rendering]) -> str:
+def describe_light(setting: PictureSetting, renderings: Sequence[Rendering]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
     light = {

@@ -13,12 +13,12 @@ from vrte.optics.facets import RoughSurface
 from vrte.render import colour
 from vrte.render.geometry import UP, place_camera, place_lens
 from vrte.render.objects import CHANNELS, Stage, draw_background, draw_object, weigh_channels
-from vrte.render.setting import SPHERE, Material, Setting
+from vrte.render.setting import SPHERE, Material, PictureSetting
 from vrte.render.shapes import find_shape
 from vrte.render.sky import Sky, make_sky
 from vrte.render.spheres import View
-from vrte.render.surfaces import Light, compute_irradiance
-from vrte.render.tables import Resolution, Table, leave_out_facets, tabulate_brdf
+from vrte.render.surfaces import SceneLight, compute_irradiance
+from vrte.render.tables import BrdfTable, Resolution, leave_out_facets, tabulate_brdf
 from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
@@ -61,7 +61,7 @@ class Rendering:
 
 def compute_pictures(
     materials: Sequence[Material],
-    setting: Setting,
+    setting: PictureSetting,
     progress: Callable[[int, int, str], None] | None = None,
     resolutions: Sequence[Resolution] = RESOLUTIONS,
     together: bool = False,
@@ -99,7 +99,7 @@ class Lit:
     """A material in its light: sky, observer and film for its wavelengths, and the tables of its BRDF."""
 
     material: Material
-    setting: Setting
+    setting: PictureSetting
     resolutions: Sequence[Resolution]
     step: Step
 
@@ -118,11 +118,11 @@ class Lit:
         return observer / white[1, 0], colour.make_film(white[:, 1], self.setting.exposure)
 
     @cached_property
-    def first(self) -> tuple[Table, float]:
+    def first(self) -> tuple[BrdfTable, float]:
         """The table that is fine enough at the first, shortest wavelength, where BRDFs vary most, and its error."""
         return find_fine_table(self.material, self.resolutions)
 
-    def tabulate(self, most: int) -> Iterator[tuple[Any, list[Table]]]:
+    def tabulate(self, most: int) -> Iterator[tuple[Any, list[BrdfTable]]]:
         """Indices of wavelengths, at most so many at once, and the tables there."""
         material, table = self.material, self.first[0]
         wavelengths = material.wavelengths_um
@@ -136,7 +136,9 @@ class Lit:
             self.step(chosen.size, material.title)
 
 
-def _draw_sphere(material: Material, setting: Setting, step: Step, resolutions: Sequence[Resolution]) -> Rendering:
+def _draw_sphere(
+    material: Material, setting: PictureSetting, step: Step, resolutions: Sequence[Resolution]
+) -> Rendering:
     """One sphere without surroundings."""
     step(0, material.title)
     lit = Lit(material, setting, resolutions, step)
@@ -153,19 +155,19 @@ def _draw_sphere(material: Material, setting: Setting, step: Step, resolutions: 
 
 
 def _draw_on_ground(
-    materials: Sequence[Material], setting: Setting, step: Step, resolutions: Sequence[Resolution]
+    materials: Sequence[Material], setting: PictureSetting, step: Step, resolutions: Sequence[Resolution]
 ) -> Rendering:
     """Objects beside each other, on the ground under the sky."""
     stage = set_stage(materials, setting)
     all_lit = [Lit(material, setting, resolutions, step) for material in materials]
     step(0, materials[0].title)
-    light = Light.of(all_lit[0].sky, setting.ground_albedo, stage.ground)
+    light = SceneLight.of(all_lit[0].sky, setting.ground_albedo, stage.ground)
     found, samples = draw_background(stage, light, all_lit[0].weighed[0])
     for place, lit in enumerate(all_lit):
         step(0, lit.material.title)
         own = samples.choose(np.flatnonzero(samples.body == place))
         for chosen, tables in lit.tabulate(MOST_AT_ONCE):
-            light = Light.of(lit.sky.choose(chosen), setting.ground_albedo, stage.ground)
+            light = SceneLight.of(lit.sky.choose(chosen), setting.ground_albedo, stage.ground)
             if own.pixel.size:
                 found += draw_object(stage, own, tables, light, lit.weighed[0][:, chosen])
     picture = found.reshape(stage.lens.height, stage.lens.width, CHANNELS)
@@ -175,7 +177,7 @@ def _draw_on_ground(
     return Rendering(materials, picture[..., :3], picture[..., [1, 3, 4, 5]], cover, film, errors, apart)
 
 
-def set_stage(materials: Sequence[Material], setting: Setting) -> Stage:
+def set_stage(materials: Sequence[Material], setting: PictureSetting) -> Stage:
     """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
     camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
     bodies = []
@@ -188,7 +190,7 @@ def set_stage(materials: Sequence[Material], setting: Setting) -> Stage:
     return Stage(bodies, place_lens(camera, bodies, setting.size_px), sky.beam)
 
 
-def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[Table, float]:
+def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[BrdfTable, float]:
     """The table at the first, shortest wavelength, where BRDFs vary most, fine enough; and its error."""
     wavelength = float(material.wavelengths_um[0])
     for resolution in resolutions:
@@ -199,7 +201,7 @@ def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tu
     return table, error
 
 
-def _tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> Table:
+def _tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> BrdfTable:
     brdf = material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi)
     return tabulate_brdf(brdf, resolution, find_facets(brdf, material.surface(wavelength_um)))
 
@@ -214,7 +216,7 @@ def find_facets(brdf: Brdf, surface: RoughSurface | None) -> RoughSurface | None
     return replace(surface, conserving=False) if known else None
 
 
-def measure_interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
+def measure_interpolation_error(material: Material, wavelength_um: float, table: BrdfTable) -> float:
     """The largest error of any element of the BRDF times mu_i in 512 directions off the table's grid, all cosines above
     0.05, over the largest such value; or that of the share mirrored as a beam, where it is larger."""
     draw = np.random.default_rng(0)

@@ -40,7 +40,7 @@ RANGES = {  # key: lowest, highest, in words
 
 
 @dataclass(frozen=True)
-class Setting:
+class PictureSetting:
     """What is common to all materials of a picture.
 
     Angles in degrees: the sun's azimuth from behind the camera to its right. ``sky`` is one of `vrte.render.sky.KINDS`,
@@ -96,7 +96,9 @@ class Material:
         return "particles" in self.content or any(True for _ in list_materials(self.content))
 
 
-def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] = ()) -> tuple[list[Material], Setting]:
+def read(
+    paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] = ()
+) -> tuple[list[Material], PictureSetting]:
     """The materials of scene files, and the one setting of their picture; ``count`` wavelengths and the ``shapes`` of
     objects, one for all or one for each, win over the files'.
 
@@ -110,7 +112,7 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
     for place, path in enumerate(paths):
         try:
             content = read_content(path)
-            keys = (*OWN, *(field.name for field in fields(Setting)))
+            keys = (*OWN, *(field.name for field in fields(PictureSetting)))
             file = Table((), content, FILE_KEYS)
             table = file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
             ours: dict[str, Any] = {key: _read_number(table, key) for key in RANGES if key in table and key not in OWN}
@@ -127,7 +129,7 @@ def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] 
             if other[0] != value:
                 words = f"{other[1]} says {other[0]!r}, and a picture has one"
                 raise SceneError(f"{path}: render.{key} = {value!r}: {words}")
-    setting = replace(Setting(), **{key: value for key, (value, _) in given.items()})
+    setting = replace(PictureSetting(), **{key: value for key, (value, _) in given.items()})
     if setting.camera_elevation_deg <= 0.0 and any(material.shape != SPHERE for material in materials):
         raise SceneError(
             f"{given['camera_elevation_deg'][1]}: render.camera_elevation_deg = {setting.camera_elevation_deg:g}: "

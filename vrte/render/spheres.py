@@ -17,8 +17,8 @@ from vrte.basics.splines import compute_coefficients, make_spline_matrix, repeat
 from vrte.render import surfaces
 from vrte.render.geometry import Camera, compute_normals, turn_stokes
 from vrte.render.sky import Sky, make_horizon_angles
-from vrte.render.surfaces import BLOCK, Light, Points, split
-from vrte.render.tables import Lookup, Resolution, Table
+from vrte.render.surfaces import BLOCK, Points, SceneLight, split
+from vrte.render.tables import BrdfTable, Lookup, Resolution
 
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius
 SUN_RADIUS = np.radians(0.2666)  # of its disc, from 1 au
@@ -61,11 +61,11 @@ class View:
         """The points that are seen at these angles (n,) [rad]."""
         return Points.far(compute_normals(self.camera, theta, psi), self.camera)
 
-    def stokes(self, tables: Sequence[Table], chosen: Any = slice(None)) -> Array:
+    def stokes(self, tables: Sequence[BrdfTable], chosen: Any = slice(None)) -> Array:
         """Stokes radiance (pixel, wavelength, 4) to the camera, of a material with these tables at the wavelengths of
         the sky that are ``chosen``, by default at all."""
         sky, lookup = self.sky.choose(chosen), Lookup.between_splines(tables)
-        light, resolution = Light.of(sky), self.resolution
+        light, resolution = SceneLight.of(sky), self.resolution
         _, theta, psi = self.pixels
         found = np.zeros((theta.size, len(tables), 4))
         if sky.splines.any() or sky.ground.any():
@@ -110,7 +110,7 @@ class View:
         found: Array = to_pixels @ splines.reshape(rings.size * grid.size, -1)
         return found.reshape(-1, *values.shape[2:])
 
-    def mirror_sun(self, tables: Sequence[Table], sky: Sky) -> Array:
+    def mirror_sun(self, tables: Sequence[BrdfTable], sky: Sky) -> Array:
         """Stokes radiance (pixel, wavelength, 4) of the sun's image in a smooth surface, polarized as at its middle."""
         half = self.camera.toward - sky.beam
         cosine = np.clip([0.5 * np.linalg.norm(half)], LEAST_COSINE, 1.0)

@@ -106,7 +106,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class ShadedGround:
     """Where the objects' shadow lies: ``east`` and ``north`` (steps,) span places, which the ``sun`` reaches or not,
     and ``seen`` (place, direction) of the sky above, light from ``travel`` (direction, 3) with the shares ``weights``
     of the irradiance that the same light from everywhere would make."""
@@ -119,7 +119,7 @@ class Ground:
     weights: Array
 
     @classmethod
-    def below(cls, bodies: Sequence[Body], rays: Rays, beam: Array) -> "Ground":
+    def below(cls, bodies: Sequence[Body], rays: Rays, beam: Array) -> "ShadedGround":
         """The ground that bodies stand on."""
         corners = np.concatenate([body.corners for body in bodies])
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -146,17 +146,17 @@ class Ground:
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class SceneLight:
     """Sun, sky and ground at some wavelengths: of the ``sky``, ``sunlit`` and ``skylit`` (wavelength,) radiance of the
     ground from each, where nothing stands in the light; ``ground``, None where nothing stands on it, has shadows."""
 
     sky: Sky
     sunlit: Array
     skylit: Array
-    ground: Ground | None
+    ground: ShadedGround | None
 
     @classmethod
-    def of(cls, sky: Sky, albedo: float = 1.0, ground: Ground | None = None) -> "Light":
+    def of(cls, sky: Sky, albedo: float = 1.0, ground: ShadedGround | None = None) -> "SceneLight":
         """The light of a sky over ground of this albedo."""
         sunlit = np.minimum(albedo * sky.sun * -sky.beam[2] / np.pi, sky.ground)
         return cls(sky, sunlit, sky.ground - sunlit, ground)
@@ -236,7 +236,7 @@ def compute_irradiance(sky: Sky, normal: Array, resolution: Resolution = USUAL) 
     """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included."""
     travel, weights = find_incoming_directions(normal, resolution, ground=True)
     weights = weights * -np.einsum("nkc,nc->nk", travel, normal)
-    light = Light.of(sky).find(np.zeros((weights.size, 3)), travel.reshape(-1, 3))[..., 0]
+    light = SceneLight.of(sky).find(np.zeros((weights.size, 3)), travel.reshape(-1, 3))[..., 0]
     found = np.einsum("nk,nkw->wn", weights, light.reshape(*weights.shape, -1))
     return found + sky.sun[:, None] * np.maximum(-normal @ sky.beam, 0.0)
 
@@ -261,7 +261,9 @@ def find_free(rays: Rays | None, start: Array, travel: Array) -> Any:
     return np.arange(len(travel)) if rays is None else np.flatnonzero(~rays.find_blocked(start, -travel))
 
 
-def gather_skylight(points: Points, lookup: Lookup, light: Light, rays: Rays | None, resolution: Resolution) -> Array:
+def gather_skylight(
+    points: Points, lookup: Lookup, light: SceneLight, rays: Rays | None, resolution: Resolution
+) -> Array:
     """Stokes radiance (n, wavelength, 4) to the camera of the light that sky and ground send to these places."""
     found = np.zeros((len(points.position), len(lookup.tables), 4))
     for block in split(len(points.position), max(1, BLOCK // (resolution.along * resolution.across))):
@@ -305,7 +307,9 @@ def reflect_sunlight(points: Points, lit: Any, lookup: Lookup, sky: Sky) -> Arra
     return found
 
 
-def mirror_surroundings(points: Points, lookup: Lookup, light: Light, rays: Rays | None, edge: Any = None) -> Array:
+def mirror_surroundings(
+    points: Points, lookup: Lookup, light: SceneLight, rays: Rays | None, edge: Any = None
+) -> Array:
     """Stokes radiance (n, wavelength, 4) to the camera of sky and ground that smooth surfaces mirror, but the sun."""
     travel, cosine = points.mirrored, points.mu_o[:, None]
     start = points.position + OFF_SURFACE * points.normal
@@ -318,7 +322,7 @@ def mirror_surroundings(points: Points, lookup: Lookup, light: Light, rays: Rays
     return turn_stokes((matrices @ falls_in[..., None])[..., 0], points.back[:, None])
 
 
-def gather_off_facets(points: Points, lookup: Lookup, light: Light, rays: Rays | None) -> Array:
+def gather_off_facets(points: Points, lookup: Lookup, light: SceneLight, rays: Rays | None) -> Array:
     """Stokes radiance (n, wavelength, 4) to the camera of sky and ground off the facets of a rough surface on top."""
     found = np.zeros((len(points.position), len(lookup.tables), 4))
     surface = lookup.tables[0].facets

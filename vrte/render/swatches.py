@@ -16,7 +16,7 @@ from vrte.calls.brdf import brdf
 from vrte.calls.material import material
 from vrte.formats.materials import list_materials
 from vrte.formats.named import find_known_wavelengths
-from vrte.pictures.describe import INK, Axis, Curve, Panel, Picture, Swatch, Words
+from vrte.pictures.describe import INK, Axis, Curve, Picture, PlotPanel, Swatch, Words
 from vrte.pictures.figures import draw_picture
 from vrte.render.colour import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
 from vrte.scene.boundary import Lambertian
@@ -80,7 +80,7 @@ def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], 
     return ColourCard(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])), white)
 
 
-def describe_card(card: ColourCard) -> Panel:
+def describe_card(card: ColourCard) -> PlotPanel:
     """The left half over black, the right half over white, and both spectra drawn across."""
     ink = "white" if card.xyz[0][1] < DARK else INK
     at = 1e3 * card.wavelengths_um
@@ -90,13 +90,13 @@ def describe_card(card: ColourCard) -> Panel:
         for values, dash in zip(card.reflectances, ("-", ":"), strict=True)
     ]
     along, up = Axis("", 400.0, 700.0, ticks=(400, 500, 600, 700)), Axis("", 0.0, 1.03, ticks=(0.0, 0.5, 1.0))
-    return Panel([*halves, *spectra], along, up, card.title, grid=False)
+    return PlotPanel([*halves, *spectra], along, up, card.title, grid=False)
 
 
 def draw_cards(cards: Sequence[ColourCard]) -> "Figure":
     """The cards as one figure, above a line that says what they show."""
-    panels: list[Panel | None] = [describe_card(card) for card in cards]
-    blank = Panel([], bare=True)
+    panels: list[PlotPanel | None] = [describe_card(card) for card in cards]
+    blank = PlotPanel([], bare=True)
     rows = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
     rows[-1] += [blank] * (COLUMNS - len(rows[-1]))
     note = (
@@ -104,7 +104,7 @@ def draw_cards(cards: Sequence[ColourCard]) -> "Figure":
         "[nm], dotted over white, at 8° and without what the surface mirrors"
     )
     picture = Picture(
-        [*rows, [Panel([Words(note, size=8.0)], bare=True)]],
+        [*rows, [PlotPanel([Words(note, size=8.0)], bare=True)]],
         WIDTH * COLUMNS,
         HEIGHT * len(rows) + 0.35,
         heights=[HEIGHT] * len(rows) + [0.25],

@@ -53,7 +53,7 @@ class Resolution:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class BrdfTable:
     """A BRDF over `Resolution.theta` twice and azimuths all around: ``splines`` (theta_i, theta_o, phi, 16).
 
     What is splined is f over a slab's reflection of single scattering at this optical ``thickness``,
@@ -89,11 +89,11 @@ class Table:
         return found.reshape(-1, 4, 4)
 
 
-def tabulate_brdf(brdf: Brdf, resolution: Resolution, facets: RoughSurface | None = None) -> Table:
+def tabulate_brdf(brdf: Brdf, resolution: Resolution, facets: RoughSurface | None = None) -> BrdfTable:
     """The table of a BRDF for the directions of ``resolution``, without the reflection of ``facets``."""
     assert brdf.direct_transmittance is not None
     thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
-    plain = Table(np.empty(0), thickness, resolution)
+    plain = BrdfTable(np.empty(0), thickness, resolution)
     half = leave_out_facets(brdf, facets) / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
     _, full = extend_azimuths(brdf.phi, half)
     grids = resolution.theta, resolution.theta, resolution.turn
@@ -118,17 +118,17 @@ class Lookup:
     """
 
     values: Any
-    tables: Sequence[Table]
+    tables: Sequence[BrdfTable]
     find_rows: Callable[[Array, Array, Array], tuple[Any, Any]]
 
     @classmethod
-    def between_splines(cls, tables: Sequence[Table]) -> "Lookup":
+    def between_splines(cls, tables: Sequence[BrdfTable]) -> "Lookup":
         """The splines themselves, to the accuracy of the tables."""
         values = np.stack([table.splines.reshape(-1, 4, 4)[..., :3] for table in tables], axis=1)
         return cls(values, tables, lambda *to: (tables[0].rows(*to), np.zeros(to[0].size, bool)))
 
     @classmethod
-    def between_values(cls, tables: Sequence[Table]) -> "Lookup":
+    def between_values(cls, tables: Sequence[BrdfTable]) -> "Lookup":
         """Values in single precision, linear between directions of half a turn: quick for very many directions."""
         theta, turn = tables[0].resolution.theta, tables[0].resolution.turn
         grid = make_horizon_angles(ANGLES, STEEPEST)

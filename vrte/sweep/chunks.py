@@ -47,7 +47,7 @@ Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 
 @dataclass(frozen=True)
-class Chunk:
+class SceneChunk:
     """A chunk of scenes by its number."""
 
     number: int
@@ -63,7 +63,7 @@ class Shared:
     wavelength: int = 0
 
 
-Job = Chunk | Shared
+Job = SceneChunk | Shared
 
 
 def perform(work: Work, job: Job, solve: Solve, backend: str = "openmp") -> int:

@@ -19,7 +19,7 @@ IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
 NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3", "host_index", "host_absorption")
 
 
-class Optics:
+class KeptOptics:
     """Makes particles of a source and its keywords, but looks first in ``folder``, whose last ones it remembers."""
 
     def __init__(self, folder: Path) -> None:

@@ -138,7 +138,7 @@ def lay_out_results(
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class AskedAppearance:
     """The table [appearance]: ``wavelengths_um`` (n,), names of QUANTITIES, the conditions; ``layer``, counted from 1,
     says which layer is the film where there are several."""
 
@@ -148,7 +148,7 @@ class Asked:
     layer: int | None = None
 
     @property
-    def at_one(self) -> "Asked":
+    def at_one(self) -> "AskedAppearance":
         """The same at the middle wavelength alone, to look at the form of a scene, or at what it costs."""
         middle = self.wavelengths_um.size // 2
         return replace(self, wavelengths_um=self.wavelengths_um[middle : middle + 1])
@@ -172,7 +172,7 @@ class Sample:
     """The panel at a place of the grid, and what is read off it."""
 
     panel: Panel
-    asked: Asked
+    asked: AskedAppearance
 
     def read(self) -> Mapping[str, Array | float]:
         """The quantities by name. Raises SceneError, AccuracyError."""
@@ -184,7 +184,7 @@ class Sample:
         return make_request("brdf", self.panel.scenes[0], mu_i=np.cos(np.pi / 4.0), mu_o=1.0, **how)
 
 
-def read_asked(template: Mapping[str, Any], folder: Path) -> Asked:
+def read_asked(template: Mapping[str, Any], folder: Path) -> AskedAppearance:
     """The table [appearance] of a sweep file, the same for all scenes. Raises SceneError."""
     file = Table((), dict(template), tuple(template))
     table = file.table(TABLE, KEYS)
@@ -200,7 +200,7 @@ def read_asked(template: Mapping[str, Any], folder: Path) -> Asked:
         wavelengths = check_ascending(read_wavelengths(file, table, folder))
         conditions = Conditions(**{name: table.content[name] for name in OPTIONS if name in table})
         check_conditions(names, conditions, wavelengths)
-    return Asked(wavelengths, names, conditions, layer)
+    return AskedAppearance(wavelengths, names, conditions, layer)
 
 
 def read_wavelengths(file: Table, table: Table, folder: Path) -> Sequence[float] | Array:
@@ -228,7 +228,7 @@ def read_names(table: Table) -> tuple[str, ...]:
     return tuple(given)
 
 
-def make_sample(content: dict[str, Any], folder: Path, asked: Asked, compute: Compute) -> Sample:
+def make_sample(content: dict[str, Any], folder: Path, asked: AskedAppearance, compute: Compute) -> Sample:
     """The panel of a scene's content, its particles made by ``compute``. Raises SceneError."""
     alone = {key: value for key, value in content.items() if key not in (TABLE, "wavelength_um")}
     return Sample(make_panel(alone, asked.wavelengths_um, folder, layer=asked.layer, compute=compute), asked)

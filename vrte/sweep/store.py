@@ -36,7 +36,7 @@ from vrte.formats.atomic import write_atomically
 from vrte.formats.journal import flush, read_journal, write_journal
 from vrte.formats.seal import is_sealed
 from vrte.sweep import table as tables
-from vrte.sweep.optics import Optics
+from vrte.sweep.optics import KeptOptics
 from vrte.sweep.results import Results
 from vrte.sweep.table import Grid, create_table
 from vrte.sweep.template import Sweep, describe_sweep_results, read_sweep
@@ -79,8 +79,8 @@ class Work:
         return {name: group[name] for name in self.data}
 
     @cached_property
-    def optics(self) -> Optics:
-        return Optics(self.folder / "optics")
+    def optics(self) -> KeptOptics:
+        return KeptOptics(self.folder / "optics")
 
     def mark(self, chunk: int) -> Path:
         """The journal of a chunk, which is there once the chunk is done."""

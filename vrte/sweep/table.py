@@ -23,7 +23,7 @@ from vrte.formats.netcdf import check_netcdf, create_netcdf
 from vrte.formats.seal import make_seal, read_blocks
 from vrte.results.quantities import STOKES
 from vrte.sweep.results import TABLE, Results
-from vrte.sweep.template import Axis, Sweep
+from vrte.sweep.template import Sweep, SweepAxis
 
 if TYPE_CHECKING:
     import xarray
@@ -134,7 +134,7 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
         zarr.consolidate_metadata(path)
 
 
-def describe_axis(axis: Axis) -> dict[str, str]:
+def describe_axis(axis: SweepAxis) -> dict[str, str]:
     """What is said of the values of an axis."""
     if axis.key == "wavelength_um":
         return WAVELENGTH.attributes

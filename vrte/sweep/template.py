@@ -40,7 +40,16 @@ from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
-from vrte.sweep.results import RESERVED, TABLE, Asked, Results, Sample, describe_results, make_sample, read_asked
+from vrte.sweep.results import (
+    RESERVED,
+    TABLE,
+    AskedAppearance,
+    Results,
+    Sample,
+    describe_results,
+    make_sample,
+    read_asked,
+)
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 MOST_AXES = 16
@@ -52,7 +61,7 @@ VALUES = "a list of numbers, or { start, stop, count }"
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class SweepAxis:
     """One number of the scene that changes: ``key`` its dotted path, ``places`` the same as keys of tables and places
     in lists, ``values`` (n,), ``dimension`` the name of what it changes along."""
 
@@ -69,7 +78,7 @@ class Sweep:
     ``folder``, and its axes."""
 
     template: dict[str, Any]
-    axes: tuple[Axis, ...]
+    axes: tuple[SweepAxis, ...]
     folder: Path
 
     @property
@@ -80,7 +89,7 @@ class Sweep:
         return "field" if "field" in self.template and "brdf" not in self.template else "brdf"
 
     @cached_property
-    def asked(self) -> Asked:
+    def asked(self) -> AskedAppearance:
         """What is read off each panel of a sweep of appearances. Raises SceneError."""
         return read_asked(self.template, self.folder)
 
@@ -146,7 +155,7 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
     return sweep
 
 
-def read_axis(content: dict[str, Any], name: str, value: Any) -> Axis:
+def read_axis(content: dict[str, Any], name: str, value: Any) -> SweepAxis:
     """One entry of [axes]; an axis along a number of [paint] is that of the scene that the paint stands for, so that
     the table's own content can be read again. Raises SceneError for a number that no scene has of its own."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
@@ -161,7 +170,7 @@ def read_axis(content: dict[str, Any], name: str, value: Any) -> Axis:
     if places[0] in FIXED:
         raise table.unfit(f"{show_toml(key)} is the same for all scenes of a table")
     values, expanded = read_values(table), find_expanded_place(content, places)
-    return Axis(name, key if expanded == places else join_key(expanded), expanded, values, dimension)
+    return SweepAxis(name, key if expanded == places else join_key(expanded), expanded, values, dimension)
 
 
 def read_values(table: Table) -> Array:
@@ -225,7 +234,7 @@ def check_dimensions(sweep: Sweep) -> None:
         raise SceneError(f"axes: {sweep.count} scenes are too many, at most {MOST_SCENES} are allowed")
 
 
-def check_values(sweep: Sweep, axis: Axis) -> None:
+def check_values(sweep: Sweep, axis: SweepAxis) -> None:
     """Whether the values of an axis are allowed in the first scene, as far as its form goes."""
     dimension = list(sweep.dimensions).index(axis.dimension)
     n = axis.values.size

@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte.app.solving.messages import Message
 from vrte.app.solving.worker import MOST_NOTES, Exchange
-from vrte.appearance.appearance import Reading
+from vrte.appearance.appearance import InstrumentReading
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
@@ -101,7 +101,7 @@ class Appeared(Message):
     changed: tuple[float, float] | None = None
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
-    readings: tuple[Reading, ...] = ()
+    readings: tuple[InstrumentReading, ...] = ()
     why_none: tuple[str, ...] = ()
 
 
@@ -112,7 +112,9 @@ class AppearanceAnswerer:
         self.kinds: dict[bytes, Particles] = {}
         self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
         self.found: dict[bytes, dict[str, CardSpectra]] = {}  # by geometry
-        self.read: dict[bytes, tuple[tuple[Reading, ...], tuple[str, ...]]] = {}  # gloss and hiding, and why not
+        self.read: dict[
+            bytes, tuple[tuple[InstrumentReading, ...], tuple[str, ...]]
+        ] = {}  # gloss and hiding, and why not
         self.nodes: dict[str, Any] = {}
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
@@ -189,16 +191,20 @@ class AppearanceAnswerer:
         return tuple(dict.fromkeys((*warned, *self.warned[key])))[:MOST_NOTES]
 
 
-def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
+def read_off(
+    panel: Panel, viewing: Viewing, progress: Progress
+) -> tuple[tuple[InstrumentReading, ...], tuple[str, ...]]:
     """Gloss over black, the thickness that hides the cards, and how far a litre of it goes; and why not."""
-    found: list[Reading] = []
+    found: list[InstrumentReading] = []
     why_none: list[str] = []
     bare = panel.put_over(None)
 
     def read_gloss() -> None:
         for angle, value in find_glosses(bare, progress=progress).items():
             words = "specular gloss, 100 of polished black glass of index 1.567"
-            found.append(Reading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", words, "ISO 2813; ASTM D523"))
+            found.append(
+                InstrumentReading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", words, "ISO 2813; ASTM D523")
+            )
 
     def read_hiding() -> None:
         length = panel.length_um
@@ -213,7 +219,7 @@ def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[
         words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
         rows = ("hiding thickness", times * length, "um"), ("spreading rate", 1e3 / (times * length), "m2/l")
         for name, value, unit in rows:
-            found.append(Reading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805"))
+            found.append(InstrumentReading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805"))
 
     for name, read in (("gloss", read_gloss), ("hiding thickness", read_hiding)):
         try:
@@ -223,7 +229,7 @@ def read_off(panel: Panel, viewing: Viewing, progress: Progress) -> tuple[tuple[
     return tuple(found), tuple(why_none)
 
 
-def list_readings(answer: Appeared) -> Iterator[Reading]:
+def list_readings(answer: Appeared) -> Iterator[InstrumentReading]:
     """All numbers of an answer, one a row."""
     viewing, spectra = answer.viewing, answer.spectra
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
@@ -232,14 +238,16 @@ def list_readings(answer: Appeared) -> Iterator[Reading]:
     for side, values, shade in sides:
         over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
         for wavelength, value in zip(spectra.wavelength_um.tolist(), values.tolist(), strict=True):
-            yield Reading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
+            yield InstrumentReading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
         for name, value in shade.numbers.items():
             unit, standard = "degree" if name == "h" else "1", "ISO/CIE 11664-3" if name in "XYZ" else "ISO/CIE 11664-4"
-            yield Reading(f"{name} over {side}", seen, None, value, unit, light, standard)
+            yield InstrumentReading(f"{name} over {side}", seen, None, value, unit, light, standard)
     words = f"Y over black over Y over white, {cards}"
-    yield Reading("contrast ratio", seen, None, answer.contrast, "1", f"{words}; {light}", "ISO 6504-3; ASTM D2805")
+    yield InstrumentReading(
+        "contrast ratio", seen, None, answer.contrast, "1", f"{words}; {light}", "ISO 6504-3; ASTM D2805"
+    )
     words = f"CIEDE2000; {light}"
-    yield Reading("colour difference between both", seen, None, answer.apart, "1", words, "ISO/CIE 11664-6")
+    yield InstrumentReading("colour difference between both", seen, None, answer.apart, "1", words, "ISO/CIE 11664-6")
     yield from answer.readings
 
 

@@ -142,7 +142,7 @@ def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
         nonlocal fraction
         fraction = done / max(total, 1)
 
-    def watch(step: least_squares.Step) -> None:
+    def watch(step: least_squares.FitStep) -> None:
         stage = f"step {step.step}: χ² = {step.chi2:.5g}"
         exchange.report(Step(fraction, stage, np.array([*step.values.values()]), step.chi2, np.array(step.predicted)))
 

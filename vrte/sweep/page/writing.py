@@ -23,7 +23,7 @@ from vrte.basics.splines import MIRROR, compute_weights, extend_over_pole, mirro
 from vrte.pictures import page
 from vrte.results.over_hemisphere import HOLE, check_directions, stokes_over_hemisphere
 from vrte.sweep.interpolation import DEGREE, TABLES, interpolate, is_logarithmic, sample_axis, solve_point
-from vrte.sweep.template import Axis, Sweep, read_sweep
+from vrte.sweep.template import Sweep, SweepAxis, read_sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -181,7 +181,7 @@ def describe_lobes(
     return said, make_mesh(table.mu_o.values, azimuths), errors
 
 
-def describe_page_axis(axis: Axis, values: Array, unit: str) -> dict[str, Any]:
+def describe_page_axis(axis: SweepAxis, values: Array, unit: str) -> dict[str, Any]:
     """The name, unit and values of a slider."""
     label = (axis.name.removesuffix("_um") if unit == "um" else axis.name).replace("_", " ")
     shown = {"name": axis.name, "label": label, "key": axis.key, "unit": UNITS.get(unit, unit)}
