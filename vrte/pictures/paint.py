@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 CARDS = "#1b1b1b", "#e6e6e6"  # black, and Y of a card of 0.8 in sRGB
 WAVELENGTH = Axis("wavelength [µm]")
 SUFFIXES = ".html", ".png", ".csv"
-COLUMNS = "quantity", "geometry", "wavelength_um", "value", "unit", "definition", "standard"
 
 
 def describe_card(paint: Paint) -> PlotPanel:
@@ -142,10 +141,8 @@ def write_table(readings: Iterable[InstrumentReading]) -> str:
     """All numbers as CSV, one a row, digits enough to read them back."""
     made = io.StringIO()
     rows = csv.writer(made, lineterminator="\n")
-    rows.writerow(COLUMNS)
-    for one in readings:
-        at = "" if one.wavelength_um is None else repr(float(one.wavelength_um))
-        rows.writerow((one.quantity, one.geometry, at, repr(float(one.value)), one.unit, one.definition, one.standard))
+    rows.writerow(InstrumentReading._fields)
+    rows.writerows([repr(float(cell)) if isinstance(cell, float) else cell for cell in one] for one in readings)
     return made.getvalue()
 
 
@@ -164,8 +161,8 @@ def make_paint_body(paint: Paint) -> str:
     readings = list(paint.list_readings())
     single = [one for one in readings if one.wavelength_um is None and one.quantity.split()[0] not in COLOURS]
     head = ("quantity", "geometry", "value", "unit", "definition", "standard")
-    rows = [(o.quantity, o.geometry, o.value, o.unit, o.definition, o.standard) for o in single
-            if not o.quantity.startswith(OF_FILMS)]  # those are in a picture  # fmt: skip
+    # contrast ratios of films are in a picture
+    rows = [(*o[:2], *o[3:]) for o in single if not o.quantity.startswith(OF_FILMS)]
     return make_body(
         paint.title,
         paint.made_of,

@@ -7,14 +7,14 @@ geometry = "45:0"                                              # and more of how
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
+from vrte.appearance.panel import Panel, choose_wavelengths
 from vrte.appearance.quantities import PARTS, QUANTITIES, Conditions, check_conditions, read_quantities
 from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
@@ -22,7 +22,6 @@ from vrte.calls.brdf import make_brdf
 from vrte.calls.plan import make_request
 from vrte.calls.radiance import make_field
 from vrte.formats.contents import BRDF, DERIVED, FIELDS, PARAMETER, STOKES_AXIS, WAVELENGTH, Described, Kind
-from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import Table, locate_errors, show_toml, suggest_nearest
 from vrte.request.how import EXACT
@@ -191,26 +190,21 @@ def read_asked(template: Mapping[str, Any], folder: Path) -> AskedAppearance:
     for other in OTHERS:
         if other in file:
             raise SceneError(f"{other}: a table holds one kind of result: leave out [{other}] or [{TABLE}]", other)
+    if "wavelength_um" in file and not isinstance(file.content["wavelength_um"], (list, dict)):
+        raise file.wrong("wavelength_um", f"an appearance is of several: list them in {TABLE}.wavelengths_um")
+    if "wavelength_um" in file and "wavelengths_um" in table:
+        raise table.wrong("wavelengths_um", "the file lists others as wavelength_um: leave one of the two out")
     names = read_names(table)
     for name in (*OPTIONS, "layer"):
         if name in table and not any(name in QUANTITIES[one].uses for one in names):
             raise table.wrong(name, f"none of the quantities depends on it: {', '.join(names)}")
     layer = table.whole("layer", 1, MOST_LAYERS) if "layer" in table else None
     with locate_errors(table.place, KEYS):
-        wavelengths = check_ascending(read_wavelengths(file, table, folder))
+        listed = table.numbers("wavelengths_um") if "wavelengths_um" in table else None
+        wavelengths = check_ascending(choose_wavelengths(file.content, folder) if listed is None else listed)
         conditions = Conditions(**{name: table.content[name] for name in OPTIONS if name in table})
         check_conditions(names, conditions, wavelengths)
     return AskedAppearance(wavelengths, names, conditions, layer)
-
-
-def read_wavelengths(file: Table, table: Table, folder: Path) -> Sequence[float] | Array:
-    """Wavelengths [um] of the table, of the file, or of its substances. Raises SceneError."""
-    if "wavelength_um" in file:
-        if not isinstance(file.content["wavelength_um"], (list, dict)):
-            raise file.wrong("wavelength_um", f"an appearance is of several: list them in {TABLE}.wavelengths_um")
-        if "wavelengths_um" in table:
-            raise table.wrong("wavelengths_um", "the file lists others as wavelength_um: leave one of the two out")
-    return table.numbers("wavelengths_um") if "wavelengths_um" in table else choose_wavelengths(file.content, folder)
 
 
 def read_names(table: Table) -> tuple[str, ...]:
@@ -226,9 +220,3 @@ def read_names(table: Table) -> tuple[str, ...]:
         if given.count(name) > 1:
             raise table.wrong("quantities", f"{show_toml(name)} is there twice")
     return tuple(given)
-
-
-def make_sample(content: dict[str, Any], folder: Path, asked: AskedAppearance, compute: Compute) -> Sample:
-    """The panel of a scene's content, its particles made by ``compute``. Raises SceneError."""
-    alone = {key: value for key, value in content.items() if key not in (TABLE, "wavelength_um")}
-    return Sample(make_panel(alone, asked.wavelengths_um, folder, layer=asked.layer, compute=compute), asked)

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte.appearance.panel import make_panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.named import find_named_tables
@@ -47,7 +48,6 @@ from vrte.sweep.results import (
     Results,
     Sample,
     describe_results,
-    make_sample,
     read_asked,
 )
 
@@ -269,9 +269,12 @@ def make_unseen_particles(source: str, given: dict[str, Any]) -> Particles:
 
 def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute, at_one: bool = False) -> SceneFile | Sample:
     """The scene at a place of the grid; an appearance, on request, ``at_one`` wavelength alone. Raises SceneError."""
-    if sweep.kind == TABLE:
-        return make_sample(sweep.content(place), sweep.folder, sweep.asked.at_one if at_one else sweep.asked, compute)
-    return make_scene_file(sweep.content(place), sweep.kind, sweep.folder, compute)
+    content = sweep.content(place)
+    if sweep.kind != TABLE:
+        return make_scene_file(content, sweep.kind, sweep.folder, compute)
+    asked = sweep.asked.at_one if at_one else sweep.asked
+    alone = {key: value for key, value in content.items() if key not in (TABLE, "wavelength_um")}
+    return Sample(make_panel(alone, asked.wavelengths_um, sweep.folder, layer=asked.layer, compute=compute), asked)
 
 
 def describe_sweep_results(sweep: Sweep) -> Results:
