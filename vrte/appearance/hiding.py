@@ -251,7 +251,7 @@ class Hiding:
 
     @property
     def reflectances(self) -> dict[str, Array]:
-        """Reflectance factors (n,) over black, over white and without end, by these words."""
+        """Reflectance factors (n,) over black, over white and of the semi-infinite film, "without end"."""
         over = {"over black": self.reflectance_over_black, "over white": self.reflectance_over_white}
         return {**over, "without end": self.without_end}
 

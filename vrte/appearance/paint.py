@@ -91,10 +91,8 @@ class Paint:
 
     @property
     def colours(self) -> dict[str, Colour]:
-        """Colours over the black card, the white card and without end, by these words, in the geometry of ``hiding``.
-
-        The panel's own colour where nothing is hidden.
-        """
+        """Colours over the black card, over the white one and of the semi-infinite film, by the words of ``hiding``, in
+        its geometry; the panel's own colour where nothing is hidden."""
         if self.hiding is None:
             return {"as it lies": self.look.colour()}
         at, light = self.look.wavelength_um, (self.look.illuminant, self.look.observer)
@@ -271,12 +269,12 @@ def note_warnings(notes: list[str]) -> Iterator[None]:
     with warnings.catch_warnings():
         parts = warnings.showwarning
 
-        def tell(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        def note(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
             if not issubclass(category, LongSolveWarning):
                 notes.append(f"Warned of: {message}.")
             parts(message, category, *rest, **more)
 
-        warnings.showwarning = tell
+        warnings.showwarning = note
         yield
 
 

@@ -76,19 +76,21 @@ def split_curves(measured: Measurement, quantity: str) -> tuple[str, list[CurveR
         columns |= fold_planes(columns[axis], columns["phi_deg"])
     x = columns.pop(axis)
     words = {name: [write_coordinate(name, one) for one in column] for name, column in columns.items()}
-    told = [name for name, column in words.items() if len(set(column)) > 1]
+    differing = [name for name, column in words.items() if len(set(column)) > 1]
     names = np.array([", ".join(filter(None, parts)) for parts in zip(*words.values(), strict=True)])
-    short = [", ".join(filter(None, parts)) or quantity for parts in zip(*(words[one] for one in told), strict=True)]
+    short = [
+        ", ".join(filter(None, parts)) or quantity for parts in zip(*(words[one] for one in differing), strict=True)
+    ]
     curves = []
     for name in dict.fromkeys(names.tolist()):
         own = np.flatnonzero(names == name)
         own = own[np.argsort(x[own], kind="stable")]
-        curves.append(CurveRows(short[own[0]] if told else quantity, x[own], rows[own]))
+        curves.append(CurveRows(short[own[0]] if differing else quantity, x[own], rows[own]))
     return axis, curves
 
 
 def write_coordinate(name: str, value: Any) -> str:
-    """Where something was seen, in words; "" where nothing is said.
+    """Where something was seen, in words; "" where the coordinate is NaN.
 
     >>> write_coordinate("theta_i_deg", 30.0), write_coordinate("wavelength_um", 0.55)
     ('θᵢ = 30°', 'λ = 0.55 µm')

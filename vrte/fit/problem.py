@@ -67,21 +67,21 @@ def read_parameters(
     if unknown:
         raise SceneError(f"bounds: {unknown[0]} is not free", "bounds")
     found = []
-    for name, told in given.items():
-        told = {} if told is None else {"start": told} if is_number(told) else told
-        if not isinstance(told, Mapping) or any(key not in KEYS for key in told):
-            raise SceneError(f"free: {name} takes a table of {', '.join(KEYS)}, not {show_value(told)}", "free")
-        pair = limits.get(name, (told.get("low"), told.get("high")))
-        if name in limits and ("low" in told or "high" in told):
+    for name, entry in given.items():
+        entry = {} if entry is None else {"start": entry} if is_number(entry) else entry
+        if not isinstance(entry, Mapping) or any(key not in KEYS for key in entry):
+            raise SceneError(f"free: {name} takes a table of {', '.join(KEYS)}, not {show_value(entry)}", "free")
+        pair = limits.get(name, (entry.get("low"), entry.get("high")))
+        if name in limits and ("low" in entry or "high" in entry):
             raise SceneError(f"free: {name} has bounds twice, in free and in bounds", "bounds")
         if not isinstance(pair, Sequence) or len(pair) != 2:
             raise SceneError(f"bounds: {name} needs two numbers, low and high, not {show_value(pair)}", "bounds")
-        start = read_number(name, "start", told.get("start", starts[name]))
+        start = read_number(name, "start", entry.get("start", starts[name]))
         usual = allowed.get(name) or find_usual_bounds(name, start)
         low, high = (
             usual[place] if one is None else read_number(name, KEYS[1 + place], one) for place, one in enumerate(pair)
         )
-        spacing = told.get("spacing", "linear")
+        spacing = entry.get("spacing", "linear")
         if spacing not in SPACINGS:
             raise SceneError(f"free: {name} has spacing 'linear' or 'log', not {show_value(spacing)}", "free")
         found.append(Parameter(name, start, low, high, spacing == "log"))
@@ -213,11 +213,11 @@ def fit_residuals(
     begin: Array,
     free: BoolArray,
     most_steps: int,
-    tell: Callable[[Point], None] | None = None,
+    report: Callable[[Point], None] | None = None,
 ) -> tuple[Array, float, bool]:
     """Least squares from coordinates (n,), of which some are ``free`` (n,).
 
-    Values at the end (n,), the sum there, and whether it converged; ``tell``: called with each point that a step has
+    Values at the end (n,), the sum there, and whether it converged; ``report``: called with each point that a step has
     come to. Raises SceneError where the model takes no such start.
     """
     from scipy.optimize import least_squares
@@ -232,8 +232,8 @@ def fit_residuals(
 
     def find_slopes(steps: Array) -> Array:
         slopes = problem.find_slopes(complete(steps))
-        if tell is not None:
-            tell(problem.find_point(problem.find_values(complete(steps)), True))
+        if report is not None:
+            report(problem.find_point(problem.find_values(complete(steps)), True))
         return slopes[:, free]
 
     start = problem.find_point(problem.find_values(begin), bool(free.any()))  # its errors are not to be swallowed

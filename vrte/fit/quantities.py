@@ -100,7 +100,7 @@ def make_matrix_rows(letter: str, through: bool) -> dict[str, MeasuredQuantity]:
             lambda seen: divide_jets(find_length(seen[..., 1, 0], seen[..., 2, 0]), seen[..., 0, 0]), 0.0, 1.0,
         ),
         f"{before}minus_q_over_i": (
-            f"-Q/I of {light} {unpolarized}: above 0 where it swings perpendicular to the plane of its "
+            f"-Q/I of {light} {unpolarized}: above 0 where the field is perpendicular to the plane of its "
             "direction and the normal", "1", lambda seen: -read_ratio(seen, 1, 0), -1.0, 1.0,
         ),
     }  # fmt: skip

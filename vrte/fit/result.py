@@ -138,7 +138,7 @@ class Fit:
         return self.chi2 / self.degrees_of_freedom if self.degrees_of_freedom else float("nan")
 
     def __repr__(self) -> str:
-        pairs = ", ".join(f"{name} = {told}" for name, told in self._list_numbers())
+        pairs = ", ".join(f"{name} = {text}" for name, text in self._list_numbers())
         return f"Fit({pairs}{', interrupted' if self.interrupted else ''})"
 
     def __str__(self) -> str:
@@ -146,7 +146,7 @@ class Fit:
         chance = f" (p {self.p_value:.2g})" if self.p_value == self.p_value else ""
         lines = [f"{head} with {self.degrees_of_freedom} degrees of freedom{chance}"]
         width = max(map(len, self.names))
-        lines += [f"  {name:{width}}  {told}" for name, told in self._list_numbers()]
+        lines += [f"  {name:{width}}  {text}" for name, text in self._list_numbers()]
         return "\n".join([*lines, *(f"  {one}" for one in (*self.blind_spots, *self.notes))])
 
     def _list_numbers(self) -> list[tuple[str, str]]:

@@ -38,7 +38,7 @@ from vrte.fit.verdict import (
     find_scales,
     guess_units,
     list_alike,
-    tell,
+    write_chance,
 )
 from vrte.formats.scene_family import SceneFamily
 from vrte.scene.scene import Scene
@@ -186,8 +186,8 @@ def fit(
     first = np.array([one.start for one in parameters])
     check_count(problem)
     begins = spread_starts(parameters, count, seed)
-    said = {"starts": count, "seed": seed, "loss": loss}
-    journal = Journal(resume, "" if resume is None else find_fingerprint(problem, said))
+    how = {"starts": count, "seed": seed, "loss": loss}
+    journal = Journal(resume, "" if resume is None else find_fingerprint(problem, how))
     model.nodes = model.nodes or journal.nodes
     model.converge_on_nodes(first)
     check_slopes(problem, first)
@@ -254,21 +254,21 @@ class Search:
             return
         start = problem.find_values(begin)
 
-        def tell(point: Point) -> None:
+        def report(point: Point) -> None:
             nonlocal step
             self.keep(point)
             journal.note(point.values.tolist(), problem.model.nodes)
             if self.watch is not None:
-                told = dict(zip(problem.model.names, point.values.tolist(), strict=True))
+                values_by_name = dict(zip(problem.model.names, point.values.tolist(), strict=True))
                 chi2 = problem.measure(problem.join(point))
-                self.watch(FitStep(place, step, told, chi2, settle_array(point.predicted.copy())))
+                self.watch(FitStep(place, step, values_by_name, chi2, settle_array(point.predicted.copy())))
             step += 1
             if progress is not None:
                 progress(min(step, self.most_steps), self.most_steps)
 
         from_here = begin if journal.here is None else problem.find_steps(np.array(journal.here))
         everything = np.ones(begin.size, bool)
-        values, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, tell)
+        values, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, report)
         self.keep(problem.find_point(values, True))
         ended = "converged" if converged else f"stopped after {self.most_steps} trials"
         if progress is not None:
@@ -335,9 +335,9 @@ def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
         notes.append("interrupted: the best so far, which need not be the best there is")
     alike = list_alike(model.names, find_correlations(covariance))
     for one, other, correlation in alike:
-        told = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
-        warn_user(f"{told}: fix one, or give it a prior", IndistinguishableWarning)
-        blind.append(told)
+        words = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
+        warn_user(f"{words}: fix one, or give it a prior", IndistinguishableWarning)
+        blind.append(words)
     if blind and not alike:
         warn_user(f"the data cannot tell: {'; '.join(blind)}", IndistinguishableWarning)
     return Fit(
@@ -374,7 +374,7 @@ def list_faults(
     chance, pattern = describe_pattern(given, residuals)
     faults = []
     if p_value < UNLIKELY:
-        of = f"chi2 {chi2:.4g} with {freedom} degrees of freedom comes by chance in {tell(p_value)} of fits"
+        of = f"chi2 {chi2:.4g} with {freedom} degrees of freedom comes by chance in {write_chance(p_value)} of fits"
         faults = [f"the model does not fit: {of}; errors are {math.sqrt(least / freedom):.3g} times larger for it"]
         faults += pattern
     elif chance < UNLIKELY and np.sqrt(np.mean(residuals**2)) > NO_NOISE[not given.has_sigma]:
@@ -389,11 +389,11 @@ def list_faults(
 
 def list_bounds(parameters: Sequence[Parameter], values: Array) -> list[str]:
     """Which numbers have reached a bound, in words."""
-    told = []
+    found = []
     for one, value in zip(parameters, values.tolist(), strict=True):
         span = one.high - one.low
         near = NEAR_A_BOUND * (span if math.isfinite(span) else abs(one.start))
         for end, side in ((one.low, "lower"), (one.high, "upper")):
             if abs(value - end) <= near:
-                told.append(f"{one.name} is at its {side} bound {end:g}: its error knows nothing of the bound")
-    return told
+                found.append(f"{one.name} is at its {side} bound {end:g}: its error knows nothing of the bound")
+    return found

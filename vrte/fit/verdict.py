@@ -72,10 +72,10 @@ def count_runs(signs: Array) -> tuple[int, float]:
     return runs, float(chance)
 
 
-def tell(chance: float) -> str:
+def write_chance(chance: float) -> str:
     """A chance in words.
 
-    >>> tell(0.0123), tell(0.0)
+    >>> write_chance(0.0123), write_chance(0.0)
     ('0.012', 'less than 1e-16')
     """
     return f"{chance:.2g}" if chance >= NEVER else f"less than {NEVER:g}"
@@ -96,9 +96,8 @@ def describe_pattern(given: Measurement, residuals: Array) -> tuple[float, list[
     if runs == 1:
         words = f"all rows are {'above' if residuals[0] > 0.0 else 'below'} what the model shows"
     elif chance < FEW_RUNS:
-        words = (
-            f"residuals change sign rarely along angles and wavelengths ({count}, by chance in {tell(chance)} of fits)"
-        )
+        rare = f"{count}, by chance in {write_chance(chance)} of fits"
+        words = f"residuals change sign rarely along angles and wavelengths ({rare})"
     else:
         words = f"residuals change sign as chance has it ({count})"
     at = f"{given.quantity[worst]} at {', '.join(where)}" if where else given.quantity[worst]
@@ -134,9 +133,9 @@ def find_scales(values: Array, ranges: Array) -> Array:
 def find_covariance(slopes: Array, scales: Array) -> Array:
     """(n, n) from the derivatives (residuals, n) in sigmas; inf along what they do not tell at all."""
     _, singular, ways = np.linalg.svd(slopes * scales, full_matrices=False)
-    told = singular > singular.max(initial=0.0) * slopes.shape[1] * np.finfo(float).eps
-    spread = (ways[told].T / singular[told] ** 2) @ ways[told]
-    lost = (np.abs(ways[~told]) > 1e-8).any(axis=0)
+    determined = singular > singular.max(initial=0.0) * slopes.shape[1] * np.finfo(float).eps
+    spread = (ways[determined].T / singular[determined] ** 2) @ ways[determined]
+    lost = (np.abs(ways[~determined]) > 1e-8).any(axis=0)
     if ways.shape[0] < scales.size:
         lost[:] = True
     spread[lost, lost] = np.inf
@@ -168,14 +167,14 @@ def find_blind_spots(names: Sequence[str], slopes: Array, values: Array, scales:
     scaled = slopes * scales
     _, singular, ways = np.linalg.svd(scaled, full_matrices=True)
     singular = np.concatenate([singular, np.zeros(len(names) - singular.size)])
-    told = []
+    found = []
     for size, way in zip(singular.tolist(), ways, strict=True):
         if size >= LEAST:
             continue
         strongest = float(np.abs(scaled @ way).max())
         length = min(NOTICED / strongest, 1.0) if strongest > 0.0 else 1.0
-        told.append(describe_way(names, way * length, values, scales))
-    return singular, told
+        found.append(describe_way(names, way * length, values, scales))
+    return singular, found
 
 
 def describe_way(names: Sequence[str], way: Array, values: Array, scales: Array) -> str:

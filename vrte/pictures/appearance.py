@@ -23,7 +23,7 @@ SEEN = 0.5  # CIEDE2000 that is hardly seen side by side
 
 def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
     """The contrast ratio against thickness, with the target and the thickness that reaches it, and Y over black, over
-    white and without end; dots are exact solves, and a line stands where the panel's own film is."""
+    white and of the semi-infinite film; dots are exact solves, and a line stands where the panel's own film is."""
     scale, unit = (hiding.length_um, "µm") if hiding.length_um else (1.0, "times the film")
     ends = hiding.times[[0, -1]]
     fine = np.geomspace(ends[0], ends[1], FINE).clip(ends[0], ends[1])

@@ -186,7 +186,7 @@ def make_triangles(corner: Any) -> Any:
 
 def draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "", letters: float = 9.0) -> None:
     """The incident ray, which comes down along phi = 0 from ``side`` -1 and ends where it meets the lobe, at the radius
-    ``inside``; or, from there on, the one that goes back at ``side`` 1, with what is said of it."""
+    ``inside``; or, from there on, the one that goes back at ``side`` 1, with words on it."""
     sine = np.sqrt(1.0 - mu_i**2)
     beside = (0.07 if mirrored and sine < 0.07 else 0.0) * RIGHT  # both would lie upon each other
     toward = np.array([side * sine, 0.0, mu_i])
@@ -299,7 +299,7 @@ def make_hover_text(
 ) -> dict[str, Any]:
     """What a point tells: its direction, and the quantities with their signs."""
     cosine, azimuth = np.meshgrid(np.cos(np.radians(theta)), phi, indexing="ij")
-    told = np.stack([cosine, azimuth, heights, colours], axis=-1).reshape(-1, 4).astype(np.float32)
+    values = np.stack([cosine, azimuth, heights, colours], axis=-1).reshape(-1, 4).astype(np.float32)
     lines = [
         "μ<sub>o</sub> = %{customdata[0]:.3f}, φ = %{customdata[1]:.0f}°",
         f"{height} = %{{customdata[2]:.4g}} {unit_of(height)}",
@@ -307,7 +307,7 @@ def make_hover_text(
     ]
     if height in SIGNED:
         lines.append(f"(drawn: the absolute value of {height})")
-    return {"customdata": told, "hovertemplate": "<br>".join(dict.fromkeys(lines)) + "<extra></extra>"}
+    return {"customdata": values, "hovertemplate": "<br>".join(dict.fromkeys(lines)) + "<extra></extra>"}
 
 
 def make_space_trace(points: Array, mode: str, **more: Any) -> dict[str, Any]:
@@ -333,13 +333,13 @@ def make_ground_disc() -> list[dict[str, Any]]:
     return [disc, *rims, make_space_trace(1.16 * rim[:72:18], "text", text=words, textfont={"size": 12, "color": INK})]
 
 
-def make_ray(mu_i: float, told: str, goes_back: bool = False) -> list[dict[str, Any]]:
+def make_ray(mu_i: float, words: str, goes_back: bool = False) -> list[dict[str, Any]]:
     """The incident light, travelling down along phi = 0 to the centre, or the beam that goes back mirrored: a line
-    whose arrow lies outside the body, and what its points tell."""
+    whose arrow lies outside the body, and the words of its points."""
     sine = np.sqrt(1.0 - mu_i**2)
     away = np.array([sine if goes_back else -sine, 0.0, mu_i])
     tip, along, colour = (1.4, away, MIRRORED) if goes_back else (1.08, -away, INCIDENT)
-    hover = {"hoverinfo": None, "hovertemplate": f"{told}<extra></extra>"}
+    hover = {"hoverinfo": None, "hovertemplate": f"{words}<extra></extra>"}
     line = make_space_trace(np.outer([1.45, 0.0], away), "lines", line={"color": colour, "width": 6}, **hover)
     head = {
         "type": "cone",

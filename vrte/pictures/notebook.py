@@ -170,21 +170,21 @@ def show_layer(layer: Layer) -> dict[str, str]:
 @show_as_html("Scene")
 def show_scene(scene: Scene) -> dict[str, str]:
     """A scene: its layers, top first, the interfaces between them, and its base."""
-    pile: dict[str, str] = {}
+    stack: dict[str, str] = {}
     for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1):
         interface, medium = scene.interfaces[place - 1], ""
         if interface is not None:
-            pile[f"above layer {place}"] = interface.in_words
+            stack[f"above layer {place}"] = interface.in_words
         if scene.has_interfaces:
             medium = f"; in a medium of index {scene.indices[place - 1]:g}"
         clear = layer.thickness == layer.albedo == 0.0
-        pile[f"layer {place}"] = f"{'clear, of no thickness' if clear else layer.in_words}{medium}"
+        stack[f"layer {place}"] = f"{'clear, of no thickness' if clear else layer.in_words}{medium}"
     more = len(scene.layers) - MOST_LAYERS
     if more > 0:
-        pile["and"] = f"{more} more layers"
+        stack["and"] = f"{more} more layers"
     if scene.interfaces[-1] is not None:
-        pile[f"below layer {len(scene.layers)}"] = scene.interfaces[-1].in_words
-    return pile | {"base": scene.base_in_words}
+        stack[f"below layer {len(scene.layers)}"] = scene.interfaces[-1].in_words
+    return stack | {"base": scene.base_in_words}
 
 
 @show_as_html("Plan", lambda plan: draw_plan(plan, WIDTH, HEIGHT))

@@ -316,7 +316,7 @@ class Sheet:
         bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
     def wheel(self, column: int) -> None:
-        """The legend of angles: at each place around, light that swings along the line from there to the middle."""
+        """The legend of angles: at each place around, light whose field is along the line from there to the middle."""
         side = round(0.32 * self.size)
         across = (np.arange(side) + 0.5) / side * 2.0 - 1.0
         x, y = across[None, :], -across[:, None]

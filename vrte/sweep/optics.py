@@ -60,8 +60,8 @@ class KeptOptics:
 
 def make_file_name(source: str, given: dict[str, Any]) -> str:
     """A file's name that stands for all digits of the keywords, and for the names of the numbers in the file."""
-    said = [NUMBERS, source, sorted((name, describe_value(value)) for name, value in given.items())]
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:40]
+    key = [NUMBERS, source, sorted((name, describe_value(value)) for name, value in given.items())]
+    return hashlib.sha256(repr(key).encode()).hexdigest()[:40]
 
 
 def write(particles: Particles, path: Path) -> None:

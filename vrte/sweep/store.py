@@ -137,10 +137,10 @@ def read_work(folder: Path) -> Work:
         host = socket.gethostname()
         raise SweepError(f"{host} does not see {folder}: the output must lie where all workers can read and write it")
     try:
-        said = read_journal(folder / BEGUN)
+        record = read_journal(folder / BEGUN)
     except UNREADABLE as error:
         raise SweepError(str(error)) from error
-    return Work(folder, read_sweep(said["content"], Path(said["folder"])), tuple(said["box"]), said["stamp"])
+    return Work(folder, read_sweep(record["content"], Path(record["folder"])), tuple(record["box"]), record["stamp"])
 
 
 @contextmanager
@@ -174,12 +174,12 @@ def resume_work(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[W
     damage = []
     if (folder / BEGUN).is_file():
         try:
-            said = read_journal(folder / BEGUN)
+            record = read_journal(folder / BEGUN)
         except UNREADABLE:
             damage.append("all of it, because nothing says any more of what sweep it was")
         else:
-            tables.check_same(sweep, said, f"{output} was begun")
-            work = Work(folder, sweep, tuple(said["box"]), said["stamp"])
+            tables.check_same(sweep, record, f"{output} was begun")
+            work = Work(folder, sweep, tuple(record["box"]), record["stamp"])
             return work, repair_work(work)
     work = make_fresh_work(folder, sweep, grid.box)
     begin(work)
@@ -201,9 +201,9 @@ def make_fresh_work(folder: Path, sweep: Sweep, box: tuple[int, ...]) -> Work:
 def begin(work: Work) -> None:
     """Writes the journal, on the disk before anything is computed: from now on the work can be resumed."""
     sweep = work.sweep
-    said: dict[str, Any] = {"content": sweep.described(), "folder": str(sweep.folder), "tables": sweep.tables()}
-    said |= {"box": work.box, "stamp": work.stamp, "fingerprint": sweep.fingerprint()}
-    write_journal(work.folder / BEGUN, said, on_disk=True)
+    record: dict[str, Any] = {"content": sweep.described(), "folder": str(sweep.folder), "tables": sweep.tables()}
+    record |= {"box": work.box, "stamp": work.stamp, "fingerprint": sweep.fingerprint()}
+    write_journal(work.folder / BEGUN, record, on_disk=True)
 
 
 def repair_work(work: Work) -> list[str]:

@@ -108,9 +108,9 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
         *((name, (name,), np.array(STOKES, object), {"long_name": "Stokes parameter"}) for name in results.labels),
         *((name, dims, values, about[name].attributes) for name, (dims, values) in results.constants.items()),
     ]
-    for name, dims, values, said in known:
+    for name, dims, values, attributes in known:
         dtype = str if values.dtype == object else values.dtype
-        how: dict[str, Any] = {"dimension_names": dims, "attributes": said, "compressors": None}
+        how: dict[str, Any] = {"dimension_names": dims, "attributes": attributes, "compressors": None}
         group.create_array(name, shape=values.shape, dtype=dtype, **how)[...] = values
     scenes, every = tuple(sweep.dimensions), (grid.chunks,)
     why = {"long_name": "why a scene has no result, empty if it has"}
@@ -124,8 +124,8 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
         ("checksum", every, every, str, ("chunk",), sums),
     ]
     packing = zarr.codecs.ZstdCodec(level=0, checksum=True)
-    for name, shape, chunks, dtype, dims, said in growing:
-        how = {"dimension_names": dims, "attributes": said, "compressors": packing}
+    for name, shape, chunks, dtype, dims, attributes in growing:
+        how = {"dimension_names": dims, "attributes": attributes, "compressors": packing}
         group.create_array(
             name, shape=shape, chunks=chunks, dtype=dtype, fill_value="" if dtype is str else math.nan, **how
         )
@@ -135,7 +135,7 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
 
 
 def describe_axis(axis: SweepAxis) -> dict[str, str]:
-    """What is said of the values of an axis."""
+    """Attributes of the values of an axis."""
     if axis.key == "wavelength_um":
         return WAVELENGTH.attributes
     return {"units": "um" if axis.key.endswith("_um") else "1", "long_name": axis.key}
@@ -145,7 +145,7 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     """Of the whole table: what sweep it is, the chunks' box, and a checksum over all."""
     from vrte import __version__
 
-    said: dict[str, Any] = {
+    attributes: dict[str, Any] = {
         "title": f"{TITLES[sweep.kind]} of particulate layers",
         "source": f"vrte {__version__}",
         "comment": sweep.asked.conditions.words if sweep.kind == TABLE else CONVENTIONS,
@@ -154,46 +154,46 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
         "fingerprint": sweep.fingerprint(),
     }
     listed = [axis.name for axis in sweep.axes if axis.name != axis.dimension]
-    said |= ({"coordinates": " ".join(listed)} if listed else {}) | {"chunk": list(box)}
-    return said | {"sha256": hash_attributes(said)}
+    attributes |= ({"coordinates": " ".join(listed)} if listed else {}) | {"chunk": list(box)}
+    return attributes | {"sha256": hash_attributes(attributes)}
 
 
-def hash_attributes(said: dict[str, Any]) -> str:
+def hash_attributes(attributes: dict[str, Any]) -> str:
     """Of what a table says."""
-    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
 
 
 def read_box(sweep: Sweep, output: Path) -> tuple[int, ...]:
     """The chunks' box of a finished Zarr table of this sweep, read without the library. Raises SceneError."""
     try:
-        said: dict[str, Any] = json.loads((output / "zarr.json").read_bytes())["attributes"]
-        whole = said.pop("sha256") == hash_attributes(said)
+        attributes: dict[str, Any] = json.loads((output / "zarr.json").read_bytes())["attributes"]
+        whole = attributes.pop("sha256") == hash_attributes(attributes)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         whole = False
     if not whole:
         raise SceneError(
             f"{output} is no table of a sweep, or too damaged to say of which: take another output, or remove it"
         )
-    check_made(sweep, said, output)
-    return tuple(said["chunk"])
+    check_made(sweep, attributes, output)
+    return tuple(attributes["chunk"])
 
 
-def check_made(sweep: Sweep, said: Any, output: Path) -> None:
+def check_made(sweep: Sweep, attributes: Any, output: Path) -> None:
     """Whether a finished table, by its attributes, is that of this sweep. Raises SceneError."""
     try:
-        content, tables = json.loads(said["sweep"]), json.loads(said["tables"])
-        before = {"content": content, "tables": tables, "fingerprint": said["fingerprint"]}
+        content, tables = json.loads(attributes["sweep"]), json.loads(attributes["tables"])
+        before = {"content": content, "tables": tables, "fingerprint": attributes["fingerprint"]}
     except (ValueError, LookupError, TypeError) as error:
         raise SceneError(f"{output} is no table of a sweep") from error
     check_same(sweep, before, f"{output} was made")
 
 
-def check_same(sweep: Sweep, said: dict[str, Any], what: str) -> None:
+def check_same(sweep: Sweep, before: dict[str, Any], what: str) -> None:
     """Whether this is the sweep that was begun."""
-    if said["fingerprint"] == sweep.fingerprint():
+    if before["fingerprint"] == sweep.fingerprint():
         return
-    changed = list_changes(said["content"], json.loads(json.dumps(sweep.described())))
-    changed = changed or list_changes(said["tables"], sweep.tables(), "table ") or ["the version of vrte"]
+    changed = list_changes(before["content"], json.loads(json.dumps(sweep.described())))
+    changed = changed or list_changes(before["tables"], sweep.tables(), "table ") or ["the version of vrte"]
     raise SceneError(
         f"{what} with another sweep: {', '.join(changed[:5])} changed. Take another output, or remove the old one"
     )

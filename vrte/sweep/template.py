@@ -124,8 +124,8 @@ class Sweep:
         """Of all that decides about the numbers: template, axes, tables of coefficients, and the version of vrte."""
         from vrte import __version__
 
-        said = json.dumps([__version__, self.described(), self.tables()], sort_keys=True, default=str)
-        return hashlib.sha256(said.encode()).hexdigest()
+        content = json.dumps([__version__, self.described(), self.tables()], sort_keys=True, default=str)
+        return hashlib.sha256(content.encode()).hexdigest()
 
     def described(self) -> dict[str, Any]:
         """Template and axes as JSON can hold them."""
@@ -195,7 +195,7 @@ def read_values(table: Table) -> Array:
 
 
 def check(sweep: Sweep) -> None:
-    """All that can be said before anything is computed."""
+    """All checks before anything is computed."""
     check_dimensions(sweep)
     for axis in sweep.axes:
         if sweep.kind == TABLE and axis.places == ("wavelength_um",):

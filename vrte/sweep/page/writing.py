@@ -96,7 +96,7 @@ def save_page(
     """Writes a page with the lobes of tables of BRDFs, by the names that it shows: one file without network or server.
 
     Exact solves at so many random ``points``, between the scenes and directions of each table, tell the error (points,)
-    of the page, which is returned by the table's name and said on the page. Files that the sweeps name lie in
+    of the page, which is returned by the table's name and stands on the page. Files that the sweeps name lie in
     ``folder``, by default the working folder. Raises SceneError for a table of fields or appearances, axes that are no
     grid, too few directions, scenes without result or without light, and a page larger than 60 MB, and OSError.
     """
@@ -164,7 +164,7 @@ def describe_lobes(
     seen = table.drop_dims("phi_deg").assign_coords(phi_deg=azimuths)
     seen = seen.assign(mueller=(table.mueller.dims, unpack_matrices(packed)))
     errors = measure_page_error(seen, sweep, points)
-    said = {
+    described = {
         "axes": [
             describe_page_axis(axis, table[axis.name].values.astype(float), table[axis.name].attrs.get("units", "1"))
             for axis in sweep.axes
@@ -178,7 +178,7 @@ def describe_lobes(
         "error": {"largest": float(errors.max()), "median": float(np.median(errors)), "points": points},
         "source": table.attrs["source"],
     }
-    return said, make_mesh(table.mu_o.values, azimuths), errors
+    return described, make_mesh(table.mu_o.values, azimuths), errors
 
 
 def describe_page_axis(axis: SweepAxis, values: Array, unit: str) -> dict[str, Any]:
