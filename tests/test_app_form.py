@@ -16,7 +16,7 @@ import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
 from vrte.app.form.fields import find_field, list_places, parse_field_text, write_field_text
-from vrte.app.form.files import MOST_OF_AXIS, adopt_content, adopt_with_notes, begin_with_material, write_content
+from vrte.app.form.files import MOST_OF_AXIS, adopt_with_notes, begin_with_material, write_content
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
@@ -182,7 +182,7 @@ def test_huge_and_misshapen_scenes_get_a_message_soon(change: dict[str, Any]) ->
     assert problems(fresh(**change))
     assert time.process_time() - start < 2.0
     with pytest.raises(vrte.SceneError):
-        adopt_content(fresh(**change))
+        adopt_with_notes(fresh(**change))[0]
 
 
 def test_no_file_of_the_machine_is_read(tmp_path: Path) -> None:
@@ -403,9 +403,9 @@ def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
 
 def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
     given = read_content(EXAMPLES / "gold_powder.toml")
-    assert adopt_content(given) == given == tomllib.loads(write_content(given))
+    assert adopt_with_notes(given)[0] == given == tomllib.loads(write_content(given))
     several = fresh(wavelength_um=[0.45, 0.65])
-    assert adopt_content(tomllib.loads(write_content(several))) == several
+    assert adopt_with_notes(tomllib.loads(write_content(several)))[0] == several
 
 
 @pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)

@@ -17,7 +17,7 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.files import adopt_content, write_link
+from vrte.app.form.files import adopt_with_notes, write_link
 from vrte.app.solving import page_files as downloads
 from vrte.app.solving.messages import Adopt, Adopted, Outcome, Progress, Read, Solve
 from vrte.app.solving.solve import make_outcome, solve
@@ -106,7 +106,7 @@ def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix:
     np.testing.assert_array_equal(found.mueller, np.stack([one.mueller for one in outcome.brdfs]))
     again = make_outcome(found)
     assert again.wavelength_um == (0.5, 0.6)
-    assert again.content == adopt_content(SMALL)
+    assert again.content == adopt_with_notes(SMALL)[0]
     name, data = downloads.make_result_download("field", outcome, suffix, 1)
     (tmp_path / name).write_bytes(data)
     np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)
@@ -126,7 +126,7 @@ def test_a_strangers_scene_is_read_in_a_process_of_its_own(given: bytes | str, m
     monkeypatch.setattr("vrte.app.form.files.parse_toml", lambda text: pytest.fail("the server has parsed it"))
     job = ended(Job(Adopt(given, Path(), frozenset())))
     assert isinstance(job.outcome, Adopted), job.message
-    assert job.outcome.content == adopt_content(SMALL)
+    assert job.outcome.content == adopt_with_notes(SMALL)[0]
     job = ended(Job(Adopt(given[:50], Path(), frozenset())))
     assert job.outcome is None
     assert ("not valid TOML" if isinstance(given, bytes) else "the link is cut short") in job.message

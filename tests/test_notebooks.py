@@ -1,7 +1,6 @@
 """The notebooks of docs/: what every one of them has, and that their findings hold."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,20 +14,8 @@ EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
 @EACH
-def test_a_notebook_asks_a_question_and_checks_its_answer(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    before, intro, *parts = re.split(r"^# %%", text, flags=re.MULTILINE)  # cells in jupytext's percent format
-    assert (before, len(NOTEBOOKS)) == ("", 10)
-    assert re.match(r" \[markdown\]\n# # [A-Z].+\n#\n", intro)
-    assert "?" in intro
-    assert parts[-1].startswith(" [markdown]\n")  # it ends with what was found
-    assert len(re.findall(r"^ *assert ", text, re.MULTILINE)) >= 2
-    assert "np.random.rand" not in text
-    assert text.count("default_rng(") == len(re.findall(r"default_rng\(\d+\)", text))
-
-
-@EACH
 def test_a_notebook_is_listed_with_a_small_picture(path: Path) -> None:
+    assert len(NOTEBOOKS) == 10
     page = (FOLDER / "index.md").read_text(encoding="utf-8")
     assert f"]({path.name})" in page
     assert f"../images/notebooks/{path.stem}.png" in page

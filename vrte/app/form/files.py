@@ -27,15 +27,11 @@ LONGEST_LINK = 200_000  # signs; browsers take no more than some 100 000 to 2 mi
 LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
 
 
-def adopt_content(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
-    """The content of a file, checked, with what a form needs besides. Raises SceneError."""
-    return adopt_with_notes(content, folder, tables)[0]
-
-
 def adopt_with_notes(
     content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset(), aside: bool = False
 ) -> tuple[Content, tuple[str, ...]]:
-    """The same, and a sentence for each part that the file did not have, or that the page cannot show.
+    """The content of a file, checked, with what a form needs besides; and a sentence for each part that the file has not,
+    or that the page cannot show. Raises SceneError.
 
     Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in; ``aside``: what is
     made from those that are there is not looked at here.
@@ -66,7 +62,7 @@ def begin_with_material(material: ReadyMaterial | ReadyPaint) -> tuple[Content, 
     """A scene of a ready material or paint, with all its numbers, and the sentences about its approximations."""
     light = {"wavelength_um": GREEN_UM, "brdf": copy.deepcopy(START["brdf"])}
     words = (material.description, *material.approximations)
-    return adopt_content(light | material.content), tuple(text.rstrip(".") for text in words)
+    return adopt_with_notes(light | material.content)[0], tuple(text.rstrip(".") for text in words)
 
 
 def list_films() -> dict[str, ReadyMaterial | ReadyPaint]:

@@ -231,7 +231,7 @@ class FormPanel:
         self.refused[self.asked[0]] = why
         self.check()
 
-    def choice(self, names: dict[str, str], value: Any, label: str, act: Callable[[Any], None]) -> Any:
+    def choice(self, names: list[str] | dict[str, str], value: Any, label: str, act: Callable[[Any], None]) -> Any:
         """One of several; the rest of the form may depend on it."""
         found = ui.select(names, value=value, label=label)
         found.on_value_change(lambda event: self.change(act, event.value))
@@ -301,8 +301,8 @@ class FormPanel:
             with make_row():
                 self.field("accuracy")
                 self.field("nodes")
-            value, names = content.get("truncation", "auto"), {name: name for name in CHOICES}
-            self.choice(names, value, "truncation of forward peaks", partial(form.put, content, ("truncation",)))
+            put = partial(form.put, content, ("truncation",))
+            self.choice(list(CHOICES), content.get("truncation", "auto"), "truncation of forward peaks", put)
 
     def _kind(self, name: str) -> None:
         content = self.session.content
@@ -366,7 +366,7 @@ class FormPanel:
         if medium == "particles":
             value = layer["particles"] if layer["particles"] in known else None
             put = partial(form.put, layer, ("particles",))
-            self.enter(("layer", place, "particles"), self.choice({name: name for name in known}, value, "kind", put))
+            self.enter(("layer", place, "particles"), self.choice(known, value, "kind", put))
         elif medium in ("mixture", "volumes"):
             with make_row(""):
                 for name in known:
@@ -387,8 +387,7 @@ class FormPanel:
         if held:
             self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
             packing = layer.get("packing", INDEPENDENT)
-            names = {name: name for name in PACKINGS}
-            found = self.choice(names, packing, "close particles scatter", partial(form.set_packing, layer))
+            found = self.choice(list(PACKINGS), packing, "close particles scatter", partial(form.set_packing, layer))
             self.enter(("layer", place, "packing"), found)
 
 

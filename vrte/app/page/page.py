@@ -323,7 +323,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
 
     def solve_scene(path: Path) -> None:
         dialog.close()
-        solve(files.adopt_content(files.parse_content(path.read_bytes())))
+        solve(files.adopt_with_notes(files.parse_content(path.read_bytes()))[0])
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
         add_heading("Scenes to begin with", 2)

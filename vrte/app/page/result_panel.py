@@ -15,8 +15,8 @@ from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.solving.messages import Outcome, Reflectances, Solve
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
+from vrte.pictures import interactive
 from vrte.pictures import results as figures
-from vrte.pictures.interactive import convert_to_dark
 from vrte.pictures.lobes import describe_mirrored_beam, lobe
 from vrte.results.quantities import (
     DEGREE_LINEAR,
@@ -65,15 +65,7 @@ VIEW = {  # what a new tab looks at
     "light": "unpolarized",
     "stokes": "1, 0, 0, 0",
 }
-LEGEND = {  # beside the figure it takes room that a phone has not
-    "orientation": "h",
-    "x": 0.5,
-    "xanchor": "center",
-    "y": 0.0,
-    "yref": "container",
-    "yanchor": "bottom",
-    "font": {"size": 12},
-}
+LEGEND = {**interactive.LEGEND, "y": 0.0, "yref": "container", "yanchor": "bottom", "font": {"size": 12}}
 SELECTS = {  # of each tab: what is chosen, in words, among what
     "lobe": (("height", "distance from the centre", QUANTITIES), ("colour", "colour", QUANTITIES)),
     "cuts": (("cut", "quantity", QUANTITIES),),
@@ -316,7 +308,7 @@ class ResultPanel:
         if "camera" in self.view and "scene" in layout:
             layout["scene"] = {**layout["scene"], "camera": self.view["camera"]}
         config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
-        dark = convert_to_dark(whole) if self.view.get("dark") else whole
+        dark = interactive.convert_to_dark(whole) if self.view.get("dark") else whole
         self.plots[name].props["aria-label"] = text.replace("\n", "; ")
         self.plots[name].update_figure({**dark, "config": config})
 

@@ -18,7 +18,7 @@ from vrte.app.form.content import (
     name_layers,
     select_wavelength,
 )
-from vrte.app.form.files import adopt_content, adopt_with_notes, parse_content, read_link
+from vrte.app.form.files import adopt_with_notes, parse_content, read_link
 from vrte.app.solving import messages
 from vrte.app.solving.messages import Outcome, Progress
 from vrte.app.solving.page_files import collect_bytes
@@ -260,7 +260,7 @@ def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) 
         content = parse_toml(text)
         if wavelengths:
             content["wavelength_um"] = wavelengths
-        return adopt_content(content)
+        return adopt_with_notes(content)[0]
     except SceneError:
         return None
 
