@@ -30,7 +30,7 @@ LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
 def adopt_with_notes(
     content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset(), aside: bool = False
 ) -> tuple[Content, tuple[str, ...]]:
-    """The content of a file, checked, with what a form needs besides; and a sentence for each part that the file has not,
+    """The content of a file, checked, with what a form needs besides; and a sentence for each part that the file lacks
     or that the page cannot show. Raises SceneError.
 
     Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in; ``aside``: what is
