@@ -356,7 +356,18 @@ class FormPanel:
             names = {name: words for name, (words, _) in form.MEDIA.items()}
             self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
             self._medium(place, layer, medium)
-            self._thickness(place, layer, medium)
+            geometric, held = form.is_geometric(layer), medium in form.HELD
+            with make_row():
+                self.field("layer", place, "thickness_um" if geometric else "thickness")
+                if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, place)):
+                    self.field("layer", place, "volume_fraction")
+            if held:
+                self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
+                packing = layer.get("packing", INDEPENDENT)
+                found = self.choice(
+                    list(PACKINGS), packing, "close particles scatter", partial(form.set_packing, layer)
+                )
+                self.enter(("layer", place, "packing"), found)
             if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
                 self.key("layer", place, "host_index")
         self.complaint("layer", place)
@@ -377,18 +388,6 @@ class FormPanel:
             self.keys(("layer", place, key) for key in ("albedo", "tolerance"))
         elif medium != "clear":
             self.keys([*(("layer", place, "phase", key) for key in PHASES[medium].keys), ("layer", place, "albedo")])
-
-    def _thickness(self, place: int, layer: form.Content, medium: str) -> None:
-        geometric, held = form.is_geometric(layer), medium in form.HELD
-        with make_row():
-            self.field("layer", place, "thickness_um" if geometric else "thickness")
-            if held and medium != "volumes" and (geometric or form.is_fraction_asked(self.session.content, place)):
-                self.field("layer", place, "volume_fraction")
-        if held:
-            self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
-            packing = layer.get("packing", INDEPENDENT)
-            found = self.choice(list(PACKINGS), packing, "close particles scatter", partial(form.set_packing, layer))
-            self.enter(("layer", place, "packing"), found)
 
 
 def make_row(wrap: str = "no-wrap") -> Any:

@@ -9,15 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from vrte.app.form import content as form
 from vrte.app.form.checks import PartRead, select_part
-from vrte.app.form.content import (
-    Content,
-    choose_keywords,
-    is_interface,
-    list_page_wavelengths,
-    name_layers,
-    select_wavelength,
-)
+from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_with_notes, parse_content, read_link
 from vrte.app.solving import messages
 from vrte.app.solving.messages import Outcome, Progress
@@ -54,7 +48,7 @@ LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are sol
 def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
     """The BRDF at every wavelength, and the field where it is asked for."""
     content = task.content
-    wavelengths, text = list_page_wavelengths(content), write_toml(content)
+    wavelengths, text = form.list_page_wavelengths(content), write_toml(content)
     with_field = "field" in content
     stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
     count = len(wavelengths) * len(stages)
@@ -78,10 +72,10 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
-        alone = select_wavelength(content, wavelength)
+        alone = form.select_wavelength(content, wavelength)
         file = make_scene_file(alone, "brdf", task.folder)
         inside.append(describe_inside(content, file.scene))
-        keywords = choose_keywords(file)
+        keywords = form.choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
             brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
@@ -92,7 +86,7 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
         if with_field:
             file = replace(make_scene_file(alone, "field", task.folder, check_particles), scene=file.scene)
             with file.located():
-                fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
+                fields.append(radiance(file.scene, **form.choose_keywords(file), progress=begin("field inside", which)))
     return Outcome(
         content,
         tuple(wavelengths) if content.get("wavelength_um") is not None else (),
@@ -107,10 +101,10 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
 
 def look_at_part(task: messages.Look, exchange: Exchange) -> PartRead:
     """What a part is that is made from a file, at the first and the last wavelength."""
-    wavelengths = list_page_wavelengths(task.content)
+    wavelengths = form.list_page_wavelengths(task.content)
     words = []
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
-        alone = select_wavelength(select_part(task.content, task.place), wavelength)
+        alone = form.select_wavelength(select_part(task.content, task.place), wavelength)
         try:
             scene = make_scene_file(alone, "brdf", task.folder).scene
         except SceneError as error:
@@ -146,8 +140,8 @@ def describe_inside(content: Content, scene: Scene) -> messages.Inside:
     ('layer 3: rayleigh',)
     """
     tables = content["layer"]
-    called = zip(name_layers(tables), tables, strict=True)
-    names = [f"{name}: {describe_filling(one)}" for name, one in called if not is_interface(one)]
+    called = zip(form.name_layers(tables), tables, strict=True)
+    names = [f"{name}: {describe_filling(one)}" for name, one in called if not form.is_interface(one)]
     added = len(scene.layers) - len(names)
     matrices = []
     for layer in scene.layers:
