@@ -290,9 +290,10 @@ class FormPanel:
             for key in ("mu_i", "mu_o", "phi_deg"):
                 self.field("brdf", ANGLES.get(key, key) if degrees else key)
         with self.section("Inside the layers", "vertical_align_center", opened=False):
+            put_field = partial(form.put, content, ("field",))
             start = copy.deepcopy(form.START["field"])
-            put = partial(form.put, content, ("field",))
-            self.switch("the radiance field, too", "field" in content, lambda wanted: put(start if wanted else None))
+            text = "the radiance field, too"
+            self.switch(text, "field" in content, lambda wanted: put_field(start if wanted else None))
             if "field" in content:
                 beam = ANGLES["mu0"] if ANGLES["mu0"] in content["field"] else "mu0"
                 for key in (beam, "tau", "phi_deg", "stokes", "mu"):
@@ -301,8 +302,8 @@ class FormPanel:
             with make_row():
                 self.field("accuracy")
                 self.field("nodes")
-            put = partial(form.put, content, ("truncation",))
-            self.choice(list(CHOICES), content.get("truncation", "auto"), "truncation of forward peaks", put)
+            truncate = partial(form.put, content, ("truncation",))
+            self.choice(list(CHOICES), content.get("truncation", "auto"), "truncation of forward peaks", truncate)
 
     def _kind(self, name: str) -> None:
         content = self.session.content
