@@ -82,11 +82,11 @@ def compute_pictures(
             progress(done, steps, title)
 
     if together:
-        return [_draw_on_ground(materials, setting, step, resolutions)]
+        return [draw_on_ground(materials, setting, step, resolutions)]
     return [
-        _draw_sphere(material, setting, step, resolutions)
+        draw_sphere(material, setting, step, resolutions)
         if material.shape == SPHERE
-        else _draw_on_ground([material], setting, step, resolutions)
+        else draw_on_ground([material], setting, step, resolutions)
         for material in materials
     ]
 
@@ -130,13 +130,13 @@ class Lit:
             tables = []
             for place in chosen.tolist():
                 same = place == 0 or not material.coloured
-                tables.append(table if same else _tabulate_material(material, wavelengths[place], table.resolution))
+                tables.append(table if same else tabulate_material(material, wavelengths[place], table.resolution))
                 self.step(1, material.title)
             yield chosen, tables
             self.step(chosen.size, material.title)
 
 
-def _draw_sphere(
+def draw_sphere(
     material: Material, setting: PictureSetting, step: Step, resolutions: Sequence[Resolution]
 ) -> Rendering:
     """One sphere without surroundings."""
@@ -154,7 +154,7 @@ def _draw_sphere(
     return Rendering([material], picture[..., :3], picture[..., [1, 3, 4, 5]], view.cover, film, [error])
 
 
-def _draw_on_ground(
+def draw_on_ground(
     materials: Sequence[Material], setting: PictureSetting, step: Step, resolutions: Sequence[Resolution]
 ) -> Rendering:
     """Objects beside each other, on the ground under the sky."""
@@ -194,14 +194,14 @@ def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tu
     """The table at the first, shortest wavelength, where BRDFs vary most, fine enough; and its error."""
     wavelength = float(material.wavelengths_um[0])
     for resolution in resolutions:
-        table = _tabulate_material(material, wavelength, resolution)
+        table = tabulate_material(material, wavelength, resolution)
         error = measure_interpolation_error(material, wavelength, table)
         if error <= FINE_ENOUGH:
             break
     return table, error
 
 
-def _tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> BrdfTable:
+def tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> BrdfTable:
     brdf = material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi)
     return tabulate_brdf(brdf, resolution, find_facets(brdf, material.surface(wavelength_um)))
 

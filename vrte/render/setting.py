@@ -115,11 +115,16 @@ def read(
             keys = (*OWN, *(field.name for field in fields(PictureSetting)))
             file = Table((), content, FILE_KEYS)
             table = file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
-            ours: dict[str, Any] = {key: _read_number(table, key) for key in RANGES if key in table and key not in OWN}
+            ours: dict[str, Any] = {key: read_bounded(table, key) for key in RANGES if key in table and key not in OWN}
             ours |= {"sky": table.choice("sky", KINDS)} if "sky" in table else {}
             ours |= {"size_px": table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)} if "size_px" in table else {}
             shape = shapes[place % len(shapes)] if shapes else None
-            materials.append(_make_material(path, content, table, count, shape))
+            title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
+            if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
+                raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
+            chosen, note = choose_material_wavelengths(path, content, table, count)
+            without = {key: one for key, one in expand_content(content, path.parent).items() if key != "render"}
+            materials.append(Material(path, title, without, chosen, note, *read_object(path, table, shape)))
         except SceneError as error:
             raise error.behind(path) from error
         except OSError as error:
@@ -131,14 +136,13 @@ def read(
                 raise SceneError(f"{path}: render.{key} = {value!r}: {words}")
     setting = replace(PictureSetting(), **{key: value for key, (value, _) in given.items()})
     if setting.camera_elevation_deg <= 0.0 and any(material.shape != SPHERE for material in materials):
-        raise SceneError(
-            f"{given['camera_elevation_deg'][1]}: render.camera_elevation_deg = {setting.camera_elevation_deg:g}: "
-            "must be more than 0 for an object that stands on the ground"
-        )
+        elevation, path = given["camera_elevation_deg"]
+        words = "must be more than 0 for an object that stands on the ground"
+        raise SceneError(f"{path}: render.camera_elevation_deg = {elevation:g}: {words}")
     return materials, setting
 
 
-def _read_number(table: Table, key: str) -> float:
+def read_bounded(table: Table, key: str) -> float:
     """The number of one of RANGES."""
     low, high, allowed = RANGES[key]
     found = table.number(key, allowed)
@@ -158,7 +162,7 @@ def check_object(name: str, folder: Path = Path()) -> str:
     return str(folder / name)
 
 
-def _read_object(path: Path, table: Table, given: str | None) -> tuple[str, float]:
+def read_object(path: Path, table: Table, given: str | None) -> tuple[str, float]:
     """The object and how far it is turned."""
     shape = given or SPHERE
     if given is None and "object" in table:
@@ -173,20 +177,12 @@ def _read_object(path: Path, table: Table, given: str | None) -> tuple[str, floa
         return shape, 0.0
     if shape == SPHERE:
         raise table.wrong("turn_deg", 'a sphere looks the same however it is turned; object = "vase", say, does not')
-    return shape, _read_number(table, "turn_deg")
+    return shape, read_bounded(table, "turn_deg")
 
 
-def _make_material(path: Path, content: dict[str, Any], table: Table, count: int | None, shape: str | None) -> Material:
-    """The material of a scene file."""
-    title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
-    if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
-        raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
-    chosen, note = _choose_wavelengths(path, content, table, count)
-    without = {key: value for key, value in expand_content(content, path.parent).items() if key != "render"}
-    return Material(path, title, without, chosen, note, *_read_object(path, table, shape))
-
-
-def _choose_wavelengths(path: Path, content: dict[str, Any], table: Table, count: int | None) -> tuple[Array, str]:
+def choose_material_wavelengths(
+    path: Path, content: dict[str, Any], table: Table, count: int | None
+) -> tuple[Array, str]:
     """Wavelengths [um]: ``count`` in equal steps, or those that [render] or the file lists, or as many as it says in
     equal steps, over the visible as far as the tables of substances go; and a note where these end before."""
     if "wavelengths" in table and "wavelengths_um" in table and count is None:
@@ -203,9 +199,8 @@ def _choose_wavelengths(path: Path, content: dict[str, Any], table: Table, count
         count = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
     low, high, substance = find_known_wavelengths(content, path.parent)
     if low >= TO_UM or high <= FROM_UM:
-        raise SceneError(
-            f"the table of {substance} goes from {low:g} to {high:g} um: nothing of {FROM_UM:g} to {TO_UM:g} um"
-        )
+        words = f"goes from {low:g} to {high:g} um: nothing of {FROM_UM:g} to {TO_UM:g} um"
+        raise SceneError(f"the table of {substance} {words}")
     ends = [f"{end} {edge:g} um" for end, edge in (("begins at", low), ("ends at", high)) if FROM_UM < edge < TO_UM]
     note = f"the table of {substance} {' and '.join(ends)}: beyond, the spectrum stays as it is there" if ends else ""
     return choose_wavelengths(count, low, high), note

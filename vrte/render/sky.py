@@ -90,9 +90,8 @@ def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, g
         sun[:] = 1.0
     else:
         for place, wavelength in enumerate(wavelengths_um):
-            parts = _solve_rayleigh_sky(
-                float(compute_optical_thickness(wavelength)), float(np.sin(elevation)), ground_albedo, theta
-            )
+            thickness = float(compute_optical_thickness(wavelength))
+            parts = solve_rayleigh_sky(thickness, float(np.sin(elevation)), ground_albedo, theta)
             splines[place], ground[place], sun[place] = parts
     return Sky(sun, beam, theta, splines, ground)
 
@@ -108,7 +107,7 @@ def make_horizon_angles(count: int, steepest: float) -> Array:
     return found
 
 
-def _solve_rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> tuple[Array, float, float]:
+def solve_rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> tuple[Array, float, float]:
     """Spline coefficients (theta, order, 4) of the sky seen from the ground, the ground's radiance, the beam's."""
     scene = Scene([Layer(rayleigh(DEPOLARIZATION), 1.0, thickness)], Lambertian(albedo))
     steps = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)

@@ -60,8 +60,7 @@ def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], 
     import_colour_science(*NEEDED)
     known = list_materials()[name]
     low, high, _ = find_known_wavelengths(known.content)
-    wavelengths = choose_wavelengths(count, low, high)
-    found = np.empty((2, count))
+    wavelengths, found = choose_wavelengths(count, low, high), np.empty((2, count))
     for place, wavelength in enumerate(wavelengths):
         layer = material(name, float(wavelength))
         host = layer.host_index or 1.0
