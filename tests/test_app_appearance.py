@@ -173,7 +173,7 @@ def test_the_newest_position_of_a_slider_wins(shared: LiveQuery) -> None:
     assert len(seen) < 30  # the others were passed over
     expected = make_panel(thicken(8.9), accuracy=1e-6).put_over(None).solve(np.cos(np.radians([45.0, 8.0])))
     factor = np.pi * expected.mueller[:, 0, 0, 0, 0, 0]
-    assert_close(last.shares.over_black, factor, rtol=0.0, atol=1e-4)  # 1e-3 is promised
+    assert_close(last.spectra.over_black, factor, rtol=0.0, atol=1e-4)  # 1e-3 is promised
 
 
 @pytest.mark.parametrize(
