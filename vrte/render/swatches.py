@@ -45,14 +45,6 @@ class ColourCard:
     reflectances: tuple[Array, Array]
     xyz: tuple[Array, Array]
     rgb: tuple[Array, Array]
-    white_xyz: Array
-
-    def find_lab(self) -> Array:
-        """CIE L*, a*, b* over black, seen in the light that it lies in."""
-        colour = import_colour_science(*NEEDED)
-        white = self.white_xyz / self.white_xyz.sum()
-        found: Array = colour.XYZ_to_Lab(self.xyz[0], white[:2])
-        return found
 
 
 def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], None] | None = None) -> ColourCard:
@@ -73,10 +65,9 @@ def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], 
         if progress is not None:
             progress(place + 1, count)
     weighed = weigh_wavelengths(wavelengths)
-    white = weighed.sum(axis=1)
-    film = make_film(white)
+    film = make_film(weighed.sum(axis=1))
     xyz = weighed @ found[0], weighed @ found[1]
-    return ColourCard(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])), white)
+    return ColourCard(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])))
 
 
 def describe_card(card: ColourCard) -> PlotPanel:
