@@ -22,9 +22,8 @@ from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import add_options
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import read_text, write_atomically
 from vrte.formats.scene_file import SceneFile, make_scene_file
-from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import parse_toml
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field

@@ -28,7 +28,7 @@ from vrte.app.solving.page_files import (
 from vrte.app.solving.tab_session import TabSession, TabSessions
 from vrte.app.solving.worker_process import Job
 from vrte.formats.bases import BASES
-from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.columns import read_coefficients
 from vrte.formats.scene_file import read_scene
 
 COEFFICIENTS = b"l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,0.3,0,0,0,0,0\n"

@@ -17,9 +17,8 @@ from tests.helpers import printed_by
 from vrte.basics.errors import SceneError
 from vrte.cli import main
 from vrte.formats import csv_table, netcdf
-from vrte.formats.coefficient_table import read_coefficients, write_coefficients
-from vrte.formats.index_table import read_index
-from vrte.formats.seal import LENGTH
+from vrte.formats.atomic import LENGTH
+from vrte.formats.columns import read_coefficients, read_index, write_coefficients
 from vrte.sweep.table import open_table
 
 ROOT = Path(__file__).parents[1]

@@ -36,9 +36,10 @@ def written(folder: Path, text: str, name: str = "clay.csv") -> Path:
 
 
 def test_nanometres_and_micrometres_are_the_same_table(tmp_path: Path) -> None:
+    commas = "wavelength_nm;n;k\n400;1,6;0,02\n700;1,5;0\n"  # as programs write it where the comma is decimal
     um = vrte.read_index(written(tmp_path, "# measured\nwavelength_um,n,k\n0.4,1.6,0.02\n0.7,1.5,0.0\n"))
     nm = vrte.read_index(written(tmp_path, "wavelength_nm, n, k\n400,1.6,0.02\n700,1.5,0.0\n"))
-    assert nm == um
+    assert vrte.read_index(written(tmp_path, commas)) == nm == um
     assert um.at(0.55) == close_to(1.55 + 0.01j, rtol=1e-15, atol=0.0)
     found = vrte.refractive_index(um, 0.55)
     assert found.source == "the table clay.csv"
@@ -56,12 +57,12 @@ def test_without_k_nothing_is_absorbed(tmp_path: Path) -> None:
     [
         ("", "the first line must be wavelength_um,n,k"),
         ("wavelength,n,k\n0.4,1.6,0\n", "the first line must be wavelength_um,n,k"),
-        ("wavelength_um,n,k\n", "a table needs as many n and k as wavelengths, at least one"),
-        ("wavelength_um,n,k\n0.4,1.6\n", "line 2: 3 numbers are needed, not 2"),
-        ("wavelength_um,n,k\n0.4,1.6,none\n", "line 2: '0.4,1.6,none' holds something that is not a number"),
-        ("wavelength_um,n,k\n0.5,1.6,0\n0.4,1.6,0\n", "the wavelengths must ascend (the table clay.csv)"),
-        ("wavelength_um,n,k\n0.5,1.6,-1\n", "k must be >= 0"),
-        ("wavelength_um,n,k\n0.5,nan,0\n", "n and k must be finite numbers"),
+        ("wavelength_um,n,k\n", "at least 1 row below the header, not 0"),
+        ("wavelength_um,n,k\n0.4,1.6\n", "line 2: 3 values are needed"),
+        ("wavelength_um,n,k\n0.4,1.6,none\n", "line 2: k must be a number, not 'none'"),
+        ("wavelength_um,n,k\n0.5,1.6,0\n0.4,1.6,0\n", "line 3: wavelength_um must ascend, and 0.4 follows 0.5"),
+        ("wavelength_um,n,k\n0.5,1.6,-1\n", "line 2: k must be >= 0, not -1"),
+        ("wavelength_um,n,k\n0.5,nan,0\n", "line 2: n must be a finite number"),
     ],
 )
 def test_a_wrong_table_is_refused_by_its_line(tmp_path: Path, text: str, said: str) -> None:

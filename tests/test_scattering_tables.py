@@ -14,9 +14,9 @@ import vrte
 from tests.helpers import run
 from vrte.basics.errors import SceneError
 from vrte.formats import scattering_netcdf
-from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.columns import read_coefficients
 from vrte.formats.named import find_named_tables
-from vrte.formats.scattering_table import read_angle_table
+from vrte.formats.scattering import read_angle_table
 from vrte.formats.scene_file import read_content, read_scene
 from vrte.optics.convention_card import make_reference_sphere, tabulate_card
 from vrte.optics.conventions import CONVENTIONS, ELEMENTS
@@ -96,17 +96,17 @@ GOOD = "0,1.5\n90,0.75\n180,1.5\n"
         ("angle_deg,F11,-F12/F11\n0,0,0\n", 'the column -F12/F11 is F12 in the convention "vrte"'),
         ("angle_deg,F11,F12/F11\n0,0,0\n", 'the column F12/F11 is F12 in the convention "vrte"'),
         ("angle_deg,P11,P43\n0,0,0\n", 'the column P43 is F34 in the convention "vrte"'),
-        ("angle_deg,F11\n", "the table has no rows"),
+        ("angle_deg,F11\n", "at least 1 row below the header, not 0"),
         (f"angle_deg,F11\n{GOOD}190,1\n", "line 5: angle_deg must be from 0 to 180, not 190"),
         (f"angle_deg,F11\n-1,1\n{GOOD}", "line 2: angle_deg must be from 0 to 180, not -1"),
         ("cosine,F11\n1.5,1\n", "line 2: cosine must be from -1 to 1, not 1.5"),
-        (f"angle_deg,F11\n{GOOD}30,1\n", "line 5: the angles must be ascending, each once; 180 and 30 degrees are not"),
-        ("cosine,F11\n0,1\n1,1\n0.5,1\n", "line 4: the angles must be in one order"),
-        ("angle_deg,F11\n0,1\n30,1\n30,1\n", "line 4: the angles must be ascending, each once; 30 and 30"),
-        ("angle_deg,F11\n0,1.5\n90,-0.75\n180,1.5\n", "line 3: F11 must not be negative, and is -0.75"),
+        (f"angle_deg,F11\n{GOOD}30,1\n", "line 5: angle_deg must ascend, and 30 follows 180"),
+        ("cosine,F11\n0,1\n1,1\n0.5,1\n", "line 4: cosine must be in one order"),
+        ("angle_deg,F11\n0,1\n30,1\n30,1\n", "line 4: angle_deg must ascend, and 30 follows 30"),
+        ("angle_deg,F11\n0,1.5\n90,-0.75\n180,1.5\n", "line 3: F11 must be >= 0, not -0.75"),
         ("angle_deg,F11\n0,1.5\n90,nan\n180,1.5\n", "line 3: F11 must be a finite number, not nan"),
-        ("angle_deg,F11\n0,1.5\n90,\n180,1.5\n", "line 3: '90,' holds something that is not a number"),
-        ("angle_deg,F11\n0,1.5\n90,1,1\n180,1.5\n", "line 3: 2 numbers are needed, not 3"),
+        ("angle_deg,F11\n0,1.5\n90,\n180,1.5\n", "line 3: F11 must be a number, not ''"),
+        ("angle_deg,F11\n0,1.5\n90,1,1\n180,1.5\n", "line 3: 2 values are needed"),
         ("angle_deg,F11,F12\n0,1.5,0\n90,1,0.5\n180,1.5,0\n", "F22 is missing: all six elements are needed"),
         ("angle_deg,F11\n3,1.5\n90,1\n170,1.5\n", "angle_deg must reach from 0 to 180 degrees, not from 3 to 170"),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 from vrte.basics.errors import SceneError
 from vrte.commands.common import Parser, check_extra, check_output, read_wavelengths, say_written, show_progress
 from vrte.formats.atomic import write_atomically, write_sealed_text
-from vrte.formats.index_table import read_index
+from vrte.formats.columns import read_index
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
 from vrte.formats.named import find_known_wavelengths
 from vrte.formats.scene_file import make_scene_file

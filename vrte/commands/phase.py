@@ -6,9 +6,8 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.commands.common import Parser, check_extra, check_output, say_written
-from vrte.formats.coefficient_table import write_coefficients
-from vrte.formats.scattering import CSV, read_scattering
-from vrte.formats.scattering_table import read_angle_table
+from vrte.formats.columns import write_coefficients
+from vrte.formats.scattering import CSV, read_angle_table, read_scattering
 from vrte.optics.angle_tables import EXTRAPOLATE, describe_expansion
 from vrte.optics.convention_card import CARD_DEG, INDEX, RADIUS_UM, WAVELENGTH_UM, recognise_convention, tabulate_card
 from vrte.optics.conventions import CONVENTIONS

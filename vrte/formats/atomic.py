@@ -1,26 +1,114 @@
-"""Files that are either complete or not there."""
+"""Files: their names, their checksums, and how they are written, complete or not at all.
+
+Binary files end in their checksum. Tables of text begin with theirs, as a comment: a cut is noticed, too.
+"""
 
 import errno
+import hashlib
+import math
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
-from vrte.formats.seal import COMMENT, LENGTH, make_seal, read_blocks
-from vrte.formats.text_file import check_file_name
+from vrte.basics.errors import SceneError
+
+WORD = b"vrte sha256 "
+LENGTH = len(WORD) + 64 + 1  # bytes of a seal
+BLOCK = 1 << 20  # bytes
+COMMENT = b"# "
+DAMAGED = "is damaged: its bytes are not those that were written (checksum)"
+
+
+def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
+    """A name that a file can have. Raises SceneError."""
+    try:
+        name = os.fsdecode(path)
+    except TypeError:
+        raise SceneError(f"path must be the name of a file, not an object of type {type(path).__name__}") from None
+    if not name or "\0" in name:
+        raise SceneError(f"path must be the name of a file, not {name!r:.80}")
+    return name
+
+
+def check_file(path: str | os.PathLike[str]) -> str:
+    """The name of a file, if no folder, pipe or device is there: these may have no end. Raises SceneError."""
+    name = check_file_name(path)
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise SceneError("it is no file, but a folder, a pipe or a device")
+    return name
+
+
+def read_text(path: str | os.PathLike[str], most: int) -> str:
+    """The text of a file in UTF-8, with or without a byte-order mark, of at most ``most`` bytes. Raises SceneError for
+    something else, and for a table of vrte's that is not as it was written; OSError."""
+    with open(check_file_name(path), "rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise SceneError(f"the file is longer than {most} bytes")
+    first, end, rest = content.partition(b"\n")
+    check_text(first + end, [rest])
+    try:
+        return content.decode("utf-8").removeprefix("\ufeff")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+
+
+def make_seal(parts: "Iterable[bytes | memoryview]") -> bytes:
+    """The line with the checksum of a file whose other bytes are these parts."""
+    made = hashlib.sha256()
+    for part in parts:
+        made.update(part)
+    return WORD + made.hexdigest().encode() + b"\n"
+
+
+def read_blocks(file: BinaryIO, size: float = math.inf) -> Iterator[bytes]:
+    """At most ``size`` bytes of an open file, piece by piece."""
+    while size > 0 and (block := file.read(int(min(BLOCK, size)))):
+        yield block
+        size -= len(block)
+
+
+def is_sealed(path: str) -> bool:
+    """Whether a file ends in a checksum. Raises SceneError where the checksum does not fit, OSError.
+
+    HDF5 removes such an end when it changes a file: what others did to it is not taken for damage.
+    """
+    size = os.path.getsize(path) - LENGTH
+    if size < 0:
+        return False
+    with open(path, "rb") as file:
+        file.seek(size)
+        seal = file.read(LENGTH)
+        if not seal.startswith(WORD):
+            return False
+        file.seek(0)
+        if seal != make_seal(read_blocks(file, size)):
+            raise SceneError(DAMAGED)
+    return True
+
+
+def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
+    """Whether the ``first`` line of a text is the checksum of the ``rest``. Raises SceneError where it does not fit.
+
+    A program that saves the text with other line ends changes that line, too: such a text counts as one without.
+    """
+    if not (first.startswith(COMMENT + WORD) and len(first) == len(COMMENT) + LENGTH):
+        return False
+    if first != COMMENT + make_seal(rest):
+        raise SceneError(f"{DAMAGED}; if they were changed on purpose, take its first line away")
+    return True
 
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path beside ``path`` to write to; it takes the place of ``path`` when the block ends well.
+    """A path beside ``path`` to write to, which takes the place of ``path`` when the block ends well.
 
-    Any exception, an interrupt included, removes what was written and leaves a file that was at ``path``
-    before as it was. Raises SceneError for a path that no file can have, OSError, which names ``path``, where the
-    folder is not there or cannot be written to, the disk is full, or something else than a file is at that place: a
-    folder, a pipe, a device or a link to one.
+    After any exception, an interrupt included, a file at ``path`` is as before. Raises SceneError for a path that no
+    file can have; OSError, which names ``path``, also where a folder, a pipe or a device is there.
 
     >>> with write_atomically("result.csv") as part:
     ...     part.write_text("mu_i,mu_o")
@@ -41,8 +129,8 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def write_sealed_text(path: str | os.PathLike[str]) -> Iterator[TextIO]:
-    """A text file in UTF-8 to write to, complete or not there, whose first line is a comment with the checksum of all
-    lines behind it, by which readers know damage; raises as `write_atomically`.
+    """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all other lines; raises
+    as `write_atomically`.
 
     >>> with write_sealed_text("index.csv") as file:
     ...     file.write("wavelength_um,n,k\\n0.55,1.5,0.0\\n")
@@ -64,11 +152,7 @@ def write_sealed_text(path: str | os.PathLike[str]) -> Iterator[TextIO]:
 
 @contextmanager
 def write_folder_atomically(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
-    """The like for a folder of files; one at ``path`` that holds the file ``mark`` is replaced, nothing else is.
-
-    >>> with write_folder_atomically("result.zarr", "zarr.json") as part:
-    ...     part.mkdir()
-    """
+    """The same for a folder of files; only a folder at ``path`` that holds the file ``mark`` is replaced."""
     target = Path(os.path.realpath(check_file_name(path)))
     if target.exists() and not (target / mark).is_file():
         code = errno.EEXIST if target.is_dir() else errno.ENOTDIR
@@ -100,7 +184,7 @@ def _name_in_errors(path: str | os.PathLike[str], part: Path) -> Iterator[None]:
 
 
 def _choose_name_beside(target: Path) -> Path:
-    """A name of its own in the same folder: with more added to it, one as long as may be would be too long."""
+    """A short name in the same folder. Raises OSError where there is no such folder."""
     if not target.parent.is_dir():
         code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
         raise OSError(code, os.strerror(code), os.fsdecode(target))

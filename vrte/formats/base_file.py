@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from vrte.basics.arrays import Array, check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
+from vrte.formats.atomic import check_file, check_file_name
 from vrte.formats.between_directions import directions
 from vrte.formats.measured_polarized import Angles, interpolate_table, make_unit_vectors, turn_to_meridian_planes
 from vrte.formats.mitsuba_tensor import read_tensors
 from vrte.formats.result_file import load
-from vrte.formats.text_file import check_file, check_file_name
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import Spectrum
 from vrte.scene.tabulated_base import TabulatedBase

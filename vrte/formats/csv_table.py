@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_sealed_text
+from vrte.formats.atomic import check_file, check_file_name, check_text, read_blocks, write_sealed_text
 from vrte.formats.contents import (
     KINDS,
     MEANINGLESS,
@@ -28,8 +28,6 @@ from vrte.formats.contents import (
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
-from vrte.formats.seal import check_text, read_blocks
-from vrte.formats.text_file import check_file, check_file_name
 from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE
 

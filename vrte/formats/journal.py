@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_atomically
-from vrte.formats.seal import DAMAGED, LENGTH, WORD, make_seal
-from vrte.formats.text_file import check_file_name
+from vrte.formats.atomic import DAMAGED, LENGTH, WORD, check_file_name, make_seal, write_atomically
 
 LARGEST_FILE = 500_000_000  # bytes
 

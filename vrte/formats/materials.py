@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.formats.text_file import read_text
+from vrte.formats.atomic import read_text
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_key, show_toml, suggest_nearest
 
 FOLDER = Path(__file__).parents[1] / "materials"

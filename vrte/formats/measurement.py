@@ -13,8 +13,8 @@ import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import write_sealed_text
-from vrte.formats.text_file import check_file, check_file_name, read_text
+from vrte.formats.atomic import check_file, check_file_name, write_sealed_text
+from vrte.formats.columns import Columns
 
 if TYPE_CHECKING:
     import xarray
@@ -23,13 +23,11 @@ LARGEST_FILE = 100_000_000  # bytes
 MOST_ROWS = 1_000_000
 WORDS = ("quantity", "geometry", "illuminant")  # columns of words, the others hold numbers
 SIGMA = "_sigma"  # behind the name of a quantity in NetCDF: its standard deviations
-SUFFIXES = ".csv", ".nc"
 
 
 def read_columns(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """The columns of a measurement's file, numbers or words, NaN or "" where a place is empty.
-
-    ``names``: the columns that there may be. Raises SceneError, which names the line, MissingExtraError, OSError.
+    """The columns of a measurement's file, of those that ``names`` lists: numbers or words, NaN or "" where a cell is
+    empty. Raises SceneError, which names the line, MissingExtraError, OSError.
 
     >>> with open("panel.csv", "w") as file:
     ...     _ = file.write("quantity,theta_i_deg,value\\ntotal_reflectance,8,0.5\\n")
@@ -37,49 +35,29 @@ def read_columns(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str
     {'quantity': ['total_reflectance'], 'theta_i_deg': [8.0], 'value': [0.5]}
     """
     suffix = Path(check_file_name(path)).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise SceneError(f"the measurement {path} must end in {' or '.join(SUFFIXES)}")
+    if suffix not in (".csv", ".nc"):
+        raise SceneError(f"the measurement {path} must end in .csv or .nc")
     try:
-        return (read_table if suffix == ".csv" else read_netcdf)(check_file(path), names)
+        if suffix == ".nc":
+            return read_netcdf(check_file(path), names)
+        columns = Columns(path, LARGEST_FILE, MOST_ROWS)
+        if not columns.rows:
+            raise SceneError("the table is empty: it needs a line with the names of columns, a row a number measured")
+        check_names(columns.names, names)
+        columns.check()
+        return {
+            name: columns.words(name) if name in WORDS else columns.numbers(name, may_be_empty=True).tolist()
+            for name in columns.names
+        }
     except SceneError as error:
         raise error.behind(path) from error
 
 
-def read_table(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """The columns of a CSV file; lines that start with # are comments. Raises SceneError, OSError."""
-    lines = read_text(path, LARGEST_FILE).splitlines()
-    kept = [(place, line) for place, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
-    if len(kept) > MOST_ROWS + 1:
-        raise SceneError(f"the table must have at most {MOST_ROWS} rows, not {len(kept) - 1}")
-    if len(kept) < 2:
-        raise SceneError("the table is empty: it needs a line with the names of columns, and a row a number measured")
-    header, *rows = (next(csv.reader([line], skipinitialspace=True)) for _, line in kept)
-    header = [name.strip() for name in header]
-    check_names(header, names)
-    found: dict[str, list[Any]] = {name: [] for name in header}
-    for (place, _), row in zip(kept[1:], rows, strict=True):
-        if len(row) != len(header):
-            raise SceneError(f"line {place}: {len(header)} values are needed, as many as columns, not {len(row)}")
-        for name, text in zip(header, row, strict=True):
-            found[name].append(text.strip() if name in WORDS else read_number(text.strip(), name, place))
-    return found
-
-
-def read_number(text: str, name: str, place: int) -> float:
-    """A number of a line, NaN where there is none. Raises SceneError, which names the line."""
-    try:
-        return float(text) if text else np.nan
-    except ValueError:
-        raise SceneError(f"line {place}: {name} must be a number, not {put_in_one_line(repr(text), 40)}") from None
-
-
 def check_names(given: Sequence[str], names: Sequence[str]) -> None:
-    """Whether columns are known, each there once, and those without which nothing is said. Raises SceneError."""
+    """Raises SceneError for an unknown column, and where one is missing without which the others say nothing."""
     unknown = [name for name in given if name not in names]
     if unknown:
         raise SceneError(f"the column {unknown[0]!r} is unknown: there are {', '.join(names)}")
-    if len(set(given)) < len(given):
-        raise SceneError("two columns have the same name")
     missing = [name for name in ("quantity", "value") if name not in given]
     if missing:
         raise SceneError(f"the column {missing[0]} is missing: the columns are {', '.join(names)}")
@@ -112,23 +90,23 @@ def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str,
         raise SceneError(f"{words}: quantities are variables over coordinates among {', '.join(names)}")
     found: dict[str, list[Any]] = {name: [] for name in ("quantity", *coordinates, "value", "sigma")}
     for name, values in data.data_vars.items():
-        dims = values.dims
         if str(name).endswith(SIGMA):
             if str(name).removesuffix(SIGMA) not in data.data_vars:
                 raise SceneError(f"{name} belongs to no quantity of the file")
             continue
         there = ~np.isnan(np.asarray(values.values, float))
-        found["quantity"] += [str(name)] * int(there.sum())
+        count = int(there.sum())
+
+        def spread(part: Any) -> Any:
+            return part.broadcast_like(values).transpose(*values.dims).values[there]  # noqa: B023
+
+        found["quantity"] += [str(name)] * count
         found["value"] += values.values[there].tolist()
-        sigma, none = data.get(f"{name}{SIGMA}"), [np.nan] * int(there.sum())
-        spread = {one: data[one] for one in coordinates if {*data[one].dims} <= {*dims}}
-        whole = {one: part.broadcast_like(values).transpose(*dims).values[there] for one, part in spread.items()}
-        columns = {one: list_values(part, one) for one, part in whole.items()}
-        if sigma is not None:
-            none = sigma.broadcast_like(values).transpose(*dims).values[there].tolist()
-        found["sigma"] += none
+        sigma = data.get(f"{name}{SIGMA}")
+        found["sigma"] += [np.nan] * count if sigma is None else spread(sigma).tolist()
         for one in coordinates:
-            found[one] += columns.get(one, ["" if one in WORDS else np.nan] * int(there.sum()))
+            empty = ["" if one in WORDS else np.nan] * count
+            found[one] += list_values(spread(data[one]), one) if {*data[one].dims} <= {*values.dims} else empty
     return found
 
 
@@ -145,14 +123,7 @@ def list_values(values: Any, name: str) -> list[Any]:
 
 def write_table(columns: Mapping[str, Sequence[Any]], path: str | os.PathLike[str], comment: str = "") -> None:
     """Writes columns as CSV behind a checksum, all of it or nothing; every digit of numbers, nothing for NaN. Raises
-    OSError.
-
-    >>> write_table({"quantity": ["f00"], "value": [0.25]}, "one.csv", "a panel")
-    >>> print(Path("one.csv").read_text().partition("\\n")[2], end="")
-    # a panel
-    quantity,value
-    f00,0.25
-    """
+    OSError."""
     with write_sealed_text(path) as file:
         file.writelines(f"# {line}\n" for line in comment.splitlines())
         rows = csv.writer(file, lineterminator="\n")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from vrte.basics.errors import SceneError
-from vrte.formats.index_table import read_index
+from vrte.formats.columns import read_index
 from vrte.formats.toml_table import Table, is_number, locate_errors
 from vrte.optics.refractive_index import Material, refractive_index
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_atomically
-from vrte.formats.text_file import check_file_name
+from vrte.formats.atomic import check_file_name, write_atomically
 
 MAGIC, VERSION = b"tensor_file\0", (1, 0)
 TYPES = dict(

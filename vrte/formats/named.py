@@ -8,7 +8,7 @@ from typing import Any
 
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES
-from vrte.formats.index_table import read_index
+from vrte.formats.columns import read_index
 from vrte.formats.keys import FilePath, Key, Substance
 from vrte.formats.materials import SUFFIX
 from vrte.formats.media import TABLE

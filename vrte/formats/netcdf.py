@@ -14,7 +14,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.basics.memory import limit_memory, limit_time
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import check_file_name, is_sealed, make_seal, write_atomically
 from vrte.formats.contents import (
     BRDF,
     FIELD,
@@ -32,8 +32,6 @@ from vrte.formats.contents import (
     restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, open_dataset, read_arrays, read_text
-from vrte.formats.seal import is_sealed, make_seal
-from vrte.formats.text_file import check_file_name
 from vrte.results.quantities import STOKES
 from vrte.results.spectrum import SCENE
 from vrte.results.views import Views

@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import Place, SceneError
+from vrte.formats.atomic import read_text
 from vrte.formats.bases import INTERFACE
 from vrte.formats.materials import WORDS, expand_materials, list_materials, read_words
 from vrte.formats.particle_sources import COATED, SPHERES
 from vrte.formats.sizes import SIZE_KEYS
-from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_place, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS

@@ -5,7 +5,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.columns import read_coefficients
 from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, make_start, read_keys
 from vrte.formats.media import ONE_WAVELENGTH, TABLE, read_beside
 from vrte.formats.scattering import CSV, NETCDF_SUFFIXES, read_scattering

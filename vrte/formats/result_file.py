@@ -7,11 +7,11 @@ from pathlib import Path
 
 from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
+from vrte.formats.atomic import check_file_name
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import load_csv, write_csv
 from vrte.formats.hdf5_file import LARGEST_RESULT
 from vrte.formats.netcdf import load_netcdf, save_netcdf
-from vrte.formats.text_file import check_file_name
 from vrte.formats.zarr_folder import load_zarr, save_zarr
 
 PathName = str | os.PathLike[str]

@@ -1,6 +1,7 @@
 """`vrte.read_scattering`: a phase matrix, or particles, from a file with scattering matrices over angle."""
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -8,16 +9,94 @@ from pathlib import Path
 
 import numpy as np
 
-from vrte.basics.arrays import check_number
+from vrte.basics.arrays import check_number, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.formats.scattering_netcdf import Selection, WavelengthTable, read_wavelength_table
-from vrte.formats.scattering_table import AngleTable, read_angle_table
+from vrte.formats.columns import Columns
+from vrte.formats.scattering_netcdf import AngleTable, Selection, WavelengthTable, read_wavelength_table
+from vrte.optics.angle_tables import MOST_ANGLES
+from vrte.optics.conventions import ELEMENTS, Convention, find_convention
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix
 
 CSV, NETCDF_SUFFIXES = ".csv", (".nc", ".nc4", ".cdf")
-SAME = 1e-9  # relative: wavelengths as near are one
-PER_MASS = 1e-3  # 1/um of a substance of 1 g/cm3, from 1/km per g/m3
+SAME = 1e-9  # relative difference of wavelengths that count as one
+PER_MASS = 1e-3  # extinction [1/um] of a substance of 1 g/cm3, from 1/km per g/m3
+LARGEST_FILE = 100_000_000  # bytes
+ANGLE, COSINE = "angle_deg", "cosine"
+OF_EXPANSIONS = {"a1": 0, "b1": 1, "a2": 2, "a3": 3, "b2": 4, "a4": 5}  # the same elements, by Hovenier's letters
+PLACES = {"11": 0, "12": 1, "21": 1, "22": 2, "33": 3, "34": 4, "43": 4, "44": 5}
+ELEMENT = re.compile(r"(-?)([FPSM])(\d\d)(/\2?11)?")  # F12, P43/P11, -F12/F11, S34
+RATIO = "/F11"
+
+
+def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> AngleTable:
+    """The table over angle in a CSV file. One column is angle_deg, ascending from 0 to 180, or cosine, in either order;
+    the others are elements, F11, P11, S11 or M11 to F44, a1 to b2, or what the convention calls them, such as -F12/F11.
+    Raises SceneError naming the line, OSError.
+
+    >>> with open("fog.csv", "w") as file:
+    ...     _ = file.write("cosine,F11\\n-1,0.5\\n0,1\\n1,1.5\\n")
+    >>> read_angle_table("fog.csv").angle_deg.tolist()
+    [0.0, 90.0, 180.0]
+    """
+    about = find_convention(convention)
+    columns = Columns(path, LARGEST_FILE, MOST_ANGLES)
+    places = find_columns(columns.names, about, convention)
+    columns.check()
+    if COSINE in columns.names:
+        cosines = columns.numbers(COSINE, -1.0, 1.0)
+        if cosines[0] < cosines[-1]:
+            columns.reverse()
+            cosines = cosines[::-1]
+        for row, step in enumerate(np.diff(cosines), 1):
+            if step >= 0.0:
+                raise columns.fault(row, f"{COSINE} must be in one order, each once; {cosines[row]:g} is not")
+        angles = np.degrees(np.arccos(cosines))
+    else:
+        angles = columns.numbers(ANGLE, 0.0, 180.0, ascending=True)
+    found = {
+        place: columns.numbers(name, *(0.0,) * (place == 0))
+        for name, place in zip(columns.names, places, strict=True)
+        if place is not None
+    }
+    return AngleTable(angles, tuple(found.get(place) for place in range(len(ELEMENTS))))
+
+
+def find_columns(header: list[str], about: Convention, convention: str) -> list[int | None]:
+    """The place in ELEMENTS of each column, None for the angle. Raises SceneError for names that do not go together."""
+    places = [None if name in (ANGLE, COSINE) else find_element(name, about, convention) for name in header]
+    if places.count(None) != 1:
+        raise SceneError(f"the first line must name the columns, one of them {ANGLE} or {COSINE}")
+    elements = [place for place in places if place is not None]
+    for place in elements:
+        if elements.count(place) > 1:
+            raise SceneError(f"the column {about.columns[place]} must be there once, not {elements.count(place)} times")
+    if 0 not in elements:
+        raise SceneError(f"the column {about.columns[0]} is missing: it is {', '.join(header)}")
+    return places
+
+
+def find_element(name: str, about: Convention, convention: str) -> int:
+    """The place in ELEMENTS of a column's name. Raises SceneError where the convention has it in another way."""
+    if name in about.columns:
+        return about.columns.index(name)
+    if name in OF_EXPANSIONS:
+        return OF_EXPANSIONS[name]
+    found = ELEMENT.fullmatch(name)
+    if not found or found[3] not in PLACES or "Pll" in about.columns:
+        raise SceneError(
+            f"the column {put_in_one_line(repr(name), 40)} is not known: there may be {ANGLE} or {COSINE}, and "
+            f'{", ".join(about.columns)} (P, S or M in place of F) in the convention "{convention}"'
+        )
+    place = PLACES[found[3]]
+    meant = about.columns[place]
+    other_sign = (found[1] == "-" and not meant.startswith("-")) or (found[3] == "43" and about.circular > 0)
+    if other_sign or (found[4] and not meant.endswith(RATIO)):
+        raise SceneError(
+            f'the column {name} is {meant} in the convention "{convention}": give the one that the table is in, '
+            "convention=..."
+        )
+    return place
 
 
 def read_scattering(
@@ -82,13 +161,12 @@ def read_scattering(
     True
     """
     name = os.fspath(path)
-    expand = partial(
-        expand_columns,
-        normalise=normalise,
-        ends=ends,
-        accuracy=accuracy,
-        tolerance=tolerance,
-    )
+
+    def expand(table: AngleTable, convention: str) -> PhaseMatrix:
+        of_spheres, how = spheres or table.spheres, {"convention": convention, "normalise": normalise, "ends": ends}
+        how |= {"accuracy": accuracy, "tolerance": tolerance}
+        return PhaseMatrix.from_angles(table.angle_deg, *table.columns, spheres=of_spheres, **how)  # type: ignore[arg-type]
+
     options = {
         "wavelength_um": wavelength_um,
         "effective_radius_um": effective_radius_um,
@@ -103,18 +181,13 @@ def read_scattering(
         for key, value in options.items():
             if value is not None:
                 raise SceneError.of(key, "must not be given with a .csv, which holds one table")
-        return expand(read_angle_table(path, convention or "vrte"), spheres=spheres, convention=convention or "vrte")
+        return expand(read_angle_table(path, convention or "vrte"), convention or "vrte")
     if suffix not in NETCDF_SUFFIXES:
         raise SceneError(f"the file must end in {', '.join((CSV, *NETCDF_SUFFIXES))}, not in {suffix or 'nothing'!r}")
     selection = Selection(options["effective_radius_um"], options["humidity_percent"])
     data = read_wavelength_table(path, selection)
-    expand = partial(expand, spheres=spheres, convention=data.choose_convention(convention))
-    return take_wavelength(data, options["wavelength_um"], options["density_g_cm3"], expand)
-
-
-def expand_columns(table: AngleTable, *, spheres: bool, **options: object) -> PhaseMatrix:
-    """The phase matrix of a table over angle."""
-    return PhaseMatrix.from_angles(table.angle_deg, *table.columns, spheres=spheres or table.spheres, **options)  # type: ignore[arg-type]
+    of_file = partial(expand, convention=data.choose_convention(convention))
+    return take_wavelength(data, options["wavelength_um"], options["density_g_cm3"], of_file)
 
 
 def take_wavelength(

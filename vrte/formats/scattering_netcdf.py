@@ -13,11 +13,10 @@ import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError, UnitsWarning, import_extra, warn_user
+from vrte.formats.atomic import check_file
 from vrte.formats.contents import explain_error
 from vrte.formats.hdf5_file import check_size, check_storage, find_stored_name, has_array, open_dataset, read_arrays
 from vrte.formats.netcdf import NETCDF, SIGNATURE, Stored, read_foreign
-from vrte.formats.scattering_table import AngleTable
-from vrte.formats.text_file import check_file
 
 LARGEST_TABLE = 1e9  # bytes of values
 CLASSIC = (b"CDF\x01", b"CDF\x02")  # what a file of NetCDF before HDF5 begins with
@@ -36,6 +35,15 @@ COPIED = (
     'copying P34 to both places; F34 is taken in the convention "libradtran" (convention= says another)'
 )
 PLACES = {"11": 0, "12": 1, "22": 2, "33": 3, "34": 4, "44": 5}
+
+
+class AngleTable(NamedTuple):
+    """Angles [degrees], ascending, and six columns in the order of ELEMENTS, None where one is missing; whether it is
+    known to be of spheres."""
+
+    angle_deg: Array
+    columns: tuple[Array | None, ...]
+    spheres: bool = False
 
 
 class Selection(NamedTuple):

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
+from vrte.formats.atomic import read_text
 from vrte.formats.bases import list_base_keys, read_base
 from vrte.formats.keys import Reading
 from vrte.formats.layers import Kinds, prepare_layer, read_layer_tables
@@ -21,7 +22,6 @@ from vrte.formats.materials import WORDS, locate_material_errors, read_words
 from vrte.formats.media import WAVE_KEYS
 from vrte.formats.paints import expand_content, locate_paint_errors
 from vrte.formats.particle_sources import Compute, make_particles
-from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
 from vrte.optics.particles import Particles
 from vrte.request.how import AUTO, OPTIONS

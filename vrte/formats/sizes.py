@@ -6,8 +6,8 @@ A new distribution is a class with a ``quadrature``, and a row in `SIZES` (docs/
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from vrte.formats.columns import read_sizes
 from vrte.formats.keys import FilePath, Key, Number, Numbers, Reading, read_keys
-from vrte.formats.size_table import read_sizes
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.optics.size_distribution import Gamma, Lognormal, SizeDistribution, Tabulated
 

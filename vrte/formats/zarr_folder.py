@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import write_folder_atomically
+from vrte.formats.atomic import check_file_name, write_folder_atomically
 from vrte.formats.contents import KINDS, MEANINGLESS, NAMES, Result, collect_arrays, explain_error, restore_result
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
-from vrte.formats.text_file import check_file_name
 from vrte.results.spectrum import SCENE
 
 PURPOSE = "reading or writing Zarr"

@@ -15,7 +15,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.text_file import check_file
+from vrte.formats.atomic import check_file
 from vrte.render.geometry import normalize
 
 SUFFIXES = (".obj", ".ply", ".stl")

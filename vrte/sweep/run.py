@@ -18,7 +18,7 @@ from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import warn_runtime_of_all
-from vrte.formats.text_file import check_file_name
+from vrte.formats.atomic import check_file_name
 from vrte.request.how import PRECISIONS
 from vrte.request.request import Request
 from vrte.sweep import store

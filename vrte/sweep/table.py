@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
+from vrte.formats.atomic import make_seal, read_blocks
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
 from vrte.formats.netcdf import check_netcdf, create_netcdf
-from vrte.formats.seal import make_seal, read_blocks
 from vrte.results.quantities import STOKES
 from vrte.sweep.results import TABLE, Results
 from vrte.sweep.template import Sweep, SweepAxis

@@ -1,0 +1,204 @@
+"""Tables in CSV files: one reader of columns, and what it makes of refractive indices, sizes and coefficients."""
+
+import csv
+import math
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from vrte.basics.arrays import Array, put_in_one_line
+from vrte.basics.errors import SceneError
+from vrte.formats.atomic import check_file, check_file_name, read_text, write_sealed_text
+from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
+from vrte.optics.refractive_index import IndexTable
+from vrte.optics.size_distribution import Tabulated
+
+UNITS = {"wavelength_um": 1.0, "wavelength_nm": 1e3, "radius_um": 1.0, "diameter_um": 2.0}  # to a wavelength or radius
+COEFFICIENTS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
+
+
+class Columns:
+    """A table of text: the ``names`` of its columns, its ``rows`` of cells, and the ``lines`` that they stand in.
+
+    The first line that is no comment (#) names the columns. Commas separate the cells, or semicolons, beside which
+    numbers may have decimal commas. Raises SceneError naming the line, OSError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], most_bytes: int, most_rows: int) -> None:
+        text = enumerate(read_text(check_file(path), most_bytes).splitlines(), 1)
+        kept = [(number, line) for number, line in text if line.strip() and line.lstrip()[0] != "#"]
+        if len(kept) > most_rows + 1:
+            raise SceneError(f"the table must have at most {most_rows} rows, not {len(kept) - 1}")
+        self.separator = ";" if kept and ";" in kept[0][1] else ","
+        self.names: list[str] = []
+        self.lines: list[int] = []
+        self.rows: list[list[str]] = []
+        for number, line in kept:
+            try:
+                (cells,) = csv.reader([line], delimiter=self.separator, skipinitialspace=True)
+            except csv.Error as error:
+                raise SceneError(f"line {number}: no row of a table ({error})") from error
+            self.lines.append(number)
+            self.rows.append([cell.strip() for cell in cells])
+        if kept:
+            self.names = self.rows.pop(0)
+            self.lines.pop(0)
+
+    def check(self, headers: Sequence[list[str]] = (), words: str = "", fewest: int = 1) -> None:
+        """Raises SceneError unless the header is one of ``headers``, in ``words``, no name comes twice, enough
+        rows are there, and each has as many cells as there are columns."""
+        if headers and self.names not in headers:
+            raise SceneError(f"the first line must be {words}")
+        if len({*self.names}) < len(self.names):
+            raise SceneError("two columns have the same name")
+        if len(self.rows) < fewest:
+            rows = "1 row" if fewest == 1 else f"{fewest} rows"
+            raise SceneError(f"there must be at least {rows} below the header, not {len(self.rows)}")
+        for row, cells in enumerate(self.rows):
+            if len(cells) != len(self.names):
+                words = f"{len(self.names)} values are needed, as many as columns, not {len(cells)}"
+                raise self.fault(row, words)
+
+    def fault(self, row: int, words: str) -> SceneError:
+        """The error of one row."""
+        return SceneError(f"line {self.lines[row]}: {words}")
+
+    def reverse(self) -> None:
+        """Turns the order of the rows over."""
+        self.rows.reverse()
+        self.lines.reverse()
+
+    def words(self, name: str) -> list[str]:
+        """The cells of a column, as they are."""
+        place = self.names.index(name)
+        return [cells[place] for cells in self.rows]
+
+    def numbers(
+        self,
+        name: str,
+        low: float = -math.inf,
+        high: float = math.inf,
+        *,
+        above: bool = False,
+        ascending: bool = False,
+        may_be_empty: bool = False,
+    ) -> Array:
+        """The numbers of a column (rows,): finite, from ``low`` (with ``above``: more than it) to ``high``, each larger
+        than the last where they are ``ascending``; NaN for an empty cell where there may be one."""
+        allowed = f"from {low:g} to {high:g}" if high < math.inf else f"{'above' if above else '>='} {low:g}"
+        found = np.empty(len(self.rows))
+        for row, text in enumerate(self.words(name)):
+            try:
+                found[row] = math.nan if may_be_empty and not text else self._convert(text)
+            except ValueError:
+                raise self.fault(row, f"{name} must be a number, not {put_in_one_line(repr(text), 40)}") from None
+            value = found[row]
+            if not (math.isfinite(value) or (may_be_empty and math.isnan(value))):
+                raise self.fault(row, f"{name} must be a finite number, not {value}")
+            if value < low or value > high or (above and value == low):
+                raise self.fault(row, f"{name} must be {allowed}, not {value:g}")
+            if ascending and row and value <= found[row - 1]:
+                raise self.fault(row, f"{name} must ascend, and {value:g} follows {found[row - 1]:g}")
+        return found
+
+    def _convert(self, text: str) -> float:
+        return float(text.replace(",", ".") if self.separator == ";" else text)
+
+
+def read_index(path: str | os.PathLike[str]) -> IndexTable:
+    """The refractive index n + i k over wavelength in a CSV file, for `vrte.spheres` and scene files.
+
+    Parameters
+    ----------
+    path : path
+        A text file whose header is wavelength_um,n,k or wavelength_nm,n,k (k may be left out: no absorption), with one
+        row a wavelength in vacuum, ascending; lines that start with # are comments. Semicolons may stand for the
+        commas between columns: then numbers may have decimal commas.
+
+    Returns
+    -------
+    IndexTable
+        Between rows n and k are linear in the wavelength; outside, an error gives the table's range.
+
+    Raises
+    ------
+    SceneError
+        Naming the line and the column.
+    OSError
+        Where the file cannot be read.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> with open("pigment.csv", "w") as file:
+    ...     _ = file.write("wavelength_nm,n,k\\n400,2.0,0.25\\n800,1.5,0.0\\n")
+    >>> vrte.read_index("pigment.csv").at(0.4)
+    (2+0.25j)
+    """
+    columns = Columns(path, 10_000_000, 100_000)
+    headers = [[first, *rest] for first in ("wavelength_um", "wavelength_nm") for rest in (["n"], ["n", "k"])]
+    columns.check(headers, "wavelength_um,n,k (or wavelength_nm in front; without k nothing is absorbed)")
+    first = columns.names[0]
+    wavelengths = columns.numbers(first, 0.0, above=True, ascending=True) / UNITS[first]  # 700 nm are 0.7 exactly
+    n = columns.numbers("n")
+    k = columns.numbers("k", 0.0) if "k" in columns.names else np.zeros(n.size)
+    name = os.path.basename(check_file_name(path))
+    return IndexTable(tuple(wavelengths.tolist()), tuple(n.tolist()), tuple(k.tolist()), f"the table {name}")
+
+
+def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
+    """The size distribution in a CSV file, for `vrte.spheres`, its kin and scene files.
+
+    Parameters
+    ----------
+    path : path
+        A text file whose header is radius_um,density or diameter_um,density, with one row a size, ascending; density
+        is the number of particles a length, in any unit, >= 0. Lines that start with # are comments. Semicolons may
+        stand for the commas between columns: then numbers may have decimal commas.
+
+    Returns
+    -------
+    Tabulated
+        Linear between rows, nothing outside.
+
+    Raises
+    ------
+    SceneError
+        Naming the line and the column.
+    OSError
+        Where the file cannot be read.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> with open("sizes.csv", "w") as file:
+    ...     _ = file.write("diameter_um;density\\n0,2;0\\n0,3;5\\n0,6;0\\n")
+    >>> vrte.read_sizes("sizes.csv")
+    Tabulated(3 radii from 0.1 to 0.3 um)
+    """
+    columns = Columns(path, 1_000_000, 10_000)
+    headers = [["radius_um", "density"], ["diameter_um", "density"]]
+    columns.check(headers, "radius_um,density or diameter_um,density", fewest=2)
+    first = columns.names[0]
+    radii = columns.numbers(first, 0.0, above=True, ascending=True) / UNITS[first]
+    return Tabulated(radii.tolist(), columns.numbers("density", 0.0).tolist())
+
+
+def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> PhaseMatrix:
+    """The phase matrix in a CSV file with the header l,a1,a2,a3,a4,b1,b2 and one row a degree, l = 0 first, in the
+    signs of docs/reference/conventions.md; ``tolerance`` is that of a PhaseMatrix. Raises SceneError, OSError."""
+    columns = Columns(path, 100_000_000, MOST_TERMS)
+    columns.check([COEFFICIENTS], ",".join(COEFFICIENTS))
+    for row, degree in enumerate(columns.numbers("l")):
+        if degree != row:
+            raise columns.fault(row, f"l must count 0, 1, 2, ...: {row} is next, not {degree:g}")
+    return PhaseMatrix(*(columns.numbers(name) for name in COEFFICIENTS[1:]), tolerance=tolerance)
+
+
+def write_coefficients(phase_matrix: PhaseMatrix, path: str | os.PathLike[str]) -> None:
+    """Writes the table that `read_coefficients` reads: every digit, all of it or nothing."""
+    with write_sealed_text(path) as file:
+        file.write(",".join(COEFFICIENTS) + "\n")
+        for degree, row in enumerate(phase_matrix.coefficients.tolist()):
+            file.write(",".join([str(degree), *map(repr, row)]) + "\n")
