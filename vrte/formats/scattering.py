@@ -45,12 +45,12 @@ def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> 
     columns.check()
     if COSINE in columns.names:
         cosines = columns.numbers(COSINE, -1.0, 1.0)
-        if cosines[0] < cosines[-1]:
+        steps = np.diff(cosines)
+        for row in np.flatnonzero(steps * np.sign(steps[:1]) <= 0.0)[:1] + 1:
+            raise columns.fault(row, f"{COSINE} must be in one order, each once; {cosines[row]:g} is not")
+        if (steps > 0.0).any():
             columns.reverse()
             cosines = cosines[::-1]
-        for row, step in enumerate(np.diff(cosines), 1):
-            if step >= 0.0:
-                raise columns.fault(row, f"{COSINE} must be in one order, each once; {cosines[row]:g} is not")
         angles = np.degrees(np.arccos(cosines))
     else:
         angles = columns.numbers(ANGLE, 0.0, 180.0, ascending=True)
