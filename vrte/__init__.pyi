@@ -35,11 +35,11 @@ from vrte.fit import fit as fit
 from vrte.fit import read_measurement as read_measurement
 from vrte.formats import load as load
 from vrte.formats.base_file import read_base as read_base
-from vrte.formats.index_table import read_index as read_index
+from vrte.formats.columns import read_index as read_index
+from vrte.formats.columns import read_sizes as read_sizes
 from vrte.formats.materials import list_materials
 from vrte.formats.scattering import read_scattering as read_scattering
 from vrte.formats.scene_family import SceneFamily as SceneFamily
-from vrte.formats.size_table import read_sizes as read_sizes
 from vrte.optics.convention_card import recognise_convention as recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning as IndependentScatteringWarning
 from vrte.optics.crowding import PackingWarning as PackingWarning
