@@ -129,7 +129,7 @@ OTHERS = list_faults(
      "sign of beams that go up in the balance of light", "energy_balance"),
     ("per-mass", "formats/scattering.py", "PER_MASS = 1e-3", "PER_MASS = 1.0",
      "unit of coefficients for a mass", "scattering_tables"),
-    ("seal", "formats/seal.py", "if first != COMMENT + make_seal(rest)", "if not first",
+    ("seal", "formats/atomic.py", "if first != COMMENT + make_seal(rest)", "if not first",
      "tables of results that were changed are read", "foreign_files"),
     ("unlikely", "fit/verdict.py", "UNLIKELY = 0.01", "UNLIKELY = 1e-9",
      "models that do not fit are said to fit", "fit"),
