@@ -46,7 +46,7 @@ PHI = (0.0, 30.0, 90.0, 150.0, 180.0)
 GIVEN = tuple(10.0**-k for k in range(3, 12))
 CHOSEN = tuple(10.0**-k for k in range(2, 10))
 EXACT, CONTINUOUS = 1e-15, 1e-12  # accuracy of the references: on the same nodes, on many more
-QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, without end", "clear spheres, grazing")
+QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, semi-infinite", "clear spheres, grazing")
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,10 @@ PROBES = {
         Probe("Rayleigh, thickness 10, field", 16, (96, 128), (0.6,), (0.0, 5.0, 10.0), of="Rayleigh, thickness 10"),
         Probe("HG 0.5, thickness 1", 20, (96, 128)),
         Probe("HG 0.75, thickness 0.1", 41, (120, 160)),
-        Probe("HG 0.85, without end", 72, (112, 144)),
+        Probe("HG 0.85, semi-infinite", 72, (112, 144)),
         Probe("clear spheres, thickness 8", 24, (72, 96)),
         Probe("gold powder, thickness 100", 24, (72, 96)),
-        Probe("gold powder, without end", 24, (72, 96)),
+        Probe("gold powder, semi-infinite", 24, (72, 96)),
         Probe("spheroids, field", 16, (96, 128), (0.6,), (0.0, 0.2, 1.0), of="spheroids"),
         Probe("haze L, thickness 1", 50, (72, 96), (0.5,)),
         Probe("two layers over a base", 24, (72, 96)),

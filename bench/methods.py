@@ -120,7 +120,8 @@ SMALL = {
             stokes=POLARIZED,
         ),
         Case(
-            *("without end, small", "HG 0.5, without end", "Henyey-Greenstein 0.5, albedo 0.9", (32, 24)), top_only=True
+            *("semi-infinite, small", "HG 0.5, semi-infinite", "Henyey-Greenstein 0.5, albedo 0.9", (32, 24)),
+            top_only=True,
         ),
     )
 }
@@ -138,7 +139,11 @@ CASES = {
         Case("forward peak", "forward peak", "Henyey-Greenstein 0.9, albedo 0.99, thickness 2"),
         Case("cloud", "cloud", "droplets of 4 um at 2.2 um, scalar, albedo 1, thickness 16"),
         Case(
-            *("white, without end", "HG 0.75, white, without end", "Henyey-Greenstein 0.75, albedo 1, without end"),
+            *(
+                "white, semi-infinite",
+                "HG 0.75, white, semi-infinite",
+                "Henyey-Greenstein 0.75, albedo 1, semi-infinite",
+            ),
             top_only=True,
         ),
         Case("normal incidence", "HG 0.75, thickness 5", "Henyey-Greenstein 0.75, albedo 0.99, thickness 5", mu0=1.0),

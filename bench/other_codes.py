@@ -93,7 +93,7 @@ class Asked:
         """Raises SceneError, which names the peer, for what no such code takes, and for polarization and albedo 1 where
         this one does not."""
         if not np.isfinite(self.scene.thickness):
-            raise SceneError(f"{name} takes no layer without end")
+            raise SceneError(f"{name} takes no semi-infinite layer")
         if self.scene.keeps_beams:
             raise SceneError(f"{name} takes no refracting or mirroring surface here")
         if self.scene.base is not None and self.scene.base.orders_reflected > 1:

@@ -440,7 +440,7 @@ def measure_unphysical_light(stokes: Array) -> float:
 # table with the figure, and not counted as falling short
 NO_ANSWER = (
     "the phase matrix cut at 2 N terms is negative over wide angles, a mode swings instead of fading, and the discrete "
-    "problem is next to singular or, without end, has no solution; both algorithms say so"
+    "problem is next to singular or, semi-infinite, has no solution; both algorithms say so"
 )
 TRAPPED = (
     "light that both faces of a plate reflect totally leaves it by being scattered alone, 1e-6 of it a crossing, and "

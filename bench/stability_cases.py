@@ -177,7 +177,7 @@ class Case:
 
     @property
     def reflects_everything(self) -> bool:
-        """Whether the scene ends in a white base or without end."""
+        """Whether the scene ends in a white base or a semi-infinite layer."""
         return self.base_kind == "white" or math.isinf(self.thickness)
 
     def is_white(self, top: tuple[int, float], bottom: tuple[int, float] | None = None) -> bool:
@@ -376,7 +376,7 @@ AIR, COAT = Slab("rayleigh", 0.9, 0.2), Slab("isotropic", 0.0, 0.1)
 def arrange_pile(slab: Slab, pile: str, index: float) -> tuple[tuple[Slab, ...], int, tuple[float, ...]]:
     """The slabs of one of PILES, which of them is the one given, and the refractive indices above, of each and below.
 
-    A plate without end has a single surface.
+    A semi-infinite plate has a single surface.
 
     >>> arrange_pile(Slab("rayleigh", 1.0, 1.0), "plate", 1.5)[1:]
     (0, (1.0, 1.5, 1.0))

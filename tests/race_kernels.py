@@ -163,7 +163,7 @@ PILE = vrte.Scene(
 
 
 def solve_endless(algorithm: str, **more: Any) -> None:
-    """Two layers without end in one call, one of which has more degrees than the other."""
+    """Two semi-infinite layers in one call, one of which has more degrees than the other."""
     scenes = [vrte.Scene([vrte.Layer(phase, 0.6, np.inf)]) for phase in (vrte.rayleigh(), SPHERES)]
     asked = PAIRS | NODES | {"algorithm": algorithm}
     found, right = (vrte.brdfs(scenes, **(asked | own)) for own in (more, {"backend": "openmp", "precision": "auto"}))

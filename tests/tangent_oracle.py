@@ -165,7 +165,7 @@ def double_plainly(
 
 
 def double_semi_infinite(e: Tangent, f: Tangent, one: Tangent, steepest: float, axis: Axis) -> Tangent:
-    """Ze of a slab without end, by scaled doublings until neither it nor its derivative changes.
+    """Ze of a semi-infinite slab, by scaled doublings until neither it nor its derivative changes.
 
     The scale is a constant: where Zo Ze comes to 1 it plays no part in Ze, nor in the derivative, which gets there one
     doubling later.

@@ -18,7 +18,7 @@ from vrte.discrete_ordinates.planning import choose_quadrature, order_bounds
 from vrte.methods import discrete_ordinates
 
 ERRORS = Path(__file__).parents[1] / "docs" / "explanation" / "accuracy" / "errors.csv"
-QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
+QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, semi-infinite", "two layers over a base")
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 
@@ -56,7 +56,7 @@ def ratio_of(outcomes: Sequence[accuracy.Outcome]) -> dict[tuple[str, float], fl
     return {case: chosen / fewest for case, (chosen, fewest) in found.items()}
 
 
-@pytest.mark.parametrize("name", ["haze L, thickness 1", "HG 0.85, without end", "peak below Rayleigh"])
+@pytest.mark.parametrize("name", ["haze L, thickness 1", "HG 0.85, semi-infinite", "peak below Rayleigh"])
 def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
     """The finer of two counts is a step of the series above the fewest that hold, or two."""
     case, errors = PROBES[name], accuracy.read_errors(ERRORS)[name]

@@ -28,7 +28,7 @@ SPHERES = vrte.spheres(1.5 + 0.01j, size=vrte.Gamma(0.2, 0.1), wavelength_um=0.5
 PILE = [vrte.Layer(vrte.rayleigh(), 0.95, 0.4), vrte.Layer(SPHERES, 0.99, 3.0)]
 SCENES = {
     "two layers over a grey base": (vrte.Scene(PILE, vrte.Lambertian(0.3)), 20),
-    "spheres without end": (vrte.Scene([vrte.Layer(SPHERES, 0.99, math.inf)]), 24),
+    "semi-infinite spheres": (vrte.Scene([vrte.Layer(SPHERES, 0.99, math.inf)]), 24),
     "under a smooth surface": (vrte.Scene([vrte.Interface(1.0, 1.5), *PILE], vrte.Lambertian(0.3)), 16),
     "coincident eigenvalues": (vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 2.0)]), 16),
 }

@@ -114,7 +114,7 @@ def table(scene: vrte.Scene, cosines: int, mu_o: np.ndarray, azimuths: int = 8, 
 WHITE = {
     "thin, on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.3)], vrte.Lambertian(1.0)),
     "on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 2.0)], vrte.Lambertian(1.0)),
-    "without end": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, np.inf)]),
+    "semi-infinite": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, np.inf)]),
 }
 
 

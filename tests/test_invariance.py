@@ -1,4 +1,4 @@
-"""The top of a layer without end by invariance, against modes and doubling."""
+"""The top of a semi-infinite layer by invariance, against modes and doubling."""
 
 import numpy as np
 import pytest

@@ -164,7 +164,7 @@ def test_s_of_a_thick_white_film_is_three_quarters_of_what_scatters() -> None:
 
 @pytest.mark.parametrize(("geometry", "more"), [("inside", {}), ("8:di", {}), ("di:di", {"k1": 0.09, "k2": 0.55})])
 def test_k_and_s_give_back_what_they_are_from(geometry: str, more: dict) -> None:
-    """At their own thickness, both bases; elsewhere they are off, without end by what the exact solve says."""
+    """At their own thickness, both bases; elsewhere they are off, semi-infinite by what the exact solve says."""
     panel = make_film(0.98, 3.0, g=0.5)
     found = find_kubelka_munk(panel, 0.7, geometry=geometry, **more)
     errors = found.compare([1.0, 2.0, np.inf])

@@ -1,4 +1,4 @@
-"""Layers without end by invariance on a device against the compiled core."""
+"""Semi-infinite layers by invariance on a device against the compiled core."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

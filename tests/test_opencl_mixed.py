@@ -1,4 +1,4 @@
-"""Layers without end in floats with corrections against doubles, and what becomes of items that do not settle."""
+"""Semi-infinite layers in floats with corrections against doubles, and what becomes of items that do not settle."""
 
 from collections.abc import Sequence
 from dataclasses import replace

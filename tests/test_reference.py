@@ -138,8 +138,8 @@ def test_every_public_name_stands_on_one_page() -> None:
     [
         ("The Mueller BRDF", "Mueller\nBRDF"),
         ("phi : float", "azimuth : float"),
-        ("transmission : bool, optional\n    Adds the BTDF; not for a layer without end.\n", ""),
-        ("    Adds the BTDF; not for a layer without end.\n", ""),
+        ("transmission : bool, optional\n    Adds the BTDF; not for a semi-infinite layer.\n", ""),
+        ("    Adds the BTDF; not for a semi-infinite layer.\n", ""),
         ("\nReturns\n-------\n", "\n"),
         (">>> ", "    "),
         (">>> import vrte\n", ""),

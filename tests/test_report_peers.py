@@ -93,7 +93,7 @@ def refused(scene: vrte.Scene, stokes: np.ndarray = NATURAL) -> dict[str, str]:
 
 def test_what_they_do_not_take_they_refuse_by_name() -> None:
     endless = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, np.inf)])
-    assert refused(endless) == {name: f"{name} takes no layer without end" for name in NAMES}
+    assert refused(endless) == {name: f"{name} takes no semi-infinite layer" for name in NAMES}
     mirror = vrte.MuellerBase(lambda mu_i, mu_o, phi: np.diag([0.1, 0.0, 0.0, 0.0]))
     assert all("MuellerBase" in text for text in refused(layered(base=mirror)).values())
     assert set(refused(layered(base=mirror))) == set(NAMES)

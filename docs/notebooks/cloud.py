@@ -102,7 +102,7 @@ mu_i, mu_o = np.cos(np.radians(sun_deg)), np.cos(np.radians(view_deg))
 
 
 def solve_cloud(kind, nodes=40):
-    """What comes back on the sun's side of its plane: f00 to f30 of the matrix."""
+    """Reflectance on the sun's side of its plane: f00 to f30 of the matrix."""
     scene = vrte.Scene([vrte.Layer.of(kind, thickness=10.0)], base=vrte.Lambertian(0.05))
     return vrte.brdf(scene, mu_i, mu_o, phi=180.0, nodes=nodes).mueller[0, :, 0, :, 0]
 

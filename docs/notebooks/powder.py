@@ -123,7 +123,7 @@ for colour, thickness in zip(colours, thicknesses, strict=True):
         seen_deg,
         lobe,
         color=colour,
-        label="without end" if np.isinf(thickness) else f"{thickness:g}",
+        label="semi-infinite" if np.isinf(thickness) else f"{thickness:g}",
     )
     if thickness == thicknesses[0]:
         path = (

@@ -25,7 +25,7 @@ mu0 = 0.5  # the sun at 60 degrees from the zenith
 
 
 def find_albedo(grains):
-    """The share of a beam's flux that snow without end sends back."""
+    """The share of a beam's flux that semi-infinite snow reflects."""
     field = vrte.radiance(
         vrte.Scene([vrte.Layer.of(grains, thickness=np.inf)]),
         mu0,

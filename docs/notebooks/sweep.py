@@ -40,7 +40,7 @@ powder = {
 }
 warnings.simplefilter(
     "ignore", vrte.LongSolveWarning
-)  # minutes are foretold, and it takes seconds
+)  # minutes are predicted, and it takes seconds
 table = vrte.sweep(powder)
 print(f"{table.reflectance[..., 0].size} scenes:", dict(table.sizes))
 assert not table.error.values.any()

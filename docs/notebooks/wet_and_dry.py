@@ -49,14 +49,14 @@ for name, layer in (("in air", dry[2]), ("in water", wet[2])):
 # ## Three beds of the same grains
 #
 # In air; in water, as seen from inside the water; and in water under its surface, seen
-# from the air. Each is lit evenly from all sides, and what comes back of all light is the
+# from the air. Each is lit evenly from all sides, and the fraction of all light reflected is the
 # bed's reflectance.
 
 
 # %%
-def find_reflectance(*pile):
+def find_reflectance(*stack):
     return vrte.brdf(
-        vrte.Scene(pile), mu, mu_o=1.0, nodes=16
+        vrte.Scene(stack), mu, mu_o=1.0, nodes=16
     ).bihemispherical_reflectance(weights)
 
 

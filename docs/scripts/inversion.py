@@ -356,7 +356,7 @@ def report_slabs(runs: int) -> Report:
         ours = [max(abs(one.ours / one.slab[:2] - 1.0).max(), 1e-12) for one in found]
         panel.semilogy(ours, "k_", label="both, vrte")
         panel.set_xticks(range(len(found)), [f"n {one.slab[3]:g}\nb {one.slab[1]:g}" for one in found])
-        panel.set(ylabel="relative error of what comes back")
+        panel.set(ylabel="relative error of the number found")
 
     return "slabs", ["albedo", "b", "g", "index", "R", "T", "vrte: albedo, b", "iadpython: albedo, b"], rows, draw
 

@@ -85,7 +85,7 @@ def measure_case_errors(case: Case, progress: Callable[[str], Any] = print) -> t
             try:
                 values, seconds = solve_intensity(scene, nodes, truncation)
             except AccuracyError:
-                progress(f"{case.name}, {truncation}, {nodes} nodes: refused, neither algorithm vouches for it")
+                progress(f"{case.name}, {truncation}, {nodes} nodes: refused, neither algorithm verifies it")
                 continue
             progress(f"{case.name}, {truncation}, {nodes} nodes: {seconds:.2f} s")
             rows += compare_parts(case.name, truncation, nodes, values, exact, seconds)

@@ -67,7 +67,7 @@ def brdf(
     phi : float or sequence of float, optional
         Azimuths between them [degrees], n_phi.
     transmission : bool, optional
-        Adds the BTDF; not for a layer without end.
+        Adds the BTDF; not for a semi-infinite layer.
     {options}
     derivatives : sequence of str or Variation, optional
         Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and directions of one's own: how all

@@ -65,15 +65,15 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
 
 
 def check_semi_infinite(scene: Scene, variation: Variation) -> None:
-    """Whether there is such a derivative: of a layer without end, not with its thickness, and with its albedo only
+    """Whether there is such a derivative: of a semi-infinite layer, not with its thickness, and with its albedo only
     where it absorbs: light goes with the root of what is absorbed. Raises SceneError."""
     last, name = scene.layers[-1], variation.name
     if not np.isinf(last.thickness):
         return
     if variation.thickness[-1]:
-        raise SceneError(f"derivatives: {name}: a layer without end has no thickness to change", "derivatives", name)
+        raise SceneError(f"derivatives: {name}: a semi-infinite layer has no thickness to change", "derivatives", name)
     if last.albedo == 1.0 and variation.albedo[-1]:
-        words = "of a layer without end the derivative with the albedo is infinite at 1"
+        words = "of a semi-infinite layer the derivative with the albedo is infinite at 1"
         raise SceneError(f"derivatives: {name}: {words}", "derivatives", name)
 
 

@@ -268,7 +268,7 @@ class Doubling:
         algebra.product(items, 1.0, z, self.f, self.Zo, straight=(TANH, h))
 
     def double_semi_infinite(self, steepest: Array, stop: NDArray[np.int32]) -> None:
-        """Ze and Zo of slabs without end, where Zo Ze = 1, by scaled doublings: before each, both are multiplied by
+        """Ze and Zo of semi-infinite slabs, where Zo Ze = 1, by scaled doublings: before each, both are multiplied by
         ratio^(-1/2), the ratio being the smallest over the largest eigenvalue of sqrt(Zo Ze), guessed from below."""
         albedo, m0 = self.items.albedo, self.items.turned
         slowest = np.sqrt((1.0 - albedo) * (1.0 - albedo * self.items.asymmetry))

@@ -29,7 +29,7 @@ V = 3
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """Layers without end on the same nodes, and what is asked of them, on the device. directions: nodes, then off the
+    """Semi-infinite layers on the same nodes, and what is asked of them, on the device. directions: nodes, then off the
     nodes; out, into: places among the latter; columns (n_col, S); tolerance (item,)."""
 
     what: Scattering

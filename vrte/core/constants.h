@@ -10,7 +10,7 @@
 #define THICK 1.5             /* optical thickness: beyond it Zo may be as large as the slab is thick */
 #define COMPLEMENTED 0.75     /* optical thickness up to which 1 - Zo Ze keeps its digits */
 #define STEEPEST_RATIO 1e-3   /* of eigenvalues: the condition of L = 1 + Zo Ze is not let above its inverse */
-#define MOST_DOUBLINGS 100    /* of a slab without end */
+#define MOST_DOUBLINGS 100    /* of a semi-infinite slab */
 
 /* invariance */
 #define MOST_STEPS 400        /* fixed points */

@@ -292,7 +292,7 @@ cdef int rational_start(const Work* w, double h) noexcept nogil:
 
 
 cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
-    """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
+    """Ze and Zo of a semi-infinite slab, where Zo Ze = 1, by scaled doublings.
 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
     sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
@@ -335,7 +335,7 @@ cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
 
 
 cdef int reflect_and_transmit(const Work* w, doubles lost) noexcept nogil:
-    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
+    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; for a semi-infinite slab R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
     row."""
     cdef Sizes s = w.s
     cdef int info, i, axis = flux_axis(s.n, s.stokes)

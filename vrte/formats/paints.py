@@ -4,7 +4,7 @@
     pigment = "rutile"            # or { rutile = 0.14, hematite = 0.01 }: volume fractions of the dry film
     volume_fraction = 0.15        # beside one pigment
     binder = "alkyd"              # a substance or [n, k]
-    thickness_um = 60.0           # of the dry film; inf: without end
+    thickness_um = 60.0           # of the dry film; inf: semi-infinite
     surface = "smooth"            # or { roughness = 0.2, distribution = "ggx" }, or "none"
     substrate = { kind = "lambertian", albedo = 0.8 }    # any [base]; black without
     particles.rutile = { diameter_um = 0.25 }            # where the pigment's own grains are not wanted

@@ -78,7 +78,7 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
     if request.scene.is_rough and least < -RUNAWAY:
         warn_user(
             f"light comes out negative, {least:.1g} of the largest: facets without shadowing send back more than they "
-            "get, and what they hold down grows without end; give the interface shadowing = True",
+            "get, and what they hold down grows without bound; give the interface shadowing = True",
             AccuracyWarning,
         )
         return

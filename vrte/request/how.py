@@ -108,7 +108,7 @@ class How:
         ALGORITHMS,
         "algorithm of discrete ordinates; default: auto",
         ', which takes one by rule; "modes": eigenvectors; "doubling": impedance doubling, no eigenproblem; '
-        '"invariance": layers without end by the invariance of their reflection; "direct": the rule without what '
+        '"invariance": semi-infinite layers by the invariance of their reflection; "direct": the rule without what '
         "iterates to a tolerance",
     )
     verify: bool = make_option(
@@ -178,7 +178,7 @@ class How:
         PRECISIONS,
         "what an OpenCL device computes in; default: auto",
         f', by rule; "double"; "single", floats for an accuracy of {OF_SINGLE:g} and coarser; "mixed", floats brought '
-        "to the accuracy of doubles where light comes back from a layer without end (docs/how_to/opencl.md)",
+        "to the accuracy of doubles where light comes back from a semi-infinite layer (docs/how_to/opencl.md)",
     )
     nodes: int | None = make_number_option(
         MOST_NODES,

@@ -102,7 +102,7 @@ def check_depths(values: Any, scene: Scene) -> Array:
         return freeze_copy([values])
     given = values if type(values) is float else check_numbers("tau", values)
     if np.isinf(given).any():
-        raise SceneError.of("tau", "must be finite, also inside a layer without end")
+        raise SceneError.of("tau", "must be finite, also inside a semi-infinite layer")
     array = check_vector("tau", given)
     total = scene.thickness
     within = np.clip(array, 0.0, total)
@@ -153,7 +153,7 @@ def make_brdf_request(
     into, out = check_cosines("mu_i", mu_i), check_cosines("mu_o", mu_o)
     azimuths = check_vector("phi", phi)
     if transmission and not np.isfinite(scene.thickness):
-        raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a layer without end")
+        raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a semi-infinite layer")
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
     # light going up at the top, and light going down at the bottom

@@ -52,7 +52,7 @@ class Gradient:
     Attributes
     ----------
     thickness
-        With the optical thickness of each layer, (layer,); 0 for one without end.
+        With the optical thickness of each layer, (layer,); 0 for a semi-infinite one.
     albedo
         With the albedo of each layer, (layer,).
     coefficients

@@ -224,7 +224,7 @@ class SlabModes:
         f, g = self.decaying.divide(points)
         with np.errstate(invalid="ignore"):
             product = points[:, None] * points * f
-        # without end and absorption g[0, 0] is infinite, and what it is multiplied with is zero: the flux is kept
+        # semi-infinite and not absorbing: g[0, 0] is infinite, and what it is multiplied with is zero: the flux is kept
         tables = [f, np.where(np.isfinite(g), g, 0.0), np.where(np.isfinite(product), product, 0.0)]
         if self.odd is not None:
             c = self.decaying.divide_c(points)

@@ -263,7 +263,7 @@ def explain_whole_plan(plan: "Plan") -> dict[str, str]:
 def explain_base(scene: Scene, orders: int) -> str:
     """What the base does not reflect."""
     if not scene.base_is_reached:
-        return "" if scene.base is None else "the base: it lies below a layer without end"
+        return "" if scene.base is None else "the base: it lies below a semi-infinite layer"
     if scene.base is None:
         return "reflection by the base: it is black"
     return "reflection by the base beyond order 0 and beyond I: it reflects evenly" if orders > 1 else ""
