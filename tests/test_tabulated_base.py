@@ -24,7 +24,7 @@ Q = np.diag([1.0, 1.0, 1.0, -1.0])
 
 
 def dipoles(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
-    """A semi-infinite layer of dipoles that turn the phase of what is perpendicular to the meridian plane, seen by single
+    """A semi-infinite layer of dipoles which turn the phase of light across the meridian plane, seen by single
     scattering, with some white: smooth, reciprocal, and all 16 elements but the mirror's are there."""
     mu_i, mu_o, phi = np.broadcast_arrays(mu_i, mu_o, np.radians(phi_deg))
 

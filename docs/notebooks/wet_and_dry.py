@@ -49,8 +49,8 @@ for name, layer in (("in air", dry[2]), ("in water", wet[2])):
 # ## Three beds of the same grains
 #
 # In air; in water, as seen from inside the water; and in water under its surface, seen
-# from the air. Each is lit evenly from all sides, and the fraction of all light reflected is the
-# bed's reflectance.
+# from the air. Each is lit evenly from all sides, and the fraction of light reflected is
+# the bed's reflectance.
 
 
 # %%

@@ -335,7 +335,7 @@ cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
 
 
 cdef int reflect_and_transmit(const Work* w, doubles lost) noexcept nogil:
-    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; for a semi-infinite slab R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
+    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; semi-infinite: R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
     row."""
     cdef Sizes s = w.s
     cdef int info, i, axis = flux_axis(s.n, s.stokes)

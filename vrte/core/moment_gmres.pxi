@@ -1,4 +1,4 @@
-# The same faces of slabs over black ground for a few beams: the Neumann series of successive scatterings, by GMRES. With the fractions of
+# The same faces of slabs over black ground for a few beams: the Neumann series, by GMRES. With the fractions of
 # core/tanh_poles.pxi, u = f(A) v needs x_k = (A + p_k)^-1 v, and (1 + E f(A)) v = beam. E and F being diagonal but for
 # phi psi^T, all that one scattering has to know of the field are its moments a_k = psi_e^T x_k, c_k = psi_f^T E x_k and
 # psi_e^T v: they make v and all x_k on every node by itself, which make the next ones. Moments = T moments + those of
