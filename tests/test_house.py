@@ -17,6 +17,7 @@ from bench.tables import Configuration
 from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
+HOUSE = (ROOT / "docs" / "explanation" / "house.md").read_text()
 CLASSES = {
     **{name: getattr(vrte, name) for name in vrte.__all__},
     **vars(import_module("vrte.optics.phase_matrix")),
@@ -40,6 +41,32 @@ def test_of_the_package_itself_only_core_and_version_are_imported() -> None:
             if isinstance(node, ast.ImportFrom) and node.module == "vrte":
                 names = {alias.name for alias in node.names}
                 assert names <= {"_core", "__version__"} or all((PACKAGE / name).is_dir() for name in names), path
+
+
+def count_lines(room: str) -> int:
+    """Lines of a room of docs/explanation/house.md."""
+    if room == "top":
+        files = [path for path in PACKAGE.iterdir() if path.is_file()]
+    else:
+        above = ROOT if room in ("tests", "bench") else PACKAGE
+        files = [path for folder in room.split(", ") for path in (above / folder).rglob("*")]
+    endings = {".py", ".pyx", ".pxi", ".pyi", ".h", ".cl"}
+    return sum(len(path.read_text().splitlines()) for path in files if path.suffix in endings)
+
+
+BUDGETS = re.findall(r"^\| ([\w, ]+) \| ([\d,]+) \| [\d,]+ \|", HOUSE, re.MULTILINE)
+
+
+def test_every_room_has_a_budget() -> None:
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and any(path.rglob("*.py"))}
+    folders = {name for name in folders if any(path.stat().st_size for path in (PACKAGE / name).rglob("*.py"))}
+    rooms = {name for room, _ in BUDGETS for name in room.split(", ")}
+    assert folders | {"core", "top", "tests", "bench"} == rooms
+
+
+@pytest.mark.parametrize(("room", "budget"), BUDGETS)
+def test_rooms_keep_their_budgets(room: str, budget: str) -> None:
+    assert 0 < count_lines(room) <= int(budget.replace(",", "")), "say why in docs/explanation/house.md"
 
 
 def test_the_papers_six_configurations_are_timed() -> None:

@@ -82,6 +82,23 @@ def test_another_solver_finds_the_same_cross_sections(case: tuple[float, float, 
     assert_close(efficiencies, OTHERS[case], rtol=3e-8, atol=0.0)
 
 
+# of a prolate one, aspect ratio 0.5, size parameter 3, index 1.5 + 0.01i: l = 1, 2, 3, where b1 and b2 have its signs
+OTHER_COEFFICIENTS = np.array(
+    [
+        [2.2321472807, 0.0, 0.0, 2.2597306383, 0.0, 0.0],
+        [2.6008231296, 3.9397287925, 3.8071098770, 2.5768213427, -0.0052546225, -0.0018464756],
+        [2.3196113168, 3.1038576780, 3.0675239296, 2.3082622431, 0.0462583851, 0.2349042694],
+    ]
+)
+
+
+def test_another_solver_finds_the_same_coefficients_of_long_spheroids() -> None:
+    """Its b1 and b2 belong to Q and U of the opposite sign, one of the traps of docs/reference/conventions.md."""
+    found = vrte.spheroids(1.5 + 0.01j, aspect_ratio=0.5, radius_um=3.0, wavelength_um=IN_UNITS)
+    ours = found.phase_matrix.coefficients[1:4] * [1, 1, 1, 1, -1, -1]
+    assert_close(ours, OTHER_COEFFICIENTS, rtol=0.0, atol=2e-8)
+
+
 @pytest.fixture(scope="module", params=[(SPHEROID, 0.6), (CYLINDER, 1.5)], ids=["prolate", "disc"])
 def handle(request: pytest.FixtureRequest):
     """The solver, one of its matrices, and the average of ours."""
