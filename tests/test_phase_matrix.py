@@ -14,7 +14,7 @@ from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss
 from vrte.formats.keys import FilePath
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import read_scene
-from vrte.formats.scene_writer import write_value
+from vrte.formats.toml_table import write_value
 from vrte.optics.phase_matrix import (
     PAIRS,
     NegativeScatteringWarning,

@@ -18,9 +18,8 @@ from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
-from vrte.formats.scene_writer import write_value
 from vrte.formats.sizes import DIAMETERS, SIZE_KEYS, SIZES
-from vrte.formats.toml_table import RANGE_KEYS
+from vrte.formats.toml_table import RANGE_KEYS, write_value
 from vrte.optics.crowding import PACKINGS
 from vrte.render.setting import OBJECTS, OWN, RANGES, PictureSetting
 from vrte.render.sky import KINDS

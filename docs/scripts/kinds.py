@@ -10,8 +10,8 @@ from vrte.formats.keys import Choice, FilePath, Key
 from vrte.formats.paints import PIGMENTS
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
-from vrte.formats.scene_writer import write_value
 from vrte.formats.sizes import DIAMETERS, SIZES
+from vrte.formats.toml_table import write_value
 from vrte.optics.crowding import PACKINGS
 
 INTRODUCTION = """# What a scene file knows by name

@@ -13,11 +13,7 @@ STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a ke
 
 
 def convert_to_plain_content(value: Any) -> Any:
-    """Content as a file would give it: arrays and tuples are lists there.
-
-    >>> convert_to_plain_content({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
-    {'values': [1.0, 2.0], 'index': [1.5, 0.0]}
-    """
+    """Content as a file would give it: arrays and tuples are lists there."""
     if isinstance(value, Mapping):
         return {str(key): convert_to_plain_content(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -30,25 +26,8 @@ def convert_to_plain_number(value: float) -> float | int:
     return int(value) if float(value).is_integer() else float(value)
 
 
-def join_key(places: Place) -> str:
-    """The dotted key of keys of tables and places in lists.
-
-    >>> join_key(("layer", 0, "particles", "gold"))
-    'layer[1].particles.gold'
-    """
-    parts = (
-        f"[{place + 1}]" if isinstance(place, int) else f'."{place}"' if "." in place else f".{place}"
-        for place in places
-    )
-    return "".join(parts).removeprefix(".")
-
-
 def split_key(key: str) -> Place:
-    """A dotted key as keys of tables (text) and places in lists (numbers from 0).
-
-    >>> split_key("layer[1].particles.gold")
-    ('layer', 0, 'particles', 'gold')
-    """
+    """A dotted key as keys of tables (text) and places in lists (numbers from 0)."""
     places: list[str | int] = []
     position = 0
     while match := STEP.match(key, position):
@@ -60,9 +39,8 @@ def split_key(key: str) -> Place:
             break
         position += 1
     if position != len(key) or not places or -1 in places:
-        raise SceneError(
-            f"{show_toml(key)} is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
-        )
+        words = "is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
+        raise SceneError(f"{show_toml(key)} {words}")
     return tuple(places)
 
 
@@ -82,9 +60,8 @@ def find_number(content: Mapping[str, Any], places: Place, key: str, default: fl
     """The number at a place, or ``default`` where its table has no such key yet. Raises SceneError, naming ``key``."""
     try:
         parent = find_parent(content, places)
-        there = (
-            parent[places[-1]] if default is None or not isinstance(parent, dict) else parent.get(places[-1], default)
-        )
+        missing = default is not None and isinstance(parent, dict)
+        there = parent.get(places[-1], default) if missing else parent[places[-1]]
     except (LookupError, TypeError):
         raise SceneError(f"the scene has no {key}") from None
     if not is_number(there):

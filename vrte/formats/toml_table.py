@@ -1,4 +1,4 @@
-"""A table of a TOML file that knows its own dotted key, so that every complaint can name one."""
+"""A table of a TOML file that knows its own dotted key, so that every complaint names one; values and keys as TOML."""
 
 import difflib
 import itertools
@@ -28,8 +28,12 @@ STEPS = re.compile(
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
+PLAIN_KEY = re.compile("[A-Za-z0-9_-]+")
+LONGEST = 10_000  # bits of a whole number; Python writes and reads no more than 4300 digits
+DEEPEST_WRITTEN = 50  # tables in tables; the parser gives up not far beyond
 PER_CENT = re.compile(r"\s*([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*%\s*")
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
+Said = Mapping[str, tuple[str, str | None]]  # an argument's key, and the words between them; None: the key alone
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -45,10 +49,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def check_depth(text: str) -> None:
     """Raises SceneError where a text of TOML leads deeper than DEEPEST, in one pass, before it is parsed: a key takes
-    the parser time and memory that grow with the square of its parts, and nested tables take its stack.
-
-    >>> check_depth("[a.b]\\nc = [[1.5, 2.5], [3.5, 4.5]]")
-    """
+    the parser time and memory that grow with the square of its parts, and nested tables take its stack."""
     around, depth = [0], 0  # how deep the tables and lists around are, and the place itself
     for found in STEPS.finditer(text):
         sign = found[0]
@@ -66,71 +67,69 @@ def check_depth(text: str) -> None:
             depth = around[-1]
 
 
-def suggest_nearest(word: str, choices: Iterable[str]) -> str:
-    """A question that offers the choice spelled most like ``word``, or nothing.
-
-    >>> suggest_nearest("thicknes", ["thickness", "albedo"])
-    "; did you mean 'thickness'?"
-    """
-    found = difflib.get_close_matches(word[:SHOWN], list(choices), n=1)
+def suggest_nearest(word: Any, choices: Iterable[str]) -> str:
+    """A question that offers the choice spelled most like a word, or nothing."""
+    found = difflib.get_close_matches(word[:SHOWN], list(choices), n=1) if isinstance(word, str) else ()
     return f"; did you mean {shorten_text(found[0], SHOWN)!r}?" if found else ""
 
 
 def shorten_text(text: str, most: int) -> str:
-    """The text, or its beginning and three dots.
-
-    >>> shorten_text("thickness", 8)
-    'thick...'
-    """
+    """The text, or its beginning and three dots."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def show_toml(value: Any) -> str:
-    """A value of the file as TOML writes it, in one short piece.
+def write_value(value: Any, depth: int = DEEPEST_WRITTEN, most: int | None = None) -> str:
+    """A value of a scene file as TOML in one line; ``most``: no more of it than a complaint shows. Raises SceneError
+    for what no scene file holds, where all of it is written."""
+    if isinstance(value, (dict, list)) and not depth:
+        if most is None:
+            raise SceneError("tables or lists nested too deeply to be written")
+        return "..."
+    if isinstance(value, dict):
+        items = itertools.islice(value.items(), most)
+        pairs = ", ".join(f"{write_key(key, most)} = {write_value(item, depth - 1, most)}" for key, item in items)
+        return f"{{ {pairs} }}" if pairs else "{}"
+    if isinstance(value, list):
+        return f"[{', '.join(write_value(item, depth - 1, most) for item in value[:most])}]"
+    if isinstance(value, str):
+        return _quote(value, most)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and value.bit_length() > LONGEST:
+        if most is None:
+            raise SceneError(f"{show_toml(value)} cannot be written: too many digits")
+        return hex(value)  # Python refuses to write thousands of decimals
+    if most is None and not isinstance(value, (int, float)):
+        raise SceneError(f"{show_toml(value)} cannot be written: no key of a scene has such a value")
+    return f"{value}"
 
-    >>> print(show_toml("gold"), show_toml([1, True]), show_toml({"gold": 0.5}))
-    "gold" [1, true] { gold = 0.5 }
-    """
-    return shorten_text(_show_part(value, SHOWN_DEPTH), SHOWN)
+
+def write_key(key: str, most: int | None = None) -> str:
+    """A key as TOML writes it, in quotes where it needs them; ``most``: what a complaint shows of it."""
+    text = key if PLAIN_KEY.fullmatch(key) else _quote(key, most)
+    return text if most is None else shorten_text(text, SHOWN_KEY)
+
+
+def _quote(text: str, most: int | None) -> str:
+    """A string between quotes, or its beginning, control characters escaped. Raises SceneError for half a character."""
+    if most is None and any("\ud800" <= sign <= "\udfff" for sign in text):
+        raise SceneError(f"{show_toml(text)} cannot be written: it has half a character, which no text in UTF-8 holds")
+    signs = json.dumps(text if most is None else text[: most + 1], ensure_ascii=False)
+    return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in signs)
+
+
+def show_toml(value: Any) -> str:
+    """A value of the file as TOML writes it, in one short piece."""
+    return shorten_text(write_value(value, SHOWN_DEPTH, SHOWN), SHOWN)
 
 
 def show_key(key: str) -> str:
-    """A key as TOML writes it, in one short piece.
-
-    >>> print(show_key("gold"), show_key("fool's gold"))
-    gold "fool's gold"
-    """
-    return shorten_text(key if re.fullmatch("[A-Za-z0-9_-]+", key) else _quote_briefly(key), SHOWN_KEY)
-
-
-def _show_part(value: Any, depth: int) -> str:
-    """No more of the value than can be shown, and no deeper than ``depth``."""
-    if isinstance(value, (dict, list)) and not depth:
-        return "..."
-    if isinstance(value, dict):
-        pairs = itertools.islice(value.items(), SHOWN)
-        return f"{{ {', '.join(f'{show_key(key)} = {_show_part(item, depth - 1)}' for key, item in pairs)} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(_show_part(item, depth - 1) for item in value[:SHOWN])}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int) and value.bit_length() > 10_000:
-        return hex(value)  # Python refuses to write thousands of decimals
-    return _quote_briefly(value) if isinstance(value, str) else f"{value}"
-
-
-def _quote_briefly(text: str) -> str:
-    """A string between quotes, line breaks and control characters escaped."""
-    start = json.dumps(text[: SHOWN + 1], ensure_ascii=False)
-    return "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in start)
+    """A key as TOML writes it, in one short piece."""
+    return write_key(key, SHOWN)
 
 
 def read_share(value: Any) -> float | None:
-    """A number, also one in per cent, or None.
-
-    >>> read_share("5 %"), read_share("gold")
-    (0.05, None)
-    """
+    """A number, also one in per cent as a text, "5 %", or None."""
     if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
         return float(found[1]) / 100.0
     return float(value) if is_number(value) else None
@@ -138,14 +137,8 @@ def read_share(value: Any) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The ``content`` of one table; ``place`` is the way to it (() for the file), ``allowed`` its keys.
-
-    Raises SceneError for a key that is not allowed.
-
-    >>> Table(("base",), {"albdo": 0.3}, ("kind", "albedo"))
-    Traceback (most recent call last):
-    vrte.SceneError: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: kind, albedo
-    """
+    """The ``content`` of one table; ``place`` is the way to it (() for the file), ``allowed`` its keys. Raises
+    SceneError for a key that is not allowed."""
 
     place: Place
     content: dict[str, Any]
@@ -206,9 +199,8 @@ class Table:
 
     def share(self, key: str, allowed: str) -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
-        value = self.content.get(key)
-        found = read_share(value) if isinstance(value, str) else None
-        return self.number(key, allowed) if found is None else found
+        found = read_share(self.content.get(key))
+        return self.number(key, allowed) if found is None or math.isnan(found) else found
 
     def whole(self, key: str, low: int, high: int) -> int:
         """The whole number at ``key``, within [low, high]."""
@@ -221,9 +213,10 @@ class Table:
 
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
         """The word at ``key``, one of ``choices``."""
-        value = self.content.get(key)
-        hint = suggest_nearest(value, choices) if isinstance(value, str) and value not in choices else ""
-        allowed = " or ".join(f'"{word}"' for word in choices) + hint
+        given = self.content.get(key)
+        allowed = " or ".join(f'"{word}"' for word in choices) + (
+            "" if given in choices else suggest_nearest(given, choices)
+        )
         return str(self.right(key, allowed, lambda value: isinstance(value, str) and value in choices))
 
     def numbers(self, key: str) -> list[float]:
@@ -247,29 +240,15 @@ class Table:
         return np.linspace(start, stop, count).tolist()
 
 
-def show_place(place: Place) -> str:
-    """A place as complaints name it, layers counted from 1.
-
-    >>> show_place(("layer", 0, "particles", "gold"))
-    'layer[1].particles.gold'
-    """
-    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{show_key(step)}" for step in place)
+def show_place(place: Place, most: int | None = SHOWN) -> str:
+    """A place as complaints name it, layers counted from 1; without ``most``, as a dotted key with nothing left out."""
+    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step, most)}" for step in place)
     return "".join(steps).removeprefix(".")
 
 
-def translate_error(
-    error: SceneError, place: Place, keys: Iterable[str], said: Mapping[str, tuple[str, str | None]]
-) -> SceneError | None:
+def translate_error(error: SceneError, place: Place, keys: Iterable[str], said: Said) -> SceneError | None:
     """The library's error about an argument, as one about the key of a table that gave it; None where no key did.
-
-    ``said``: arguments that the table gives by another key, and words between that key and the library's sentence,
-    None where the key stands in place of the argument's name.
-
-    >>> error = SceneError.of("radius_um", "must be a length, not -0.5")
-    >>> said = {"radius_um": ("diameter_um", "half of it, ")}
-    >>> str(translate_error(error, ("particles", "gold"), ["diameter_um"], said))
-    'particles.gold.diameter_um: half of it, radius_um must be a length, not -0.5'
-    """
+    ``said``: arguments that the table gives by another key."""
     name = str(error.place[0]) if error.place else ""
     key, words = said.get(name, (name, None))
     if key not in {*keys}:
@@ -287,19 +266,10 @@ def drop_owner(error: SceneError, place: Place) -> str:
 
 @contextmanager
 def locate_errors(
-    place: Place,
-    keys: Iterable[str] = (),
-    outside: Iterable[str] = (),
-    said: Mapping[str, tuple[str, str | None]] = MappingProxyType({}),
+    place: Place, keys: Iterable[str] = (), outside: Iterable[str] = (), said: Said = MappingProxyType({})
 ) -> Iterator[None]:
     """Puts the dotted key of a table, or of one of its ``keys`` as `translate_error` finds it, in front of a SceneError
-    of the library; one of the names ``outside`` stays the place of the error.
-
-    >>> with locate_errors(("layer", 0), ["albedo"]):
-    ...     raise SceneError.of("layer: albedo", "must be between 0 and 1, not 2")
-    Traceback (most recent call last):
-    vrte.SceneError: layer[1].albedo must be between 0 and 1, not 2
-    """
+    of the library; one of the names ``outside`` stays the place of the error."""
     try:
         yield
     except SceneError as error:
@@ -309,11 +279,7 @@ def locate_errors(
 
 
 def is_number(value: Any) -> bool:
-    """Whether a TOML value is a number that a float can hold; true and false are none.
-
-    >>> is_number(1), is_number(True), is_number("1"), is_number(10**400)
-    (True, False, False, False)
-    """
+    """Whether a TOML value is a number that a float can hold; true and false are none."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     try:

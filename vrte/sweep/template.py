@@ -33,11 +33,10 @@ from vrte.formats.scene_keys import (
     convert_to_plain_content,
     convert_to_plain_number,
     find_number,
-    join_key,
     put,
     split_key,
 )
-from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
+from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_place, show_toml
 from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
@@ -170,7 +169,7 @@ def read_axis(content: dict[str, Any], name: str, value: Any) -> SweepAxis:
     if places[0] in FIXED:
         raise table.unfit(f"{show_toml(key)} is the same for all scenes of a table")
     values, expanded = read_values(table), find_expanded_place(content, places)
-    return SweepAxis(name, key if expanded == places else join_key(expanded), expanded, values, dimension)
+    return SweepAxis(name, key if expanded == places else show_place(expanded, None), expanded, values, dimension)
 
 
 def read_values(table: Table) -> Array:

@@ -11,7 +11,6 @@ from vrte.app.form.content import Content
 from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
-from vrte.formats.scene_writer import write_key
 from vrte.formats.toml_table import read_share, show_place
 
 PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
@@ -49,8 +48,7 @@ class FormNumber:
     @property
     def key(self) -> str:
         """The key, as sweeps and fits name it."""
-        steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step)}" for step in self.place)
-        return "".join(steps).removeprefix(".")
+        return show_place(self.place, None)
 
     def find_value(self, step: float) -> float:
         """The number at a step of a slider, to three digits."""
