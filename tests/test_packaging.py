@@ -19,6 +19,8 @@ import yaml
 from vrte import _core
 
 ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+RELEASED = re.findall(r"^## \[(\d\S*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
 SOURCES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
 USE_IT = """
 import importlib.metadata, importlib.resources, sys
@@ -95,45 +97,30 @@ def use_elsewhere(wheel: Path, folder: Path) -> None:
     assert run(folder / "bin" / "vrte", "--version", folder=folder) == f"vrte {wheel.name.split('-')[1]}\n"
 
 
-def test_the_tests_need_no_other_solver() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert {"nanodisort", "sasktran2"} <= {requirement.partition(">")[0] for requirement in extras["bench"]}
-    assert not [
-        name for name in extras["test"] for word in ("bench]", "bench,", "nanodisort", "sasktran2") if word in name
-    ]
-
-
-def test_the_tests_have_an_opencl_device() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    drivers = {name.partition(">")[0] for name in extras["opencl"]}
-    assert drivers == {"pyopencl", "pocl-binary-distribution", "intel-opencl-rt", "intel-cmplr-lib-rt"}
+def test_extras_and_the_conda_recipe_ask_for_the_packages_that_are_meant() -> None:
+    """Tests need a device and no other solver; the recipe asks for what pyproject.toml does."""
+    extras = PROJECT["project"]["optional-dependencies"]
+    names = {extra: {line.partition(">")[0] for line in extras[extra]} for extra in ("bench", "opencl", "test")}
+    assert {"nanodisort", "sasktran2"} <= names["bench"]
+    assert names["opencl"] == {"pyopencl", "pocl-binary-distribution", "intel-opencl-rt", "intel-cmplr-lib-rt"}
     assert [name for name in extras["test"] if name.startswith("vrte[") and "opencl" in name]
-
-
-def test_the_conda_recipe_asks_for_the_same_packages() -> None:
-    content = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert not [name for name in extras["test"] if re.search(r"bench[\],]|nanodisort|sasktran2", name)]
     recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text())
-
-    def required(part: str) -> set[str]:
-        names = {line.replace(" ", "") for line in recipe["requirements"][part] if isinstance(line, str)}
-        return names - {"python", "pip"}
-
-    assert required("run") == set(content["project"]["dependencies"])
-    assert required("host") == set(content["build-system"]["requires"])
-    assert recipe["build"]["python"]["entry_points"] == ["vrte = " + content["project"]["scripts"]["vrte"]]
-    assert recipe["about"]["summary"] == content["project"]["description"]
-    assert recipe["about"]["license"] == content["project"]["license"]
-    assert recipe["build"]["skip"] == f'match(python, "<{content["project"]["requires-python"].removeprefix(">=")}")'
-    released = re.findall(r"^## \[(\d\S*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert recipe["context"]["version"] == released[0]
+    project, about = PROJECT["project"], recipe["about"]
+    for part, asked in (("run", project["dependencies"]), ("host", PROJECT["build-system"]["requires"])):
+        required = {line.replace(" ", "") for line in recipe["requirements"][part] if isinstance(line, str)}
+        assert required - {"python", "pip"} == set(asked)
+    assert recipe["build"]["python"]["entry_points"] == ["vrte = " + project["scripts"]["vrte"]]
+    assert (about["summary"], about["license"]) == (project["description"], project["license"])
+    assert recipe["build"]["skip"] == f'match(python, "<{project["requires-python"].removeprefix(">=")}")'
+    assert recipe["context"]["version"] == RELEASED[0]
 
 
 def test_each_python_that_gets_a_wheel_is_tested() -> None:
-    content = tomllib.loads((ROOT / "pyproject.toml").read_text())
     minors = re.findall(r"^for minor in (.*);", (ROOT / ".ci" / "test_pythons").read_text(), re.MULTILINE)[0].split()
-    assert content["tool"]["cibuildwheel"]["build"] == [f"cp3{minor}-*" for minor in minors]
-    assert content["project"]["requires-python"] == f">=3.{minors[0]}"
-    named = [line.rpartition(" ")[2] for line in content["project"]["classifiers"] if ":: 3." in line]
+    assert PROJECT["tool"]["cibuildwheel"]["build"] == [f"cp3{minor}-*" for minor in minors]
+    assert PROJECT["project"]["requires-python"] == f">=3.{minors[0]}"
+    named = [line.rpartition(" ")[2] for line in PROJECT["project"]["classifiers"] if ":: 3." in line]
     assert named == [f"3.{minor}" for minor in minors]
 
 
@@ -151,14 +138,11 @@ def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
     )
 
 
-def find_version(folder: Path) -> str:
-    """The version that a build of the sources in ``folder`` would have."""
-    return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
-
-
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
     """A repository of two commits without a tag, which takes its version as this one does."""
+    if shutil.which("git") is None or not (ROOT / ".git_archival.txt").is_file():
+        pytest.skip("no git, or a source archive")
     folder = tmp_path / "clone"
     folder.mkdir()
     for name in ("pyproject.toml", ".git_archival.txt", ".gitattributes"):
@@ -167,9 +151,18 @@ def clone(tmp_path: Path) -> Path:
     run("git", "config", "user.name", "A test", folder=folder)
     run("git", "config", "user.email", "", folder=folder)
     run("git", "add", ".", folder=folder)
-    for message in ("one", "two"):
-        run("git", "commit", "--quiet", "--allow-empty", "--message", message, folder=folder)
+    commit(folder)
+    commit(folder)
     return folder
+
+
+def commit(clone: Path) -> None:
+    run("git", "commit", "--quiet", "--allow-empty", "--message", "one more", folder=clone)
+
+
+def find_version(folder: Path) -> str:
+    """The version that a build of the sources in ``folder`` would have."""
+    return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
 
 
 def unpack_archive(clone: Path, folder: Path) -> Path:
@@ -181,28 +174,21 @@ def unpack_archive(clone: Path, folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.skipif(
-    shutil.which("git") is None or not (ROOT / ".git_archival.txt").is_file(), reason="no git, or a source archive"
-)
-class TestVersion:
-    def test_without_tags_it_comes_before_the_newest_section_of_the_changelog(self, clone: Path) -> None:
-        newest = re.findall(r"^## \[(\d.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0]
-        assert re.fullmatch(rf"{re.escape(newest)}\.dev2\+g\w+", find_version(clone))
+def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(clone: Path) -> None:
+    assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", find_version(clone))
 
-    @pytest.mark.slow
-    def test_nor_is_one_needed_where_there_is_less_than_a_clone(self, clone: Path) -> None:
-        run("git", "clone", "--quiet", "--depth", "1", clone.as_uri(), clone.parent / "shallow", folder=clone.parent)
-        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g\w+", find_version(clone.parent / "shallow"))
-        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(unpack_archive(clone, clone.parent / "zip")))
-        shutil.rmtree(clone / ".git")
-        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(clone))
 
-    @pytest.mark.slow
-    def test_a_tag_is_the_version_and_commits_after_it_come_before_the_next(self, clone: Path) -> None:
-        run("git", "tag", "v1.2.0", folder=clone)
-        assert find_version(clone) == find_version(unpack_archive(clone, clone.parent / "zip")) == "1.2.0"
-        run("git", "commit", "--quiet", "--allow-empty", "--message", "three", folder=clone)
-        assert re.fullmatch(r"1\.2\.1\.dev1\+g\w+", find_version(clone))
+@pytest.mark.slow
+def test_the_version_of_shallow_clones_archives_and_tags(clone: Path) -> None:
+    run("git", "clone", "--quiet", "--depth", "1", clone.as_uri(), clone.parent / "shallow", folder=clone.parent)
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g\w+", find_version(clone.parent / "shallow"))
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(unpack_archive(clone, clone.parent / "zip")))
+    run("git", "tag", "v1.2.0", folder=clone)
+    assert find_version(clone) == find_version(unpack_archive(clone, clone.parent / "tagged")) == "1.2.0"
+    commit(clone)
+    assert re.fullmatch(r"1\.2\.1\.dev1\+g\w+", find_version(clone))
+    shutil.rmtree(clone / ".git")
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(clone))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
