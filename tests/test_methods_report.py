@@ -1,199 +1,161 @@
-"""The report on methods: errors are what they are called, runs are taken up again, the page needs no network."""
+"""The report on methods, with other codes in it: errors are what they are called, runs are taken up again, the page
+needs no network; other codes find the same light, refuse by name, and have no part in the advice."""
 
-import csv
+import importlib.util
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import vrte
 from bench import methods, methods_page, other_codes
 from bench.methods import MEASURED, REFUSED, Row
+from bench.other_codes import Asked
 from bench.study import Records
 from docs.scripts import methods_tables, radiance_factor
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.quadrature import make_double_gauss
 from vrte.methods import find_method
 from vrte.request.how import METHODS
 
 from .helpers import assert_close, close_to
 
-ROOT = Path(__file__).parents[1]
+EXPLANATION = Path(__file__).parents[1] / "docs" / "explanation"
 CURVE = methods.Curve("modes", "discrete-ordinates", methods.vary_nodes((2, 8), algorithm="modes"))
 ONCE = methods.Pace(seconds=0.0, fewest=1, most=1)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What `python -m bench.report --quick` wrote."""
-    made = tmp_path_factory.mktemp("report")
-    assert methods.main(["--quick", "-o", str(made)]) == 0
-    return made
-
-
-@pytest.fixture(scope="module")
-def rows(folder: Path) -> list[Row]:
-    return list(Records(Row, folder / methods.CSV).read().values())
-
-
-def run(folder: Path, curve: methods.Curve = CURVE, **how: bool) -> list[Row]:
-    """One small scene by one curve."""
-    return methods.make_study([*methods.SMALL][:1], [curve], folder, ONCE).measure_rows(folder, **how)
+FIRST = [*methods.SMALL][:1]
+PEERS = tuple(other_codes.PEERS)
+NATURAL = np.array([2.0, 0.0, 0.0, 0.0])
+MU, PHI = np.array([0.9, -0.3, 0.2, -1.0]), np.array([0.0, 70.0, 180.0])
+AT_NODES = np.array([1.0, -1.0, 1.0, -1.0]) * make_double_gauss(16)[0][[13, 4, 3, 14]]
+SLOW = Row("s", "c", "m", "8 nodes", MEASURED, 2.0, i_max=1e-7, q_max=0, u_max=0, v_max=0, reference_within=1e-9)
+each_peer = pytest.mark.parametrize("name", PEERS)
 
 
 @pytest.mark.slow
-def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
+def test_the_quick_report(tmp_path: Path) -> None:
+    """Every method and scene has its rows; the exact one and auto keep what is asked; more nodes are closer."""
+    assert methods.main(["--quick", "-o", str(tmp_path)]) == 0
+    rows = list(Records(Row, tmp_path / methods.CSV).read().values())
     assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in other_codes.list_installed()}
-    assert {row.scene for row in rows} == set(tuple(methods.SMALL))
+    assert len(rows) == len(methods.SMALL) * sum(len(each.settings) for each in methods.list_curves(True))
     assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
-    with open(folder / methods.CSV, encoding="utf-8", newline="") as file:
-        assert (
-            len(list(csv.DictReader(file)))
-            == len(rows)
-            == len(tuple(methods.SMALL)) * sum(len(each.settings) for each in methods.list_curves(True))
-        )
-
-
-@pytest.mark.slow
-def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
-    found = [row for row in rows if row.curve == "auto"]
-    assert len(found) == 3 * len(tuple(methods.SMALL))
-    for row in found:
-        assert row.method == "discrete-ordinates"
-        assert row.worst <= float(row.setting.split()[1])
-    assert 'How well method="auto" chose' in (folder / methods_page.PAGE).read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_more_nodes_are_closer(rows: list[Row]) -> None:
-    for name in ("modes", "doubling"):
-        for scene in tuple(methods.SMALL):
+    kept = [row for row in rows if row.curve in ("auto", "discrete-ordinates, accuracy")]
+    assert len(kept) == 5 * len(methods.SMALL)
+    assert all(row.method == "discrete-ordinates" for row in kept)
+    assert all(row.worst <= float(row.setting.split()[1]) for row in kept)
+    exact = [row for row in rows if row.method == "discrete-ordinates" and row.scene == "Rayleigh, small"]
+    assert all(row.energy < 1e-12 for row in exact)
+    page = (tmp_path / methods_page.PAGE).read_text(encoding="utf-8")
+    for scene in methods.SMALL:
+        for name in ("modes", "doubling"):
             few, many = (row for row in rows if (row.curve, row.scene) == (f"discrete-ordinates, {name}", scene))
             assert many.worst < few.worst / 20.0
             assert many.reference_within < 1e-7
-
-
-@pytest.mark.slow
-def test_the_exact_method_keeps_what_is_asked_for_and_loses_no_energy(rows: list[Row]) -> None:
-    for row in rows:
-        if row.curve == "discrete-ordinates, accuracy":
-            assert row.worst <= float(row.setting.split()[1])
-        if row.scene == "Rayleigh, small" and row.method == "discrete-ordinates":
-            assert row.energy < 1e-12
-
-
-@pytest.mark.slow
-def test_the_page_opens_without_a_network(folder: Path) -> None:
-    text = (folder / methods_page.PAGE).read_text(encoding="utf-8")
-    assert not re.search(r"<(script|link|img)[^>]*(src|href)=", text)
-    for name in tuple(methods.SMALL):
-        assert f'id="{methods.make_file_stem(name)}"' in text
-        assert (folder / f"{methods.make_file_stem(name)}.png").stat().st_size > 1000
-    assert "For 1e-03 take" in text
+        assert f'id="{methods.make_file_stem(scene)}"' in page
+        assert (tmp_path / f"{methods.make_file_stem(scene)}.png").stat().st_size > 1000
+    assert not re.search(r"<(script|link|img)[^>]*(src|href)=", page)
+    assert 'How well method="auto" chose' in page
+    assert "For 1e-03 take" in page
 
 
 def test_one_colour_a_method_and_the_answer_on_top() -> None:
-    known = list(Records(Row, ROOT / "docs" / "explanation" / "methods" / "methods.csv").read().values())
+    known = list(Records(Row, EXPLANATION / "methods" / "methods.csv").read().values())
     curves = {row.curve: row for row in known if not row.is_peer}
     colours = {methods_page.find_curve_method(row): methods_page.choose_colour([row]) for row in curves.values()}
-    assert {methods_page.choose_colour([row]) for row in known if not row.is_peer} == set(colours.values())
     assert len(set(colours.values())) == len(colours) == len(METHODS) + 1
-    looks = {
-        (methods_page.choose_colour([row]), methods_page.assign_markers(known)[curve]) for curve, row in curves.items()
-    }
-    assert len(looks) == len(curves) > len(colours)
+    markers = methods_page.assign_markers(known)
+    assert len({(methods_page.choose_colour([row]), markers[name]) for name, row in curves.items()}) == len(curves)
     text = methods_page.make_html(known, [])
     assert -1 < text.find("good enough in 45 of 45") < text.index("<table>")
 
 
-def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = run(tmp_path)
-    monkeypatch.setattr(methods, "time_solve", lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(methods, "get_reference", lambda *_: pytest.fail("solved again"))
-    assert run(tmp_path) == first
-
-
-def test_a_torn_line_is_measured_again_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, path = run(tmp_path), tmp_path / methods.CSV
-    text = path.read_text()
-    path.write_text(text[: text.rindex(",") + 4])
-    measured, timed = [], methods.time_solve
-    monkeypatch.setattr(methods, "time_solve", lambda *given: measured.append(given) or timed(*given))
-    again = run(tmp_path)
-    assert len(measured) == 1
-    assert again[0] == first[0]
-    assert again[1].i_max == first[1].i_max
-
-
-@pytest.mark.parametrize("change", ["version", "setting", "fresh"])
-def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str) -> None:
-    run(tmp_path)
-    curve, measured, timed = CURVE, [], methods.time_solve
+@pytest.mark.parametrize(
+    ("change", "again"), [("nothing", 0), ("a torn line", 1), ("version", 2), ("setting", 2), ("fresh", 2)]
+)
+def test_what_has_changed_is_measured_again_and_nothing_else(
+    change: str, again: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve, path = CURVE, tmp_path / methods.CSV
+    first = methods.make_study(FIRST, [curve], tmp_path, ONCE).measure_rows(tmp_path)
+    if change == "a torn line":
+        path.write_text(path.read_text()[: path.read_text().rindex(",") + 4])
     if change == "version":
         monkeypatch.setattr("bench.study.identify_setup", lambda: "another version")
     if change == "setting":
         curve = replace(CURVE, settings=methods.vary_nodes((2, 8), algorithm="doubling"))
+    measured, timed = list[Any](), methods.time_solve
     monkeypatch.setattr(methods, "time_solve", lambda *given: measured.append(given) or timed(*given))
-    assert len(run(tmp_path, curve, fresh=change == "fresh")) == len(measured) == 2
-    study = methods.make_study([*methods.SMALL][:1], [curve], tmp_path, ONCE)
-    study.page(study.measure_rows(tmp_path), tmp_path, "a test")
-    assert len(Records(Row, tmp_path / methods.CSV).read()) == 2
+    study = methods.make_study(FIRST, [curve], tmp_path, ONCE)
+    rows = study.measure_rows(tmp_path, fresh=change == "fresh")
+    assert len(measured) == again
+    assert rows[: 2 - again] == first[: 2 - again]
+    study.page(rows, tmp_path, "a test")
+    assert len(Records(Row, path).read()) == 2
 
 
 def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
-    first, second = methods.make_study(
-        [*methods.SMALL][:1], [CURVE], tmp_path, replace(ONCE, longest=0.0)
-    ).measure_rows(tmp_path)
+    study = methods.make_study(FIRST, [CURVE], tmp_path, replace(ONCE, longest=0.0))
+    first, second = study.measure_rows(tmp_path)
     assert first.is_measured
     assert second.status.startswith("left out: 2 nodes took")
 
 
 def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
+    """Only a peer may leave something out."""
     one = methods.find_case("Rayleigh, small")
     field = methods.solve_case(one, nodes=8)
     right = methods.Reference.of(one, field)
     assert max(methods.measure_run_errors(one, field, right).values()) < 1e-14
-    wrong = field.stokes.copy()
+    wrong, holed = field.stokes.copy(), field.stokes.copy()
     wrong[1, :, :, 2] += 0.01 * np.abs(field.stokes[1, field.mu < 0.0, :, 0]).max()
     found = methods.measure_run_errors(one, replace(field, stokes=wrong), right)
-    assert found["u_max"] == close_to(0.01, rtol=1e-6, atol=0.0)
-    assert found["u_rms"] == close_to(0.01, rtol=1e-6, atol=0.0)
-    assert found["i_max"] == 0.0
+    assert [found[name] for name in ("i_max", "u_max", "u_rms")] == close_to([0.0, 0.01, 0.01], rtol=1e-6, atol=0.0)
+    holed[..., 3] = holed[1] = np.nan
+    partial = replace(field, stokes=holed, flux_down=np.array([0.0, np.nan]))
+    found = methods.measure_run_errors(one, partial, right, is_partial=True)
+    assert found["i_max"] == found["u_rms"] == found["energy"] == 0.0
+    assert np.isnan(found["v_max"])
+    assert np.isnan(methods.measure_run_errors(one, partial, right)["energy"])
 
 
-def test_advice_says_what_is_quickest_and_what_cannot_be_told() -> None:
-    slow = Row("s", "c", "m", "8 nodes", MEASURED, 2.0, i_max=1e-7, q_max=0, u_max=0, v_max=0, reference_within=1e-9)
-    quick = replace(slow, setting="2 nodes", seconds=1.0, q_max=1e-4)
-    text = methods_page.advise_on_scene([slow, quick])
+def test_advice_says_what_is_quickest_of_ours_and_how_peers_stand_to_it() -> None:
+    quick = replace(SLOW, setting="2 nodes", seconds=1.0, q_max=1e-4)
+    text = methods_page.advise_on_scene([SLOW, quick])
     assert text.startswith("For 1e-03 take c with 2 nodes (1 s, error 1e-04), for 1e-06 take c with 8 nodes")
     assert text.endswith("for 1e-10 nothing can be told (the reference is known to 1e-09).")
     assert "take none of these" in methods_page.advise_on_target([quick], 1e-6)
+    peer = replace(SLOW, curve="nanodisort", method="nanodisort", setting="16 streams", seconds=1.0, v_max=np.nan)
+    assert peer.worst == 1e-7
+    assert methods_page.find_pareto_front([SLOW, peer]) == [SLOW]
+    assert methods_page.find_quickest_candidate([SLOW, peer], 1e-6) == SLOW
+    assert methods_page.compare_with_peers([SLOW, peer], 1e-6) == (
+        "Beside vrte, for 1e-06: nanodisort with 16 streams takes 1 s, 0.5 times as long."
+    )
+    assert methods_page.compare_with_peers([SLOW, peer], 1e-8) == ""
+    assert methods_page.list_heights([peer], "v_max") == [None]
+    assert "V -" in methods_page.make_hover_text(peer)
 
 
-def test_scenes() -> None:
+def test_tables_of_scenes_knobs_and_methods_are_those_of_the_registry() -> None:
     assert len(methods.CASES) >= 12
     with pytest.raises(SceneError, match="--scenes must fit one of"):
         methods.find_matching_scenes("no such scene")
+    for method, each in methods.KNOBS.items():
+        named = {name for _, some in each for setting in some for name in setting.options.get("settings", {})}
+        assert named <= set(find_method(method).settings)
+    text = (EXPLANATION / "methods.md").read_text(encoding="utf-8")
+    command = "python -m docs.scripts.methods_tables docs/explanation/methods.md"
+    assert methods_tables.refresh_tables(text) == text, f"run `{command}`"
+    assert all(f"\n| `{name}` |" in text for name in METHODS)
 
 
 @pytest.mark.slow
 def test_no_two_scenes_are_the_same() -> None:
     assert len({methods.find_case(name).fingerprint for name in methods.CASES}) == len(methods.CASES)
-
-
-def test_the_table_of_knobs_names_settings_that_are_there() -> None:
-    for method, each in methods.KNOBS.items():
-        named = {name for _, some in each for setting in some for name in setting.options.get("settings", {})}
-        assert named <= set(find_method(method).settings)
-
-
-def test_the_table_of_methods_is_that_of_the_registry() -> None:
-    text = (ROOT / "docs" / "explanation" / "methods.md").read_text(encoding="utf-8")
-    assert methods_tables.refresh_tables(text) == text, (
-        "run `python -m docs.scripts.methods_tables docs/explanation/methods.md`"
-    )
-    for name in METHODS:
-        assert f"\n| `{name}` |" in text
 
 
 def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
@@ -205,13 +167,119 @@ def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
 
 @pytest.mark.slow
 def test_figures_of_the_paper(tmp_path: Path) -> None:
+    """Inside a conservative slab light turns towards straight down; at its top the brightest is nearly horizontal."""
     assert radiance_factor.main(["-o", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"radiance_factor_1.png", "radiance_factor_2.png"}
-
-
-@pytest.mark.slow
-def test_inside_a_conservative_slab_light_turns_towards_straight_down() -> None:
-    lobes = radiance_factor.solve_inside()
-    brightest = [abs(lobe.angle[np.argmax(lobe.radiance)]) for lobe in lobes]
-    # at the top the brightest light is that of the long, nearly horizontal ways
+    brightest = [abs(lobe.angle[np.argmax(lobe.radiance)]) for lobe in radiance_factor.solve_inside()]
     assert np.all(np.diff(brightest[1:]) < 0.0)
+
+
+def ask(scene: vrte.Scene, stokes: np.ndarray = NATURAL, mu: np.ndarray = MU) -> Asked:
+    """Light at the top and, where there is one, the bottom."""
+    ends = np.isfinite(scene.thickness)
+    return Asked(scene, 0.6, stokes, mu, PHI, np.array([0.0, scene.thickness] if ends else [0.0]))
+
+
+def layered(albedo: float = 0.9, base: object = None) -> vrte.Scene:
+    """Two unlike scalar layers."""
+    upper = vrte.Layer(vrte.henyey_greenstein(0.6, 60), albedo, 0.4)
+    return vrte.Scene([upper, vrte.Layer(vrte.isotropic(), 0.7, 0.8)], base)
+
+
+def compare(name: str, one: Asked, *streams: int) -> tuple[vrte.Field, list[vrte.Field], list[np.ndarray]]:
+    """vrte's field, a peer's, and their largest difference over azimuths relative to the largest I (tau, mu, 4)."""
+    right = vrte.radiance(one.scene, one.mu0, one.stokes, one.mu, one.phi, one.tau, nodes=32)
+    fields = [other_codes.prepare_solve(name, one, count)() for count in streams]
+    size = right.stokes[..., 0].max()
+    return right, fields, [np.abs(found.stokes - right.stokes).max(axis=2) / size for found in fields]
+
+
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(0.4)], ids=["black", "Lambertian"])
+@each_peer
+def test_layers_over_a_base_are_seen_alike(name: str, base: object) -> None:
+    pytest.importorskip(name)
+    # off its nodes PythonicDISORT interpolates
+    one = ask(layered(base=base), mu=AT_NODES if name == "PythonicDISORT" else MU)
+    right, (found,), (gaps,) = compare(name, one, 32)
+    assert gaps[0, one.mu > 0].max() < 1e-4
+    assert found.flux_up[0] == close_to(right.flux_up[0], rtol=1e-6, atol=0.0)
+    if name != "sasktran2":
+        assert gaps[1].max() < 1e-4  # down and, off the base, up
+        assert_close(found.flux_down[1], right.flux_down[1], rtol=1e-6, atol=0.0)
+
+
+@each_peer
+def test_what_streams_cut_off_is_put_back(name: str) -> None:
+    pytest.importorskip(name)
+    peaked = ask(vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 120), 0.95, 1.0)]))
+    few, many = (gap[0, MU > 0].max() for gap in compare(name, peaked, 8, 32)[2])
+    assert many < min(0.2 * few, 0.02)
+
+
+def test_the_signs_of_sasktran2_are_those_of_vrte() -> None:
+    pytest.importorskip("sasktran2")
+    one = ask(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2)))
+    right, (found,), (gaps,) = compare("sasktran2", one, 16)
+    assert gaps[0, MU > 0, :3].max() < 1e-4
+    assert np.abs(right.stokes[0, MU > 0, :, 1:3]).max() > 0.01
+    assert np.isnan(found.stokes[0, MU > 0, :, 3]).all()
+    assert np.isnan(found.stokes[1]).all()
+
+
+MIRROR = vrte.MuellerBase(lambda mu_i, mu_o, phi: np.diag([0.1, 0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("scene", "stokes", "names", "words"),
+    [
+        (vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, np.inf)]), NATURAL, PEERS, "takes no semi-infinite layer"),
+        (layered(base=MIRROR), NATURAL, PEERS, "MuellerBase"),
+        (layered(base=vrte.Mirror(1.5)), NATURAL, PEERS, "no refracting or mirroring surface"),
+        (
+            vrte.Scene(layered().layers, None, (vrte.Interface(1.0, 1.5), None, None)),
+            *(NATURAL, PEERS, "no refracting or mirroring surface"),
+        ),
+        (layered(), np.array([1.0, 0.1, 0.0, 0.0]), PEERS, "takes"),
+        (vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), NATURAL, ("nanodisort", "PythonicDISORT"), "takes"),
+        (layered(albedo=1.0), NATURAL, ("PythonicDISORT",), "PythonicDISORT takes no albedo of 1"),
+        (layered(base=vrte.Lambertian(0.3)), NATURAL, (), ""),
+    ],
+)
+def test_what_peers_do_not_take_they_refuse_by_name(
+    scene: vrte.Scene, stokes: np.ndarray, names: tuple[str, ...], words: str
+) -> None:
+    refused = {}
+    for name, peer in other_codes.PEERS.items():
+        try:
+            ask(scene, stokes).check(name, peer.polarization, peer.conservative)
+        except SceneError as error:
+            refused[name] = str(error)
+    assert set(refused) == set(names)
+    assert all(words in text and text.startswith(name) for name, text in refused.items())
+
+
+def test_without_them_the_report_works_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in PEERS else find(name))
+    assert not any(curve.method in PEERS for curve in methods.list_curves(quick=True))
+    text = f"other codes: none; not installed: {', '.join(PEERS)} (pip install 'vrte[bench]')"
+    assert other_codes.describe_peers() == text
+    with pytest.raises(MissingExtraError, match="nanodisort"):
+        other_codes.prepare_solve("nanodisort", ask(layered()), 4)
+
+
+def test_a_failure_of_theirs_is_a_row_and_another_version_is_measured_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setting = methods.Setting("4 streams", {"streams": 4})
+    curves = [methods.Curve("nanodisort", "nanodisort", (setting,), made) for made in ("1", "2")]
+    case = methods.find_case("isotropic, small")
+    assert len({methods.mark(case, methods.Run(curve, 0)) for curve in curves}) == 2
+    pytest.importorskip("nanodisort")
+
+    def fails(*_: object) -> object:
+        raise ValueError("of its own")
+
+    monkeypatch.setitem(other_codes.PEERS, "nanodisort", replace(other_codes.PEERS["nanodisort"], prepare=fails))
+    (row,) = methods.make_study(FIRST, curves[:1], tmp_path, ONCE).measure_rows(tmp_path)
+    assert row.status == "failed: nanodisort: ValueError: of its own"
