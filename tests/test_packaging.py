@@ -16,12 +16,11 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from vrte import _core
-
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 RELEASED = re.findall(r"^## \[(\d\S*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
 SOURCES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
+DATA = {"cl": "*.cl", "materials": "*.toml", "paints": "*.toml", "starters": "*.toml"}  # files of the package
 USE_IT = """
 import importlib.metadata, importlib.resources, sys
 import vrte, vrte._core
@@ -55,25 +54,6 @@ def copy_of_the_sources(folder: Path) -> Path:
     for name in SOURCES:
         shutil.copy2(ROOT / name, folder / name)
     return folder
-
-
-def reuse_the_compiled_core(sources: Path) -> None:
-    """Puts the core that is being tested where the build would put it: it is compiled again only if out of date."""
-    translated = ROOT / "vrte" / "_core.c"
-    if translated.is_file():
-        shutil.copy2(translated, sources / "vrte" / translated.name)
-    built = sources / "build" / f"lib.{sysconfig.get_platform()}-{sys.implementation.cache_tag}" / "vrte"
-    built.mkdir(parents=True)
-    library = Path(_core.__file__)
-    shutil.copy(library, built / library.name)
-
-
-def build_in(folder: Path, *arguments: str, isolated: bool = False) -> Path:
-    """The wheel that `python -m build` makes of the sources in ``folder``."""
-    arguments = arguments if isolated else ("--no-isolation", *arguments)
-    run(sys.executable, "-m", "build", *arguments, "--outdir", folder / "dist", folder, folder=folder)
-    (wheel,) = (folder / "dist").glob("*.whl")
-    return wheel
 
 
 def repair(wheel: Path, folder: Path) -> Path:
@@ -192,58 +172,37 @@ def test_the_version_of_shallow_clones_archives_and_tags(clone: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
-class TestWheel:
-    @pytest.mark.slow
-    def test_it_works_elsewhere_with_its_data_files(self, tmp_path: Path) -> None:
-        sources = copy_of_the_sources(tmp_path / "sources")
-        reuse_the_compiled_core(sources)
-        wheel = build_in(sources, "--wheel")
-        names = zipfile.ZipFile(wheel).namelist()
-        assert not [name for name in names if name.endswith((".c", ".npz", ".pyx", ".pxi"))]
-        assert [name for name in names if name.endswith(".h")] == ["vrte/core/constants.h"]  # OpenCL's kernels read it
-        assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        for folder in ("cl", "materials", "paints", "starters"):
-            pattern = "*.cl" if folder == "cl" else "*.toml"
-            loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
-            assert loops
-            assert loops <= set(names)
-        use_elsewhere(wheel, tmp_path / "elsewhere")
-        shutil.copy(ROOT / "conftest.py", sources)
-        python, few = tmp_path / "elsewhere" / "bin" / "python", "tests/test_scene.py"
-        said = run(python, "-I", "-m", "pytest", "-p", "no:cacheprovider", few, "vrte/scene/scene.py", folder=sources)
-        assert f"vrte: {tmp_path / 'elsewhere'}" in said
-        run(sys.executable, "-m", "check_wheel_contents", wheel, folder=sources)
-
-    @pytest.mark.slow
-    def test_one_built_from_the_source_archive_works_elsewhere(self, tmp_path: Path) -> None:
-        """Each in an environment of its own that has what pyproject.toml asks for, and the newest of it."""
-        wheel = build_in(copy_of_the_sources(tmp_path / "sources"), isolated=True)
-        (archive,) = wheel.parent.glob("*.tar.gz")
-        with tarfile.open(archive) as content:
-            names = {name.partition("/")[2] for name in content.getnames()}
-        wanted = {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
-        wanted |= {
-            "vrte/_core.pyx",
-            "vrte/materials/chalk.toml",
-            "vrte/paints/white_gloss.toml",
-            "setup.py",
-            "LICENSE",
-            "examples/gold_powder.toml",
-            "tests/derivative_oracle.npz",
-            "tests/stability_oracle.npz",
-        }
-        assert wanted <= names
-        assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
-        run(sys.executable, "-m", "twine", "check", "--strict", wheel, archive, folder=tmp_path)
-        if sys.platform == "linux":
-            wheel = repair(wheel, tmp_path / "repaired")
-        elsewhere = tmp_path / "elsewhere"
-        use_elsewhere(wheel, elsewhere)
-        no_compiler = {"PATH": str(elsewhere / "bin")}
-        assert shutil.which("cc", path=no_compiler["PATH"]) is None
-        gold = ["vrte", "brdf", ROOT / "examples" / "gold_powder.toml", "--nodes", "8", "-o", "gold.csv"]
-        run(*gold, folder=elsewhere, environment=no_compiler)
-        assert (elsewhere / "gold.csv").stat().st_size > 100_000
+@pytest.mark.slow
+def test_a_wheel_from_the_source_archive_works_elsewhere_without_a_compiler(tmp_path: Path) -> None:
+    """Each is built in an environment of its own that has the newest of what pyproject.toml asks for."""
+    sources = copy_of_the_sources(tmp_path / "sources")
+    run(sys.executable, "-m", "build", "--outdir", sources / "dist", sources, folder=sources)
+    (wheel,), (archive,) = ((sources / "dist").glob(pattern) for pattern in ("*.whl", "*.tar.gz"))
+    with tarfile.open(archive) as content:
+        kept = {name.partition("/")[2] for name in content.getnames()}
+    data = {f"vrte/{folder}/{path.name}" for folder in DATA for path in (ROOT / "vrte" / folder).glob(DATA[folder])}
+    assert len(data) > 20
+    wanted = data | {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
+    wanted |= {"vrte/_core.pyx", "setup.py", "LICENSE", "examples/gold_powder.toml", "tests/stability_oracle.npz"}
+    assert wanted <= kept
+    assert not [name for name in kept if name.endswith((".c", ".so", ".pyc"))]
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert data <= names
+    assert not [name for name in names if name.endswith((".c", ".npz", ".pyx", ".pxi"))]
+    assert [name for name in names if name.endswith(".h")] == ["vrte/core/constants.h"]  # OpenCL's kernels read it
+    assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
+    run(sys.executable, "-m", "check_wheel_contents", wheel, folder=sources)
+    run(sys.executable, "-m", "twine", "check", "--strict", wheel, archive, folder=tmp_path)
+    elsewhere = tmp_path / "elsewhere"
+    use_elsewhere(repair(wheel, tmp_path / "repaired") if sys.platform == "linux" else wheel, elsewhere)
+    shutil.copy(ROOT / "conftest.py", sources)
+    tests = ["-m", "pytest", "-p", "no:cacheprovider", "tests/test_scene.py", "vrte/scene/scene.py"]
+    assert f"vrte: {elsewhere}" in run(elsewhere / "bin" / "python", "-I", *tests, folder=sources)
+    no_compiler = {"PATH": str(elsewhere / "bin")}
+    assert shutil.which("cc", path=no_compiler["PATH"]) is None
+    gold = ["vrte", "brdf", ROOT / "examples" / "gold_powder.toml", "--nodes", "8", "-o", "gold.csv"]
+    run(*gold, folder=elsewhere, environment=no_compiler)
+    assert (elsewhere / "gold.csv").stat().st_size > 100_000
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="flags of gcc and clang")
