@@ -29,7 +29,7 @@ from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.app.solving.worker_process import LiveQuery
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
-from vrte.appearance.hiding import find_hiding
+from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.formats.toml_table import read_share
 from vrte.pictures import results as figures
@@ -125,7 +125,7 @@ def test_coarse_colours_come_first_and_gloss_and_hiding_last() -> None:
     panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, accuracy=1e-4)
     for angle, gloss in find_glosses(panel).items():
         assert found["gloss", f"{angle:g}:{angle:g}"] == close_to(gloss, rtol=3e-3, atol=0.0)
-    hiding = find_hiding(panel, white=0.9)
+    hiding = find_hiding(panel, Conditions(white=0.9))
     assert found["hiding thickness", "45:0"] == close_to(hiding.hiding_length_um, rtol=5e-3, atol=0.0)
     assert found["spreading rate", "45:0"] == close_to(hiding.spreading_rate, rtol=5e-3, atol=0.0)
     (again,) = work(studio, DUST, Viewing(white=0.9))  # all is remembered

@@ -17,12 +17,13 @@ from vrte.appearance.geometries import (
     STANDARD_GEOMETRIES,
     find_cosine,
     find_reflectance,
+    measure_panel,
     read_geometry,
     solve_geometries,
-    solve_geometry,
 )
+from vrte.appearance.gloss import find_gloss
+from vrte.appearance.hiding import Conditions, find_contrast
 from vrte.appearance.panel import Panel, make_panel
-from vrte.appearance.quantities import Conditions
 
 from .closed_forms import shares, walsh
 from .helpers import assert_close, close_to
@@ -118,12 +119,12 @@ def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
     the brute-force sum over a fine grid of directions does."""
     content = {"layer": [ROUGH]}
     panel = make_panel(content, [0.55])
-    total = find_reflectance(solve_geometry(panel, "8:di"), "8:di")[0]
+    total = measure_panel(panel, "8:di")[0]
     surface = panel.surface[0]
     assert surface is not None
     assert total == close_to(float(surface.share([find_cosine(8.0)])[0][0]), rtol=1e-4, atol=0.0)
     for port_deg, most in ((5.0, 1.0), (20.0, 0.5), (60.0, 0.01)):
-        spectrum = solve_geometry(panel, "8:de")
+        spectrum = panel.solve(*read_geometry("8:de").directions)
         kept = find_reflectance(spectrum, "8:de", panel.surface, port_deg)[0]
         seen = math.sin(math.radians(0.5 * port_deg)) ** 2 * find_cosine(8.0)
         taken = total - kept * (1.0 - seen)
@@ -182,15 +183,13 @@ def test_readings_are_listed_with_what_they_are() -> None:
 
 
 def test_an_appearance_has_the_gloss_and_the_hiding_of_its_panel() -> None:
-    from vrte.appearance.gloss import find_gloss
-    from vrte.appearance.hiding import find_contrast
-
     look = vrte.appearance({"layer": [SURFACE, CLOUDY]}, VISIBLE, ["45:0"], "A", 2, nodes=6)
     assert look.panel is not None
     assert look.gloss(20.0) == find_gloss(look.panel, 20.0)
     hiding = look.hiding(white=0.7)
-    assert (hiding.illuminant, hiding.observer, hiding.white) == ("A", 2, 0.7)
-    assert hiding.contrast_ratio == close_to(find_contrast(look.panel, 0.0, 0.7, "45:0", "A", 2), rtol=1e-6, atol=0.0)
+    seen = Conditions("45:0", "A", 2, white=0.7)
+    assert hiding.conditions == seen
+    assert hiding.contrast_ratio == close_to(find_contrast(look.panel, seen), rtol=1e-6, atol=0.0)
 
 
 EVEN = [*STANDARD_GEOMETRIES, "di:8", "de:8", "30:60", "60:di", "20:de"]

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.appearance.geometries import find_reflectance, solve_geometry
+from vrte.appearance.geometries import measure_panel
 from vrte.appearance.hiding import (
+    Conditions,
+    Drawdown,
     Hiding,
     find_contrast,
     find_hiding,
-    find_hiding_film,
+    find_hiding_times,
     fit_lambertian_bases,
-    prepare_drawdown,
 )
 from vrte.appearance.panel import Panel, make_panel
 from vrte.scene.illumination import hemisphere
@@ -36,8 +37,7 @@ def prepare(*layers: dict[str, Any], at: list[float] = SEEN, **asked: Any) -> Pa
 
 
 def read(panel: Panel, albedo: float, geometry: str = "45:0") -> np.ndarray:
-    over = panel.put_over(vrte.Lambertian(albedo))
-    return find_reflectance(solve_geometry(over, geometry), geometry, over.surface)
+    return measure_panel(panel.put_over(vrte.Lambertian(albedo)), geometry)
 
 
 @pytest.mark.parametrize("geometry", ["45:0", "8:di", "8:de", "45:as25"])
@@ -74,14 +74,14 @@ def test_bare_cards_under_a_surface_follow_saunderson() -> None:
     outside = 2.0 * float(weight * mu @ surface.share(mu)[0])
     inside = 1.0 - (1.0 - outside) / INDEX**2
     expected = (0.2 / (1.0 - 0.2 * inside)) / (0.8 / (1.0 - 0.8 * inside))
-    assert find_contrast(panel, black=0.2) == close_to(expected, rtol=1e-7, atol=0.0)
+    assert find_contrast(panel, Conditions(black=0.2)) == close_to(expected, rtol=1e-7, atol=0.0)
     assert find_contrast(panel) == 0.0
 
 
 def test_a_film_that_only_absorbs_never_hides_what_lies_below() -> None:
     """R = A exp(-tau/mu_i - tau) at every wavelength: the ratio stays that of the cards."""
     film = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.7}
-    found = find_hiding(prepare(film), black=0.2)
+    found = find_hiding(prepare(film), Conditions(black=0.2))
     assert found.reflectance_over_white == close_to(0.8 * math.exp(-0.7 / MU_I - 0.7), rtol=1e-12, atol=0.0)
     assert found.contrast_ratios == close_to(0.25, rtol=1e-12, atol=0.0)
     assert found.hiding_times is None
@@ -114,8 +114,8 @@ def test_a_thick_dark_film_hides_all_and_looks_as_one_without_end() -> None:
 def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], times: float, above: list[Any]) -> None:
     """A thousandth thinner is not enough, a thousandth thicker is; whatever the film was that it began with."""
     began = {**film, "thickness": film["thickness"] * times}
-    drawdown = prepare_drawdown(prepare(*above, began), 0.0, 0.8, "45:0", "D65", 10)
-    hiding, reason = find_hiding_film(drawdown, 0.98, 1.0)
+    drawdown = Drawdown(prepare(*above, began), Conditions())
+    hiding, reason = find_hiding_times(drawdown.find_contrast, 0.98, 1.0)
     assert hiding is not None
     assert not reason
     thin, thick = (
@@ -123,7 +123,7 @@ def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], 
         for factor in (0.999, 1.001)
     )
     assert thin < 0.98 < thick
-    assert len(drawdown.found) <= 8
+    assert len(drawdown.luminances) <= 8
 
 
 @dataclass
@@ -145,8 +145,8 @@ def test_the_search_ends_within_a_thousandth(absorption: float) -> None:
     """Of the thickness that hides, whatever thickness it begins with."""
     found = []
     for scattering in np.geomspace(1e-3, 1e3, 25):
-        film: Any = TwoFluxFilm(absorption, float(scattering))
-        hiding, _ = find_hiding_film(film, 0.98, 1.0)
+        film = TwoFluxFilm(absorption, float(scattering))
+        hiding, _ = find_hiding_times(film.find_contrast, 0.98, 1.0)
         assert hiding is not None
         found += [TwoFluxFilm(absorption, hiding * scattering * factor).find_contrast(1.0) for factor in (0.999, 1.001)]
     assert max(found[::2]) < 0.98 < min(found[1::2])
@@ -175,7 +175,7 @@ def test_the_curve_rises_to_the_film_without_end(white: Hiding) -> None:
 def check_interpolation(found: Hiding, film: dict[str, Any]) -> None:
     between = np.sqrt(found.times[1:] * found.times[:-1])[1:4]
     contrast, over_white = found.interpolate(between)
-    drawdown = prepare_drawdown(prepare(film), 0.0, 0.8, "45:0", "D65", 10)
+    drawdown = Drawdown(prepare(film), Conditions())
     exact = np.array([drawdown.measure(times) for times in between])
     assert contrast == close_to(exact[:, 0] / exact[:, 1], rtol=0.0, atol=2e-3)
     assert over_white == close_to(exact[:, 1], rtol=0.0, atol=2e-3)
@@ -214,7 +214,7 @@ def test_a_paint_hides_at_the_same_thickness_whatever_it_was_drawn_down_at() -> 
 
 
 def test_cards_that_are_as_much_alike_need_no_film() -> None:
-    found = find_hiding(prepare(GREY), black=0.795, white=0.8)
+    found = find_hiding(prepare(GREY), Conditions(black=0.795))
     assert found.hiding_times == 0.0
     assert "bare cards" in found.reason
 
@@ -222,8 +222,8 @@ def test_cards_that_are_as_much_alike_need_no_film() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"black": 0.8}, "black must be an albedo below that of white, 0.8"),
-        ({"white": 1.1}, "white must be an albedo between 0 and 1"),
+        ({"black": 0.8}, "black must be darker than the white, not 0.8 beside 0.8"),
+        ({"white": 1.1}, "white must be an albedo from 0 to 1"),
         ({"target": 1.0}, "target must be a contrast ratio above 0 and below 1"),
         ({"geometry": "45:45"}, "mirrored beam"),
         ({"observer": 3}, "observer"),
@@ -231,7 +231,7 @@ def test_cards_that_are_as_much_alike_need_no_film() -> None:
 )
 def test_what_makes_no_sense_is_refused(asked: dict[str, Any], words: str) -> None:
     with pytest.raises(vrte.SceneError, match=words):
-        find_hiding(prepare(GREY), **asked)
+        find_hiding(prepare(GREY), Conditions(**asked))
 
 
 @pytest.mark.parametrize(("thickness", "words"), [(math.inf, "semi-infinite"), (0.0, "without thickness")])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vrte.appearance.quantities import Conditions
+from vrte.appearance.hiding import Conditions
 from vrte.fit.files import KEYS as FIT_KEYS
 from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS

@@ -15,7 +15,7 @@ from vrte.appearance.geometries import (
     solve_geometries,
 )
 from vrte.appearance.gloss import find_gloss
-from vrte.appearance.hiding import BLACK, TARGET, WHITE, Hiding, find_hiding
+from vrte.appearance.hiding import Conditions, Hiding, find_hiding
 from vrte.appearance.panel import Panel, make_panel
 from vrte.appearance.two_flux_fit import KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, show_value
@@ -117,16 +117,17 @@ class Appearance:
 
     def hiding(
         self,
-        black: float = BLACK,
-        white: float = WHITE,
+        black: float = Conditions.black,
+        white: float = Conditions.white,
         geometry: str = VISUAL,
-        target: float = TARGET,
+        target: float = Conditions.target,
         progress: Progress | None = None,
     ) -> Hiding:
         """How well the panel's film hides cards of albedos ``black`` and ``white``, and how thick it has to be for a
         contrast ratio of ``target``; ``progress`` is called with (solves done, solves)."""
         panel = self._panel("hiding power is of")
-        return find_hiding(panel, black, white, geometry, self.illuminant, self.observer, target, progress)
+        seen = Conditions(geometry, self.illuminant, self.observer, black, white, target)
+        return find_hiding(panel, seen, progress)
 
     def _panel(self, what: str) -> Panel:
         if self.panel is None:
@@ -147,26 +148,28 @@ class Appearance:
 
     def list_readings(self) -> Iterator[InstrumentReading]:
         """All reflectances, polarizations and colours, a number a row."""
-        at = self.wavelength_um.round(9).tolist()
+        at = self.wavelength_um
         for name, values in self.reflectances.items():
             known = read_geometry(name)
-            for wavelength, value in zip(at, values.tolist(), strict=True):
-                yield InstrumentReading(
-                    "reflectance factor", name, wavelength, value, "1", known.definition, known.standard
-                )
+            yield from list_spectrum("reflectance factor", name, at, values, "1", known.definition, known.standard)
         for name in self.light:
+            words = f"of unpolarized light, after {read_geometry(name).definition}", "Stokes parameters I, Q, U"
             for quantity, values, unit in zip(POLARIZATION, self.polarization(name), ("1", "degree"), strict=True):
-                definition = f"of unpolarized light, after {read_geometry(name).definition}"
-                for wavelength, value in zip(at, values.tolist(), strict=True):
-                    yield InstrumentReading(
-                        quantity, name, wavelength, value, unit, definition, "Stokes parameters I, Q, U"
-                    )
+                yield from list_spectrum(quantity, name, at, values, unit, *words)
         for name in self.reflectances:
             yield from list_colour_readings(self.colour(name), name)
 
 
 POLARIZATION = "degree of linear polarization", "angle of linear polarization"
 COLOURS = dict.fromkeys("XYZ", "ISO/CIE 11664-3") | dict.fromkeys("LabCh", "ISO/CIE 11664-4")
+
+
+def list_spectrum(
+    quantity: str, geometry: str, wavelength_um: Array, values: Array, *words: str
+) -> Iterator[InstrumentReading]:
+    """A reading at each wavelength (n,); ``words``: unit, definition and standard."""
+    for wavelength, value in zip(wavelength_um.round(9).tolist(), values.tolist(), strict=True):
+        yield InstrumentReading(quantity, geometry, wavelength, value, *words)
 
 
 def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterator[InstrumentReading]:

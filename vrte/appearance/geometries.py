@@ -245,9 +245,10 @@ def find_place(name: str, values: Array, wanted: float, reading: str) -> int:
     return place
 
 
-def solve_geometry(panel: Panel, geometry: Any, progress: Progress | None = None) -> Spectrum:
-    """The BRDFs of a panel at the directions that a geometry takes."""
-    return panel.solve(*read_geometry(geometry).directions, progress)
+def measure_panel(panel: Panel, geometry: Any, progress: Progress | None = None) -> Array:
+    """The reflectance factor (wavelength,) that an instrument reads off a panel, of one solve."""
+    known = read_geometry(geometry)
+    return find_reflectance(panel.solve(*known.directions, progress), known, panel.surface)
 
 
 def solve_geometries(

@@ -9,13 +9,14 @@ readings.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.appearance.colours import weigh_wavelengths
-from vrte.appearance.geometries import Geometry, find_reflectance, read_geometry, solve_geometry
+from vrte.appearance.geometries import Geometry, measure_panel, read_geometry
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
@@ -27,7 +28,6 @@ from vrte.scene.boundary import Lambertian
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLACK, WHITE, TARGET = 0.0, 0.8, 0.98  # albedos of the drawdown card, and the contrast ratio that passes for hidden
 PAPER_WHITE = 0.89  # the even white backing of TAPPI's contrast ratio
 SPARE_NODES = 2  # beyond those that the film itself needs: for thinner and thicker ones
 LEAST_GAP, LEAST_RATIO = 1e-12, 1e-15  # what the contrast ratio lacks of 1, and is itself, at least: less is rounding
@@ -71,80 +71,102 @@ def fit_lambertian_bases(black: Array, grey: Array, white: Array) -> OverLambert
     return OverLambertian(black, whole * escapes, 1.0 - escapes)
 
 
-@dataclass(eq=False)
-class Drawdown:
-    """A panel over two cards, albedos ``cards``, read in a geometry; ``weights`` (wavelength,) of its luminance Y.
+@dataclass(frozen=True)
+class Conditions:
+    """How a panel is looked at: the geometry by its CIE name, the light, the observer [degrees], the albedos of the
+    black and the white card that films are put over, and the contrast ratio that counts as hidden. Raises SceneError.
 
-    ``found`` has Y over both cards by the thickness over the film's own; ``solves``, of the panel, are counted.
+    >>> print(Conditions(observer=2).words)
+    geometry 45:0, illuminant D65, observer 2 degrees, black of albedo 0, white of albedo 0.8, contrast ratio 0.98 hides
     """
 
+    geometry: str = "45:0"
+    illuminant: str = "D65"
+    observer: int = 10
+    black: float = 0.0
+    white: float = 0.8
+    target: float = 0.98
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "geometry", read_geometry(self.geometry).name)
+        for name in ("black", "white"):
+            check_number(name, getattr(self, name), 0.0, 1.0, "an albedo from 0 to 1")
+        check_number("target", self.target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
+        if not self.black < self.white:
+            raise SceneError.of("black", f"must be darker than the white, not {self.black:g} beside {self.white:g}")
+
+    @property
+    def words(self) -> str:
+        """All of the conditions in one line, for tables."""
+        return (
+            f"geometry {self.geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
+            f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"
+        )
+
+    def weigh(self, wavelength_um: Array) -> Array:
+        """Weights (n,) whose sum with a reflectance factor is Y, 1 for the perfect white. Raises SceneError."""
+        return weigh_wavelengths(wavelength_um, self.illuminant, self.observer)[1]
+
+
+@dataclass(eq=False)
+class Drawdown:
+    """The film of a panel over cards, at any thickness over its own, each solved for once; Y of both cards by the
+    thickness. The nodes of all solves are chosen here. Raises SceneError."""
+
     panel: Panel
-    geometry: Geometry
-    cards: tuple[float, float]
-    weights: Array
+    conditions: Conditions
     progress: Progress | None = None
-    solves: int = 0
     expected: int = USUAL
-    found: dict[float, tuple[float, float]] = field(default_factory=dict)
+    spectra: dict[tuple[float, float], Array] = field(default_factory=dict)  # by thickness and albedo below
+    luminances: dict[float, tuple[float, float]] = field(default_factory=dict)  # over black and white, by thickness
+
+    def __post_init__(self) -> None:
+        self.weights = self.conditions.weigh(self.panel.wavelength_um)  # what is refused is refused before the work
+        self.panel = fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
 
     def read(self, times: float, albedo: float) -> Array:
         """The reflectance factor (wavelength,) of a film so many times as thick over a Lambertian base."""
-        film = self.panel.put_over(Lambertian(albedo))
-        film = film if times == 1.0 else film.scale_film(times)
-        known = self.solves < self.expected  # a guess; beyond it nothing is reported until the end
-        part = share_progress(self.progress, self.solves, self.expected) if known else None
-        self.solves += 1
-        return find_reflectance(solve_geometry(film, self.geometry, part), self.geometry, film.surface)
+        if (times, albedo) not in self.spectra:
+            film = self.panel.put_over(Lambertian(albedo))
+            film = film if times == 1.0 else film.scale_film(times)
+            known = len(self.spectra) < self.expected  # a guess; beyond it nothing is reported until the end
+            part = share_progress(self.progress, len(self.spectra), self.expected) if known else None
+            self.spectra[times, albedo] = measure_panel(film, self.conditions.geometry, part)
+        return self.spectra[times, albedo]
+
+    def find_luminance(self, times: float, albedo: float) -> float:
+        """Y of such a film, where the perfect white has 1."""
+        return float(self.weights @ self.read(times, albedo))
 
     def measure(self, times: float) -> tuple[float, float]:
-        """Y over both cards, where the perfect white has 1; solved once a thickness, and not at all where a thinner
-        film hides the cards."""
-        if times not in self.found:
-            thinner = {thin: pair for thin, pair in self.found.items() if thin < times}
+        """Y over both cards; where a thinner film hides the cards, that of the thickest such film, without a solve."""
+        if times not in self.luminances:
+            thinner = {thin: pair for thin, pair in self.luminances.items() if thin < times}
             hides = [thin for thin, (black, white) in thinner.items() if abs(white - black) < HIDDEN * white]
-            black, white = (
-                thinner[max(hides)] if hides else (self.weights @ self.read(times, one) for one in self.cards)
-            )
-            self.found[times] = float(black), float(white)
-        return self.found[times]
+            cards = self.conditions.black, self.conditions.white
+            black, white = thinner[max(hides)] if hides else (self.find_luminance(times, card) for card in cards)
+            self.luminances[times] = black, white
+        return self.luminances[times]
 
     def find_contrast(self, times: float) -> float:
         """The contrast ratio at a thickness."""
         return float(divide_luminances(*self.measure(times)))
 
+    def find_hiding_times(self) -> tuple[float | None, str]:
+        """The thickness of contrast ratio ``target`` over the film's own, or None and why there is none."""
+        return find_hiding_times(self.find_contrast, self.conditions.target, self.find_luminance(math.inf, 0.0))
+
     def list_curve(self, hiding: float) -> list[float]:
         """Thicknesses for a curve around that of the film and the one that hides: those already solved for, and more
         where gaps are wide."""
         low, high = min(1.0, hiding) / THINNER, max(1.0, hiding) * THICKER
-        known = sorted({low, high, *(times for times in self.found if low < times < high)})
+        known = sorted({low, high, *(times for times in self.luminances if low < times < high)})
         listed = known[:1]
         for thin, thick in itertools.pairwise(known):
             widest = WIDEST_GAP if thin < hiding else 2.0 * WIDEST_GAP
             steps = math.ceil(math.log(thick / thin) / widest)
             listed += [thin * (thick / thin) ** (step / steps) for step in range(1, steps)] + [thick]
         return listed
-
-
-def prepare_drawdown(
-    panel: Panel,
-    black: Any,
-    white: Any,
-    geometry: Any,
-    illuminant: str,
-    observer: int,
-    progress: Progress | None = None,
-    expected: int = USUAL,
-) -> Drawdown:
-    """A drawdown whose input is checked and whose nodes are chosen. Raises SceneError."""
-    dark, light = (
-        check_number(name, albedo, 0.0, 1.0, "an albedo between 0 and 1")
-        for name, albedo in (("black", black), ("white", white))
-    )
-    if dark >= light:
-        raise SceneError.of("black", f"must be an albedo below that of white, {light:g}, not {dark:g}")
-    weights = weigh_wavelengths(panel.wavelength_um, illuminant, observer)[1]
-    known = read_geometry(geometry)
-    return Drawdown(fix_nodes(panel, known, dark), known, (dark, light), weights, progress, expected=expected)
 
 
 def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
@@ -156,19 +178,16 @@ def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
     return replace(panel, asked={**panel.asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
 
-def find_hiding_film(drawdown: Drawdown, target: float, limit: float) -> tuple[float | None, str]:
-    """How many times as thick a film has the contrast ratio ``target``, to 1e-3 of itself, and why if there is none:
-    ``limit`` is Y of a semi-infinite one.
-
-    Secants, in variables in which thin, absorbing and white films are all close to straight, kept between thicknesses
-    known to be too thin and too thick. Raises SceneError where the film does not get there.
-    """
+def find_hiding_times(contrast: Callable[[float], float], target: float, limit: float) -> tuple[float | None, str]:
+    """The thickness at which ``contrast`` is the target, to 1e-3 of itself, or None and why: ``limit`` is Y of the
+    semi-infinite film. Secants in the variable of `stretch_contrast`, kept between thicknesses known to be too thin and
+    too thick. Raises SceneError where the film does not get there."""
     if limit < LEAST_RATIO:
         return None, "however thick, the film sends nothing back by itself, and over black it stays black"
     low, high, x = -math.inf, math.inf, 0.0
     way, slope, before = math.inf, 1.0, 0.0
     for _ in range(MOST_STEPS):
-        off = float(stretch_contrast(drawdown.find_contrast(math.exp(x))) - stretch_contrast(target))
+        off = float(stretch_contrast(contrast(math.exp(x))) - stretch_contrast(target))
         if x < BARE and off >= 0.0:
             return 0.0, "the bare cards are as much alike"
         low, high = (x, high) if off < 0.0 else (low, x)
@@ -204,22 +223,15 @@ class Hiding:
     """How well the film of a panel hides black and white cards, as `find_hiding` finds it.
 
     ``over_lambertian``: reflectance factors (n,) at ``wavelength_um`` (n,) over a card of any albedo; ``without_end``:
-    those of a semi-infinite film; ``luminance_without_end``: its Y, 1 for the perfect white. The hiding curve is exact
-    at thicknesses ``times`` (m,) over the film's own: Y ``over_black``, ``over_white`` (m,). ``hiding_times``: the
-    thickness of contrast ratio ``target``, or None and the ``reason``; ``length_um``: the film's thickness [um], None
-    where it is given optically.
+    those of a semi-infinite film. The hiding curve is exact at thicknesses ``times`` (m,) over the film's own: Y
+    ``over_black``, ``over_white`` (m,). ``hiding_times``: the thickness that hides, or None and the ``reason``;
+    ``length_um``: the film's thickness [um], None where it is given optically.
     """
 
-    geometry: str
-    illuminant: str
-    observer: int
-    black: float
-    white: float
-    target: float
+    conditions: Conditions
     wavelength_um: Array
     over_lambertian: OverLambertian
     without_end: Array
-    luminance_without_end: float
     times: Array
     over_black: Array
     over_white: Array
@@ -232,22 +244,23 @@ class Hiding:
 
     def __str__(self) -> str:
         film = "" if self.length_um is None else f" at {self.length_um:.4g} um"
+        read = f"contrast ratio {self.contrast_ratio:.4f}{film}, {self.conditions.target:g} at"
         if self.hiding_times is None:
-            return f"contrast ratio {self.contrast_ratio:.4f}{film}, {self.target:g} at no thickness: {self.reason}"
+            return f"{read} no thickness: {self.reason}"
         hides = f"{self.hiding_times:.4g} times the film"
         if self.length_um is not None:
             hides = f"{self.hiding_length_um:.4g} um, {self.spreading_rate:.4g} m2 of dry film a litre"
-        return f"contrast ratio {self.contrast_ratio:.4f}{film}, {self.target:g} at {hides}"
+        return f"{read} {hides}"
 
     @property
     def reflectance_over_black(self) -> Array:
         """The film's reflectance factor (n,) over the black card."""
-        return self.over_lambertian.reflect(self.black)
+        return self.over_lambertian.reflect(self.conditions.black)
 
     @property
     def reflectance_over_white(self) -> Array:
         """The film's reflectance factor (n,) over the white card."""
-        return self.over_lambertian.reflect(self.white)
+        return self.over_lambertian.reflect(self.conditions.white)
 
     @property
     def reflectances(self) -> dict[str, Array]:
@@ -258,7 +271,12 @@ class Hiding:
     @property
     def contrast_ratio(self) -> float:
         """Y over black over Y over white, of the film itself: ISO 6504-3; ASTM D2805 over white of 0.80."""
-        return self.compare_cards(self.black, self.white)
+        return self.compare_cards(self.conditions.black, self.conditions.white)
+
+    @property
+    def luminance_without_end(self) -> float:
+        """Y of the semi-infinite film, where the perfect white has 1."""
+        return self.find_luminance(self.without_end)
 
     @property
     def opacity(self) -> float:
@@ -277,7 +295,7 @@ class Hiding:
 
     @property
     def hiding_length_um(self) -> float | None:
-        """The thickness at which the contrast ratio is ``target`` [um]; None where none is, or none is known in um."""
+        """The thickness that hides [um]; None where none is, or none is known in um."""
         return None if self.length_um is None or self.hiding_times is None else self.hiding_times * self.length_um
 
     @property
@@ -288,7 +306,7 @@ class Hiding:
 
     def find_luminance(self, reflectance: Array) -> float:
         """Y of a reflectance factor (n,) at ``wavelength_um`` in this light, where the perfect white has 1."""
-        return float(weigh_wavelengths(self.wavelength_um, self.illuminant, self.observer)[1] @ reflectance)
+        return float(self.conditions.weigh(self.wavelength_um) @ reflectance)
 
     def compare_cards(self, black: float, white: float) -> float:
         """The contrast ratio of the film itself over Lambertian cards of any two albedos, from the closed form."""
@@ -316,53 +334,32 @@ class Hiding:
         return figure
 
 
-def find_contrast(
-    panel: Panel,
-    black: float = BLACK,
-    white: float = WHITE,
-    geometry: str = "45:0",
-    illuminant: str = "D65",
-    observer: int = 10,
-    progress: Progress | None = None,
-) -> float:
-    """The contrast ratio Y_black/Y_white of a panel's film over cards of albedo ``black`` and ``white``, which take the
-    place of its base: two solves a wavelength. Raises SceneError."""
-    drawdown = prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress, expected=2)
-    return drawdown.find_contrast(1.0)
+def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> float:
+    """The contrast ratio Y_black/Y_white of a panel's film over cards, which take the place of its base: two solves a
+    wavelength. Raises SceneError."""
+    return Drawdown(panel, conditions or Conditions(), progress, expected=2).find_contrast(1.0)
 
 
-def find_hiding(
-    panel: Panel,
-    black: float = BLACK,
-    white: float = WHITE,
-    geometry: str = "45:0",
-    illuminant: str = "D65",
-    observer: int = 10,
-    target: float = TARGET,
-    progress: Progress | None = None,
-) -> Hiding:
-    """How well a panel's film hides black and white cards, and how thick it has to be for a contrast ratio of
-    ``target``.
+def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> Hiding:
+    """How well a panel's film hides black and white cards, and how thick it has to be, to 1e-3 of itself, for the
+    contrast ratio that counts as hidden; the number of solves that ``progress`` gets is a guess until the end.
 
-    The hiding thickness is found by exact solves, to 1e-3 of itself; how many ``progress`` is told of is a guess until
-    the end. Raises SceneError for bad input, and for a film that is semi-infinite or without thickness.
+    Raises SceneError for bad input, and for a film that is semi-infinite or without thickness.
     """
-    target = check_number("target", target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
     thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"
         raise SceneError(f"hiding: the film is {how}: give it a thickness to begin with, above 0 and not inf", "layer")
-    drawdown = prepare_drawdown(panel, black, white, geometry, illuminant, observer, progress)
+    drawdown = Drawdown(panel, conditions or Conditions(), progress)
     without_end = drawdown.read(math.inf, 0.0)
-    limit = float(drawdown.weights @ without_end)
     even = fit_lambertian_bases(*(drawdown.read(1.0, albedo) for albedo in (0.0, 0.5, 1.0)))
-    dark, light = (float(drawdown.weights @ even.reflect(albedo)) for albedo in drawdown.cards)
-    drawdown.found[1.0] = dark, light
-    hiding, reason = find_hiding_film(drawdown, target, limit)
+    seen, weights = drawdown.conditions, drawdown.weights
+    dark, light = (float(weights @ even.reflect(albedo)) for albedo in (seen.black, seen.white))
+    drawdown.luminances[1.0] = dark, light
+    hiding, reason = drawdown.find_hiding_times()
     times = drawdown.list_curve(hiding or 1.0)
     curve = np.array([drawdown.measure(each) for each in times])
     if progress is not None:
-        progress(drawdown.solves, drawdown.solves)
-    seen = drawdown.geometry.name, illuminant, observer, *drawdown.cards, target
-    known = panel.wavelength_um, even, without_end, limit
-    return Hiding(*seen, *known, np.array(times), curve[:, 0], curve[:, 1], hiding, reason, panel.length_um)
+        progress(len(drawdown.spectra), len(drawdown.spectra))
+    known = seen, panel.wavelength_um, even, without_end
+    return Hiding(*known, np.array(times), curve[:, 0], curve[:, 1], hiding, reason, panel.length_um)

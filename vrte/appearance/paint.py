@@ -12,13 +12,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.appearance.appearance import Appearance, InstrumentReading, appearance, list_colour_readings
-from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
+from vrte.appearance.appearance import (
+    Appearance,
+    InstrumentReading,
+    appearance,
+    list_colour_readings,
+    list_spectrum,
+)
+from vrte.appearance.colours import Colour, find_colour
 from vrte.appearance.gloss import find_glosses
-from vrte.appearance.hiding import WHITE, Hiding, find_hiding
+from vrte.appearance.hiding import Conditions, Hiding, find_hiding
 from vrte.appearance.panel import Panel, find_wavelengths, make_panel, read_source
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import Array
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import view
@@ -106,7 +112,10 @@ class Paint:
             yield "contrast ratio", f"{self.hiding.contrast_ratio:.4f}"
             length, times, rate = self.hiding.hiding_length_um, self.hiding.hiding_times, self.hiding.spreading_rate
             hides = f"none: {self.hiding.reason}" if times is None else f"{times:.4g} times this film"
-            yield f"thickness for {self.hiding.target:g}", hides if length is None else f"{length:.4g} µm of dry film"
+            yield (
+                f"thickness for {self.hiding.conditions.target:g}",
+                hides if length is None else f"{length:.4g} µm of dry film",
+            )
             if rate is not None:
                 yield "spreading rate", f"{rate:.4g} m² of hiding dry film a litre"
         for angle, gloss in self.glosses.items():
@@ -123,13 +132,13 @@ class Paint:
         if self.hiding is not None:
             yield from list_hiding_readings(self.hiding)
             for name, colour in self.colours.items():
-                yield from list_colour_readings(colour, self.hiding.geometry, f" {name}")
+                yield from list_colour_readings(colour, self.hiding.conditions.geometry, f" {name}")
         if self.two_fluxes is not None:
             found, source = self.two_fluxes, "Kubelka and Munk 1931; Saunderson 1942"
             for name, values, what in (("K", found.K, "absorption"), ("S", found.S, "scattering")):
                 words = f"{what} of two fluxes, of even light inside the film"
-                for at, value in zip(self.look.wavelength_um.round(9).tolist(), values.tolist(), strict=True):
-                    yield InstrumentReading(name, found.geometry.name, at, value, found.unit, words, source)
+                at = found.wavelength_um
+                yield from list_spectrum(name, found.geometry.name, at, values, found.unit, words, source)
         for angle, light in zip(*cut_lobe(self.lobe), strict=True):
             words = "BRDF of unpolarized light in the plane of incidence, without the mirrored beam"
             name = f"{LOBE_DEG:g}:{angle:g}"
@@ -156,7 +165,7 @@ def paint(
     wavelengths_um: Any = None,
     illuminant: str = "D65",
     observer: int = 10,
-    white: float = WHITE,
+    white: float = Conditions.white,
     layer: int | None = None,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
@@ -214,7 +223,7 @@ def paint(
     >>> round(found.hiding.contrast_ratio, 3), found.glosses
     (0.747, {})
     """
-    check_number("white", white, 0.0, 1.0, "an albedo from 0 to 1")
+    seen = Conditions(illuminant=illuminant, observer=observer, white=white)
     fields = {key: asked.pop(key) for key in KEYS if key in asked}
     if isinstance(fields.get("binder"), tuple):
         fields["binder"] = list(fields["binder"])  # n, k
@@ -225,12 +234,11 @@ def paint(
     with note_warnings(notes):
         parts = share_parts(progress)
         # what is refused is refused before the work
-        weigh_wavelengths(find_wavelengths(source, wavelengths_um, folder), illuminant, observer)
+        seen.weigh(find_wavelengths(source, wavelengths_um, folder))
         panel = make_panel(source, wavelengths_um, folder, parts[0], layer, **asked)
-        light: dict[str, Any] = {"illuminant": illuminant, "observer": observer}
-        look = appearance(panel, **light, progress=parts[1])
+        look = appearance(panel, illuminant=illuminant, observer=observer, progress=parts[1])
         glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, parts[2]), notes) or {}
-        hiding = try_part("hiding power", lambda: find_hiding(panel, white=white, **light, progress=parts[3]), notes)
+        hiding = try_part("hiding power", lambda: find_hiding(panel, seen, parts[3]), notes)
         fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)
         place = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
         mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
@@ -280,10 +288,10 @@ def note_warnings(notes: list[str]) -> Iterator[None]:
 
 def list_hiding_readings(hiding: Hiding) -> Iterator[InstrumentReading]:
     """Contrast ratio, opacity, the hiding thickness, and reflectance factors over the cards and semi-infinite."""
-    seen, length, times = hiding.geometry, hiding.hiding_length_um, hiding.hiding_times
-    cards = f"Y over a black card ({hiding.black:g}) over Y over a white one ({hiding.white:g})"
+    seen, length, times = hiding.conditions, hiding.hiding_length_um, hiding.hiding_times
+    cards = f"Y over a black card ({seen.black:g}) over Y over a white one ({seen.white:g})"
     white = "Y of the semi-infinite film, where the perfect white has 1"
-    thick = f"dry film whose contrast ratio is {hiding.target:g}"
+    thick = f"dry film whose contrast ratio is {seen.target:g}"
     ratio, thickness = "ISO 6504-3; ASTM D2805", "ISO 6504-1; ASTM D2805"
     paper = "TAPPI T 425 (there 15:di, A, 2 degrees)"
     rows = (
@@ -297,14 +305,14 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[InstrumentReading]:
     )  # fmt: skip
     for name, single, unit, words, standard in rows:
         if single is not None:
-            yield InstrumentReading(name, seen, None, single, unit, words, standard)
+            yield InstrumentReading(name, seen.geometry, None, single, unit, words, standard)
     for name, values in hiding.reflectances.items():
         words = f"of the film {name}, where the perfect white diffuser has 1"
-        for wavelength, value in zip(hiding.wavelength_um.tolist(), values.tolist(), strict=True):
-            yield InstrumentReading(f"reflectance factor {name}", seen, wavelength, value, "1", words, "CIE 15")
+        name, at = f"reflectance factor {name}", hiding.wavelength_um
+        yield from list_spectrum(name, seen.geometry, at, values, "1", words, "CIE 15")
     for one, value in zip(hiding.times.tolist(), hiding.contrast_ratios.tolist(), strict=True):
         film = f"{one:.6g} x film" if hiding.length_um is None else f"{one * hiding.length_um:.6g} um"
-        yield InstrumentReading(OF_FILMS + film, seen, None, value, "1", cards, ratio)
+        yield InstrumentReading(OF_FILMS + film, seen.geometry, None, value, "1", cards, ratio)
 
 
 def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:

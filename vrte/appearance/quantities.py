@@ -5,54 +5,19 @@ is a row of QUANTITIES.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
 
 import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
-from vrte.appearance.geometries import find_reflectance, read_geometry, solve_geometry
+from vrte.appearance.geometries import measure_panel
 from vrte.appearance.gloss import RECEPTORS, find_glosses
-from vrte.appearance.hiding import Drawdown, divide_luminances, find_hiding_film, fix_nodes
+from vrte.appearance.hiding import Conditions, Drawdown, divide_luminances
 from vrte.appearance.panel import Panel
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.scene.boundary import Lambertian
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """How a panel is looked at: the geometry by its CIE name, the light, the observer [degrees], and the albedos of the
-    black and the white card that films are put over, and the contrast ratio that counts as hidden. Raises SceneError.
-
-    >>> print(Conditions(observer=2).words)
-    geometry 45:0, illuminant D65, observer 2 degrees, black of albedo 0, white of albedo 0.8, contrast ratio 0.98 hides
-    """
-
-    geometry: str = "45:0"
-    illuminant: str = "D65"
-    observer: int = 10
-    black: float = 0.0
-    white: float = 0.8
-    target: float = 0.98
-
-    def __post_init__(self) -> None:
-        read_geometry(self.geometry)
-        for name in ("black", "white"):
-            check_number(name, getattr(self, name), 0.0, 1.0, "an albedo from 0 to 1")
-        check_number("target", self.target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
-        if not self.black < self.white:
-            raise SceneError.of("black", f"must be darker than the white, not {self.black:g} beside {self.white:g}")
-
-    @property
-    def words(self) -> str:
-        """All of the conditions in one line, for tables."""
-        geometry = read_geometry(self.geometry).name
-        return (
-            f"geometry {geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
-            f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"
-        )
 
 
 @dataclass(eq=False)
@@ -61,28 +26,13 @@ class Readings:
     of all quantities that will be."""
 
     panel: Panel
-    conditions: Conditions = field(default_factory=Conditions)
+    conditions: Conditions
     names: Sequence[str] = ()
-    measured: dict[float, Array] = field(default_factory=dict, init=False)  # over bases, by their albedos
-
-    def measure(self, panel: Panel) -> Array:
-        """Reflectance factors of a panel (wavelength,)."""
-        spectrum = solve_geometry(panel, self.conditions.geometry)
-        return find_reflectance(spectrum, self.conditions.geometry, panel.surface)
-
-    def find_luminance(self, reflectance: Array) -> float:
-        """Y of reflectance factors (wavelength,), 1 for the perfect white."""
-        return float(self.weights @ reflectance)
-
-    @cached_property
-    def weights(self) -> Array:
-        """What Y takes of the reflectance at each wavelength (wavelength,)."""
-        return weigh_wavelengths(self.panel.wavelength_um, self.conditions.illuminant, self.conditions.observer)[1]
 
     @cached_property
     def reflectance(self) -> Array:
         """Reflectance factors of the panel over its own base (wavelength,)."""
-        return self.measure(self.panel)
+        return measure_panel(self.panel, self.conditions.geometry)
 
     @cached_property
     def colour(self) -> Colour:
@@ -91,26 +41,9 @@ class Readings:
         return find_colour(self.panel.wavelength_um, self.reflectance, *light)
 
     @cached_property
-    def film(self) -> Panel:
-        """The panel with the nodes that its film takes over both cards."""
-        return fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
-
-    def measure_over(self, albedo: float) -> Array:
-        """Reflectance factors of the film over a Lambertian base (wavelength,)."""
-        if albedo not in self.measured:
-            self.measured[albedo] = self.measure(self.film.put_over(Lambertian(albedo)))
-        return self.measured[albedo]
-
-    @cached_property
-    def without_end(self) -> Array:
-        """Reflectance factors of the semi-infinite film (wavelength,)."""
-        return self.measure(self.film.scale_film(np.inf))
-
-    @cached_property
-    def luminances(self) -> tuple[float, float]:
-        """Y over the black and the white card."""
-        black, white = (self.measure_over(one) for one in (self.conditions.black, self.conditions.white))
-        return self.find_luminance(black), self.find_luminance(white)
+    def drawdown(self) -> Drawdown:
+        """The film over both cards."""
+        return Drawdown(self.panel, self.conditions)
 
     @cached_property
     def hiding_length_um(self) -> float:
@@ -121,10 +54,7 @@ class Readings:
             raise SceneError(
                 f"how thick a film hides is asked for in um, and it {words}: give it a thickness_um above 0"
             )
-        seen = self.conditions
-        drawdown = Drawdown(self.film, read_geometry(seen.geometry), (seen.black, seen.white), self.weights)
-        drawdown.found[1.0] = self.luminances
-        times, _ = find_hiding_film(drawdown, seen.target, self.find_luminance(self.without_end))
+        times, _ = self.drawdown.find_hiding_times()
         return float("inf") if times is None else times * known
 
     @cached_property
@@ -171,15 +101,16 @@ SPECTRA: dict[str, tuple[Callable[[Readings], Array], str, tuple[str, ...], tupl
     # how each is found, words, conditions and parts
     "reflectance": (lambda seen: seen.reflectance, "reflectance factor", (), ("panel",)),
     "reflectance_over_black": (
-        lambda seen: seen.measure_over(seen.conditions.black),
+        lambda seen: seen.drawdown.read(1.0, seen.conditions.black),
         "reflectance factor of the film over the black card", ("black",), ("nodes", "black"),
     ),
     "reflectance_over_white": (
-        lambda seen: seen.measure_over(seen.conditions.white),
+        lambda seen: seen.drawdown.read(1.0, seen.conditions.white),
         "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
     ),
     "reflectance_without_end": (
-        lambda seen: seen.without_end, "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
+        lambda seen: seen.drawdown.read(np.inf, 0.0),
+        "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
     ),
 }  # fmt: skip
 QUANTITIES: dict[str, PanelQuantity] = {
@@ -193,13 +124,13 @@ QUANTITIES: dict[str, PanelQuantity] = {
     },
     "contrast_ratio": PanelQuantity(
         "contrast ratio, Y over black over Y over white (ISO 6504-3)",
-        lambda seen: float(divide_luminances(*seen.luminances)),
+        lambda seen: seen.drawdown.find_contrast(1.0),
         (*SEEN, *CARDS),
         ("nodes", *CARDS),
     ),
     "opacity": PanelQuantity(
         "opacity, Y over a black base over Y of the semi-infinite film (ISO 2471)",
-        lambda seen: float(divide_luminances(*map(seen.find_luminance, (seen.measure_over(0.0), seen.without_end)))),
+        lambda seen: float(divide_luminances(*(seen.drawdown.find_luminance(times, 0.0) for times in (1.0, np.inf)))),
         (*SEEN, *FILM),
         ("nodes", "bare", "without_end"),
     ),
@@ -233,7 +164,7 @@ def check_conditions(names: Sequence[str], conditions: Conditions, wavelengths_u
     """Whether what the quantities depend on is known: the light, the observer, and wavelengths enough. Raises
     SceneError."""
     if any("illuminant" in QUANTITIES[name].uses for name in names):
-        weigh_wavelengths(wavelengths_um, conditions.illuminant, conditions.observer)
+        conditions.weigh(wavelengths_um)
     if any("gloss" in QUANTITIES[name].takes for name in names):
         weigh_wavelengths(wavelengths_um, "C", 2)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, find_difference
-from vrte.appearance.geometries import NODES, Geometry, find_reflectance, read_geometry, solve_geometry
+from vrte.appearance.geometries import NODES, Geometry, measure_panel, read_geometry
 from vrte.appearance.kubelka_munk import (
     add_surface,
     check_share,
@@ -159,7 +159,7 @@ class KubelkaMunk:
         for place, length in enumerate(wanted):
             panel = self.panel.scale_film(check_number("lengths", length, 5e-324, np.inf, "above 0") / self.length)
             part = share_progress(progress, place, wanted.size)
-            exact[:, place] = measure_panel(panel, self.geometry, self.white, part)
+            exact[:, place] = measure_over_cards(panel, self.geometry, self.white, part)
         found = np.array([[self.predict(length, base) for length in wanted] for base in (0.0, self.white)])
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
@@ -219,7 +219,7 @@ def find_kubelka_munk(
     if is_inside(panel, known):
         K, S = find_slab_coefficients(*solve_film(panel, second), find_length(panel))
     else:
-        read = measure_panel(panel, known, under, second)
+        read = measure_over_cards(panel, known, under, second)
         hidden = read[1] - read[0] < SHOWN
         if hidden.any():
             at = ", ".join(f"{one:g}" for one in panel.wavelength_um[hidden])
@@ -270,16 +270,13 @@ def is_inside(panel: Panel, geometry: Geometry) -> bool:
     return geometry.angle_i is None and not any(panel.surface)
 
 
-def measure_panel(panel: Panel, geometry: Geometry, white: float, progress: Progress | None = None) -> Array:
+def measure_over_cards(panel: Panel, geometry: Geometry, white: float, progress: Progress | None = None) -> Array:
     """Exact reflectances (2, n) over black and over a white Lambertian base."""
     if is_inside(panel, geometry):
         alone, through = solve_film(panel, progress)
         return np.stack([alone, put_film_over(alone, through, white)])
-    found = []
-    for place, base in enumerate((None, Lambertian(white))):
-        over = panel.put_over(base)
-        found.append(find_reflectance(solve_geometry(over, geometry, share_progress(progress, place, 2)), geometry))
-    return np.stack(found)
+    bases = enumerate((None, Lambertian(white)))
+    return np.stack([measure_panel(panel.put_over(one), geometry, share_progress(progress, k, 2)) for k, one in bases])
 
 
 def solve_film(panel: Panel, progress: Progress | None = None) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
     """The contrast ratio against thickness, with the target and the thickness that reaches it, and Y over black, over
     white and of the semi-infinite film; dots are exact solves, and a line stands where the panel's own film is."""
     scale, unit = (hiding.length_um, "µm") if hiding.length_um else (1.0, "times the film")
-    ends = hiding.times[[0, -1]]
+    ends, seen = hiding.times[[0, -1]], hiding.conditions
     fine = np.geomspace(ends[0], ends[1], FINE).clip(ends[0], ends[1])
     contrast, over_white = hiding.interpolate(fine)
 
@@ -36,12 +36,12 @@ def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
         ]
 
     left = describe_curve(contrast, hiding.contrast_ratios, INK, "")
-    left.append(Line(y=hiding.target, colour=RED, dash="--"))
+    left.append(Line(y=seen.target, colour=RED, dash="--"))
     if hiding.hiding_times:
         at = scale * hiding.hiding_times
-        left.append(Curve([at], [hiding.target], f"{hiding.target:g} at {at:.3g} {unit}", RED, "", "o"))
-    right = describe_curve(over_white, hiding.over_white, ORANGE, f"over white, {hiding.white:g}")
-    right += describe_curve(contrast * over_white, hiding.over_black, BLUE, f"over black, {hiding.black:g}")
+        left.append(Curve([at], [seen.target], f"{seen.target:g} at {at:.3g} {unit}", RED, "", "o"))
+    right = describe_curve(over_white, hiding.over_white, ORANGE, f"over white, {seen.white:g}")
+    right += describe_curve(contrast * over_white, hiding.over_black, BLUE, f"over black, {seen.black:g}")
     right.append(Line(y=hiding.luminance_without_end, name="semi-infinite", colour=INK, dash=":"))
     film: list[Any] = [
         Line(x=scale, width=1.2),
@@ -49,7 +49,7 @@ def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
     ]
     ticks, words = find_log_ticks(*(scale * ends).tolist())
     along = Axis(f"dry film [{unit}]", log=10.0, ticks=ticks, words=words)
-    light = f"luminance Y, {hiding.geometry}, {hiding.illuminant}, {hiding.observer}°"
+    light = f"luminance Y, {seen.geometry}, {seen.illuminant}, {seen.observer}°"
     first = PlotPanel([*left, *film], along, Axis("contrast ratio", 0.0, 1.05), legend="lower right", letters=8.0)
     return first, PlotPanel([*right, *film], along, Axis(light, low=0.0), letters=8.0)
 

@@ -80,6 +80,15 @@ class Swatch:
 
 
 @dataclass(frozen=True)
+class Body:
+    """A lobe, its radius times ``factor``, from 0 to 1, in colours of degrees of polarization."""
+
+    lobe: Any
+    factor: float
+    colours: Any
+
+
+@dataclass(frozen=True)
 class Axis:
     """An axis: its quantity with the unit, its ends, None where the data say them, and its ticks with their words."""
 
@@ -96,7 +105,7 @@ class Axis:
 class PlotPanel:
     """What lies over one pair of axes; without axes (``bare``) swatches or words alone."""
 
-    parts: Sequence[Curve | Line | Words | Swatch]
+    parts: Sequence[Curve | Line | Words | Swatch | Body]
     x: Axis = Axis()
     y: Axis = Axis()
     title: str = ""
@@ -119,6 +128,7 @@ class Picture:
     heights: Sequence[float] | None = None
     widths: Sequence[float] | None = None
     share_y: bool = False  # the panels of a row have one y axis
+    bar: str = ""  # what the colours of the first panels' bodies are
 
 
 def spread(size: int, most: int) -> list[int]:

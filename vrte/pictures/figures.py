@@ -9,7 +9,8 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.describe import FAINT, INK, Axis, Curve, Line, Picture, PlotPanel, Words
+from vrte.pictures.describe import FAINT, INK, Axis, Body, Curve, Line, Picture, PlotPanel, Words
+from vrte.pictures.lobes import draw_lobe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +64,9 @@ def draw_picture(picture: Picture) -> "Figure":
             for axes in drawn[1:]:
                 axes.set_ylabel("")
                 axes.tick_params(labelleft=False)
+        if picture.bar and row == 0 and panels[0] is not None and isinstance(panels[0].parts[0], Body):
+            bar = figure.colorbar(panels[0].parts[0].colours, ax=drawn, extend="max", shrink=0.8, ticks=limit_ticks())
+            bar.set_label(picture.bar, fontsize=9)
     if picture.title:
         figure.suptitle(picture.title, fontsize=13)
     return figure
@@ -73,6 +77,9 @@ def draw_panel(axes: Any, panel: PlotPanel) -> None:
     from matplotlib.patches import Rectangle
 
     for part in panel.parts:
+        if isinstance(part, Body):
+            draw_lobe(axes, part.lobe, part.factor, part.colours)
+            continue
         style: dict[str, Any] = {"color": part.colour}
         if isinstance(part, Curve):
             draw_curve(axes, part, bool(panel.polar))

@@ -50,9 +50,9 @@ def describe_reflectance(paint: Paint) -> PlotPanel:
         parts = [Curve(at, paint.look.reflectance(VISUAL), f"as it lies, {VISUAL}", BLUE)]
     else:
         parts = [
-            Curve(at, seen.without_end, f"semi-infinite, {seen.geometry}", INK, ":"),
-            Curve(at, seen.reflectance_over_white, f"over white, {seen.geometry}", ORANGE),
-            Curve(at, seen.reflectance_over_black, f"over black, {seen.geometry}", BLUE),
+            Curve(at, seen.without_end, f"semi-infinite, {seen.conditions.geometry}", INK, ":"),
+            Curve(at, seen.reflectance_over_white, f"over white, {seen.conditions.geometry}", ORANGE),
+            Curve(at, seen.reflectance_over_black, f"over black, {seen.conditions.geometry}", BLUE),
         ]
     parts.append(Curve(at, paint.look.reflectance("8:di"), "as it lies, 8:di (SPIN)", GREEN, "--", width=1.2))
     return PlotPanel(parts, WAVELENGTH, Axis("reflectance factor", low=0.0), "Reflectance")
@@ -179,7 +179,7 @@ def make_colours(paint: Paint) -> str:
     """X, Y, Z, L*, a*, b*, C, h of the panel in every geometry, and of the film over the cards."""
     named = [(name, paint.look.colour(name), "") for name in paint.look.reflectances]
     if paint.hiding is not None:
-        named += [(paint.hiding.geometry, one, f"film {name}, ") for name, one in paint.colours.items()]
+        named += [(paint.hiding.conditions.geometry, one, f"film {name}, ") for name, one in paint.colours.items()]
     head = ("geometry", *"XYZ", "L*", "a*", "b*", "C*", "h°", "what is read", "standard")
     rows = []
     for name, colour, which in named:

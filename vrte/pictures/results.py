@@ -1,6 +1,7 @@
 """Results, phase matrices and plans as figures: panels described once, for pictures, notebooks and the viewer."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
@@ -24,6 +25,7 @@ from vrte.pictures.describe import (
     RED,
     ZERO,
     Axis,
+    Body,
     Curve,
     Line,
     Picture,
@@ -31,7 +33,7 @@ from vrte.pictures.describe import (
     colour_scale,
     spread,
 )
-from vrte.pictures.figures import draw_panel, draw_picture, limit_ticks, make_figure, plot_suffix, save_figure
+from vrte.pictures.figures import draw_picture, plot_suffix, require_pictures, save_figure
 from vrte.pictures.interactive import draw_interactive, import_plotly
 from vrte.pictures.lobes import (
     UNPOLARIZED,
@@ -39,7 +41,6 @@ from vrte.pictures.lobes import (
     compute_lobe,
     describe_incidence,
     describe_mirrored_beam,
-    draw_lobe,
     label_quantity,
     make_lobe_colours,
     name_brdf,
@@ -135,67 +136,59 @@ def draw_brdf(brdf: Brdf) -> "Figure":
     """The lobes of a BRDF, all on one scale, its polar cuts, and its derivatives where it has some. Raises SceneError
     where there are too few directions, MissingExtraError without matplotlib."""
     check_directions(brdf.mu_o, brdf.phi)
-    chosen, more = spread(brdf.mu_i.size, MOST_LOBES), 3.2 * bool(brdf.jacobian)  # [inches] of the derivatives
-    whole = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2 + more)
-    figure: Any = whole
-    if brdf.jacobian:
-        halves: Any = whole.subfigures(2, 1, height_ratios=(8.2, more))
-        figure = halves[0]
-        draw_changes(halves[1], brdf, chosen)
+    require_pictures()
+    chosen = spread(brdf.mu_i.size, MOST_LOBES)
     lobes = [compute_lobe(brdf, place) for place in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
     colours = make_lobe_colours(lobes)
-    for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
-        width = 0.88 / len(chosen)  # the colour bar keeps the right edge
-        left = 0.01 + width * column
-        axes: Any = figure.add_axes((left, 0.40, width, 0.48))
-        draw_lobe(axes, lobe, 1.0 / scale, colours)
-        words = f"$\\mu_i$ = {lobe.mu_i:.4g}  ({np.degrees(np.arccos(lobe.mu_i)):.0f}° from the normal)"
-        axes.set_title(f"{words}\nlargest $f_{{00}}$ = {lobe.radius.max():.3g} sr$^{{-1}}$", fontsize=11, color=INK)
-        axes = figure.add_axes((left + 0.03 * width, 0.05, 0.94 * width, 0.34), projection="polar")
+    bodies: list[PlotPanel] = []
+    cuts: list[PlotPanel] = []
+    for place, lobe in zip(chosen, lobes, strict=True):
+        title = f"μ$_i$ = {lobe.mu_i:.4g}  ({np.degrees(np.arccos(lobe.mu_i)):.0f}° from the normal)"
+        title += f"\nlargest $f_{{00}}$ = {lobe.radius.max():.3g} sr$^{{-1}}$"
+        bodies.append(PlotPanel([Body(lobe, 1.0 / scale, colours)], title=title, bare=True))
         panel = describe_cuts(brdf, place)
-        beams = [  # the whole radius, named shortly
-            replace(one, name=one.name.partition(":")[0], y=[0.0, 1.05 * scale] if one.arrow else one.y)
+        beams = [  # along the whole radius; the lobe's own arrow has the share
+            replace(one, name=re.sub(":.*,", " beam,", one.name), y=[0.0, 1.05 * scale]) if one.arrow else one
             for one in panel.parts
             if isinstance(one, Curve)
         ]
-        draw_panel(axes, replace(panel, parts=beams, y=Axis(panel.y.label, 0.0, 1.05 * scale), legend=""))
-        if column == 0:
-            handles, names = axes.get_legend_handles_labels()
-            names = [f"{name} beam, not in the curves" if name == "mirrored" else name for name in names]
-            figure.legend(handles, names, loc="lower center", ncols=4, fontsize=9, frameon=False)
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
-    bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
-    bar.ax.yaxis.set_major_locator(limit_ticks())
-    bar.ax.tick_params(labelsize=9)
-    words = f"{name_brdf(brdf)}: radius $f_{{00}}$, colour degree of linear polarization"
-    figure.suptitle(words, y=0.965, fontsize=14)
-    return whole
+        legend = "" if cuts else "best"
+        cuts.append(replace(panel, parts=beams, y=Axis(panel.y.label, 0.0, 1.05 * scale), legend=legend, columns=2))
+    changes = describe_changes(brdf, chosen) if brdf.jacobian else []
+    rows, heights = [bodies, cuts, *([changes] if changes else [])], (1.2, 1.0, *([0.8] if changes else []))
+    title = f"{name_brdf(brdf)}: radius $f_{{00}}$, colour degree of linear polarization"
+    bar = "degree of linear polarization, unpolarized incidence"
+    size = max(4.6 * len(chosen), 8.0), 8.2 + 3.2 * bool(changes)
+    return draw_picture(Picture(rows, *size, title, heights=heights, bar=bar))
 
 
-def draw_changes(figure: Any, brdf: Brdf, chosen: Sequence[int]) -> None:
-    """Derivatives of f00 in the plane of incidence against the angle of exit, each over its largest, for the incident
-    directions ``chosen``."""
-    changes = dict(list((brdf.jacobian or {}).items())[:MOST_CHANGES])
+def describe_changes(brdf: Brdf, chosen: Sequence[int]) -> list[PlotPanel]:
+    """Derivatives of f00 in the plane of incidence against the angle of exit, each over its largest, a panel for each
+    of the incident directions ``chosen``."""
+    jacobian = brdf.jacobian or {}
+    changes = dict(list(jacobian.items())[:MOST_CHANGES])
     parts: list[list[Any]] = [[Line(y=0.0, width=0.8)] for _ in chosen]
-    for dash, (name, values) in zip(cycle(("-", "--", ":")), changes.items(), strict=False):
+    for number, (dash, (name, values)) in enumerate(zip(cycle(("-", "--", ":")), changes.items(), strict=False)):
         shown = Brdf(values, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
         found = [light_in_plane(shown, place, 0.0) for place in chosen]
         largest = max(float(np.abs(light[:, 0]).max()) for _, light in found) or 1.0
-        colour = f"C{len(parts[0]) - 1}"
         for some, (angle, light) in zip(parts, found, strict=True):
             label = f"{name}: over {largest:.3g} sr$^{{-1}}$ a unit"
-            some.append(Curve(angle, light[:, 0] / largest, label, colour, dash, width=1.8))
-    panels = figure.subplots(1, len(chosen), squeeze=False, sharey=True)[0]
-    figure.subplots_adjust(left=0.07, right=0.98, top=0.86, bottom=0.3, wspace=0.08)
-    exit_angle = Axis("angle of exit in the plane of incidence [°]", -90.0, 90.0, ticks=range(-90, 91, 30))
-    for axes, some, place in zip(panels, parts, chosen, strict=True):
-        beam = Line(x=-float(np.degrees(np.arccos(brdf.mu_i[place]))), colour=INCIDENT)
-        draw_panel(axes, PlotPanel([*some, beam], x=exit_angle, legend=""))
-    title = "derivatives of $f_{00}$, each over its largest"
-    left_out = len(brdf.jacobian or {}) - len(changes)
-    figure.suptitle(title + (f" ({left_out} more are not drawn)" if left_out else ""), y=0.97, fontsize=11)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=2, fontsize=9, frameon=False)
+            some.append(Curve(angle, light[:, 0] / largest, label, f"C{number}", dash, width=1.8))
+    along = Axis("angle of exit in the plane of incidence [°]", -90.0, 90.0, ticks=range(-90, 91, 30))
+    left_out = len(jacobian) - len(changes)
+    title = "derivatives of f00, each over its largest" + (f" ({left_out} more are not drawn)" if left_out else "")
+    return [
+        PlotPanel(
+            [*some, Line(x=-float(np.degrees(np.arccos(brdf.mu_i[place]))), colour=INCIDENT)],
+            along,
+            Axis(low=-1.05, high=1.05),
+            "" if k else title,
+            legend="" if k else "best",
+        )
+        for k, (some, place) in enumerate(zip(parts, chosen, strict=True))
+    ]
 
 
 def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from vrte.appearance.hiding import Conditions
 from vrte.appearance.panel import Panel, choose_wavelengths
-from vrte.appearance.quantities import PARTS, QUANTITIES, Conditions, check_conditions, read_quantities
+from vrte.appearance.quantities import PARTS, QUANTITIES, check_conditions, read_quantities
 from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import make_brdf

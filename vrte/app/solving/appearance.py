@@ -16,7 +16,7 @@ from vrte.appearance.appearance import InstrumentReading
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
-from vrte.appearance.hiding import find_hiding_film, prepare_drawdown
+from vrte.appearance.hiding import Conditions, Drawdown
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import LongSolveWarning, SceneError
@@ -28,8 +28,8 @@ from vrte.scene.boundary import Lambertian
 ACCURACY = 1e-3  # of a reflectance: 0.1 % of the white, below what is seen
 COARSE = 6  # wavelengths of the first answer
 PATIENCE = 0.3  # seconds: where all wavelengths take longer, a coarse answer comes first
-TARGET = 0.98  # contrast ratio that counts as hidden
 MOST_KINDS, MOST_SPECTRA = 1000, 8  # particles at one wavelength, and spectra, that are remembered
+TARGET = Conditions.target  # contrast ratio that counts as hidden
 LEFT_OUT = ("accuracy", "base", "brdf", "field", "method", "nodes", "render", "settings", "wavelength_um")
 GEOMETRIES = {"45:0": "45/0, without gloss", "8:di": "d/8 SCI, with what is mirrored"}
 ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
@@ -210,10 +210,8 @@ def read_off(
         length = panel.length_um
         if length is None or not np.isfinite(length):
             raise SceneError("the film has no thickness to begin with")
-        how = viewing.geometry, viewing.illuminant, viewing.observer
-        drawdown = prepare_drawdown(panel, 0.0, viewing.white, *how, progress)
-        limit = float(drawdown.weights @ drawdown.read(np.inf, 0.0))
-        times, reason = find_hiding_film(drawdown, TARGET, limit)
+        seen = Conditions(viewing.geometry, viewing.illuminant, viewing.observer, white=viewing.white)
+        times, reason = Drawdown(panel, seen, progress).find_hiding_times()
         if not times:
             raise SceneError(reason)
         words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
