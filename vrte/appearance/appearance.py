@@ -29,9 +29,8 @@ VISUAL = "45:0"  # the default: the surface's mirror image is left out
 
 
 class InstrumentReading(NamedTuple):
-    """One number that an instrument reads, as `Appearance.list_readings` lists them: the quantity, the geometry
-    ("45:0"), the wavelength [um] or None, the value and its unit, "1" for none, what it is in words, and the
-    standard."""
+    """A number that an instrument reads: its quantity, geometry ("45:0"), wavelength [um] or None, value and unit ("1"
+    for none), definition and standard."""
 
     quantity: str
     geometry: str

@@ -49,12 +49,8 @@ def combine_with_observer(find_light: Callable[[Array], Array], observer: int) -
 
 
 def spread_weights(wavelengths_um: Array, fine_um: Array, combined: Array) -> Array:
-    """(3, wavelength): what X, Y and Z take of a reflectance at each wavelength; Y of 1 at all of them is 1.
-
-    ``fine_um`` and ``combined`` are `combine_with_observer`'s, and their sum is the integral, as ISO/CIE 11664-3 has
-    it. Between the wavelengths the reflectance is a cubic spline (straight lines through fewer than four); beyond the
-    first and the last it stays as it is there.
-    """
+    """Weights (3, wavelength) of X, Y, Z from `combine_with_observer`, Y of 1 everywhere being 1: the reflectance is a
+    cubic spline between the wavelengths (straight lines through fewer than four), and constant beyond them."""
     from scipy.interpolate import make_interp_spline
 
     order = 3 if wavelengths_um.size > 3 else min(1, wavelengths_um.size - 1)
@@ -156,11 +152,9 @@ def _check_ends(first_um: float, last_um: float, illuminant: str, observer: int)
 
 @dataclass(frozen=True)
 class Colour:
-    """A colour in a light, for an observer: X, Y, Z, where Y of the perfect white is 100, and L*, a*, b* of CIELAB.
-
-    ``known_um``: first and last wavelength [um] of the reflectance, which is taken as constant beyond; ``beyond``:
-    shares of the white's X, Y, Z below the first and above the last.
-    """
+    """X, Y, Z, where Y of the perfect white is 100, and L*, a*, b* in a light for an observer; ``known_um``: the ends
+    [um] of the reflectance, constant beyond; ``beyond``: shares of the white's X, Y, Z below the first and above the
+    last."""
 
     X: float
     Y: float

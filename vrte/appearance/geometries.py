@@ -45,12 +45,8 @@ HEMISPHERE = re.compile(rf"({NUMBER}):(di|de)|(di|de):({NUMBER})|(di):(di)")
 
 @dataclass(frozen=True)
 class Geometry:
-    """How a panel is lit and looked at.
-
-    ``angle_i`` [degrees] from the normal, None for even light from all sides; ``angle_o`` of what is seen, on the side
-    of the mirrored beam, below 0 on that of the light, None where all is collected; ``excluded``: without what goes
-    through the specular port.
-    """
+    """Angles [degrees] from the normal of the light, None for even light from all sides, and of what is seen, below 0
+    on the side of the light, None where all is collected; ``excluded``: without the specular port."""
 
     name: str
     angle_i: float | None
@@ -162,9 +158,8 @@ def check_angle(name: Any, angle: float) -> float:
 
 
 def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 0.0)) -> Array:
-    """Stokes vectors (wavelength, 4) of what is seen in a bidirectional geometry, pi times the radiance over the
-    irradiance, under light of the Stokes vector ``stokes`` (4,), I = 1. Raises SceneError for another geometry, and
-    where the spectrum does not have its directions."""
+    """Stokes vectors (wavelength, 4) seen in a bidirectional geometry, pi radiance over irradiance, under light
+    ``stokes`` (4,), I = 1. Raises SceneError for another geometry, and for directions that the spectrum lacks."""
     known = read_geometry(geometry)
     if known.angle_o is None:
         raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
@@ -175,12 +170,8 @@ def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 
 def find_reflectance(
     spectrum: Spectrum, geometry: Any, surface: Sequence[Interface | None] = (), port_deg: float = PORT_DEG
 ) -> Array:
-    """The reflectance factor (wavelength,) that an instrument reads.
-
-    ``surface``: the panel's surface at each wavelength, which a port needs where it is rough; ``port_deg``: the full
-    angle of a round specular port, as seen from the panel. Raises SceneError where the spectrum does not have the
-    directions that the geometry takes.
-    """
+    """The reflectance factor (wavelength,) that an instrument reads; a port of ``port_deg`` [degrees] needs the panel's
+    ``surface`` at each wavelength where it is rough. Raises SceneError for directions that the spectrum lacks."""
     known = read_geometry(geometry)
     if known.angle_o is not None:
         return find_light(spectrum, known)[:, 0]
@@ -254,11 +245,8 @@ def measure_panel(panel: Panel, geometry: Any, progress: Progress | None = None)
 def solve_geometries(
     panel: Panel, geometries: Sequence[Any], port_deg: float = PORT_DEG, progress: Progress | None = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Reflectance factors (wavelength,) of several geometries by name, and the Stokes vectors (wavelength, 4) of those
-    that look along one direction, as of `find_light`.
-
-    Those that look along the normal, or collect all, are solved for together: they take the first Fourier orders alone.
-    """
+    """Reflectance factors (wavelength,) by geometry, and Stokes vectors (wavelength, 4) of those that look along one
+    direction. Those along the normal, or that collect all, share a solve: they take the first Fourier orders alone."""
     known = {one.name: one for one in map(read_geometry, geometries)}
     along = [one for one in known.values() if np.all(one.directions[1] == 1.0)]
     groups = [group for group in (along, [one for one in known.values() if one not in along]) if group]

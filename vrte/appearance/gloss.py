@@ -82,12 +82,9 @@ def list_rims(angle_deg: float) -> tuple[Array, Array]:
 
 
 def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_deg: float = 60.0) -> float:
-    """Specular gloss [gloss units] of what was solved at `list_gloss_directions`.
-
-    ``surfaces``: what lies on top at each wavelength, as `Panel.surface` has it. Raises SceneError for other angles,
-    without a surface, where light from below it has a peak in the receptor too narrow to be integrated, and for a
-    spectrum without the directions or lit from the bottom.
-    """
+    """Specular gloss [gloss units] of what was solved at `list_gloss_directions` under ``surfaces``, those on top at
+    each wavelength. Raises SceneError for other angles or directions, light from below, no surface, and where light
+    from inside has a peak in the receptor too narrow to be integrated."""
     angle = check_gloss_angle(angle_deg)
     if any(one.diagnostics.get("illuminate", "top") != "top" for one in spectrum):
         raise SceneError("gloss is read off the upper surface: the spectrum must be lit from the top")

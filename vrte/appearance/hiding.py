@@ -45,12 +45,9 @@ USUAL = 30  # solves of a panel: what progress begins with
 
 @dataclass(frozen=True, eq=False)
 class OverLambertian:
-    """The reflectance factors (n,) of a film over a Lambertian base of any albedo A: f(A) = f(0) + u A/(1 - A r).
-
-    Exact with polarization and surfaces, for a Lambertian base sends back the same light whatever arrives: ``u`` is the
-    film's transmittance down times that up over the square of its index, ``r`` what it sends back down of even light
-    from below, each (n,). Solves keep it to rounding, and under surfaces to what their nodes miss of even light.
-    """
+    """Reflectance factors (n,) of a film over a Lambertian base of any albedo A: f(A) = f(0) + u A/(1 - A r), exact
+    with polarization and surfaces. ``u``: transmittance down times that up over n^2; ``r``: reflectance of even light
+    from below."""
 
     bare: Array
     u: Array
@@ -220,13 +217,9 @@ def divide_luminances(black: Any, white: Any) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hiding:
-    """How well the film of a panel hides black and white cards, as `find_hiding` finds it.
-
-    ``over_lambertian``: reflectance factors (n,) at ``wavelength_um`` (n,) over a card of any albedo; ``without_end``:
-    those of a semi-infinite film. The hiding curve is exact at thicknesses ``times`` (m,) over the film's own: Y
-    ``over_black``, ``over_white`` (m,). ``hiding_times``: the thickness that hides, or None and the ``reason``;
-    ``length_um``: the film's thickness [um], None where it is given optically.
-    """
+    """How well the film of a panel hides cards: reflectance factors (n,) ``over_lambertian`` bases and ``without_end``;
+    Y ``over_black`` and ``over_white`` (m,) exact at thicknesses ``times`` (m,) over the film's own; ``hiding_times``
+    that hides, or None and the ``reason``; ``length_um``, None where the film is given optically."""
 
     conditions: Conditions
     wavelength_um: Array
@@ -341,11 +334,9 @@ def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: 
 
 
 def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> Hiding:
-    """How well a panel's film hides black and white cards, and how thick it has to be, to 1e-3 of itself, for the
-    contrast ratio that counts as hidden; the number of solves that ``progress`` gets is a guess until the end.
-
-    Raises SceneError for bad input, and for a film that is semi-infinite or without thickness.
-    """
+    """How well a panel's film hides black and white cards, and the thickness, to 1e-3 of itself, of the contrast ratio
+    that counts as hidden; the number of solves that ``progress`` gets is a guess until the end. Raises SceneError, also
+    for a film that is semi-infinite or without thickness."""
     thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"

@@ -28,22 +28,16 @@ def reflect_film(K: Any, S: Any, length: Any, base: Any = 0.0) -> Array:
 
 
 def put_film_over(alone: Any, through: Any, base: Any) -> Array:
-    """The reflectance r + t^2 R_g/(1 - r R_g) over a base R_g of a film of reflectance r, ``alone``, and transmittance
-    t, ``through``.
-
-    Exact for every homogeneous film over a Lambertian base, whatever its particles: light from below is even anew after
-    each reflection there, and t is the same from both sides.
-    """
+    """The reflectance r + t^2 R_g/(1 - r R_g) over a Lambertian base R_g of a film of reflectance r, ``alone``, and
+    transmittance t, ``through``: exact for every homogeneous film, since light from below is even anew."""
     r, t, under = check_share("alone", alone), check_share("through", through), check_share("base", base)
     # the floor: a white base below a film that lets nothing through, 0/0
     return r + t**2 * under / np.maximum(1.0 - under * r, np.finfo(float).tiny)
 
 
 def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
-    """The reflectance and transmittance of a film of thickness X without a base.
-
-    With kappa = sqrt(K (K + 2 S)) and h = tanh(kappa X)/kappa: S/(1/h + K + S) and 1/(cosh(kappa X) (1 + (K + S) h)).
-    """
+    """Reflectance S/(1/h + K + S) and transmittance 1/(cosh(kappa X) (1 + (K + S) h)) of a film of thickness X without
+    a base, kappa = sqrt(K (K + 2 S)) and h = tanh(kappa X)/kappa."""
     k, s, x = check_slope("K", K), check_slope("S", S), check_numbers("length", length)
     complain(~(x >= 0.0), "length", "must be 0 or above", x)
     k, s, x = np.broadcast_arrays(k, s, x)
@@ -59,11 +53,8 @@ def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
 
 
 def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -> tuple[Array, Array]:
-    """K and S [1/unit of ``length``] of a film from its reflectances over black and over a base, all inside its medium.
-
-    Raises SceneError where no film can have them: over the base it must be brighter, and not brighter than one that
-    keeps no light. Where a film hides its base S is lost: `find_slab_coefficients` takes its transmittance.
-    """
+    """K and S [1/unit of ``length``] from reflectances over black and over a base, inside the medium. Raises SceneError
+    where no film has them, and where it hides its base: `find_slab_coefficients` takes its transmittance."""
     dark, bright = check_share("over_black", over_black), check_share("over_base", over_base)
     under = check_share("base", base)
     complain(~(under > 0.0), "base", "must be above 0, black alone does not tell K and S apart", under)
@@ -77,12 +68,9 @@ def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -
 
 
 def find_slab_coefficients(alone: Any, through: Any, length: Any) -> tuple[Array, Array]:
-    """K and S [1/unit of ``length``] of a film from its own reflectance r and transmittance t, without a base.
-
-    With h = tanh(kappa X/2)/kappa, a film lit alike from both sides has (1 - r - t)/(1 + r + t) = K h, and one lit by
-    opposite fluxes (1 + r - t)/(1 - r + t) = (K + 2 S) h: no difference of large numbers anywhere. Raises SceneError
-    where no film can have them: t = 0, r + t > 1.
-    """
+    """K and S [1/unit of ``length``] from reflectance r and transmittance t without a base: with h = tanh(kappa
+    X/2)/kappa, (1 - r - t)/(1 + r + t) = K h and (1 + r - t)/(1 - r + t) = (K + 2 S) h, of light on both sides alike or
+    opposite. Raises SceneError where no film has them."""
     r, t, x = check_share("alone", alone), check_share("through", through), check_numbers("length", length)
     complain(~((x > 0.0) & np.isfinite(x)), "length", "must be above 0 and finite", x)
     r, t, x = np.broadcast_arrays(r, t, x)

@@ -38,12 +38,9 @@ FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progre
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A scene at ascending wavelengths, its particles computed once, lit from above.
-
-    ``wavelength_um`` (n,): in vacuum; ``scenes``: one each; ``lengths_um``: thicknesses of the layers [um], None where
-    only the optical thickness is given; ``asked``: keywords of `vrte.brdf` that say how to solve; ``layer``: which
-    layer is the film, counted from 1, None for the only one that scatters.
-    """
+    """Scenes at ascending wavelengths in vacuum (n,), lit from above; ``lengths_um`` of the layers [um], None where
+    only the optical thickness is given; ``asked``: how to solve, as for `vrte.brdf`; ``layer``: which is the film, from
+    1, None for the only one that scatters."""
 
     wavelength_um: Array
     scenes: tuple[Scene, ...]
@@ -145,12 +142,9 @@ class Panel:
         return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
-        """The BRDFs at all wavelengths, side by side on the cores; ``progress`` is called with (wavelengths done,
-        wavelengths).
-
-        Nodes are chosen for the accuracy at three wavelengths, the first, the last and one between; the most of these
-        serve the others. Raises SceneError, which names the wavelength.
-        """
+        """The BRDFs at all wavelengths, side by side on the cores; the nodes that the first, the last and a middle one
+        take serve all. ``progress`` gets (wavelengths done, wavelengths). Raises SceneError, which names the
+        wavelength."""
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
         looked_at = self.ends_and_middle

@@ -1,8 +1,4 @@
-"""What a laboratory reads off a panel, each quantity by the name it has in tables: unit, definition, how it is found.
-
-A quantity is a function of `Readings`, which solve the panel when something first asks, over each base once. One more
-is a row of QUANTITIES.
-"""
+"""What a laboratory reads off a panel, each quantity a row of QUANTITIES: unit, definition, how it is found."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -65,11 +61,8 @@ class Readings:
 
 @dataclass(frozen=True)
 class PanelQuantity:
-    """A quantity: its definition with the standard's number, how it is found, its unit as UDUNITS writes it.
-
-    ``uses``: the conditions it depends on; ``takes``: which of `PARTS` are solved for it; ``dims``: none, or the
-    wavelengths.
-    """
+    """A definition with its standard, how the quantity is found, the conditions it ``uses``, which PARTS it ``takes``,
+    its unit as UDUNITS writes it, and its dimensions: none, or the wavelengths."""
 
     long_name: str
     find: Callable[[Readings], float | Array]

@@ -48,11 +48,8 @@ FINE = 64  # nodes of the means of R and T of a surface
 
 @dataclass(frozen=True, eq=False)
 class TwoFluxErrors:
-    """Reflectances that K and S predict beside exact ones, at other thicknesses.
-
-    ``lengths`` (m,) of the films in the unit of K and S; ``exact`` and ``predicted``: reflectances over black and over
-    white, (2, m, n) at ``wavelength_um`` (n,).
-    """
+    """Reflectances over black and over white (2, m, n), ``exact`` and ``predicted`` by K and S, of films of ``lengths``
+    (m,) in their ``unit`` at ``wavelength_um`` (n,)."""
 
     lengths: Array
     wavelength_um: Array
@@ -88,12 +85,9 @@ class TwoFluxErrors:
 
 @dataclass(frozen=True, eq=False)
 class KubelkaMunk:
-    """K and S of a film, and its surface: all that Kubelka and Munk know of a panel at n wavelengths.
-
-    ``geometry``: how reflectance was read; ``white``: albedo of the white base; ``K``, ``S`` (n,) [``unit``]; ``k1``
-    (n,): what the surface mirrors of the light that falls in; ``k2`` (n,): what it sends back of the light that comes
-    up, the mean of ``k2_over`` (2, n) over black and over white; ``k2_even`` (n,): that of even light.
-    """
+    """K and S (n,) [``unit``] of a film over a ``white`` base, and of its surface what it mirrors of light that falls
+    in, ``k1`` (n,), and sends back of light that comes up, ``k2`` (n,): the mean of ``k2_over`` (2, n) black and white;
+    ``k2_even`` (n,) of even light."""
 
     panel: Panel
     geometry: Geometry
@@ -164,9 +158,8 @@ class KubelkaMunk:
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
     def plot(self, lengths: Any = None, progress: Progress | None = None) -> "Figure":
-        """A figure of `compare`: reflectance against thickness, exact and predicted, their difference, also as a colour
-        difference, and K and S beside those of diffusion; ``lengths``: by default from an eighth of the film's own to
-        eight times."""
+        """A figure of `compare`: reflectances and their errors against thickness, also as colours, and K and S beside
+        those of diffusion; ``lengths``: by default from an eighth of the film's own to eight times."""
         figure: Figure = view(self, "plot", lengths, progress)
         return figure
 
@@ -291,11 +284,8 @@ def solve_film(panel: Panel, progress: Progress | None = None) -> tuple[Array, A
 def find_surface_shares(
     panel: Panel, geometry: Geometry, white: float, progress: Progress | None = None
 ) -> tuple[Array, Array, Array]:
-    """k1 (n,), k2 over black and over white (2, n), and k2 of even light (n,) of the surface on top; 0 without one.
-
-    k2 is a balance of fluxes right below the surface: what goes down there, less what just came in, over what goes up;
-    that of even light where none comes up. Raises SceneError.
-    """
+    """k1 (n,), k2 over black and over white (2, n), and k2 of even light (n,) of the surface on top; 0 without one. k2
+    is a balance of fluxes right below the surface. Raises SceneError."""
     outer, even = np.zeros((2, len(panel)))
     returned = np.zeros((2, len(panel)))  # over black, over white
     mu, weights = find_beams(geometry)

@@ -66,10 +66,8 @@ def fold_planes(theta_o_deg: Array, phi_deg: Array) -> dict[str, Array]:
 
 
 def split_curves(measured: Measurement, quantity: str) -> tuple[str, list[CurveRows]]:
-    """The axis of a quantity that has one, and its numbers by all that is not along it, each curve from left to right.
-
-    Against the angle of exit the plane of φ and φ + 180 is one curve, its far side at angles below 0, as in a cut.
-    """
+    """The axis of a quantity that has one, and its numbers by all that is not along it, each curve from left to right;
+    against the angle of exit the plane of φ and φ + 180 is one curve, its far side below 0."""
     axis, rows = find_axis(measured, quantity), find_rows(measured, quantity)
     columns: dict[str, Any] = {name: getattr(measured, name)[rows] for name in (*COORDINATES, *LABELS)}
     if axis == "theta_o_deg":

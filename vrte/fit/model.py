@@ -54,11 +54,8 @@ class Instrument:
 
 
 class Model:
-    """A measurement's rows as a function of some numbers of a scene.
-
-    ``source``: the scenes as they were given, ``families`` those at each wavelength; ``nodes``: of all solves, once
-    they are chosen; ``solves``: how many there were; ``notes``: what is to be known of them.
-    """
+    """The rows of a measurement as a function of some numbers of a scene: ``source`` as it was given, ``families`` at
+    each wavelength; the ``nodes`` of all solves, once chosen, their number ``solves``, and ``notes`` on them."""
 
     def __init__(
         self,

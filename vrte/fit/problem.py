@@ -135,10 +135,8 @@ class Point:
 
 @dataclass(eq=False)
 class FitProblem:
-    """A measurement, a model, its free numbers, priors (n, 2), and the sigmas (rows,) that count.
-
-    ``loss``: what is made least of residuals, one of LOSSES.
-    """
+    """A measurement and its model, the free numbers, priors (n, 2), the sigmas (rows,) that count, and which of LOSSES
+    is minimized."""
 
     model: Model
     parameters: Sequence[Parameter]
@@ -215,11 +213,9 @@ def fit_residuals(
     most_steps: int,
     report: Callable[[Point], None] | None = None,
 ) -> tuple[Array, float, bool]:
-    """Least squares from coordinates (n,), of which some are ``free`` (n,).
-
-    Values at the end (n,), the sum there, and whether it converged; ``report``: called with each point that a step has
-    come to. Raises SceneError where the model takes no such start.
-    """
+    """Values (n,) of least squares from coordinates ``begin`` (n,), of which some are ``free`` (n,), the sum there, and
+    whether it converged; ``report`` gets each point of a step. Raises SceneError where the model takes no such
+    start."""
     from scipy.optimize import least_squares
 
     def complete(steps: Array) -> Array:

@@ -1,9 +1,8 @@
-"""What can be measured and fitted, each quantity by the name it has in tables: one row a quantity.
+"""What can be measured and fitted, each quantity a row of QUANTITIES.
 
-A row says what the quantity is, its unit, which columns say where it was measured, and how it is read off the light
-that a solve finds. Light comes as jets, arrays (1 + n, ...) of values and then of their derivatives by n numbers, so
-that one function gives both. Angles are from the normal, azimuths as `vrte.brdf` counts them: 0 is forward, 180 turns
-back.
+Light comes as jets, arrays (1 + n, ...) of values and then of their derivatives by n numbers, so that one function
+gives both. Angles are from the normal, azimuths as `vrte.brdf` counts them: 0 is forward, 180 turns back.
+
 """
 
 from collections.abc import Callable
@@ -36,13 +35,10 @@ class BeamShares(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredQuantity:
-    """A quantity: in words, with its unit, the columns that it needs, and how it is read.
-
-    ``read`` takes Mueller matrices (1 + n, rows, 4, 4) where it needs directions, `BeamShares` where it needs a beam
-    alone, a reflectance factor (1 + n,) of a geometry, or X, Y, Z and those of the white, (1 + n, 3) and (3,), of a
-    colour; it gives (1 + n, rows), of a geometry or a colour (1 + n,). ``through``: of light that leaves the other
-    face; ``bounds``: what it can be at all.
-    """
+    """A quantity in words, its unit, the columns that it needs, and the function that reads jets (1 + n, rows): of
+    Mueller matrices (1 + n, rows, 4, 4) where it needs directions, of `BeamShares` for a beam, (1 + n,) of an
+    instrument's factor, or of X, Y, Z (1 + n, 3) and the white's (3,); ``through``: of transmitted light; ``bounds``:
+    what it can be."""
 
     words: str
     unit: str

@@ -155,11 +155,8 @@ class Fit:
         return [(name, f"{value:.6g} +- {error:.2g}") for name, value, error in pairs]
 
     def profile(self, name: str, values: Any = None, points: int = 9, progress: Progress | None = None) -> "Profile":
-        """How chi2 rises along one number, all others fitted anew: an error bar that need not be symmetric.
-
-        The number is held at ``values``, by default at so many ``points``, 3 at least, to three standard deviations on
-        either side; ``progress`` is called with (values done, values).
-        """
+        """The rise of chi2 along one number, all others fitted anew, at ``values``, by default so many ``points`` (3 at
+        least) to three standard deviations on either side; ``progress`` gets (values done, values)."""
         from vrte.fit.verdict import find_profile
 
         return find_profile(self, name, values, points, progress)

@@ -366,10 +366,8 @@ def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
 def list_faults(
     given: Measurement, residuals: Array, chi2: float, least: float, freedom: int, p_value: float
 ) -> list[str]:
-    """Why a model does not fit, in words; ``residuals`` (rows,) in sigmas, ``least``: the sum that was made least.
-
-    Warns (MisfitWarning, UnitsWarning).
-    """
+    """Why a model does not fit, in words; ``residuals`` (rows,) in sigmas, ``least``: the sum that was minimized. Warns
+    (MisfitWarning, UnitsWarning)."""
     sound = p_value >= UNLIKELY
     chance, pattern = describe_pattern(given, residuals)
     faults = []

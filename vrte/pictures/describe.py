@@ -16,12 +16,9 @@ INCIDENT, MIRRORED = "#d62728", GREEN  # rays of light
 
 @dataclass(frozen=True)
 class Curve:
-    """Points x, y (n,), joined by a line where there is a ``dash`` and marked where there is a ``marker``.
-
-    ``sigma`` (n,): error bars; ``hover``: what a point says under the mouse, in Plotly's placeholders; ``filled``: the
-    polygon, ``hatch`` its pattern; ``arrow``: from the first point to the second; ``bar``: bars in place of the line,
-    off by so much from x.
-    """
+    """Points x, y (n,), joined where there is a ``dash``, marked where there is a ``marker``, with error bars ``sigma``
+    (n,); ``hover`` in Plotly's placeholders; ``filled``: the polygon, with a ``hatch``; ``arrow``: from the first point
+    to the second; ``bar``: bars in place of the line, off by so much from x."""
 
     x: Any
     y: Any

@@ -152,10 +152,8 @@ def set_axis(axes: Any, which: str, axis: Axis) -> None:
 
 
 def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
-    """Writes a PNG, SVG or PDF by the suffix, all of it or nothing; the same figure makes the same bytes.
-
-    Raises SceneError for another suffix, OSError.
-    """
+    """Writes a PNG, SVG or PDF by the suffix, all of it or nothing, always the same bytes. Raises SceneError,
+    OSError."""
     from matplotlib import rc_context
 
     suffix = plot_suffix(path)

@@ -66,11 +66,9 @@ def measurement(
     fine: tuple[Measurement, Array] | None = None,
     source: str = SCENE,
 ) -> Any:
-    """What is ``shown`` of a measurement, and what vrte has for it, ``predicted`` (n,); residuals below.
-
-    ``shown`` is one of `vrte.app.solving.measuring.list_shown`; ``fine`` has vrte's values at more places, ``source``
-    is what they are of. Residuals are over sigma where that is known. Raises MissingExtraError without Plotly.
-    """
+    """What is ``shown`` of a measurement, one of `vrte.app.solving.measuring.list_shown`, and vrte's values
+    ``predicted`` (n,) and ``fine``, at more places, of a ``source``; residuals below, over sigma where known. Raises
+    MissingExtraError."""
     sigma = measured.sigma if measured.has_sigma else None
     if shown in (NUMBERS, COLOURS):
         rows = find_rows(measured, shown)

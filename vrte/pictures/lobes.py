@@ -255,11 +255,8 @@ def lobe(brdf: Brdf, place: int, height: str = "f00", colour: str = DEGREE_LINEA
 
 
 def make_body(lobe: Lobe, largest: float) -> dict[str, Any]:
-    """The surface of a lobe, a mesh closed around the normal, whose points report direction and quantities.
-
-    Corners have their colours, and between them those of the screen run. So angles are coloured beforehand: from 179
-    degrees to 1 there must be no band of what lies between as numbers.
-    """
+    """The surface of a lobe, a mesh closed around the normal. Corners have colours, between which the screen
+    interpolates: angles are coloured beforehand, or from 179 degrees to 1 there would be a band of all hues."""
     phi, heights, colours = lobe.phi[:-1], lobe.heights[:, :-1], lobe.colours[:, :-1]  # the last spoke is the first
     corner = np.arange(heights.size).reshape(heights.shape)
     corners = make_triangles(np.append(corner, corner[:, :1], axis=1)).astype(np.int16)

@@ -1,7 +1,4 @@
-"""Results as a notebook shows them: a small picture above a table, as HTML.
-
-Nothing here raises: what cannot be drawn, for want of directions or of matplotlib, is a table alone.
-"""
+"""Results as a notebook shows them: a small picture above a table, as HTML, or the table alone; nothing raises."""
 
 import html
 from collections.abc import Callable, Mapping

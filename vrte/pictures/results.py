@@ -269,12 +269,9 @@ def draw_field(field: Field) -> "Figure":
 
 
 def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> Any:
-    """A quantity of `vrte.quantities.FIELD_QUANTITIES` in the plane of incidence, where ``field.phi`` is 0 and 180, as
-    polar diagrams, one curve a depth: light going up is above.
-
-    ``over_largest``: each depth over its own largest; ``dark``: in colours for a dark page. Raises SceneError for an
-    unknown quantity or where directions of the plane are missing, MissingExtraError without Plotly.
-    """
+    """A quantity of `vrte.quantities.FIELD_QUANTITIES` in the plane of incidence, ``field.phi`` 0 and 180, as polar
+    diagrams, a curve a depth, or each ``over_largest``; light going up is above. Raises SceneError for an unknown
+    quantity or missing directions, MissingExtraError without Plotly."""
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = require_one_beam(field)
     angle, values = select_in_plane(field, quantity)

@@ -234,10 +234,8 @@ _outside: list[Any] = []
 
 @contextmanager
 def collect_warnings(warned: dict[str, Any]) -> Iterator[None]:
-    """Puts this thread's warnings into ``warned``: for each kind its count and the first message.
-
-    Python has one way of showing warnings for all threads: the first to enter changes it, the last to leave restores.
-    """
+    """Puts this thread's warnings into ``warned``, by kind their count and first message. Python shows warnings one way
+    for all threads: the first to enter changes it, the last to leave restores it."""
     thread = threading.get_ident()
     with _lock:
         if not _listening:

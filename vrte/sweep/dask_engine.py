@@ -61,12 +61,9 @@ def perform_on_cluster(
 
 @contextmanager
 def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
-    """A connection to so many processes of one thread on this machine, for us alone.
-
-    A scheduler runs what it is sent. All that is said here is encrypted, and counts only with a certificate that this
-    process made for the occasion and gives to its workers; everything listens on loopback. Raises MissingExtraError,
-    SweepError.
-    """
+    """A connection to so many processes of one thread on this machine, for us alone: all is encrypted, with a
+    certificate that this process makes and gives to its workers, and on loopback. Raises MissingExtraError,
+    SweepError."""
     import dask
     from distributed import Client, LocalCluster, Security
 

@@ -34,10 +34,8 @@ class Cores:
 
 
 def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
-    """Does ``count`` jobs on so many cores of this process: each thread takes one after another.
-
-    An interrupt stops the compiled loops; unfinished chunks are lost.
-    """
+    """Does ``count`` jobs on so many cores of this process, each thread one after another. An interrupt stops the
+    compiled loops; unfinished chunks are lost."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
     shared = Cores(cores, workers)

@@ -165,11 +165,8 @@ def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) ->
 
 
 def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:
-    """The error of a table of BRDFs between its scenes: so many scenes at random points are solved and compared.
-
-    ``seed``: of the random points; ``folder``: where the sweep file's tables of coefficients are. Raises SceneError for
-    a table of anything else than BRDFs or without a grid, and AccuracyError as `vrte.brdf` does.
-    """
+    """The error of a table of BRDFs between its scenes, by solves at random ``points`` of a ``seed``; ``folder`` has
+    the sweep's tables of coefficients. Raises SceneError for other tables or without a grid, AccuracyError."""
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":
         raise SceneError(f"held_out measures BRDFs, and this is a table of {TABLES[sweep.kind]}")

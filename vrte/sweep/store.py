@@ -245,11 +245,9 @@ def list_changed_files(fresh: Path, table: Path) -> list[Path]:
 
 
 def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
-    """What is damaged in the finished table of a sweep, in words; if anything is, the rest of it is work begun again.
-
-    The output becomes the work by one renaming, with a journal for each chunk that is whole; before it, the output is
-    there, and is checked anew. Raises SceneError for another sweep's table, and where nothing tells whose it was.
-    """
+    """What is damaged in the finished table of a sweep, in words; if anything is, the table becomes work begun again,
+    by one renaming, with a journal for each chunk that is whole. Raises SceneError for another sweep's table, and where
+    nothing says whose it was."""
     if output.suffix != ".zarr":  # damage to one byte is damage to all
         try:
             whole = is_sealed(str(output))

@@ -1,8 +1,5 @@
-"""The table of a sweep on disk: a Zarr group, always the same bytes for the same sweep, or NetCDF made of it.
-
-A finished table names the sweep that made it. Its numbers are read by descriptions of arrays that are written here
-anew, never by its own.
-"""
+"""The table of a sweep on disk: a Zarr group, always the same bytes for the same sweep, or NetCDF made of it. Its
+numbers are read by descriptions of arrays that are written anew, never by its own."""
 
 import hashlib
 import itertools

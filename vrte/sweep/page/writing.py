@@ -93,13 +93,9 @@ def save_page(
     points: int = POINTS,
     folder: Path | None = None,
 ) -> dict[str, Array]:
-    """Writes a page with the lobes of tables of BRDFs, by the names that it shows: one file without network or server.
-
-    Exact solves at so many random ``points``, between the scenes and directions of each table, tell the error (points,)
-    of the page, which is returned by the table's name and stands on the page. Files that the sweeps name lie in
-    ``folder``, by default the working folder. Raises SceneError for a table of fields or appearances, axes that are no
-    grid, too few directions, scenes without result or without light, and a page larger than 60 MB, and OSError.
-    """
+    """Writes a page with the lobes of tables of BRDFs by name, and returns its errors (points,) by exact solves at
+    random places between scenes and directions; ``folder`` has the files that the sweeps name. Raises SceneError for
+    what cannot be shown or exceeds 60 MB, OSError."""
     if Path(path).suffix.lower() != SUFFIX:
         raise SceneError(f"the page {path} must end in {SUFFIX}")
     check_whole("points", points, 1, 1000)
@@ -189,11 +185,8 @@ def describe_page_axis(axis: SweepAxis, values: Array, unit: str) -> dict[str, A
 
 
 def make_mesh(mu_o: Array, azimuths: Array) -> dict[str, Any]:
-    """Rings and spokes of the bodies, and the splines that lead there from the directions of a table, as weights.
-
-    ``around`` (SPOKES, full circle) takes Stokes vectors in axes that do not turn to the spokes, ``over`` (rings, great
-    circle) those on a spoke and half a turn away to the rings, as `vrte.over_hemisphere` does.
-    """
+    """Rings and spokes of the bodies, and weights of the splines to them: ``around`` (SPOKES, full circle) for Stokes
+    vectors in axes that do not turn, ``over`` (rings, great circle), as `vrte.over_hemisphere` interpolates."""
     theta = np.degrees(np.arccos(mu_o))
     circle, _ = mirror_azimuths(azimuths)
     spokes = np.linspace(0.0, 360.0, SPOKES, endpoint=False)
