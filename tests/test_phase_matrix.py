@@ -11,7 +11,7 @@ import vrte
 from bench.cases import SPHEROIDS
 from vrte.basics.errors import SceneError
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
-from vrte.formats.keys import FilePath
+from vrte.formats.keys import FilePath, make_start
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import read_scene
 from vrte.formats.toml_table import write_value
@@ -286,10 +286,10 @@ def test_an_expansion_cut_short_is_taken_with_a_warning_where_asked():
 )
 def test_every_named_source_scatters_what_it_gets_and_is_read_from_a_file(name: str, tmp_path: Path) -> None:
     path, row = tmp_path / "scene.toml", PHASES[name]
-    phase = write_value({**row.start}) if row.start else f'"{name}"'
+    phase = write_value(start) if (start := make_start(row.keys)) else f'"{name}"'
     path.write_text(f"[[layer]]\nphase = {phase}\nalbedo = 1\nthickness = 1\n[field]\nmu0 = 0.6\n")
     matrix = read_scene(path).scene.layers[0].phase_matrix
-    np.testing.assert_array_equal(matrix.coefficients, row.make(**row.start).coefficients)
+    np.testing.assert_array_equal(matrix.coefficients, row.make(**start).coefficients)
     field = vrte.radiance(vrte.Scene([vrte.Layer(matrix, 1.0, 1.0)]), 0.6, tau=[0.0, 1.0], nodes=16)
     net = field.flux_down + field.direct - field.flux_up
     assert_close(net, net[0], rtol=0.0, atol=3e-13)

@@ -1,14 +1,26 @@
 """Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/how_to/extending.md)."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from vrte.formats.base_file import TENSORS, read_base_once
-from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key, Number, Reading, Share, read_keys
-from vrte.formats.media import ONE_WAVELENGTH, read_beside
-from vrte.formats.toml_table import Table, locate_errors
+from vrte.formats.keys import (
+    SUBSTANCE_HINT,
+    Choice,
+    FilePath,
+    Flag,
+    Index,
+    Key,
+    Number,
+    Reading,
+    Row,
+    Share,
+    make_of_keys,
+    read_beside,
+)
+from vrte.formats.toml_table import Table
 from vrte.scene.boundary import Boundary, Lambertian
 from vrte.scene.facets import MEASURED, MOST_WIND, Facets, cox_munk
 from vrte.scene.hapke import Hapke
@@ -38,28 +50,14 @@ AVERAGED = "average_mirrored"
 SUBSTANCE = Index("substance", [1.5, 0.0], hint=SUBSTANCE_HINT)
 
 
-@dataclass(frozen=True)
 class BaseFile(FilePath):
     """A file that holds a base, at the wavelength of the scene where it has one."""
 
-    suffixes: tuple[str, ...] = (".nc", ".csv", *TENSORS)
-
-    def read(self, table: Table, name: str, reading: Reading) -> Boundary:
-        self.check(table, name)
-        wavelength = None
-        if "wavelength_um" in reading.file:
-            wavelength = reading.file.number("wavelength_um", ONE_WAVELENGTH)
+    def read_file(self, table: Table, name: str, reading: Reading) -> Boundary:
+        wavelength = reading.wavelength if "wavelength_um" in reading.file else None
         averaged = AVERAGED in table and table.flag(AVERAGED)
         read = partial(read_base_once, wavelength_um=wavelength, average_mirrored=averaged)
         return read_beside(table, name, read, reading.folder)
-
-
-class BaseRow(NamedTuple):
-    """``words`` of a form; what makes the base, called with the values of its keys by their names."""
-
-    words: str
-    make: Callable[..., Boundary | None]
-    keys: dict[str, Key]
 
 
 def limit(
@@ -70,14 +68,14 @@ def limit(
     return Number(label, start, hint="; ".join(filter(None, (f"{low:g} to {high:g}", hint))), **more)
 
 
-BASES: dict[str, BaseRow] = {
-    "black": BaseRow("black", lambda: None, {}),
-    "lambertian": BaseRow(
+BASES: dict[str, Row] = {
+    "black": Row("black", lambda: None, {}),
+    "lambertian": Row(
         "white or grey (Lambertian)", Lambertian, {"albedo": Share("albedo of the base", 0.5, allowed=ALBEDO)}
     ),
-    "mirror": BaseRow("smooth metal or glass (a mirror)", Mirror, {"index": SUBSTANCE}),
-    "facets": BaseRow("rough metal or glass (facets)", Facets, {"index": SUBSTANCE, **FACETS}),
-    "cox-munk": BaseRow(
+    "mirror": Row("smooth metal or glass (a mirror)", Mirror, {"index": SUBSTANCE}),
+    "facets": Row("rough metal or glass (facets)", Facets, {"index": SUBSTANCE, **FACETS}),
+    "cox-munk": Row(
         "rough sea, by the wind (Cox and Munk)",
         cox_munk,
         {
@@ -86,7 +84,7 @@ BASES: dict[str, BaseRow] = {
             "shadowing": Flag("waves hide each other (Smith)", needed=False),
         },
     ),
-    "rpv": BaseRow(
+    "rpv": Row(
         "vegetation, soil, snow (Rahman, Pinty, Verstraete)",
         RPV,
         {
@@ -96,7 +94,7 @@ BASES: dict[str, BaseRow] = {
             "rho_c": limit(RPV, "rho_c", "hot spot ρc", None, "1: none", empty="as ρ0", needed=False),
         },
     ),
-    "ross-li": BaseRow(
+    "ross-li": Row(
         "land as MODIS has it (Ross-Li)",
         RossLi,
         {
@@ -108,7 +106,7 @@ BASES: dict[str, BaseRow] = {
             "hot_spot": Flag("hot spot of leaves (Maignan)", needed=False),
         },
     ),
-    "hapke": BaseRow(
+    "hapke": Row(
         "regolith, powder (Hapke)",
         Hapke,
         {
@@ -123,45 +121,34 @@ BASES: dict[str, BaseRow] = {
             "h_function": Choice("formula for H", names=H_WORDS, empty="2002", needed=False),
         },
     ),
-    "table": BaseRow(
+    "table": Row(
         "a table of measured or solved Mueller matrices",
         lambda file, average_mirrored=False: file,  # it was averaged where it was read
         {
-            "file": BaseFile("file"),
+            "file": BaseFile("file", suffixes=(".nc", ".csv", *TENSORS)),
             AVERAGED: Flag("mirror images are averaged", needed=False),
         },
     ),
 }
 
 
-def read_base(table: Table, reading: Reading) -> Boundary | None:
-    """The base of a table [base]; None where it is black. Raises SceneError."""
+def read_base(reading: Reading) -> Boundary | None:
+    """The base of a scene file; None where it is black. Raises SceneError."""
+    if "base" not in reading.file:
+        return None
+    table = reading.file.table("base", ("kind", *dict.fromkeys(key for row in BASES.values() for key in row.keys)))
     row = BASES[table.choice("kind", tuple(BASES))]
     for key in table.content:
         if key != "kind" and key not in row.keys:
             owners = [f'"{owner}"' for owner, other in BASES.items() if key in other.keys]
             raise table.wrong(key, f"goes with kind = {' or '.join(owners)} only")
-    values = read_keys(row.keys, table, reading)
-    with locate_errors(table.place, table.allowed):
-        return row.make(**values)
+    base: Boundary | None = make_of_keys(row, table, reading)
+    return base
 
 
 def find_base_limits(kind: str) -> Mapping[str, tuple[float, float]]:
-    """What the numbers of a kind of base may be, from and to, as far as it says.
-
-    >>> find_base_limits("hapke")["linear"], find_base_limits("black")
-    ((-2.0, 2.0), {})
-    """
+    """What the numbers of a kind of base may be, from and to, as far as it says."""
     return getattr(BASES[kind].make, "LIMITS", {})
-
-
-def list_base_keys() -> tuple[str, ...]:
-    """The keys of all kinds of bases, and ``kind``.
-
-    >>> list_base_keys()[:2]
-    ('kind', 'albedo')
-    """
-    return ("kind", *dict.fromkeys(key for row in BASES.values() for key in row.keys))
 
 
 INTERFACE: dict[str, Key] = {**FACETS, "roughness": replace(FACETS["roughness"], needed=False)}

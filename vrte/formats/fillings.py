@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.formats.layers import LAYER_KEYS, FillingKeys, read_filling
+from vrte.formats.keys import Reading
+from vrte.formats.layers import LAYER_KEYS, FillingKeys, read_filling, read_layer
 from vrte.formats.materials import expand_materials
 from vrte.formats.particle_sources import check_particles, describe_value
 from vrte.formats.toml_table import Table
@@ -74,7 +75,8 @@ def list_filled_layers(content: Mapping[str, Any], folder: Path) -> list[FilledL
     found = []
     for place, layer in enumerate(content.get("layer", ())):
         if "particles" in layer or "volume_fractions" in layer:
-            keys = read_filling(Table(("layer", place), layer, LAYER_KEYS), content["particles"])
+            table = Table(("layer", place), layer, LAYER_KEYS)
+            keys = read_filling(*read_layer(table, Reading(Table((), content, tuple(content)), folder)))
             host = repr(layer.get("host_index"))
             kinds = tuple(numbers.setdefault((name, host), len(numbers)) for name in keys.shares)
             found.append(FilledLayer(place, keys, kinds))

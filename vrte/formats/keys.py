@@ -1,71 +1,102 @@
-"""Keys of a table in a scene file: how each is read, and what the viewer's form shows of it.
+"""Keys of a table in a scene file, each declared once: how it is read, and what forms and the reference show of it.
 
-A kind of something (a base, a source of particles, a phase function) has a row in a registry, with its keys; scene
-files, sweeps and the form read the registries.
+A kind of something (a base, a source of particles, a size, a phase function) is a row of a registry, with its keys.
 """
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from vrte.formats.media import check_material, find_index, read_beside, read_material
-from vrte.formats.toml_table import NUMBERS, Table
+from vrte.basics.errors import SceneError
+from vrte.formats.columns import read_index
+from vrte.formats.toml_table import Said, Table, is_number, locate_errors
+from vrte.optics.particle_kind import find_host_index
+from vrte.optics.refractive_index import refractive_index
 
+Read = TypeVar("Read")
 SUBSTANCE_HINT = "a name, a database path, or n, k"
+TABLE = ".csv"  # the suffix of tables of one's own
+WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
+ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
+INDEX = (
+    'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
+    "wavelength_um (or wavelength_nm), n, k, or [n, k]"
+)
 
 
 class Reading(NamedTuple):
-    """Where a table is read: the file that it stands in, whose wavelength holds, and the folder of files it names."""
+    """Where a table is read: the file that it stands in, and the folder of the files it names; ``form_only``: no
+    wavelength is known yet, and no other file is opened."""
 
     file: Table
     folder: Path
+    form_only: bool = False
+
+    @property
+    def wavelength(self) -> float:
+        """The file's wavelength [um]. Raises SceneError where it is missing, or several."""
+        return self.file.number("wavelength_um", ONE_WAVELENGTH)
+
+
+class Other(NamedTuple):
+    """Another key in place of one, such as a diameter for a radius: its name, what makes the value of its own (None:
+    it must be ``allowed``), and words between it and a sentence about that value."""
+
+    name: str
+    convert: Callable[[Any], Any]
+    words: str = ""
+    allowed: str = ""
 
 
 @dataclass(frozen=True)
 class Key:
     """One key: ``label`` and ``hint`` in the form, or within its field what is taken where it is ``empty``; what the
-    form begins with (``start``; None: it is left out), and whether a file must have it."""
+    form begins with (``start``; None: it is left out); whether a file must have it; in words what is ``allowed``; the
+    ``argument`` that it is, where that has another name, and an ``other`` key in its place."""
 
     label: str = ""
     start: Any = None
-    hint: str = field(default="", kw_only=True)
-    empty: str = field(default="", kw_only=True)
-    needed: bool = field(default=True, kw_only=True)
-
-    def check(self, table: Table, name: str) -> None:
-        """All that can be said without a wavelength or another file. Raises SceneError."""
-        self.read(table, name, Reading(table, Path()))
+    _: KW_ONLY
+    hint: str = ""
+    empty: str = ""
+    needed: bool = True
+    allowed: str = ""
+    argument: str = ""
+    other: Other | None = None
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         """The value at a key. Raises SceneError."""
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
 class Number(Key):
-    """A real number, ``allowed`` in words."""
-
-    allowed: str = field(default="a number", kw_only=True)
+    """A real number."""
 
     def read(self, table: Table, name: str, reading: Reading) -> float:
-        return table.number(name, self.allowed)
+        return table.number(name, self.allowed or "a number")
 
 
-@dataclass(frozen=True)
-class Share(Number):
+class Share(Key):
     """A number, or per cent in quotes."""
 
     def read(self, table: Table, name: str, reading: Reading) -> float:
         return table.share(name, self.allowed)
 
 
+class Numbers(Key):
+    """A number, a list of numbers, or a range."""
+
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        return table.numbers(name)
+
+
 @dataclass(frozen=True)
 class Whole(Key):
     """A whole number within ``limits``."""
 
-    limits: tuple[int, int] = field(default=(1, 1_000_000), kw_only=True)
+    limits: tuple[int, int] = field(kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> int:
         return table.whole(name, *self.limits)
@@ -85,74 +116,120 @@ class Flag(Key):
 class Choice(Key):
     """One of several words, by ``names``: what each means."""
 
-    names: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    names: Mapping[str, str] = field(kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> str:
         return table.choice(name, tuple(self.names))
 
 
-@dataclass(frozen=True)
-class Numbers(Key):
-    """A number, a list of numbers, or a range."""
-
-    allowed: str = field(default=NUMBERS, kw_only=True)
-
-    def read(self, table: Table, name: str, reading: Reading) -> list[float]:
-        return table.numbers(name)
-
-
-@dataclass(frozen=True)
 class Substance(Key):
     """What something consists of, as `vrte.refractive_index` takes it: a name, a database path, a table, n and k."""
 
-    def check(self, table: Table, name: str) -> None:
-        check_material(table, name)
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        value = table.required(name, INDEX)
+        if isinstance(value, str):
+            own = value.endswith(TABLE) and not reading.form_only
+            return read_beside(table, name, read_index, reading.folder) if own else value
+        parts = value if isinstance(value, list) else [value, 0.0]
+        if len(parts) != 2 or not all(is_number(part) for part in parts):
+            raise table.wrong(name, f"must be {INDEX}")
+        return float(parts[0]), float(parts[1])
+
+
+class Index(Substance):
+    """The same, as its index n + ik at the file's wavelength, which numbers do without."""
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
-        return read_material(table, name, reading.folder)
+        material = super().read(table, name, reading)
+        if isinstance(material, tuple) or reading.form_only:
+            return complex(*material) if isinstance(material, tuple) else material
+        wavelength = reading.wavelength
+        with locate_errors(table.place, table.allowed, WAVE_KEYS, {"index": (name, None)}):
+            return refractive_index(material, wavelength).value
 
 
-@dataclass(frozen=True)
-class Index(Substance):
-    """The same, as its index n + ik at the file's wavelength."""
+class Medium(Index):
+    """The same, of a medium that light goes through: it may absorb a little, and refraction takes its index as real."""
 
-    def read(self, table: Table, name: str, reading: Reading) -> complex:
-        return find_index(reading.file, table, name, reading.folder)
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        index = super().read(table, name, reading)
+        with locate_errors(table.place, table.allowed, said={"host_index": (name, None)}):
+            return index if reading.form_only else find_host_index(index, 1.0).value  # whatever the wavelength
 
 
 @dataclass(frozen=True)
 class FilePath(Key):
     """A file beside the scene file, with one of the ``suffixes``; ``open`` makes of its path what the key means."""
 
-    suffixes: tuple[str, ...] = field(default=(".csv",), kw_only=True)
+    suffixes: tuple[str, ...] = field(default=(TABLE,), kw_only=True)
     open: Callable[[Path], Any] = field(default=Path, kw_only=True)
 
-    def check(self, table: Table, name: str) -> None:
-        words = f"the path of a {' or '.join(self.suffixes)} file beside the scene file"
-        table.right(name, words, lambda value: isinstance(value, str) and value.endswith(self.suffixes))
-
     def read(self, table: Table, name: str, reading: Reading) -> Any:
-        self.check(table, name)
+        words = f"the path of a {' or '.join(self.suffixes)} file beside the scene file"
+        value = table.right(name, words, lambda value: isinstance(value, str) and value.endswith(self.suffixes))
+        return value if reading.form_only else self.read_file(table, name, reading)
+
+    def read_file(self, table: Table, name: str, reading: Reading) -> Any:
+        """What is in the file. Raises SceneError."""
         return read_beside(table, name, self.open, reading.folder)
 
 
-def make_start(keys: Mapping[str, Key]) -> dict[str, Any]:
-    """What a form begins with; a file that is needed is still to be chosen.
+def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
+    """What is in the file that a key names, beside the scene file."""
+    try:
+        return read(folder / table.content[key])
+    except SceneError as error:
+        raise table.wrong(key, str(error)) from error
+    except OSError as error:
+        raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
 
-    >>> make_start({"albedo": Number(start=0.5), "phi_deg": Number(needed=False), "file": FilePath()})
-    {'albedo': 0.5, 'file': ''}
-    """
+
+class Row(NamedTuple):
+    """A kind of something: ``words`` of a form; what makes it, called with the values of its ``keys`` by their names;
+    of particles, what only checks them in place of that, and whether they are ``sized``."""
+
+    words: str
+    make: Callable[..., Any]
+    keys: dict[str, Key]
+    check: Callable[..., Any] | None = None
+    sized: bool = False
+
+
+def make_start(keys: Mapping[str, Key]) -> dict[str, Any]:
+    """What a form begins with; a file that is needed is still to be chosen."""
     begun = {name: "" if key.needed and isinstance(key, FilePath) else key.start for name, key in keys.items()}
     return {name: copy.deepcopy(start) for name, start in begun.items() if start is not None}
 
 
-def check_keys(keys: Mapping[str, Key], table: Table) -> None:
-    """Whether a table has the keys that are needed, and those that it has are right. Raises SceneError."""
-    for name, key in keys.items():
-        if key.needed or name in table:
-            key.check(table, name)
+def list_names(keys: Mapping[str, Key]) -> tuple[str, ...]:
+    """The names of keys, and of the others that may stand in their places."""
+    return tuple(one for name, key in keys.items() for one in ((name, key.other.name) if key.other else (name,)))
 
 
 def read_keys(keys: Mapping[str, Key], table: Table, reading: Reading) -> dict[str, Any]:
-    """The values of a table, as far as it has them. Raises SceneError."""
-    return {name: key.read(table, name, reading) for name, key in keys.items() if key.needed or name in table}
+    """The values of a table by the arguments that they are, as far as it has them. Raises SceneError."""
+    found = {}
+    for name, key in keys.items():
+        if key.other is not None and key.other.name in table:
+            table.exactly_one(name, key.other.name)
+            value = key.other.convert(key.read(table, key.other.name, reading))
+            if value is None:
+                raise table.wrong(key.other.name, f"must be {key.other.allowed}")
+            found[key.argument or name] = value
+        elif key.needed or name in table:
+            found[key.argument or name] = key.read(table, name, reading)
+    return found
+
+
+def find_said(keys: Mapping[str, Key], table: Table) -> Said:
+    """The keys of a table that give arguments of other names, for sentences about these."""
+    said: dict[str, tuple[str, str | None]] = {key.argument: (name, None) for name, key in keys.items() if key.argument}
+    others = {name: key.other for name, key in keys.items() if key.other and key.other.name in table}
+    return said | {name: (other.name, other.words) for name, other in others.items()}
+
+
+def make_of_keys(row: Row, table: Table, reading: Reading) -> Any:
+    """What a row makes of a table. Raises SceneError, with the table's place."""
+    values = read_keys(row.keys, table, reading)
+    with locate_errors(table.place, table.allowed, said=find_said(row.keys, table)):
+        return row.make(**values)

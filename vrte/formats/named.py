@@ -9,18 +9,16 @@ from typing import Any
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES
 from vrte.formats.columns import read_index
-from vrte.formats.keys import FilePath, Key, Substance
+from vrte.formats.keys import TABLE, FilePath, Key, Substance
+from vrte.formats.layers import SIDES
 from vrte.formats.materials import SUFFIX
-from vrte.formats.media import TABLE
 from vrte.formats.paints import expand_content, expand_paint
-from vrte.formats.particle_sources import SOURCES
+from vrte.formats.particle_sources import HOST, SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.sizes import SIZES
 from vrte.optics.refractive_index import find_wavelength_range
 
-MEDIUM: dict[str, Key] = {"host_index": Substance()}
 LAYER: dict[str, Key] = {"phase": FilePath(), "material": FilePath(suffixes=(SUFFIX,))}
-SIDES: dict[str, Key] = {"above": Substance(), "below": Substance()}
 
 
 def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
@@ -29,11 +27,11 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
     with suppress(SceneError):
         content = expand_paint(content)
     particles, layers = content.get("particles"), content.get("layer")
-    yield from list_given((), content, MEDIUM)
+    yield from list_given((), content, HOST)
     for name, kind in particles.items() if isinstance(particles, dict) else ():
         place: Place = ("particles", name)
         for source in SOURCES.values():
-            yield from list_given(place, kind, {**source.keys, **MEDIUM})
+            yield from list_given(place, kind, {**source.keys, **HOST})
         size: Any = kind.get("size") if isinstance(kind, dict) else None
         for word, row in SIZES.items() if isinstance(size, dict) else ():
             if word in row.keys:
@@ -42,7 +40,7 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
                 yield from list_given((*place, "size", word), size.get(word), row.keys)
     for number, layer in enumerate(layers if isinstance(layers, list) else []):
         place = ("layer", number)
-        yield from list_given(place, layer, {**LAYER, **MEDIUM})
+        yield from list_given(place, layer, {**LAYER, **HOST})
         if isinstance(layer, dict):
             yield from list_given((*place, "interface"), layer.get("interface"), SIDES)
             for phase in PHASES.values():

@@ -6,45 +6,21 @@ A new source is two functions, of which one makes particles and the other only c
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from vrte.basics.errors import SceneError
-from vrte.formats.keys import SUBSTANCE_HINT, Key, Number, Reading, Substance, check_keys, read_keys
-from vrte.formats.media import ONE_WAVELENGTH, WAVE_KEYS, check_material, read_material
-from vrte.formats.sizes import HALVED, SIZE_KEYS, read_size
-from vrte.formats.toml_table import Table, locate_errors
+from vrte.basics.errors import Place, SceneError
+from vrte.formats.keys import SUBSTANCE_HINT, WAVE_KEYS, Key, Number, Reading, Row, Substance, find_said, read_keys
+from vrte.formats.sizes import SIZE_KEYS, SIZED
+from vrte.formats.toml_table import Table, locate_errors, show_place
 from vrte.optics.particles import Particles
 from vrte.optics.shapes import check_cylinders, check_spheroids, cylinders, spheroids
 from vrte.optics.spheres import check_coated_spheres, check_spheres, coated_spheres, spheres
 
 SPHERES = "spheres"  # where a table names no source
-
-
-class Source(NamedTuple):
-    """``words`` of a form; what makes the particles, and what only checks them and gives back some to go on with, both
-    called with ``wavelength_um``, ``host_index`` where there is one, the values of the keys by their names and, where
-    it is ``sized``, ``radius_um`` or ``size``; the keys."""
-
-    words: str
-    make: Callable[..., Particles]
-    check: Callable[..., Particles]
-    keys: dict[str, Key]
-    sized: bool = True
-
-    @property
-    def allowed(self) -> tuple[str, ...]:
-        """All keys of its table."""
-        return ("source", *self.keys, *(SIZE_KEYS if self.sized else ()), "host_index")
-
-
-def put_index_first(make: Callable[..., Particles]) -> Callable[..., Particles]:
-    """The same function, called with the key ``index`` of a table for its first argument."""
-    return lambda index, **how: make(index, **how)
-
-
 INDEX = Substance("substance", "rutile", hint=SUBSTANCE_HINT)
+HOST: dict[str, Key] = {"host_index": Substance(needed=False)}
 COATED: dict[str, Key] = {
     "core": Substance("substance of the core", "rutile", hint=SUBSTANCE_HINT),
     "shell": Substance("substance of the shell", "silica", hint=SUBSTANCE_HINT),
@@ -54,28 +30,42 @@ COATED: dict[str, Key] = {
 }
 WIDTH = Number("width over length along the axis", 1.5, hint="above 1 flat, below 1 long")
 SHAPED: dict[str, Key] = {"index": INDEX, "aspect_ratio": WIDTH}
-SOURCES: dict[str, Source] = {
-    SPHERES: Source("spheres", put_index_first(spheres), put_index_first(check_spheres), {"index": INDEX}),
-    "coated-spheres": Source("coated spheres", coated_spheres, check_coated_spheres, COATED),
-    "spheroids": Source("spheroids", put_index_first(spheroids), put_index_first(check_spheroids), SHAPED),
-    "cylinders": Source("cylinders", put_index_first(cylinders), put_index_first(check_cylinders), SHAPED),
-}
 Compute = Callable[[str, dict[str, Any]], Particles]  # a source's name and its keywords: the particles
-Make = Callable[[Table], Particles]  # the same, of the layer that they lie in
+
+
+def put_index_first(make: Callable[..., Particles]) -> Callable[..., Particles]:
+    """The same function, called with the key ``index`` of a table for its first argument."""
+    return lambda index, **how: make(index, **how)
+
+
+def make_row(words: str, make: Callable[..., Particles], check: Callable[..., Particles], keys: dict[str, Key]) -> Row:
+    """A source of particles of any size; who makes and who checks them takes their ``index`` first."""
+    return Row(words, put_index_first(make), keys, put_index_first(check), sized=True)
+
+
+SOURCES: dict[str, Row] = {
+    SPHERES: make_row("spheres", spheres, check_spheres, {"index": INDEX}),
+    "coated-spheres": Row("coated spheres", coated_spheres, COATED, check_coated_spheres, sized=True),
+    "spheroids": make_row("spheroids", spheroids, check_spheroids, SHAPED),
+    "cylinders": make_row("cylinders", cylinders, check_cylinders, SHAPED),
+}
 
 
 def make_particles(source: str, given: dict[str, Any]) -> Particles:
-    """The particles of a source, by its name and its keywords.
-
-    >>> make_particles("spheres", {"index": 1.5, "radius_um": 0.1, "wavelength_um": 0.5}).albedo
-    1.0
-    """
-    return SOURCES[source].make(**given)
+    """The particles of a source, by its name and its keywords."""
+    found: Particles = SOURCES[source].make(**given)
+    return found
 
 
 def check_particles(source: str, given: dict[str, Any]) -> Particles:
     """Particles to go on with, all that makes them checked."""
-    return SOURCES[source].check(**given)
+    found: Particles = (SOURCES[source].check or SOURCES[source].make)(**given)
+    return found
+
+
+def describe_particles(source: str, given: dict[str, Any]) -> str:
+    """A source and its keywords as a text that tells them from every other, to all digits."""
+    return repr((source, sorted((name, describe_value(value)) for name, value in given.items())))
 
 
 def describe_value(value: Any) -> Any:
@@ -85,41 +75,53 @@ def describe_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def prepare_particles(name: str, content: dict[str, Any], compute: Compute, reading: Reading) -> Make:
-    """What makes the particles of one table [particles.NAME] in a layer: by the source that it names, its keys checked.
+class Kinds:
+    """The particles of a file by name: all are checked at once, each is computed when a layer first asks for it."""
 
-    They lie in the medium of the layer, or of their own, or of the file: whichever says ``host_index`` first.
-    """
-    given = content.get("source", SPHERES)
-    if not (isinstance(given, str) and given in SOURCES):
-        table = Table(("particles", name), content, tuple(content))
-        raise table.wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
-    source = SOURCES[given]
-    table = Table(("particles", name), content, source.allowed)
-    check_keys(source.keys, table)
-    if source.sized:
-        table.exactly_one(*SIZE_KEYS)
-    size = read_size(table, reading) if source.sized else {}
-    for around in (table, reading.file):
-        if "host_index" in around:
-            check_material(around, "host_index")
+    def __init__(self, compute: Compute, reading: Reading) -> None:
+        content = reading.file.content.get("particles", {})
+        if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
+            raise reading.file.wrong("particles", "must be tables headed [particles.NAME]")
+        self.compute, self.reading = compute, reading
+        self.tables = {name: self.check(("particles", name), kind) for name, kind in content.items()}
+        self.computed: dict[str, Particles] = {}
+        self.in_hosts: dict[tuple[str, str], Particles] = {}
 
-    def made(layer: Table) -> Particles:
-        keywords: dict[str, Any] = {"wavelength_um": reading.file.number("wavelength_um", ONE_WAVELENGTH)}
-        around = next((one for one in (layer, table, reading.file) if "host_index" in one), None)
+    def check(self, place: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
+        """The table of a kind, its source and its size, all checked. Raises SceneError."""
+        source = content.get("source", SPHERES)
+        if not (isinstance(source, str) and source in SOURCES):
+            raise Table(place, content, tuple(content)).wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
+        row, form = SOURCES[source], self.reading._replace(form_only=True)
+        table = Table(place, content, ("source", *row.keys, *(SIZE_KEYS if row.sized else ()), *HOST))
+        read_keys(row.keys, table, form)
+        if row.sized:
+            table.exactly_one(*SIZE_KEYS)
+        for around in (table, self.reading.file):
+            read_keys(HOST, around, form)
+        return table, source, read_keys(SIZED, table, self.reading) if row.sized else {}
+
+    def find(self, name: str, layer: Table) -> Particles:
+        """Particles of a name in the medium of a layer, computed once."""
+        place = (name, repr(layer.content.get("host_index")))
+        if place not in self.in_hosts:
+            self.in_hosts[place] = self.make(*self.tables[name], layer)
+            self.computed.setdefault(name, self.in_hosts[place])
+        return self.in_hosts[place]
+
+    def make(self, table: Table, source: str, size: dict[str, Any], layer: Table) -> Particles:
+        """Particles in the medium of a layer, or of their own, or of the file: whichever says ``host_index`` first."""
+        given: dict[str, Any] = {"wavelength_um": self.reading.wavelength}
+        around = next((one for one in (layer, table, self.reading.file) if "host_index" in one), table)
         if around is layer and "host_index" in table:
-            raise layer.wrong("host_index", f"particles.{name} has a host_index of its own: give it once")
-        if around is not None:
-            keywords["host_index"] = read_material(around, "host_index", reading.folder)
-        keywords |= read_keys(source.keys, table, reading) | size
+            raise layer.wrong("host_index", f"{show_place(table.place)} has a host_index of its own: give it once")
+        given |= read_keys(HOST, around, self.reading) | read_keys(SOURCES[source].keys, table, self.reading) | size
         outside = [key for key in WAVE_KEYS if key not in table]
-        keys = [key for key in table.allowed if key not in outside]
+        own = [key for key in table.allowed if key not in outside]
         try:
-            with locate_errors(table.place, keys, outside, HALVED if "diameter_um" in table else {}):
-                return compute(given, keywords)
+            with locate_errors(table.place, own, outside, find_said(SIZED, table)):
+                return self.compute(source, given)
         except SceneError as error:
             if around is layer and error.place == ("host_index",):
                 raise SceneError(str(error), *layer.place, "host_index") from error
             raise
-
-    return made

@@ -1,13 +1,23 @@
 """Phase functions and matrices of a layer in a scene file, by name. A new one is a function and a row in `PHASES`."""
 
-from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from vrte.formats.columns import read_coefficients
-from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, make_start, read_keys
-from vrte.formats.media import ONE_WAVELENGTH, TABLE, read_beside
+from vrte.formats.keys import (
+    TABLE,
+    Choice,
+    FilePath,
+    Flag,
+    Key,
+    Number,
+    Reading,
+    Row,
+    Whole,
+    read_beside,
+    read_keys,
+)
 from vrte.formats.scattering import CSV, NETCDF_SUFFIXES, read_scattering
 from vrte.formats.toml_table import Table, locate_errors, suggest_nearest
 from vrte.optics import phase_matrix as optics
@@ -15,70 +25,35 @@ from vrte.optics.angle_tables import EXTRAPOLATE
 from vrte.optics.conventions import CONVENTIONS
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 
-
-class PhaseRow(NamedTuple):
-    """``words`` of a form; what makes the phase matrix, called with the values of its keys by their names. A row is
-    written phase = { name = value, ... }, or phase = "name" where no key is needed."""
-
-    words: str
-    make: Callable[..., PhaseMatrix]
-    keys: dict[str, Key]
-
-    @property
-    def start(self) -> dict[str, object]:
-        """What a form begins with."""
-        return make_start(self.keys)
+AngleFile = tuple[Path, float | None, tuple[int, int]]  # the scene's wavelength [um], and when and how it was changed
 
 
 class AngleTable(FilePath):
     """A file of scattering matrices over angle, and the scene's wavelength where the file is for several."""
 
-    def read(self, table: Table, name: str, reading: Reading) -> tuple[Path, float | None]:
-        path = super().read(table, name, reading)
-        if path.suffix.lower() == CSV:
-            return path, None
-        return path, reading.file.number("wavelength_um", ONE_WAVELENGTH)
+    def read_file(self, table: Table, name: str, reading: Reading) -> AngleFile:
+        about = read_beside(table, name, Path.stat, reading.folder)
+        path = reading.folder / table.content[name]
+        wavelength = None if path.suffix.lower() == CSV else reading.wavelength
+        return path, wavelength, (about.st_mtime_ns, about.st_size)
 
 
-def find_file(path: Path) -> Path:
-    """The path of a file that is there. Raises OSError."""
-    path.stat()
-    return path
-
-
-def read_angles(table: tuple[Path, float | None], **options: object) -> PhaseMatrix:
+def read_angles(table: AngleFile, **options: Any) -> PhaseMatrix:
     """The phase matrix of an `AngleTable`, with the options of `vrte.read_scattering`."""
-    path, wavelength = table
-    about = path.stat()
-    return expand_file(path, (about.st_mtime_ns, about.st_size), wavelength, tuple(options.items()))
-
-
-@lru_cache(maxsize=16)
-def expand_file(
-    path: Path, changed: tuple[int, int], wavelength: float | None, options: tuple[tuple[str, object], ...]
-) -> PhaseMatrix:
-    """The same, remembered while the file is not ``changed``: a sweep reads its scene again for each of its own."""
-    found = read_scattering(path, wavelength_um=wavelength, **dict(options))  # type: ignore[arg-type]
+    found = read_scattering(table[0], wavelength_um=table[1], **options)
     assert isinstance(found, PhaseMatrix)  # no density is given
     return found
 
 
-@lru_cache(maxsize=16)
-def make_by_name(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, Any], ...]) -> PhaseMatrix:
-    """The phase matrix of a row and the values of its keys, remembered for each ``layer``: one whose matrix is shared
-    with another adds up its light in another order."""
-    return PHASES[name].make(**dict(values))
-
-
-TERMS = Whole("terms", needed=False, limits=(1, MOST_TERMS))
-PHASES: dict[str, PhaseRow] = {
-    "isotropic": PhaseRow("isotropic scatterers", optics.isotropic, {}),
-    "rayleigh": PhaseRow(
+# a row is written phase = { name = value, ... }, or phase = "name" where no key is needed
+PHASES: dict[str, Row] = {
+    "isotropic": Row("isotropic scatterers", optics.isotropic, {}),
+    "rayleigh": Row(
         "Rayleigh scatterers",
         lambda rayleigh=0.0: optics.rayleigh(rayleigh),
         {"rayleigh": Number("depolarization", 0.0, needed=False)},
     ),
-    "henyey_greenstein": PhaseRow(
+    "henyey_greenstein": Row(
         "Henyey-Greenstein scatterers",
         lambda henyey_greenstein, terms=None: optics.henyey_greenstein(henyey_greenstein, terms),
         {
@@ -86,11 +61,11 @@ PHASES: dict[str, PhaseRow] = {
             "terms": Whole("terms", needed=False, limits=(1, MOST_TERMS)),
         },
     ),
-    "table": PhaseRow(
+    "table": Row(
         "a scattering matrix over angle",
         read_angles,
         {
-            "table": AngleTable("file", suffixes=(CSV, *NETCDF_SUFFIXES), open=find_file),
+            "table": AngleTable("file", suffixes=(CSV, *NETCDF_SUFFIXES)),
             "convention": Choice(
                 "written as",
                 names={name: about.words for name, about in CONVENTIONS.items()},
@@ -109,36 +84,45 @@ PHASES: dict[str, PhaseRow] = {
 }
 
 
+@lru_cache(maxsize=16)
+def make_once(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, Any], ...]) -> PhaseMatrix:
+    """The phase matrix of a row and the values of its keys, remembered for each ``layer``: one whose matrix is shared
+    with another adds up its light in another order."""
+    found: PhaseMatrix = PHASES[name].make(**dict(values))
+    return found
+
+
+class Phase(Key):
+    """The phase matrix of a layer: a row of `PHASES`, or a table of coefficients."""
+
+    def read(self, table: Table, name: str, reading: Reading) -> PhaseMatrix | None:
+        value = table.content[name]
+        if reading.form_only:
+            return None
+        if isinstance(value, str) and value.endswith(TABLE):
+            tolerance = table.number("tolerance") if "tolerance" in table else 0.0
+            return read_beside(table, name, partial(read_coefficients, tolerance=tolerance), reading.folder)
+        if "tolerance" in table:
+            raise table.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
+        inner = Table((*table.place, name), {}, ())
+        found = [value] if isinstance(value, str) and value in list_bare() else []
+        if isinstance(value, dict):
+            inner = table.table(name, tuple(dict.fromkeys(key for row in PHASES.values() for key in row.keys)))
+            found = [own for own in PHASES if own in inner and {*value} <= {*PHASES[own].keys}]
+        if len(found) != 1:
+            raise table.wrong(name, f"must be {describe_phases()}{suggest_nearest(value, PHASES)}")
+        values = read_keys(PHASES[found[0]].keys, inner, reading)
+        with locate_errors((*inner.place, found[0])):
+            return make_once(found[0], table.place, tuple(values.items()))
+
+
+def list_bare() -> list[str]:
+    """The rows that need no key."""
+    return [name for name, row in PHASES.items() if not any(key.needed for key in row.keys.values())]
+
+
 def describe_phases() -> str:
     """How a phase can be written, in words."""
-    named = [f'"{name}"' for name, row in PHASES.items() if not any(key.needed for key in row.keys.values())]
+    named = [f'"{name}"' for name in list_bare()]
     tables = [f"{{ {name} = {row.keys[name].label or '...'} }}" for name, row in PHASES.items() if row.keys]
     return f"{', '.join(named + tables)} or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
-
-
-def read_phase(layer: Table, reading: Reading) -> PhaseMatrix:
-    """The phase matrix of a layer's key ``phase``. Raises SceneError."""
-    value = layer.content["phase"]
-    if isinstance(value, dict):
-        return read_phase_table(layer, reading)
-    row = PHASES.get(value) if isinstance(value, str) else None
-    if row is not None and not any(key.needed for key in row.keys.values()):
-        return make_by_name(value, layer.place, ())
-    if not isinstance(value, str) or not value.endswith(TABLE):
-        hint = suggest_nearest(value, PHASES) if isinstance(value, str) else ""
-        raise layer.wrong("phase", f"must be {describe_phases()}{hint}")
-    tolerance = layer.number("tolerance") if "tolerance" in layer else 0.0
-    return read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), reading.folder)
-
-
-def read_phase_table(layer: Table, reading: Reading) -> PhaseMatrix:
-    """The phase matrix of a table phase = { name = value, ... }."""
-    table = layer.table("phase", tuple(dict.fromkeys(key for row in PHASES.values() for key in row.keys)))
-    names = [name for name in PHASES if name in table]
-    if len(names) != 1 or any(key not in PHASES[names[0]].keys for key in table.content):
-        raise layer.wrong("phase", f"must be {describe_phases()}")
-    values = read_keys(PHASES[names[0]].keys, table, reading)
-    with locate_errors((*table.place, names[0])):
-        if names[0] == "table":  # remembered while its file is as it was
-            return read_angles(**values)
-        return make_by_name(names[0], layer.place, tuple(values.items()))

@@ -16,7 +16,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
 from vrte.basics.differences import find_slopes
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.bases import find_base_limits, list_base_keys, read_base
+from vrte.formats.bases import find_base_limits, read_base
 from vrte.formats.fillings import FilledLayer, Recorder, list_filled_layers, vary_filled_layer
 from vrte.formats.keys import Reading
 from vrte.formats.materials import expand_materials
@@ -309,8 +309,7 @@ class SceneFamily:
 
     def _read_base(self, content: dict[str, Any]) -> Boundary | None:
         """The base of the scene file, and nothing else of it."""
-        file = Table((), content, FILE_KEYS)
-        return read_base(file.table("base", list_base_keys()), Reading(file, self._folder)) if "base" in file else None
+        return read_base(Reading(Table((), content, FILE_KEYS), self._folder))
 
     def _look_around(self, values: Array) -> "Neighbourhood":
         """What the scene is made of, where derivatives are asked for."""

@@ -7,21 +7,20 @@ looked for beside the scene file.
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import read_text
-from vrte.formats.bases import list_base_keys, read_base
-from vrte.formats.keys import Reading
-from vrte.formats.layers import Kinds, prepare_layer, read_layer_tables
+from vrte.formats.bases import read_base
+from vrte.formats.keys import WAVE_KEYS, Choice, Flag, Key, Numbers, Other, Reading, find_said, list_names, read_keys
+from vrte.formats.layers import make_layer, read_layer_tables
 from vrte.formats.materials import WORDS, locate_material_errors, read_words
-from vrte.formats.media import WAVE_KEYS
 from vrte.formats.paints import expand_content, locate_paint_errors
-from vrte.formats.particle_sources import Compute, make_particles
+from vrte.formats.particle_sources import Compute, Kinds, make_particles
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
 from vrte.optics.particles import Particles
 from vrte.request.how import AUTO, OPTIONS
@@ -30,62 +29,64 @@ from vrte.scene.scene import Scene
 
 OPTION_KEYS = ("nodes", "grading", "accuracy", "truncation", "method", "illuminate", "settings", "precision")
 FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "paint", "render", "fit", "brdf", "field", *WORDS)
-# keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
-ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
-ANGLE = "degrees from the normal, from 0 to below 90"
+ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}  # from the normal, for cosines
 
 
-def _read_cosines(table: Table, name: str) -> list[float]:
-    """The numbers at ``name``, or the cosines of those at its key for degrees."""
-    key = ANGLES[name]
-    if key not in table:
-        return table.numbers(name)
-    table.not_both(name, key)
-    degrees = table.numbers(key)
-    if not all(0.0 <= angle < 90.0 for angle in degrees):
-        raise table.wrong(key, f"must be {ANGLE}")
-    return [math.cos(math.radians(angle)) for angle in degrees]
+class Beams(Numbers):
+    """One number, or a list of them."""
+
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        if isinstance(table.content.get(name), (list, dict)):
+            return table.numbers(name)
+        return table.number(name, "a cosine above 0, up to 1, or a list of them" if name in ANGLES else ANGLE)
 
 
-def _read_beams(table: Table, name: str) -> list[float] | float:
-    """The cosine of one beam, or a list of them."""
-    key = ANGLES[name] if ANGLES[name] in table else name
-    if isinstance(table.content.get(key), (list, dict)):
-        return _read_cosines(table, name)
-    table.number(key, "a cosine above 0, up to 1, or a list of them" if key == name else ANGLE)
-    return _read_cosines(table, name)[0]
-
-
-def _read_directions(table: Table, key: str) -> list[float]:
+class Directions(Numbers):
     """Signed cosines; an empty list asks for fluxes alone."""
-    return [] if table.content[key] == [] else table.numbers(key)
+
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        return [] if table.content[name] == [] else table.numbers(name)
 
 
-def _read_stokes(table: Table, key: str) -> list[float]:
-    """I, Q, U, V."""
-    found = table.numbers(key)
-    if len(found) != 4:
-        raise table.wrong(key, "must be four numbers I, Q, U, V")
-    return found
+class Stokes(Numbers):
+    """Four numbers."""
+
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        found = table.numbers(name)
+        if len(found) != 4:
+            raise table.wrong(name, "must be four numbers I, Q, U, V")
+        return found
 
 
-# what is asked for: the keys of [brdf] and [field], what reads each, and the keywords of the calls where they differ
-REQUESTS: dict[str, dict[str, Callable[[Table, str], Any]]] = {
-    "brdf": {"mu_i": _read_cosines, "mu_o": _read_cosines, "phi_deg": Table.numbers, "transmission": Table.flag},
+def find_cosines(degrees: Any) -> Any:
+    """Cosines of angles from the normal [degrees], one or a list; None where one of them is none."""
+    listed = degrees if isinstance(degrees, list) else [degrees]
+    found = [math.cos(math.radians(angle)) for angle in listed if 0.0 <= angle < 90.0]
+    if len(found) < len(listed):
+        return None
+    return found if isinstance(degrees, list) else found[0]
+
+
+ANGLE = "degrees from the normal, from 0 to below 90"
+INCIDENT, OUTGOING, BEAM = (Other(key, find_cosines, allowed=ANGLE) for key in ANGLES.values())
+AZIMUTHS = Numbers(argument="phi", needed=False)
+REQUESTS: dict[str, dict[str, Key]] = {  # what is asked for: the keys of [brdf] and [field]
+    "brdf": {
+        "mu_i": Numbers(other=INCIDENT),
+        "mu_o": Numbers(other=OUTGOING),
+        "phi_deg": AZIMUTHS,
+        "transmission": Flag(needed=False),
+    },
     "field": {
-        "mu0": _read_beams,
-        "stokes": _read_stokes,
-        "mu": _read_directions,
-        "phi_deg": Table.numbers,
-        "tau": Table.numbers,
-        "side": lambda table, key: table.choice(key, SIDES),
+        "mu0": Beams(other=BEAM),
+        "stokes": Stokes(needed=False),
+        "mu": Directions(needed=False),
+        "phi_deg": AZIMUTHS,
+        "tau": Numbers(needed=False),
+        "side": Choice(names=dict.fromkeys(SIDES, ""), needed=False),
     },
 }
-KEYWORDS = {"phi_deg": "phi"}
-REQUEST_KEYS = {
-    kind: tuple(one for key in keys for one in ((key, ANGLES[key]) if key in ANGLES else (key,)))
-    for kind, keys in REQUESTS.items()
-}
+REQUEST_KEYS = {kind: list_names(keys) for kind, keys in REQUESTS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +94,8 @@ class SceneFile:
     """What a scene file holds.
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
-    those of them that say how to solve, OPTION_KEYS, as far as they are given;
-    ``particles`` the kinds that the layers hold, by name; ``text`` the file as it is, "" where there was none;
-    ``angles`` those cosines of the request that the file gives in degrees.
-    """
+    those of them that say how to solve, OPTION_KEYS, as far as they are given; ``particles`` the kinds that the layers
+    hold, by name; ``text`` the file as it is, "" where there was none; ``asked`` the table of the request."""
 
     scene: Scene
     kind: str
@@ -104,16 +103,11 @@ class SceneFile:
     options: dict[str, Any]
     particles: dict[str, Particles]
     text: str = ""
-    angles: frozenset[str] = frozenset()
+    asked: Table = field(default_factory=lambda: Table((), {}, ()))
 
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
-
-        Settings by other names stay, but not those of another method, nor nodes where "auto" is to choose.
-
-        >>> SceneFile(None, "brdf", {"mu_i": [0.5]}, {"nodes": 4}, {}).keywords({"nodes": 8})
-        {'mu_i': [0.5], 'nodes': 8}
-        """
+        """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's;
+        settings by other names stay, but not those of another method, nor nodes where "auto" is to choose."""
         found = self.request | self.options | dict(asked)
         if asked.get("method") == AUTO and "nodes" not in asked:
             found.pop("nodes", None)
@@ -125,18 +119,11 @@ class SceneFile:
 
     @contextmanager
     def located(self) -> Iterator[None]:
-        """Puts the dotted key of the file in front of the library's complaints about the request.
-
-        >>> with SceneFile(None, "brdf", {}, {}, {}).located():
-        ...     raise SceneError.of("phi", "must be finite, not nan")
-        Traceback (most recent call last):
-        vrte.SceneError: brdf.phi_deg must be finite, not nan
-        """
-        said: dict[str, tuple[str, str | None]] = {name: (key, None) for key, name in KEYWORDS.items()}
-        said |= {name: (ANGLES[name], "") for name in self.angles}
+        """Puts the dotted key of the file in front of the library's complaints about the request."""
         try:
             yield
         except SceneError as error:
+            said = find_said(REQUESTS[self.kind], self.asked)
             found = translate_error(error, (self.kind,), REQUEST_KEYS[self.kind], said)
             if found is None:
                 raise
@@ -144,14 +131,9 @@ class SceneFile:
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
-    """Reads and checks the scene file ``path`` for the command ``kind``: "brdf" or "field".
-
-    Without ``kind`` the file must have one of the two tables; ``wavelength_um`` wins over the file's. Raises SceneError
-    naming the dotted key, what was given and what is allowed, OSError where the file cannot be read.
-
-    >>> read_scene("gold_powder.toml").kind
-    'brdf'
-    """
+    """Reads and checks the scene file ``path`` for the command ``kind``, "brdf" or "field"; without it the file must
+    have one of the two tables. ``wavelength_um`` wins over the file's. Raises SceneError naming the dotted key, what
+    was given and what is allowed, OSError where the file cannot be read."""
     text = read_text(path, LARGEST_FILE)
     changed = {} if wavelength_um is None else {"wavelength_um": wavelength_um}
     return replace(make_scene_file(parse_toml(text) | changed, kind, Path(path).parent), text=text)
@@ -164,53 +146,31 @@ def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
     """``wavelength_um`` where it is a list or a range, for a spectrum; None where it is one number, or not there.
-
-    Raises SceneError.
-
-    >>> read_listed_wavelengths({"wavelength_um": {"start": 0.4, "stop": 0.5, "count": 2}})
-    [0.4, 0.5]
-    """
+    Raises SceneError."""
     if not isinstance(content.get("wavelength_um"), (list, dict)):
         return None
     return Table((), content, FILE_KEYS).numbers("wavelength_um")
 
 
 def make_scene_file(
-    content: dict[str, Any],
-    kind: str | None = None,
-    folder: Path = Path(),
-    compute: Compute = make_particles,
+    content: dict[str, Any], kind: str | None = None, folder: Path = Path(), compute: Compute = make_particles
 ) -> SceneFile:
-    """What a scene file with this content would hold; tables of coefficients lie in ``folder``. Errors as `read_scene`.
-
+    """What a scene file with this content would hold; files that it names lie in ``folder``. Errors as `read_scene`.
     ``compute`` is called with the source and the keywords of each kind of particle: who reads many files can remember
-    its answers, and who only checks one can do without them (`check_particles`).
-
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-    >>> make_scene_file({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
-    0.5
-    """
+    its answers, and who only checks one can do without them (`check_particles`)."""
     file = Table((), expand_content(content, folder), FILE_KEYS)
     for key in WORDS:
         read_words(file, key)
-    kind = _choose_kind(file, kind)
-    request = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
-    asked = {
-        KEYWORDS.get(key, key): read(request, key)
-        for key, read in REQUESTS[kind].items()
-        if key in request or key in ANGLES  # these must be there, in one of two ways
-    }
+    reading, kind = Reading(file, folder), _choose_kind(file, kind)
+    asked = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
+    request = read_keys(REQUESTS[kind], asked, reading)
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
-    reading = Reading(file, folder)
     with locate_paint_errors(content), locate_material_errors(content):
         kinds = Kinds(compute, reading)
-        layers = read_layer_tables(file)
-        base = read_base(file.table("base", list_base_keys()), reading) if "base" in file else None
-        makers = [prepare_layer(layer, kinds, reading) for layer in layers]  # all are checked before one is made
-        pile: list[Any] = [made() for made in makers]
-    scene = Scene(pile, base)
-    angles = frozenset(name for name, key in ANGLES.items() if key in request)
-    return SceneFile(scene, kind, asked, options, kinds.computed, angles=angles)
+        layers = read_layer_tables(reading)  # all are checked before one is made
+        base = read_base(reading)
+        made: list[Any] = [make_layer(layer, kinds, reading) for layer in layers]
+    return SceneFile(Scene(made, base), kind, request, options, kinds.computed, asked=asked)
 
 
 def _choose_kind(file: Table, kind: str | None) -> str:

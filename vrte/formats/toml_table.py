@@ -181,11 +181,6 @@ class Table:
         if sum(key in self for key in keys) != 1:
             raise self.unfit(f"exactly one of {', '.join(keys[:-1])} and {keys[-1]} is needed")
 
-    def not_both(self, *keys: str) -> None:
-        """Refuses a table with both of two keys that say the same."""
-        if all(key in self for key in keys):
-            raise self.unfit(f"exactly one of {' and '.join(keys)} is needed")
-
     def right(self, key: str, allowed: str, is_right: Callable[[Any], bool]) -> Any:
         """The value at ``key`` if it is right; ``allowed`` says in words what would be."""
         value = self.required(key, allowed)

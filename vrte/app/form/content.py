@@ -287,7 +287,7 @@ MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the p
     "particles": ("particles of one kind", None),
     "mixture": ("a mixture, by number", None),
     "volumes": ("a mixture, by volume", None),
-    **{name: (row.words, row.start or name) for name, row in PHASES.items()},
+    **{name: (row.words, make_start(row.keys) or name) for name, row in PHASES.items()},
     "coefficients": ("a table of coefficients", ""),
     "clear": ("nothing: clear or tinted", None),
 }

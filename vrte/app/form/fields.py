@@ -9,10 +9,9 @@ from typing import Any
 
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
-from vrte.formats.keys import SUBSTANCE_HINT, FilePath, Key
-from vrte.formats.media import ONE_WAVELENGTH, TABLE
-from vrte.formats.named import MEDIUM, SIDES
-from vrte.formats.particle_sources import SOURCES, SPHERES
+from vrte.formats.keys import ONE_WAVELENGTH, SUBSTANCE_HINT, TABLE, FilePath, Key
+from vrte.formats.layers import SIDES
+from vrte.formats.particle_sources import HOST, SOURCES, SPHERES
 from vrte.formats.phases import PHASES
 from vrte.formats.sizes import DIAMETER_LABELS, DIAMETERS, ONE, SIZES
 from vrte.formats.toml_table import RANGE_KEYS
@@ -87,8 +86,8 @@ def find_key(place: Place, content: dict[str, Any]) -> Key | None:
     """The key of a registry at a place: of a medium, base, phase, interface, particles or their size."""
     name, around = str(place[-1]), get_value(content, place[:-1])
     table: dict[str, Any] = around if isinstance(around, dict) else {}
-    if name in MEDIUM:
-        return MEDIUM[name]
+    if name in HOST:
+        return HOST[name]
     if place[0] == "base":
         kind = table.get("kind", "black")
         return BASES[kind].keys.get(name) if table and kind in BASES else None

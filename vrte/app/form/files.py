@@ -13,6 +13,7 @@ from vrte.app.form.checks import check, find_card, list_parts, repair_field, rep
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import find_field, write_field_text
 from vrte.basics.errors import SceneError
+from vrte.formats.keys import make_start
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_materials, list_named
 from vrte.formats.named import find_named_tables
 from vrte.formats.paints import ReadyPaint, expand_paint, list_paints
@@ -54,7 +55,7 @@ def adopt_with_notes(
     for layer in found["layer"]:
         named = layer.get("phase")
         if isinstance(named, str) and named in PHASES:
-            layer["phase"] = PHASES[named].start or named  # the same, with fields for what it begins with
+            layer["phase"] = make_start(PHASES[named].keys) or named  # the same, with fields for what it begins with
     return found, notes
 
 

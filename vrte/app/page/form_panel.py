@@ -16,8 +16,7 @@ from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS
-from vrte.formats.keys import Choice, FilePath, Flag, Numbers, Substance
-from vrte.formats.media import TABLE
+from vrte.formats.keys import TABLE, Choice, FilePath, Flag, Numbers, Substance
 from vrte.formats.named import find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
