@@ -15,18 +15,17 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_app_solving import get_process, until
 from vrte.app.form.content import START, put
 from vrte.app.form.fields import get_value
 from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.solving import worker_process
-from vrte.app.solving.appearance import AppearanceAnswerer, Appeared, Question, Viewing
-from vrte.app.solving.messages import Refused
+from vrte.app.solving.appearance import AppearanceAnswerer, Appeared
+from vrte.app.solving.messages import Refused, Task
 from vrte.app.solving.page_files import make_colours_download
 from vrte.app.solving.tab_session import TabSessions
 from vrte.app.solving.worker import Exchange, explain_failure
-from vrte.app.solving.worker_process import LiveQuery
+from vrte.app.solving.worker_process import Query
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, find_hiding
@@ -34,7 +33,8 @@ from vrte.appearance.panel import make_panel
 from vrte.formats.toml_table import read_share
 from vrte.pictures import results as figures
 
-from .helpers import assert_close, close_to
+from .helpers import assert_close, close_to, wait_until
+from .viewer_server import ask, get_process
 
 pytestmark = pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
 DUST: dict[str, Any] = {
@@ -47,9 +47,7 @@ DUST: dict[str, Any] = {
     "base": {"kind": "lambertian", "albedo": 0.3},
     "brdf": START["brdf"],
 }
-
-
-SEEN = Viewing()
+MU_I = np.cos(np.radians([45.0, 8.0]))
 
 
 def change(content: dict[str, Any], *place: Any, to: Any) -> dict[str, Any]:
@@ -62,40 +60,40 @@ def thicken(length_um: float) -> dict[str, Any]:
     return change(DUST, "layer", 1, "thickness_um", to=length_um)
 
 
-def ask(live: LiveQuery, content: dict[str, Any], *how: Any) -> Any:
+def make_task(content: dict[str, Any], viewing: Conditions = Conditions(), before: Any = None) -> Task:  # noqa: B008
+    return Task("appearance.AppearanceAnswerer", content, Path(), {"viewing": viewing, "before": before})
+
+
+def look(live: Query, content: dict[str, Any], *how: Any) -> Any:
     """The last answer to what a scene looks like."""
-    live.ask(Question(content, Path(), *how))
-    until(lambda: not live.waits)
-    return live.answer
+    task = make_task(content, *how)
+    return ask(live, task.call, content, **task.more)
 
 
-def work(studio: AppearanceAnswerer, content: dict[str, Any], viewing: Viewing = SEEN, newer: int = 9) -> list[Any]:
-    """What is told of a scene in this process; there is a newer question after so many answers."""
-    told: list[Any] = []
-    told.append(explain_failure(studio.answer, Question(content, Path(), viewing),
-                                Exchange(told.append, lambda: len(told) >= newer)))  # fmt: skip
-    return told
+def work(studio: AppearanceAnswerer, task: Task, newer: int = 9) -> list[Any]:
+    """What is reported of a scene in this process; there is a newer question after so many answers."""
+    reported: list[Any] = []
+    exchange = Exchange(reported.append, lambda: len(reported) >= newer)
+    reported.append(explain_failure(studio.answer, task, exchange))
+    return reported
 
 
 @pytest.fixture(scope="module")
-def shared() -> Iterator[LiveQuery]:
-    live = LiveQuery()
+def shared() -> Iterator[Query]:
+    live = Query(stays=True)
     yield live
     live.close()
 
 
 @pytest.mark.slow
-def test_the_numbers_are_those_of_the_library(shared: LiveQuery) -> None:
-    viewing = Viewing(illuminant="A", observer=2, white=0.9)
-    found = ask(shared, DUST, viewing)
+def test_the_numbers_are_those_of_the_library(shared: Query) -> None:
+    found = look(shared, DUST, Conditions(illuminant="A", observer=2, white=0.9))
     panel = make_panel(DUST, accuracy=1e-6)
-    white = panel.put_over(vrte.Lambertian(0.9))
-    solved = [one.solve(np.cos(np.radians([45.0, 8.0]))) for one in (panel.put_over(None), white)]
-    seen = [np.pi * one.mueller[:, 0, 0, 0, 0, 0] for one in solved]
-    assert_close(found.spectra.over_black, seen[0], rtol=0.0, atol=1e-4)
-    assert_close(found.spectra.over_white, seen[1], rtol=0.0, atol=1e-4)
-    assert found.spectra.wavelength_um.size == 16
+    solved = [panel.put_over(base).solve(MU_I) for base in (None, vrte.Lambertian(0.9))]
     shares = found.spectra
+    for one, values in zip(solved, (shares.over_black, shares.over_white), strict=True):
+        assert_close(values, np.pi * one.mueller[:, 0, 0, 0, 0, 0], rtol=0.0, atol=1e-4)
+    assert shares.wavelength_um.size == 16
     colours = [find_colour(shares.wavelength_um, one, "A", 2) for one in (shares.over_black, shares.over_white)]
     assert (found.black.hex, found.white.hex) == (colours[0].hex, colours[1].hex)
     assert found.white.numbers["b"] == close_to(colours[1].b, rtol=1e-9, atol=0.0)
@@ -103,18 +101,17 @@ def test_the_numbers_are_those_of_the_library(shared: LiveQuery) -> None:
     assert found.apart == close_to(find_difference(*colours), rtol=1e-9, atol=0.0)
     assert 0.1 < found.contrast < 0.9
 
-    other = ask(shared, DUST, Viewing("A", 2, "8:di", 0.9), found.spectra)
+    other = look(shared, DUST, Conditions("8:di", "A", 2, white=0.9), found.spectra)
     assert_close(other.spectra.over_white, solved[1].total_reflectance[:, 1], rtol=0.0, atol=1e-4)
-    assert other.changed is not None
     now = find_colour(other.spectra.wavelength_um, other.spectra.over_white, "A", 2)
     assert other.changed[1] == close_to(find_difference(now, colours[1]), rtol=1e-9, atol=0.0)
     assert other.before == (found.black, found.white)
 
 
 def test_coarse_colours_come_first_and_gloss_and_hiding_last() -> None:
-    studio = AppearanceAnswerer()
+    studio, task = AppearanceAnswerer(), make_task(DUST, Conditions(white=0.9))
     studio.pace = 1.0  # seconds a wavelength: as on a slow machine
-    coarse, colours, final = work(studio, DUST, Viewing(white=0.9))
+    coarse, colours, final = work(studio, task)
     flags = [(one.coarse, one.follows) for one in (coarse, colours, final)]
     assert flags == [(True, True), (False, True), (False, False)]
     assert (colours.spectra, colours.black, colours.readings) == (final.spectra, final.black, ())
@@ -128,20 +125,18 @@ def test_coarse_colours_come_first_and_gloss_and_hiding_last() -> None:
     hiding = find_hiding(panel, Conditions(white=0.9))
     assert found["hiding thickness", "45:0"] == close_to(hiding.hiding_length_um, rtol=5e-3, atol=0.0)
     assert found["spreading rate", "45:0"] == close_to(hiding.spreading_rate, rtol=5e-3, atol=0.0)
-    (again,) = work(studio, DUST, Viewing(white=0.9))  # all is remembered
+    (again,) = work(studio, task)  # all is remembered
     assert again.readings == final.readings
     assert len(studio.kinds) == 16  # at so many wavelengths, once
-    studio.pace = 1.0
-    given_up = work(studio, thicken(1.1), newer=0)  # after the coarse answer
-    assert [one and one.coarse for one in given_up] == [True, None]
-    studio.pace = 0.0
-    given_up = work(studio, thicken(1.1), newer=1)  # no readings
-    assert [one and one.follows for one in given_up] == [True, None]
+    for pace, newer, flag in ((1.0, 0, "coarse"), (0.0, 1, "follows")):  # after the coarse answer; without readings
+        studio.pace = pace
+        given_up = work(studio, make_task(thicken(1.1)), newer)
+        assert [one and getattr(one, flag) for one in given_up] == [True, None]
 
 
-def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(shared: LiveQuery) -> None:
-    found = ask(shared, DUST)
-    assert shared.answered is shared.asked
+def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(shared: Query) -> None:
+    found = look(shared, DUST)
+    assert shared.answered is shared.task
     name, data = make_colours_download(shared, DUST)
     assert name == "colours.csv"
     rows = list(csv.DictReader(io.StringIO(data.decode())))
@@ -151,7 +146,7 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(share
     at, share = float(found.spectra.wavelength_um[3]), found.spectra.over_black[3]
     assert values["reflectance factor over black", repr(at)] == share
     assert sum(row["quantity"] == "gloss" for row in rows) == 3
-    for live, content in ((shared, thicken(2.0)), (LiveQuery(), DUST)):
+    for live, content in ((shared, thicken(2.0)), (Query(stays=True), DUST)):
         with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
             make_colours_download(live, content)
     figure = figures.spectra(found.spectra, found.spectra, "45:0")
@@ -162,40 +157,36 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(share
 
 
 @pytest.mark.slow
-def test_the_newest_position_of_a_slider_wins(shared: LiveQuery) -> None:
-    ask(shared, thicken(2.0))
+def test_the_newest_position_of_a_slider_wins(shared: Query) -> None:
+    look(shared, thicken(2.0))
     seen = set()
     for step in range(60):
-        shared.ask(Question(thicken(3.0 + 0.1 * step), Path()))
+        shared.ask(make_task(thicken(3.0 + 0.1 * step)))
         seen.add(id(shared.answer.spectra))
-    last = ask(shared, thicken(8.9))  # asked last already
-    assert shared.answered is shared.asked
+    last = look(shared, thicken(8.9))  # asked last already
+    assert shared.answered is shared.task
     assert len(seen) < 30  # the others were passed over
-    expected = make_panel(thicken(8.9), accuracy=1e-6).put_over(None).solve(np.cos(np.radians([45.0, 8.0])))
+    expected = make_panel(thicken(8.9), accuracy=1e-6).put_over(None).solve(MU_I)
     factor = np.pi * expected.mueller[:, 0, 0, 0, 0, 0]
     assert_close(last.spectra.over_black, factor, rtol=0.0, atol=1e-4)  # 1e-3 is promised
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
+def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(shared: Query) -> None:
+    look(shared, thicken(1.0))
+    worker = shared.worker
+    for content, words in (
         (change(DUST, "particles", "dust", "index", to="unobtainium"), "unobtainium"),
         (change(DUST, "layer", 1, "particles", to="gold"), "gold"),
         ({"layer": "none"}, "layer"),
         (change(DUST, "particles", "dust", "index", to="main/../../../etc/passwd/x"), "index"),
-    ],
-)
-def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(
-    content: dict[str, Any], words: str, shared: LiveQuery
-) -> None:
-    found = ask(shared, content)
-    assert isinstance(found, Refused)
-    assert words in found.message
-    assert "Traceback" not in found.message
-    worker = shared.worker
-    assert isinstance(ask(shared, DUST), Appeared)
+    ):
+        found = look(shared, content)
+        assert isinstance(found, Refused)
+        assert words in found.message
+        assert "Traceback" not in found.message
+    assert isinstance(look(shared, DUST), Appeared)
     assert shared.worker is worker
-    limits = Path(f"/proc/{get_process(worker).pid}/limits").read_text().splitlines()
+    limits = Path(f"/proc/{get_process(shared).pid}/limits").read_text().splitlines()
     (line,) = [line for line in limits if line.startswith("Max address space")]
     assert int(line.split()[3]) < 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
@@ -209,41 +200,42 @@ def test_processes_die_make_room_and_are_few(monkeypatch: pytest.MonkeyPatch) ->
     one, other = sessions.of("one"), sessions.of("other")
     size = {"lognormal": {"median_um": 40.0, "sigma": 1.6}}
     large = change(change(DUST, "particles", "dust", "radius_um", to=None), "particles", "dust", "size", to=size)
-    one.live.ask(Question(large, Path()))
-    first = get_process(one.live.worker)
+
+    def begin(live: Query, content: dict[str, Any]) -> Any:
+        live.ask(make_task(content))
+        return get_process(live)
+
+    first = begin(one.live, large)
     os.kill(first.pid, signal.SIGKILL)
-    until(lambda: not one.live.waits)
+    wait_until(lambda: not one.live.waits)
     assert "ended by the system" in one.live.answer.message
-    one.live.ask(Question(change(large, "host_index", to=1.4), Path()))
-    second = get_process(one.live.worker)
-    one.live.ask(Question(DUST, Path()))
+    second = begin(one.live, change(large, "host_index", to=1.4))
+    one.live.ask(make_task(DUST))
 
     def is_second_gone() -> bool:
         one.live.refresh()
         return second.poll() is not None
 
-    until(is_second_gone)
+    wait_until(is_second_gone)
     assert one.live.waits
-    third = get_process(one.live.worker)
+    third = get_process(one.live)
     assert len({first.pid, second.pid, third.pid}) == 3
-    other.live.ask(Question(DUST, Path()))  # in place of the one not asked for longest
-    fourth = get_process(other.live.worker)
-    until(lambda: third.poll() is not None)
+    fourth = begin(other.live, DUST)  # in place of the one not asked for longest
+    wait_until(lambda: third.poll() is not None)
     assert not one.live.waits
     other.pages = 1
     other.leave()
-    until(lambda: fourth.poll() is not None)
-    one.live.ask(Question(DUST, Path()))  # the one that was left open
-    fifth = get_process(one.live.worker)
+    wait_until(lambda: fourth.poll() is not None)
+    fifth = begin(one.live, DUST)  # the one that was left open
     sessions.close()
-    until(lambda: fifth.poll() is not None)
+    wait_until(lambda: fifth.poll() is not None)
 
 
 @pytest.mark.parametrize("title", list_films())
 def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> None:
-    content, told = begin_with_material(list_films()[title])
+    content, notes = begin_with_material(list_films()[title])
     assert explain_missing(content) == ""
-    assert told
+    assert notes
     sliders = list_sliders(content)
     assert any(one.place[-1] == "thickness_um" for one in sliders)
     assert any(one.place[0] == "particles" for one in sliders)
@@ -262,7 +254,7 @@ def test_what_is_missing_is_said() -> None:
     assert "No layer here holds particles" in explain_missing({"layer": [{"phase": "rayleigh", "thickness": 1.0}]})
     semi_infinite = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
     assert explain_missing(semi_infinite) == ""
-    final = work(AppearanceAnswerer(), semi_infinite)[-1]
-    assert final.readings == ()
+    final = work(AppearanceAnswerer(), make_task(semi_infinite))[-1]
+    assert not any(one.quantity in ("gloss", "hiding thickness", "spreading rate") for one in final.readings)
     assert [text.partition(":")[0] for text in final.why_none] == ["no gloss", "no hiding thickness"]
     assert "needs a surface" in final.why_none[0]

@@ -3,6 +3,7 @@
 import copy
 import io
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,28 +11,24 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_app_solving import ended
 from vrte.app.form import content as form
 from vrte.app.form.checks import WAITS
-from vrte.app.form.content import START, Content, set_base
+from vrte.app.form.content import START, Content
 from vrte.app.form.files import adopt_with_notes
-from vrte.app.solving import page_files as limits
-from vrte.app.solving.messages import Outcome, Solve
-from vrte.app.solving.page_files import (
-    LARGEST_LIST,
-    LARGEST_TABLE,
-    MOST_TABLES,
-    Uploads,
-    make_scene_download,
-    split_name,
-)
+from vrte.app.solving import page_files, worker_process
+from vrte.app.solving.messages import Outcome
+from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads, make_scene_download
 from vrte.app.solving.tab_session import TabSession, TabSessions
-from vrte.app.solving.worker_process import Job
+from vrte.app.solving.worker_process import Query
 from vrte.formats.bases import BASES
 from vrte.formats.columns import read_coefficients
 from vrte.formats.scene_file import read_scene
 
+from .helpers import wait_until
+from .viewer_server import ask
+
 COEFFICIENTS = b"l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,0.3,0,0,0,0,0\n"
+WRONG = COEFFICIENTS.replace(b"0.3", b"4")
 CSV = (".csv",)
 FOG: Content = {
     "nodes": 4,
@@ -41,19 +38,19 @@ FOG: Content = {
 
 
 @pytest.fixture
-def uploads() -> Any:
+def uploads() -> Iterator[Uploads]:
     made = Uploads()
     yield made
     made.close()
 
 
-def looked(session: TabSession) -> dict[Any, str]:
+def find_all(session: TabSession) -> dict[Any, str]:
     """What is wrong with a scene, once everything has been looked at."""
     while True:
         found = session.find_problems()
-        if session.looks is None:
+        if session.looks.task is None:
             return found
-        ended(session.looks)
+        wait_until(lambda: not session.looks.waits)
         assert session.has_looked()
 
 
@@ -61,11 +58,7 @@ def looked(session: TabSession) -> dict[Any, str]:
     ("name", "data", "words"),
     [
         ("../../x", b"1", "is no plain name of a file that ends in .csv"),
-        ("../../x.csv", b"1", "is no plain name"),
-        ("..\\x.csv", b"1", "is no plain name"),
-        ("/etc/passwd\0.csv", b"1", "is no plain name"),
-        ("x.nc", b"1", "is no plain name"),
-        ("", b"1", "is no plain name"),
+        *((name, b"1", "is no plain name") for name in ("../../x.csv", "..\\x.csv", "/etc/passwd\0.csv", "x.nc", "")),
         ("x.csv", b"", '"x.csv" is empty'),
         ("x.csv", bytes(LARGEST_LIST + 1), '"x.csv" has 0.5 MB, and at most 0.5 MB are taken here'),
     ],
@@ -73,29 +66,23 @@ def looked(session: TabSession) -> dict[Any, str]:
 def test_hostile_files_are_refused_in_a_sentence_and_leave_nothing(
     uploads: Uploads, name: str, data: bytes, words: str
 ) -> None:
-    with pytest.raises(vrte.SceneError) as told:
+    with pytest.raises(vrte.SceneError) as raised:
         uploads.add(name, data, CSV, LARGEST_LIST)
-    assert words in str(told.value)
-    assert "\n" not in str(told.value)
+    assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
     assert (uploads.names, uploads.own, uploads.folder) == (frozenset(), {}, Path())
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
+def test_names_are_made_plain_and_a_file_never_changes_under_its_name(uploads: Uploads) -> None:
+    """Results tell what they are of by the scene, which names it."""
+    for given, expected in (
         ("Nebel (dünn).CSV", "Nebel-d-nn"),
         ("-rf.csv", "rf"),
         ("<b>.csv", "b"),
         ("....csv", "table"),
         (f"{'a' * 300}.csv", "a" * 40),
-    ],
-)
-def test_names_are_made_plain(given: str, expected: str) -> None:
-    assert split_name(given, CSV) == (expected, ".csv")
-
-
-def test_a_file_never_changes_under_its_name(uploads: Uploads) -> None:
-    """Results tell what they are of by the scene, which names it."""
+    ):
+        assert uploads.add(given, b"1", CSV, 10) == f"{expected}.csv"
     names = [uploads.add("fog.csv", data, CSV, 10) for data in (b"1", b"2", b"1")]
     assert names == ["fog.csv", "fog-2.csv", "fog.csv"]
     assert [(uploads.folder / name).read_bytes() for name in names] == [b"1", b"2", b"1"]
@@ -112,33 +99,28 @@ def test_files_that_no_field_names_go_where_there_is_no_room(uploads: Uploads, m
     uploads.add("more.csv", b"more", CSV, 10, uploads.names - {"3.csv"})
     assert "3.csv" not in uploads.names
     assert not (uploads.folder / "3.csv").exists()
-    monkeypatch.setattr(limits, "LARGEST_UPLOADS", 50)
+    monkeypatch.setattr(page_files, "LARGEST_UPLOADS", 50)
     with pytest.raises(vrte.SceneError, match="in all"):
         uploads.add("large.csv", bytes(60), CSV, 100)
 
 
 def test_tables_that_the_scene_began_with_stay_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "old").mkdir()
+    (tmp_path / "scenes" / "old").mkdir(parents=True)
     for name in ("fog.csv", "scenes/haze.csv", "scenes/ice.csv"):
         (tmp_path / name).write_text(name)
     uploads = Uploads(tmp_path / "scenes", {"../fog.csv", "haze.csv", "old/../ice.csv"})
-    try:
-        assert uploads.add("haze.csv", b"other", CSV, 10) == "haze-2.csv"
-        assert uploads.folder != tmp_path / "scenes"
-        expected = {"../fog.csv": "fog.csv", "haze.csv": "scenes/haze.csv", "haze-2.csv": "other"}
-        expected["old/../ice.csv"] = "scenes/ice.csv"
-        assert {name: (uploads.folder / name).read_text() for name in expected} == expected
-        assert uploads.names == expected.keys()
-    finally:
-        uploads.close()
+    assert uploads.add("haze.csv", b"other", CSV, 10) == "haze-2.csv"
+    assert uploads.folder != tmp_path / "scenes"
+    expected = {"../fog.csv": "fog.csv", "haze.csv": "scenes/haze.csv", "haze-2.csv": "other"}
+    expected["old/../ice.csv"] = "scenes/ice.csv"
+    assert {name: (uploads.folder / name).read_text() for name in expected} == expected
+    assert uploads.names == expected.keys()
+    uploads.close()
 
 
-def test_what_is_made_from_a_file_is_read_in_a_process_and_told(uploads: Uploads) -> None:
-    session = TabSession(
-        {**FOG, "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 1.0}, *copy.deepcopy(FOG["layer"])]},
-        uploads,
-    )
+def test_what_is_made_from_a_file_is_read_in_a_process_and_described(uploads: Uploads) -> None:
+    isotropic = {"phase": "isotropic", "albedo": 1.0, "thickness": 1.0}
+    session = TabSession({**FOG, "layer": [isotropic, dict(FOG["layer"][0])]}, uploads)
     form.set_medium(session.content, 0, "coefficients")
     found = session.find_problems()
     assert found["layer", 0, "phase"] == "layer 1: table of coefficients needs a file (.csv)"
@@ -146,23 +128,22 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_told(uploads: Uploads
     assert "reads no files" in session.find_problems()["layer", 1, "phase"]
     session.content["layer"][1]["phase"] = uploads.add("fog.csv", COEFFICIENTS, CSV, 1000)
     assert session.find_problems() == {("layer", 1, "phase"): f"layer 2: table of coefficients: {WAITS}"}
-    assert looked(session) == {}
-    (said,) = session.parts_read.values()
-    assert said.words == read_coefficients(uploads.folder / "fog.csv").in_words
-    wrong = COEFFICIENTS.replace(b"0.3", b"4")
-    session.content["layer"][1]["phase"] = uploads.add("fog.csv", wrong, CSV, 1000)
-    found = looked(session)
+    assert find_all(session) == {}
+    (read,) = session.parts_read.values()
+    assert read.words == read_coefficients(uploads.folder / "fog.csv").in_words
+    session.content["layer"][1]["phase"] = uploads.add("fog.csv", WRONG, CSV, 1000)
+    found = find_all(session)
     assert list(found) == [("layer", 1, "phase")]
     assert found["layer", 1, "phase"].startswith('layer 2: table of coefficients = "fog-2.csv": ')
     session.content["layer"][1]["tolerance"] = 1.0
-    assert looked(session) != found  # looked at again: it has a say
+    assert find_all(session) != found  # looked at again: it has a say
 
 
 @pytest.mark.slow
 def test_it_is_solved_as_from_a_scene_file(uploads: Uploads, tmp_path: Path) -> None:
     uploads.add("fog.csv", COEFFICIENTS, CSV, 1000)
-    job = ended(Job(Solve(FOG, uploads.folder)))
-    assert isinstance(job.outcome, Outcome), job.message
+    outcome = ask(Query(), "solve.solve", FOG, uploads.folder)
+    assert isinstance(outcome, Outcome), outcome
     name, data = make_scene_download(FOG, uploads)
     assert name == "scene.zip"
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -170,23 +151,22 @@ def test_it_is_solved_as_from_a_scene_file(uploads: Uploads, tmp_path: Path) -> 
         archive.extractall(tmp_path)
     file = read_scene(tmp_path / "scene.toml")
     expected = vrte.brdf(file.scene, **file.keywords({}))
-    np.testing.assert_array_equal(job.outcome.brdfs[0].mueller, expected.mueller)
+    np.testing.assert_array_equal(outcome.brdfs[0].mueller, expected.mueller)
     assert make_scene_download(START, uploads)[0] == "scene.toml"
 
 
 def test_a_process_that_dies_of_a_file_is_a_sentence(uploads: Uploads, monkeypatch: pytest.MonkeyPatch) -> None:
     uploads.add("fog.csv", COEFFICIENTS, CSV, 1000)
-    session = TabSession(copy.deepcopy(FOG), uploads)
-    monkeypatch.setattr("vrte.app.solving.worker_process.START", "import os; os._exit(3)")
-    found = looked(session)
+    monkeypatch.setattr(worker_process, "START", "import os; os._exit(3)")
+    found = find_all(TabSession(copy.deepcopy(FOG), uploads))
     assert found == {("layer", 0, "phase"): "the process of this task has ended with code 3"}
 
 
 def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
     given = {**START, "layer": [{"phase": "../fog.csv", "albedo": 1, "thickness": 1, "tolerance": 0.1}]}
-    content, told = adopt_with_notes(given)
+    content, notes = adopt_with_notes(given)
     assert content["layer"] == given["layer"]
-    assert told == ('"../fog.csv" is not here: put it in where the form asks for it',)
+    assert notes == ('"../fog.csv" is not here: put it in where the form asks for it',)
     assert list(TabSession(content).find_problems()) == [("layer", 0, "phase")]
     with pytest.raises(vrte.SceneError, match="nodes"):
         adopt_with_notes({**given, "nodes": 0})
@@ -195,18 +175,17 @@ def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
 @pytest.mark.slow
 def test_an_opened_scene_has_what_it_names_looked_at_aside(uploads: Uploads) -> None:
     """What a page brings is read by the server's process nowhere, if it is more than lines of text."""
-    uploads.add("fog.csv", COEFFICIENTS.replace(b"0.3", b"4"), CSV, 1000)
-    content, told = adopt_with_notes(FOG, uploads.folder, uploads.names, True)
-    assert (content["layer"], told) == (FOG["layer"], ())
-    assert "phase" in str(looked(TabSession(content, uploads)))
+    uploads.add("fog.csv", WRONG, CSV, 1000)
+    content, notes = adopt_with_notes(FOG, uploads.folder, uploads.names, True)
+    assert (content["layer"], notes) == (FOG["layer"], ())
+    assert "phase" in str(find_all(TabSession(content, uploads)))
     with pytest.raises(vrte.SceneError, match=r"fog\.csv"):
         adopt_with_notes(FOG, uploads.folder, uploads.names)  # as `vrte view` begins
 
 
 def test_indices_and_sizes_are_read_where_they_are_named(uploads: Uploads) -> None:
-    session = TabSession(
-        {**START, "particles": {"gold": {"index": "clay.csv", "size": {"table": "sizes.csv"}}}}, uploads
-    )
+    gold = {"index": "clay.csv", "size": {"table": "sizes.csv"}}
+    session = TabSession({**START, "particles": {"gold": gold}}, uploads)
     uploads.add("clay.csv", b"wavelength_um,n,k\n0.5,1.5,0\n0.7,1.4,0\n", CSV, LARGEST_LIST)
     uploads.add("sizes.csv", b"radius_um,density\n0.1,0\n0.2,1\n0.4,0\n", CSV, LARGEST_LIST)
     assert session.find_problems() == {}
@@ -221,27 +200,25 @@ def test_files_go_with_their_tab() -> None:
     folder = session.uploads.folder
     session.content = copy.deepcopy(FOG)
     session.find_problems()
-    assert session.looks is not None
+    assert session.looks.waits
     sessions.close()
-    assert not folder.exists()
-    ended(session.looks)
+    assert (folder.exists(), session.looks.waits) == (False, False)
     assert sessions.of("other").uploads.names == frozenset()  # another's tab names none of them
 
 
 @pytest.mark.slow
-def test_a_base_is_taken_from_a_result_and_what_is_none_is_told_without_its_path(
+def test_a_base_is_taken_from_a_result_and_one_that_is_none_is_refused_without_its_path(
     uploads: Uploads, tmp_path: Path
 ) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     mu = np.linspace(0.02, 1.0, 12)
     vrte.brdf(scene, mu, mu, [0, 45, 90, 135, 180], nodes=4).save(tmp_path / "haze.nc")
     session = TabSession(copy.deepcopy(START), uploads)
-    set_base(session.content, "table")
+    form.set_base(session.content, "table")
     suffixes = BASES["table"].keys["file"].suffixes
-    good, bad = (tmp_path / "haze.nc").read_bytes(), b"\x89HDF\r\n\x1a\n" + bytes(1000)
-    for data, words in ((bad, "bad.nc is not a NetCDF file"), (good, "")):
-        name = "good.nc" if data is good else "bad.nc"
+    bad = b"\x89HDF\r\n\x1a\n" + bytes(1000)
+    for name, data in (("bad.nc", bad), ("good.nc", (tmp_path / "haze.nc").read_bytes())):
         session.content["base"]["file"] = uploads.add(name, data, suffixes, LARGEST_TABLE)
-        found = "; ".join(looked(session).values())
-        assert (words in found, str(uploads.folder) in found) == (True, False)
+        found = "; ".join(find_all(session).values())
+        assert ("bad.nc is not a NetCDF file" in found, str(uploads.folder) in found) == (name == "bad.nc", False)
     assert found == ""

@@ -9,29 +9,19 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_app_solving import until
 from vrte.app.form.content import START, Content
 from vrte.app.form.numbers import list_free_numbers, put_values, write_fractions
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.solving import measuring
-from vrte.app.solving.measuring import (
-    Compared,
-    Comparer,
-    Comparison,
-    describe_measured,
-    fit_scene,
-    is_measurement,
-    list_shown,
-)
-from vrte.app.solving.messages import Fit, Fitted, Progress, Refused, Step
+from vrte.app.solving.measuring import Comparer, describe_measured, fit_scene, is_measurement, list_shown
+from vrte.app.solving.messages import Fitted, Refused, Step, Task
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Exchange, explain_failure
-from vrte.app.solving.worker_process import LiveQuery
-from vrte.basics.errors import SceneError
 from vrte.fit.curves import COLOURS, NUMBERS, name_bars, split_curves
 from vrte.pictures.fit import measurement
 
-from .helpers import assert_close
+from .helpers import assert_close, wait_until
+from .viewer_server import ask, get_process
 
 HAZE: Content = {
     "nodes": 4,
@@ -40,13 +30,14 @@ HAZE: Content = {
 }
 THICKNESS = "layer[1].thickness"
 FREE = {THICKNESS: {"start": 0.4, "low": 0.01, "high": 5.0}}
+NO_ANGLE = np.nan, np.nan
 ROWS = vrte.Measurement(
     ["f00"] * 4 + ["total_reflectance"] * 2,
     0.0,
     0.001,
     theta_i_deg=[30.0] * 4 + [0.0, 60.0],
-    theta_o_deg=[-60.0, 0.0, 40.0, 60.0, np.nan, np.nan],
-    phi_deg=[0.0] * 4 + [np.nan] * 2,
+    theta_o_deg=[-60.0, 0.0, 40.0, 60.0, *NO_ANGLE],
+    phi_deg=[0.0] * 4 + [*NO_ANGLE],
 )
 
 
@@ -63,21 +54,19 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def answer(content: Content | None, data: bytes, comparer: Comparer | None = None) -> list[Any]:
-    told: list[Any] = []
-    last = explain_failure(
-        (comparer or Comparer()).answer, Comparison(content, Path(), data, ".csv"), Exchange(told.append)
-    )
-    return [*told, last]
+    reported: list[Any] = []
+    task = Task("", content, Path(), {"data": data, "suffix": ".csv"})
+    last = explain_failure((comparer or Comparer()).answer, task, Exchange(reported.append))
+    return [*reported, last]
 
 
-def test_a_measurement_is_told_first_and_then_what_the_scene_shows(data: bytes) -> None:
+def test_a_measurement_is_reported_first_and_then_what_the_scene_shows(data: bytes) -> None:
     comparer, thin = Comparer(), change(thickness=0.2)
     first, second = answer(thin, data, comparer)
     assert (first.follows, first.predicted, second.follows, second.message) == (True, None, False, "")
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.2)], vrte.Lambertian(0.3))
     mu_i, mu_o = np.cos(np.radians([30.0])), np.cos(np.radians([0.0, 40.0, 60.0]))
-    expected = vrte.brdf(scene, mu_i, mu_o, [0.0, 180.0], nodes=4)
-    f00 = expected.mueller[0, :, :, 0, 0]
+    f00 = vrte.brdf(scene, mu_i, mu_o, [0.0, 180.0], nodes=4).mueller[0, :, :, 0, 0]
     assert_close(second.predicted[:4], [f00[2, 1], f00[0, 0], f00[1, 0], f00[2, 0]], rtol=1e-9, atol=0.0)
     assert_close(second.predicted[5], vrte.brdf(scene, 0.5, 1.0, nodes=4).reflectance[0], rtol=1e-9, atol=0.0)
     fine, values = second.fine
@@ -88,14 +77,15 @@ def test_a_measurement_is_told_first_and_then_what_the_scene_shows(data: bytes) 
     assert_close(again.predicted, again.measured.value, rtol=1e-9, atol=0.0)
 
 
-def test_a_scene_that_shows_nothing_leaves_the_measurement(data: bytes) -> None:
+def test_a_scene_that_shows_nothing_leaves_the_measurement(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [one.message for one in answer(None, data)] == ["", ""]
     _, found = answer(change(albedo=2.0), data)
-    assert isinstance(found, Compared)
     assert "albedo" in found.message
     assert found.predicted is None
-    (_, found) = answer({**HAZE, "wavelength_um": [0.5, 0.6]}, data)
+    _, found = answer({**HAZE, "wavelength_um": [0.5, 0.6]}, data)
     assert found.notes == ("the measurement names no wavelength: the first of the form, 0.5 µm, is taken",)
+    monkeypatch.setattr(measuring, "MOST_POINTS", 5)
+    assert "at most 5 numbers, not 6" in answer(HAZE, data)[-1].message
 
 
 @pytest.mark.parametrize(
@@ -119,9 +109,13 @@ def test_a_bad_file_is_one_sentence(text: str, words: str) -> None:
 
 def test_which_files_are_measurements_and_what_was_read(data: bytes) -> None:
     result = b"# vrte result, format 1\n# \nmu_i,mu_o\n"
-    assert [is_measurement(one, ".csv", wanted=False) for one in (data, result, b"a,b\n")] == [True, False, False]
-    assert [is_measurement(one, ".csv", wanted=True) for one in (data, result, b"a,b\n")] == [True, False, True]
-    assert [is_measurement(b"", ".nc", wanted=one) for one in (True, False)] == [True, False]
+    for one, suffix, unasked, asked in (
+        (data, ".csv", True, True),
+        (result, ".csv", False, False),
+        (b"a,b\n", ".csv", False, True),
+        (b"", ".nc", False, True),
+    ):
+        assert [is_measurement(one, suffix, wanted=wanted) for wanted in (False, True)] == [unasked, asked]
     assert list(describe_measured(ROWS)) == [
         ("f00", "4", "30°", "-60 to 60° (4)", "0°", "–", "yes"),
         ("total_reflectance", "2", "0 to 60° (2)", "–", "–", "–", "yes"),
@@ -130,12 +124,10 @@ def test_which_files_are_measurements_and_what_was_read(data: bytes) -> None:
 
 def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
     predicted = np.linspace(0.1, 0.6, 6)
-    measured = ROWS.measure(predicted + 0.002)
-    points, line, left = measurement(measured, "f00", predicted).data
+    points, line, left = measurement(ROWS.measure(predicted + 0.002), "f00", predicted).data
     assert points.x.tolist() == [-60.0, 0.0, 40.0, 60.0]
-    assert_close(points.error_y.array, 0.001, rtol=1e-6, atol=0.0)
-    assert_close(line.y, predicted[:4], rtol=1e-6, atol=0.0)
-    assert_close(left.y, 2.0, rtol=1e-6, atol=0.0)
+    for drawn, right in ((points.error_y.array, 0.001), (line.y, predicted[:4]), (left.y, 2.0)):
+        assert_close(drawn, right, rtol=1e-6, atol=0.0)
     assert left.yaxis == "y2"
     spectrum = vrte.Measurement("total_reflectance", [0.2, 0.3], wavelength_um=[0.6, 0.5], theta_i_deg=8.0)
     (only,) = measurement(spectrum, "total_reflectance").data
@@ -145,15 +137,11 @@ def test_points_have_error_bars_over_the_curve_and_residuals_below() -> None:
     figure = measurement(alone, NUMBERS, np.array([0.3, 0.5]))
     assert [one.type for one in figure.data] == ["bar", "bar", "scatter"]
     assert list(figure.layout.xaxis.ticktext) == ["total reflectance", "total transmittance"]
-
-
-def test_azimuths_and_incidences_part_curves() -> None:
     both = vrte.Measurement(
         "f00", 0.1, theta_i_deg=[0, 0, 0, 40, 40, 40], theta_o_deg=[10, 20, 30] * 2, phi_deg=[0, 180, 0, 90, 270, 90]
     )
     axis, (first, second) = split_curves(both, "f00")
-    assert axis == "theta_o_deg"
-    assert (first.name, first.x.tolist()) == ("φ = 0°, θᵢ = 0°", [-20.0, 10.0, 30.0])
+    assert (axis, first.name, first.x.tolist()) == ("theta_o_deg", "φ = 0°, θᵢ = 0°", [-20.0, 10.0, 30.0])
     assert (second.name, second.rows.tolist()) == ("φ = 90°, θᵢ = 40°", [4, 3, 5])
 
 
@@ -167,28 +155,24 @@ def test_the_form_offers_its_numbers_and_takes_values() -> None:
         "nodes": 8,
     }
     listed = list_free_numbers(content)
-    assert [one.key for one in listed] == [
-        "layer[1].interface.above",
-        "layer[2].thickness_um",
-        "layer[2].volume_fraction",
-        "particles.dust.index[1]",
-        "particles.dust.index[2]",
-        "particles.dust.size.lognormal.median_um",
-        "particles.dust.size.lognormal.sigma",
-        "base.albedo",
-    ]
+    expected = "layer[1].interface.above layer[2].thickness_um layer[2].volume_fraction particles.dust.index[1]"
+    sizes = "particles.dust.index[2] particles.dust.size.lognormal.median_um particles.dust.size.lognormal.sigma"
+    assert [one.key for one in listed] == [*expected.split(), *sizes.split(), "base.albedo"]
     assert all(one.low <= one.start <= one.high and one.low < one.high and one.label for one in listed)
+    ends = {one.key: (one.label, one.low, one.high) for one in listed}
+    assert ends["layer[2].thickness_um"] == ("layer 2: thickness [µm]", 5.0, 500.0)
+    assert ends["base.albedo"][1:] == (0.0, 1.0)
     assert write_fractions(content)["layer"][1]["volume_fraction"] == 0.15
     taken = put_values(content, {("particles", "dust", "index", 1): 0.0123456789, ("layer", 1, "volume_fraction"): 0.2})
     assert taken["particles"]["dust"]["index"] == [1.5, 0.0123457]
     assert taken["layer"][1]["volume_fraction"] == 0.2
     assert content["particles"]["dust"]["index"] == [1.5, 0.0]
-    with pytest.raises(SceneError, match=r"no number layer\[3\]\.thickness any more"):
+    with pytest.raises(vrte.SceneError, match=r"no number layer\[3\]\.thickness any more"):
         put_values(content, {("layer", 2, "thickness"): 1.0})
 
 
 @pytest.mark.parametrize(
-    ("told", "words"),
+    ("asked", "words"),
     [
         ({}, "tick at least one"),
         ({"free": True, "low": "x"}, "layer 1: optical thickness: from and to must be two numbers"),
@@ -196,21 +180,21 @@ def test_the_form_offers_its_numbers_and_takes_values() -> None:
         ({"free": True, "low": 1.0, "high": 2.0}, "is 0.7 now, which is not between 1 and 2"),
     ],
 )
-def test_what_may_change_is_checked_before_a_fit(told: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        choose_free(list_free_numbers(HAZE), {THICKNESS: told})
+def test_what_may_change_is_checked_before_a_fit(asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        choose_free(list_free_numbers(HAZE), {THICKNESS: asked})
     expected = {THICKNESS: {"start": 0.7, "low": 0.07, "high": 9.0}}
     assert choose_free(list_free_numbers(HAZE), {THICKNESS: {"free": True, "high": 9}}) == expected
 
 
-def test_a_fit_tells_its_steps_and_its_values_go_to_the_form(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_reports_its_steps_and_its_values_go_to_the_form(data: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measuring, "collect_bytes", lambda *_: b"a page")  # tests/test_fit.py has it; it takes a second
-    told: list[Progress] = []
-    task = Fit(change(thickness=0.4), Path(), data, ".csv", FREE)
+    reported: list[Any] = []
+    task = Task("measuring.fit_scene", change(thickness=0.4), Path(), {"data": data, "suffix": ".csv", "free": FREE})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = fit_scene(task, Exchange(told.append))
-    steps = [one for one in told if isinstance(one, Step)]
+        found = fit_scene(Exchange(reported.append), task.content, Path(), **task.more)
+    steps = [one for one in reported if isinstance(one, Step)]
     assert len(steps) > 2
     assert steps[0].values == [0.4]
     assert steps[-1].chi2 < 1e-3 < steps[0].chi2
@@ -237,16 +221,14 @@ def test_a_fit_is_stopped_with_the_best_so_far_and_one_that_dies_leaves_its_last
     free = {"particles.dust.size.lognormal.median_um": {"start": 1.0, "low": 0.3, "high": 3.0}}
     session = TabSession(LONG)
     for stops in (True, False):
-        session.start_fit(Fit(LONG, Path(), data, ".csv", free))
-        job = session.fits
-        assert job is not None
-        until(lambda job=job: job.step is not None, 60.0)
-        (job.stop if stops else job.cancel)()
+        session.start_fit(session.make_task("measuring.fit_scene", data=data, suffix=".csv", free=free))
+        wait_until(lambda: session.fits.step is not None)
+        (session.fits.stop if stops else session.fits.close)()
         begin = time.monotonic()
-        until(lambda job=job: job.ended, 60.0)
+        wait_until(lambda: not session.fits.waits)
         assert time.monotonic() - begin < 10.0
         session.take_fit()
-        assert isinstance(session.fitted, Fitted)
+        assert session.fitted is not None
         assert bool(np.isfinite(session.fitted.errors).all()) == stops
         assert any(("interrupted" if stops else "without errors") in note for note in session.fitted.notes)
     session.close()
@@ -254,19 +236,13 @@ def test_a_fit_is_stopped_with_the_best_so_far_and_one_that_dies_leaves_its_last
 
 @pytest.mark.slow
 def test_a_warm_process_answers_and_goes_with_its_tab(data: bytes) -> None:
-    live = LiveQuery()
-    live.ask(Comparison(HAZE, Path(), data, ".csv"))
-    until(lambda: not live.waits)
-    assert isinstance(live.answer, Compared)
-    assert_close(live.answer.predicted, live.answer.measured.value, rtol=1e-9, atol=0.0)
-    live.ask(Comparison(HAZE, Path(), data, ".csv"))
-    assert not live.waits  # nothing has changed
-    session = TabSession(HAZE, beside=live, pages=1)
-    assert live.worker is not None
-    process = live.worker.process
-    assert process is not None
-    session.start_fit(Fit(LONG, Path(), data, ".csv", {"layer[1].thickness": {"start": 3.0, "low": 1.0, "high": 9.0}}))
-    fits = session.fits
-    assert fits is not None
+    session = TabSession(HAZE, pages=1)
+    found = ask(session.beside, "measuring.Comparer", HAZE, data=data, suffix=".csv")
+    assert_close(found.predicted, found.measured.value, rtol=1e-9, atol=0.0)
+    session.beside.ask(Task("measuring.Comparer", HAZE, Path(), {"data": data, "suffix": ".csv"}))
+    assert not session.beside.waits  # nothing has changed
+    process = get_process(session.beside)
+    free = {THICKNESS: {"start": 3.0, "low": 1.0, "high": 9.0}}
+    session.start_fit(session.make_task("measuring.fit_scene", LONG, data=data, suffix=".csv", free=free))
     session.leave()
-    until(lambda: process.poll() is not None and fits.ended)
+    wait_until(lambda: process.poll() is not None and not session.fits.waits)

@@ -8,8 +8,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -19,14 +19,15 @@ import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_with_notes, write_link
 from vrte.app.solving import page_files as downloads
-from vrte.app.solving.messages import Adopt, Adopted, Outcome, Progress, Read, Solve
+from vrte.app.solving.messages import Adopted, Outcome, Progress, Refused, Task
 from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
-from vrte.app.solving.worker import Exchange
-from vrte.app.solving.worker_process import Job, WorkerProcess, explain_end
+from vrte.app.solving.worker import Exchange, take_newest
+from vrte.app.solving.worker_process import Query, explain_end
 from vrte.formats.scene_writer import write_toml
 
-from .helpers import assert_close, close_to
+from .helpers import assert_close, close_to, wait_until
+from .viewer_server import ROOT, ask, get_process
 
 SMALL: form.Content = {
     "wavelength_um": [0.5, 0.6],
@@ -42,41 +43,13 @@ LONG: form.Content = {
     "layer": [{"phase": {"henyey_greenstein": 0.97}, "albedo": 0.999, "thickness": 50.0}],
     "brdf": {"mu_i": {"start": 0.1, "stop": 1.0, "count": 40}, "mu_o": 0.5},
 }
-ENOUGH = 4e9  # bytes
-
-
-def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end, "it took too long"
-        time.sleep(0.01)
-
-
-def get_process(worker: WorkerProcess | None) -> "subprocess.Popen[bytes]":
-    """Once there is one."""
-    assert worker is not None
-    until(lambda: worker.process is not None)
-    assert worker.process is not None
-    return worker.process
-
-
-def ended(job: Job) -> Job:
-    until(lambda: job.ended)
-    return job
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
-    shares = []
-    job = Job(Solve(copy.deepcopy(SMALL), Path()))
-    while not job.ended:
-        shares.append(job.fraction)
-        time.sleep(0.001)
-    assert job.message == ""
-    assert isinstance(job.outcome, Outcome)
-    assert shares == sorted(shares)  # the bar never goes back
-    assert len(set(shares)) > 2
-    return job.outcome
+    found = ask(Query(), "solve.solve", SMALL)
+    assert isinstance(found, Outcome), found
+    return found
 
 
 def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
@@ -89,50 +62,60 @@ def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
         tau = [1.5 * step / 4 for step in range(5)]
         field = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], phi=[0, 180], tau=tau, nodes=6)
         assert_close(outcome.fields[place].stokes, field.stokes, rtol=1e-12, atol=1e-16)
-        np.testing.assert_array_equal(
-            outcome.inside[place].phase_matrices[0].coefficients, dust.phase_matrix.coefficients
-        )
-    assert outcome.inside[0].names == ("layer 1: dust", "layer 2: rayleigh")
+        inside = outcome.inside[place]
+        np.testing.assert_array_equal(inside["layer 1: dust"].coefficients, dust.phase_matrix.coefficients)
+    assert [*inside] == ["layer 1: dust", "layer 2: rayleigh"]
     assert outcome.plan is not None
     assert any("transmission: not asked for" in line for line in outcome.plan.left_out)
 
 
+def test_the_bar_goes_on_and_is_not_full_while_something_is_solved() -> None:
+    """Also over the other base, whose reflectance stands beside the scene's."""
+    reported: list[Any] = []
+    solve(Exchange(reported.append), SMALL | {"wavelength_um": 0.5}, Path())
+    stages = list(dict.fromkeys(one.stage.partition(":")[0] for one in reported))
+    assert stages == ["particles", "BRDF", "BRDF over another base", "field inside"]
+    fractions = [one.fraction for one in reported]
+    assert fractions == sorted(fractions)
+    assert max(fractions) < 0.99
+    ends = [one.fraction for one in reported if one.stage.endswith("adding up")]
+    assert ends == close_to([(place + 0.9) / 4.0 for place in (1, 2, 3)], rtol=0.0, atol=1e-12)
+    assert Progress(close_to(0.25 + 0.9 / 4 / 7, rtol=0.0, atol=1e-12), "BRDF: Fourier orders, 1 of 7") in reported
+
+
 @pytest.mark.parametrize("suffix", [".nc", ".csv"])
 def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix: str, tmp_path: Path) -> None:
-    name, data = downloads.make_result_download("brdf", outcome, suffix)
-    (tmp_path / name).write_bytes(data)
-    found = vrte.load(tmp_path / name)
-    assert isinstance(found, vrte.Spectrum)
+    for kind in ("brdf", "field"):
+        name, data = downloads.make_result_download(kind, outcome, suffix, 1)
+        (tmp_path / name).write_bytes(data)
+    found = vrte.load(tmp_path / f"brdf{suffix}")
     np.testing.assert_array_equal(found.mueller, np.stack([one.mueller for one in outcome.brdfs]))
     again = make_outcome(found)
-    assert again.wavelength_um == (0.5, 0.6)
-    assert again.content == adopt_with_notes(SMALL)[0]
-    name, data = downloads.make_result_download("field", outcome, suffix, 1)
-    (tmp_path / name).write_bytes(data)
-    np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)
+    assert (again.wavelength_um, again.content) == ((0.5, 0.6), adopt_with_notes(SMALL)[0])
+    np.testing.assert_array_equal(vrte.load(tmp_path / f"field{suffix}").stokes, outcome.fields[1].stokes)
 
 
-def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None:
-    job = ended(Job(Read(downloads.make_result_download("field", outcome, ".nc", 0)[1], ".nc")))
-    assert isinstance(job.outcome, Outcome)
-    np.testing.assert_array_equal(job.outcome.fields[0].stokes, outcome.fields[0].stokes)
-    job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc")))
-    assert job.outcome is None
-    assert job.message.startswith("the file is not a NetCDF file")
-
-
-@pytest.mark.parametrize("given", [write_toml(SMALL).encode(), write_link(SMALL)])
-def test_a_strangers_scene_is_read_in_a_process_of_its_own(given: bytes | str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_strangers_files_are_read_in_a_process_of_its_own(outcome: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vrte.app.form.files.parse_toml", lambda text: pytest.fail("the server has parsed it"))
-    job = ended(Job(Adopt(given, Path(), frozenset())))
-    assert isinstance(job.outcome, Adopted), job.message
-    assert job.outcome.content == adopt_with_notes(SMALL)[0]
-    job = ended(Job(Adopt(given[:50], Path(), frozenset())))
-    assert job.outcome is None
-    assert ("not valid TOML" if isinstance(given, bytes) else "the link is cut short") in job.message
+    field = downloads.make_result_download("field", outcome, ".nc", 0)[1]
+    found = ask(Query(), "solve.read", field, suffix=".nc")
+    np.testing.assert_array_equal(found.fields[0].stokes, outcome.fields[0].stokes)
+    names: dict[str, Any] = {"names": frozenset()}
+    for given in (write_toml(SMALL).encode(), write_link(SMALL)):
+        adopted = ask(Query(), "solve.adopt", given, **names)
+        assert isinstance(adopted, Adopted), adopted
+        assert adopted.content == adopt_with_notes(SMALL)[0]
+    for call, given, more, words in (
+        ("solve.adopt", write_toml(SMALL).encode()[:50], names, "not valid TOML"),
+        ("solve.adopt", write_link(SMALL)[:50], names, "the link is cut short"),
+        ("solve.read", b"\x89HDF\r\n\x1a\n" + bytes(1000), {"suffix": ".nc"}, "the file is not a NetCDF file"),
+    ):
+        refused = ask(Query(), call, given, **more)
+        assert isinstance(refused, Refused)
+        assert words in refused.message
 
 
-def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None:
+def test_a_scene_that_takes_too_long_to_read_is_given_up() -> None:
     """Whatever it is that does so: the process has a limit of time."""
     code = (
         f"import sys; sys.path[:] = {sys.path!r}\n"
@@ -145,7 +128,7 @@ def test_a_scene_that_takes_too_long_to_read_is_given_up(tmp_path: Path) -> None
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
         pickle.dump((1e9, 0.5), process.stdin)
-        pickle.dump((1, Adopt(b"", Path(), frozenset())), process.stdin)
+        pickle.dump((1, Task("solve.adopt", b"", Path(), {"names": frozenset()})), process.stdin)
         process.stdin.flush()
         assert process.wait(60) == -signal.SIGXCPU
     with tempfile.TemporaryFile() as said:
@@ -162,107 +145,80 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
         shape = file["mueller"].shape
         del file["mueller"]
         file.create_dataset("mueller", shape, "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
-    job = ended(Job(Read(upload.read_bytes(), ".nc")))
-    assert job.outcome is None
-    assert job.message.startswith("the file is refused: its mueller lies in another file (external storage)")
+    found = ask(Query(), "solve.read", upload.read_bytes(), suffix=".nc")
+    assert found.message.startswith("the file is refused: its mueller lies in another file (external storage)")
 
 
-@pytest.mark.parametrize(
-    ("given", "taken"),
-    [
+def test_a_tensor_is_solved_at_five_wavelengths_and_what_cannot_be_downloaded_is_a_sentence() -> None:
+    for given, taken in (
         (0.64, downloads.TENSOR_UM),
         (None, downloads.TENSOR_UM),
         ([0.4, 0.5, 0.6, 0.8], (0.4, 0.5, 0.6, 0.7, 0.8)),
         ([0.41, 0.5, 0.55, 0.6, 0.65], (0.41, 0.5, 0.55, 0.6, 0.65)),
         ({"start": 0.43, "stop": 0.7, "count": 7}, (0.43, 0.498, 0.565, 0.632, 0.7)),
-    ],
-)
-def test_a_tensor_is_solved_at_five_wavelengths(given: Any, taken: tuple[float, ...]) -> None:
-    assert downloads.choose_tensor_wavelengths({"wavelength_um": given}) == close_to(taken, rtol=0.0, atol=1e-12)
-
-
-def test_what_cannot_be_downloaded_is_a_sentence() -> None:
-    for kind in ("brdf", "field"):
-        with pytest.raises(vrte.SceneError, match="there is no"):
-            downloads.make_result_download(kind, None, ".nc")
+    ):
+        chosen = downloads.choose_tensor_wavelengths({"wavelength_um": given})
+        assert chosen == close_to(taken, rtol=0.0, atol=1e-12)
     with pytest.raises(vrte.SceneError, match="wavelength_um: Mitsuba's measured_polarized takes wavelengths of whole"):
         downloads.choose_tensor_wavelengths({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65005]})
+    for kind in ("BRDF", "field"):
+        with pytest.raises(vrte.SceneError, match=f"there is no {kind}"):
+            downloads.make_result_download(kind.lower(), None, ".nc")
 
 
-def test_the_bar_is_not_full_while_something_is_solved() -> None:
-    """Also over the other base, whose reflectance stands beside the scene's."""
-    told: list[Progress] = []
-    scene = SMALL | {"wavelength_um": 0.5}
-    solve(Solve(scene, Path()), Exchange(told.append))
-    stages = list(dict.fromkeys(one.stage.partition(":")[0] for one in told))
-    assert stages == ["particles", "BRDF", "BRDF over another base", "field inside"]
-    shares = [one.fraction for one in told]
-    assert shares == sorted(shares)
-    assert max(shares) < 0.99
-    ends = [one.fraction for one in told if one.stage.endswith("adding up")]
-    assert ends == close_to([(place + 0.9) / 4.0 for place in (1, 2, 3)], rtol=0.0, atol=1e-12)
-    assert "BRDF: Fourier orders, 1 of 7" in [one.stage for one in told]
-
-
-def test_a_cancelled_solve_ends_at_once() -> None:
-    job = Job(Solve(LONG, Path()))
-    until(lambda: "Fourier" in job.stage or job.ended)
-    assert not job.ended, job.message
+def test_a_solve_is_cancelled_at_once_and_one_that_dies_is_a_sentence() -> None:
+    query = Query()
+    query.ask(Task("solve.solve", LONG))
+    wait_until(lambda: "Fourier" in query.progress.stage or not query.waits)
     start = time.monotonic()
-    job.cancel()
-    ended(job)
+    query.close()
+    assert (query.take(), query.take()) == (Refused("cancelled"), None)
     assert time.monotonic() - start < 2.0
-    assert (job.outcome, job.message) == (None, "cancelled")
-
-
-def test_a_process_that_dies_is_a_sentence() -> None:
-    job = Job(Solve(LONG, Path()))
-    os.kill(get_process(job.worker).pid, signal.SIGKILL)
-    assert "ended by the system" in ended(job).message
+    query = Query()
+    query.ask(Task("solve.solve", LONG))
+    os.kill(get_process(query).pid, signal.SIGKILL)
+    wait_until(lambda: not query.waits)
+    assert "ended by the system" in query.answer.message
 
 
 @pytest.mark.parametrize(
     ("change", "memory", "words"),
     [
         ({"nodes": 800}, 3e8, "memory"),
-        ({"field": SMALL["field"] | {"tau": [9.0]}}, ENOUGH, "field.tau must lie between 0 and"),  # by its key
+        ({"field": SMALL["field"] | {"tau": [9.0]}}, 4e9, "field.tau must lie between 0 and"),  # by its key
     ],
 )
 def test_what_shows_only_in_the_solve_is_a_sentence(change: form.Content, memory: float, words: str) -> None:
-    job = ended(Job(Solve(SMALL | {"wavelength_um": 0.5} | change, Path()), memory))
-    assert job.outcome is None
-    assert words in job.message
+    found = ask(Query(), "solve.solve", SMALL | {"wavelength_um": 0.5} | change, memory=memory)
+    assert isinstance(found, Refused)
+    assert words in found.message
 
 
 @pytest.mark.slow
-def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
+def test_no_process_is_left_when_the_server_is_killed() -> None:
     code = (
-        "import sys, time; sys.path[:] = {path!r}\n"
+        f"import sys, time; sys.path[:] = {[*sys.path, str(ROOT)]!r}\n"
         "from tests.test_app_solving import *\n"
-        "job = Job(Solve(LONG, Path()))\n"
-        "until(lambda: 'Fourier' in job.stage)\n"
-        "print(get_process(job.worker).pid, flush=True); time.sleep(60)"
+        "query = Query()\n"
+        "query.ask(Task('solve.solve', LONG))\n"
+        "wait_until(lambda: 'Fourier' in query.progress.stage)\n"
+        "print(get_process(query).pid, flush=True); time.sleep(60)"
     )
-    root = Path(__file__).parents[1]
-    server = subprocess.Popen(
-        [sys.executable, "-c", code.format(path=[*sys.path, str(root)])], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert server.stdout is not None
-        child = int(server.stdout.readline())
-        assert is_there(child)
-    finally:
-        server.kill()
-        server.wait()
-        server.stdout.close()
-    until(lambda: not is_there(child), 10.0)
 
+    def is_there(pid: int) -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        except OSError:
+            return False
 
-def is_there(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            child = int(server.stdout.readline())
+            assert is_there(child)
+        finally:
+            server.kill()
+    wait_until(lambda: not is_there(child), 10.0)
 
 
 def test_tabs_keep_their_own_until_they_are_too_many() -> None:
@@ -272,8 +228,7 @@ def test_tabs_keep_their_own_until_they_are_too_many() -> None:
     one.content["layer"][0]["thickness"] = 7.0
     one.view["place"] = 3
     assert "nodes" not in other.content
-    assert other.content["layer"][0]["thickness"] == 100.0
-    assert other.view == {}
+    assert (other.content["layer"][0]["thickness"], other.view) == (100.0, {})
     assert sessions.of("one") is one  # a reload
     assert "nodes" not in form.START
     for k in range(MOST_TABS - 2):
@@ -286,11 +241,16 @@ def test_tabs_keep_their_own_until_they_are_too_many() -> None:
 
 def test_nobody_waits_for_what_a_closed_page_solves() -> None:
     session = TabSessions().of("tab")
-    session.content = copy.deepcopy(LONG)
-    session.pages = 2
+    session.content, session.pages = copy.deepcopy(LONG), 2
     session.start()
     session.leave()
-    assert session.busy
+    assert session.solves.waits
     session.leave()
-    assert session.job is not None
-    assert ended(session.job).message == "cancelled"
+    assert session.solves.take() == Refused("cancelled")
+
+
+def test_the_newest_task_is_taken() -> None:
+    inbox: SimpleQueue[Any] = SimpleQueue()
+    for number in (1, 2, 3):
+        inbox.put(number)
+    assert (take_newest(inbox), inbox.empty()) == (3, True)

@@ -1,4 +1,4 @@
-"""A viewer's server for tests: started, and ended as Ctrl-C ends it."""
+"""A viewer's server for tests, started, and ended as Ctrl-C ends it; and tasks for its worker processes."""
 
 import os
 import re
@@ -10,6 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from vrte.app.solving.messages import Task
+from vrte.app.solving.worker_process import Query
+
+from .helpers import wait_until
 
 ROOT = Path(__file__).parents[1]
 
@@ -43,3 +48,18 @@ def viewer(*options: str) -> Iterator[str]:
     finally:
         process.kill()
         process.communicate()
+
+
+def ask(query: Query, call: str, content: Any, folder: Path = Path(), memory: float | None = None, **more: Any) -> Any:
+    """The last answer of a worker process."""
+    query.ask(Task(call, content, folder, more), memory)
+    wait_until(lambda: not query.waits)
+    return query.answer
+
+
+def get_process(query: Query) -> "subprocess.Popen[bytes]":
+    """A query's process, once there is one."""
+    wait_until(lambda: query.worker is not None and query.worker.process is not None)
+    assert query.worker is not None
+    assert query.worker.process is not None
+    return query.worker.process

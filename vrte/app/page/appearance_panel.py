@@ -1,6 +1,5 @@
 """The tab that shows what a paint looks like over black and over white, while its sliders are moved."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,9 +9,11 @@ from nicegui import ui
 from vrte.app.form.fields import get_value, translate_message
 from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
-from vrte.app.page.controls import LivePanel, add_menu_item, add_message, add_slider, add_table, make_menu, select
+from vrte.app.page import controls
+from vrte.app.page.controls import add_message, add_note, add_slider, show
 from vrte.app.solving import appearance
-from vrte.app.solving.appearance import Appeared, Question
+from vrte.app.solving.appearance import Appeared
+from vrte.appearance.hiding import Conditions
 from vrte.basics.errors import Place
 from vrte.formats.toml_table import read_share
 from vrte.pictures.results import spectra
@@ -23,51 +24,52 @@ LOOK_EVERY = 0.03  # seconds between two looks whether an answer has come
 BRIGHT = 55.0  # L*: words on darker colours are white
 NAMES = {"X": "X", "Y": "Y", "Z": "Z", "L": "L*", "a": "a*", "b": "b*", "C": "C*", "h": "h [°]"}
 SIDES = ("over black", "over white")
+LOOKS = {  # what is chosen, and how wide that is [pixels]
+    "illuminant": (appearance.ILLUMINANTS, 175),
+    "observer": (appearance.OBSERVERS, 130),
+    "geometry": (appearance.GEOMETRIES, 255),
+}
 
 
-class AppearancePanel(LivePanel):
-    """Sliders over the form's numbers, and the colours, gloss and hiding that follow from them."""
+class AppearancePanel:
+    """Sliders over the form's numbers, and the colours, gloss and hiding that follow from them; ``results`` is the
+    panel whose tab this is."""
 
-    def lay_out(self, plot: Callable[[], Any]) -> None:
-        self.view.setdefault("viewing", appearance.Viewing())
+    def __init__(self, results: Any) -> None:
+        self.results, self.session, self.view = results, results.session, results.view
+        self.view.setdefault("viewing", Conditions())
         self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}  # each with its text and its bar
         self.white: Any = None  # what stands above the slider of the white card
         self.missing = ""
         self.shown: Any = None
         self.moved: Place | None = None
         with ui.row().classes("w-full gap-2 pt-3 items-center vrte-looks"):
-            begin = ui.button("Begin with a paint", icon="format_paint", color=None).props("no-caps outline dense")
-            with begin.classes("px-2 vrte-begin"), make_menu():
+            begin = controls.add_button("Begin with a paint", "format_paint", None, "outline dense", "px-2 vrte-begin")
+            with begin, controls.make_menu():
                 for title in list_films():
-                    add_menu_item(title, partial(self.begin_with, title))
-            for key, names, width in (
-                ("illuminant", appearance.ILLUMINANTS, 175),
-                ("observer", appearance.OBSERVERS, 130),
-                ("geometry", appearance.GEOMETRIES, 255),
-            ):
-                select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
+                    controls.add_menu_item(title, partial(self.begin_with, title))
+            for key, (names, width) in LOOKS.items():
+                controls.select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
         self.message = add_message("vrte-warning w-full mt-2", "status")
         with ui.row().classes("w-full gap-x-4 gap-y-1 items-center pt-2 relative vrte-now") as self.colours:
             with ui.element("div").classes("vrte-drawdown"):
                 self.swatches = [make_swatch() for _ in SIDES]
                 self.old = ui.label("for the previous setting").classes("vrte-warning vrte-mark").props("role=status")
             with ui.column().classes("gap-0"):
-                self.contrast = ui.label().classes("vrte-heading")
-                self.apart, self.changed, self.gloss, self.hiding = (add_message("vrte-note") for _ in range(4))
-                keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
-                keep.props("flat dense no-caps size=sm color=primary")
+                self.contrast = add_note("vrte-heading")
+                self.apart, self.changed, self.gloss, self.hiding = (add_message() for _ in range(4))
+                controls.add_button("Compare with this from now on", "bookmark_border", self.keep, controls.QUIET)
         self.bars = ui.element("div").classes("vrte-bars")
         with ui.row().classes("w-full items-center gap-2 no-wrap vrte-status") as self.progress:
             self.spinner = ui.spinner(size="16px")
-            self.status = ui.label().classes("vrte-note")
-            self.stop = ui.button("Stop", icon="stop", on_click=self.end)
-            self.stop.props("flat dense no-caps size=sm color=negative")
-        self.spoken = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
+            self.status = add_note()
+            self.stop = controls.add_button("Stop", "stop", self.end, f"{controls.QUIET} {controls.DANGER}")
+        self.spoken = add_note("vrte-hidden", "status aria-live=polite")
         with ui.column().classes("w-full gap-2 no-wrap pb-4 vrte-below") as self.answer:
-            self.gaps, self.notes = add_message("vrte-note"), add_message("vrte-warning w-full")
+            self.gaps, self.notes = add_message(), add_message("vrte-warning w-full")
             with ui.element("div").classes("vrte-look"):
                 with ui.column().classes("gap-0 no-wrap vrte-spectra"):
-                    plot()
+                    results.add_plot("appearance")
                 self.numbers = ui.element("div")
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
 
@@ -99,7 +101,7 @@ class AppearancePanel(LivePanel):
     def begin_with(self, title: str) -> None:
         """A paint: the form gets it."""
         self.view.pop("before", None)
-        self.fill(*begin_with_material(list_films()[title]))
+        self.results.fill(*begin_with_material(list_films()[title]))
 
     def look(self, key: str, value: Any) -> None:
         """In another light, by another observer, in another geometry, over another card."""
@@ -114,7 +116,7 @@ class AppearancePanel(LivePanel):
         """A slider to another step: its number goes to the form, and what changes there is shown here."""
         if place in self.sliders:  # it may have gone meanwhile
             self.moved = place
-            self.write(place, self.sliders[place][0].find_value(step))
+            self.results.write(place, self.sliders[place][0].find_value(step))
             self.moved = None
 
     def keep(self) -> None:
@@ -138,8 +140,8 @@ class AppearancePanel(LivePanel):
         self.bars.set_visibility(not unfit)
         self._draw_sliders()
         if not self.missing:
-            question = session.content, session.uploads.folder, self.view["viewing"], self.view.get("before")
-            live.ask(Question(*question))
+            asked = {"viewing": self.view["viewing"], "before": self.view.get("before")}
+            live.ask(session.make_task("appearance.AppearanceAnswerer", **asked))
             self.timer.activate()
         self._show()
         self.follow()
@@ -150,11 +152,10 @@ class AppearancePanel(LivePanel):
         live.refresh()
         if live.answer is not self.shown:
             self._show()
-        for element in (self.spinner, self.stop):
-            element.set_visibility(live.waits)
-        asked = live.answered if isinstance(live.answered, Question) else None
-        old = asked is None or (asked.content, asked.viewing) != (self.session.content, self.view["viewing"])
-        self.old.set_visibility(old)
+        show(live.waits, self.spinner, self.stop)
+        asked, now = live.answered, (self.session.content, self.view["viewing"])
+        old = asked is None or (asked.content, asked.more["viewing"]) != now
+        show(old, self.old)
         for part in (self.colours, self.answer):
             part.classes("vrte-old") if old else part.classes(remove="vrte-old")
         if old:
@@ -169,9 +170,8 @@ class AppearancePanel(LivePanel):
         refused = "" if answer is None or isinstance(answer, Appeared) else answer.message
         text = self.missing or translate_message(refused, self.session.content)
         self.message.set_text(text)
-        self.progress.set_visibility(not self.missing)
-        for part in (self.colours, self.answer):
-            part.set_visibility(isinstance(answer, Appeared) and not text)
+        show(not self.missing, self.progress)
+        show(isinstance(answer, Appeared) and not text, self.colours, self.answer)
         if isinstance(answer, Appeared) and not text:
             self._write(answer)
 
@@ -204,7 +204,7 @@ class AppearancePanel(LivePanel):
         self.numbers.clear()
         with self.numbers:
             rows = [[label, *(f"{shade.numbers[key]:.2f}" for shade in shades)] for key, label in NAMES.items()]
-            add_table("", ["", *SIDES], rows)
+            controls.add_table("", ["", *SIDES], rows)
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
         sentences = "; ".join([*notes, *answer.why_none, *answer.notes])
@@ -218,7 +218,9 @@ class AppearancePanel(LivePanel):
             self.spoken.set_text(
                 "; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding))))
             )
-        self.draw_figure(spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry))
+        self.results.draw_figure(
+            "appearance", spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry)
+        )
 
 
 def make_swatch() -> tuple[Any, Any, Any]:

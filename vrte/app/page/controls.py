@@ -1,4 +1,4 @@
-"""What all panels of the page are made of: headings, tables, menus, choices, sliders, and messages for errors."""
+"""What all panels of the page are made of: headings, tables, menus, buttons, choices, sliders, messages for errors."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -6,15 +6,16 @@ from typing import Any
 
 from nicegui import ui
 
-from vrte.app.solving.tab_session import TabSession
-from vrte.basics.errors import MissingExtraError, Place, SceneError
+from vrte.basics.errors import MissingExtraError, SceneError
 
 OUTLINED = "outlined dense stack-label hide-bottom-space"
-GO = "no-caps unelevated"  # of the buttons in the colour of Solve
+GO = "unelevated"  # a button in the colour of Solve
+QUIET = "flat dense size=sm"
+DANGER = "color=negative"
 
 
-def add_heading(text: str, level: int = 3) -> None:
-    ui.label(text).classes("vrte-heading").props(f"role=heading aria-level={level}")
+def add_heading(text: str, level: int = 3, classes: str = "vrte-heading") -> Any:
+    return ui.label(text).classes(classes).props(f"role=heading aria-level={level}")
 
 
 def add_table(classes: str, head: Iterable[str], rows: Iterable[Iterable[str]] = ()) -> Any:
@@ -28,9 +29,14 @@ def add_table(classes: str, head: Iterable[str], rows: Iterable[Iterable[str]] =
     return table
 
 
-def add_message(classes: str, role: str = "") -> Any:
+def add_note(classes: str = "vrte-note", role: str = "") -> Any:
+    """A label, empty at first; with a ``role`` its changes are read out."""
+    return ui.label().classes(classes).props(f"role={role}" if role else "")
+
+
+def add_message(classes: str = "vrte-note", role: str = "") -> Any:
     """A label that is there while it has a text."""
-    label = ui.label().classes(classes).props(f"role={role}" if role else "")
+    label = add_note(classes, role)
     return label.bind_visibility_from(label, "text", backward=bool)
 
 
@@ -54,6 +60,12 @@ def add_menu_item(text: str, act: Callable[[], Any] | None = None) -> Any:
     return ui.menu_item(text, act).props("role=menuitem")
 
 
+def add_button(text: str, icon: str, act: Callable[[], Any] | None = None, props: str = "", classes: str = "") -> Any:
+    """A button; one that is GO has no colour of Quasar's."""
+    colour = "primary" if props != GO else None
+    return ui.button(text, icon=icon, on_click=act, color=colour).props(f"no-caps {props}").classes(classes)
+
+
 def make_icon(symbol: str, tip: str, act: Callable[[], Any] | None = None) -> Any:
     """A small round button."""
     return ui.button(icon=symbol, on_click=act).props(f'flat dense round size=sm aria-label="{tip}"').tooltip(tip)
@@ -71,11 +83,22 @@ def add_slider(
 ) -> tuple[Any, Any, Any]:
     """A slider, the text above it, and what is around both; the last position within ``throttle`` seconds counts."""
     with ui.column().classes("gap-0") as around:
-        text = ui.label().classes("vrte-note")
+        text = add_note()
         bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("w-full")
         bar.props(f'dense aria-label="{label}"')
         bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)
     return around, text, bar
+
+
+def notify(text: str, kind: Any = "info", **more: Any) -> None:
+    """Words that stay for a while, and can be closed."""
+    ui.notify(text, type=kind, multi_line=True, close_button=True, **more)
+
+
+def show(shown: bool, *elements: Any) -> None:
+    """Shows elements, or hides them."""
+    for element in elements:
+        element.set_visibility(shown)
 
 
 @contextmanager
@@ -85,28 +108,3 @@ def report_errors(report: Callable[[str], Any]) -> Iterator[None]:
         yield
     except (SceneError, MissingExtraError, OSError) as error:
         report(str(error))
-
-
-class LivePanel:
-    """A tab that shows the form's scene, whether it is solved or not. ``write`` puts a number into a field of the form,
-    ``fill`` another scene; ``plot`` makes an empty figure, ``draw_figure`` fills it."""
-
-    def __init__(
-        self,
-        session: TabSession,
-        write: Callable[[Place, float], None],
-        fill: Callable[..., None],
-        plot: Callable[[], Any],
-        draw: Callable[[Any], None],
-    ) -> None:
-        self.session, self.write, self.fill, self.draw_figure = session, write, fill, draw
-        self.view = session.view
-        self.lay_out(plot)
-
-    def lay_out(self, plot: Callable[[], Any]) -> None:
-        """What the tab holds, empty."""
-        raise NotImplementedError
-
-    def refresh(self) -> None:
-        """Asks what is to be shown of the form's scene, where that is not known yet."""
-        raise NotImplementedError

@@ -11,7 +11,16 @@ from nicegui import ui
 from vrte.app.form import content as form
 from vrte.app.form.checks import name_part
 from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
-from vrte.app.page.controls import OUTLINED, add_menu_item, add_message, make_icon, make_menu, report_errors
+from vrte.app.page.controls import (
+    OUTLINED,
+    QUIET,
+    add_button,
+    add_menu_item,
+    add_message,
+    make_icon,
+    make_menu,
+    report_errors,
+)
 from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
@@ -244,8 +253,7 @@ class FormPanel:
 
     def adder(self, text: str, add: Callable[[form.Content], Any]) -> None:
         """A button that adds something."""
-        button = ui.button(text, icon="add", on_click=lambda: self.change(add, self.session.content))
-        button.props("flat dense no-caps size=sm color=primary")
+        add_button(text, "add", lambda: self.change(add, self.session.content), QUIET)
 
     def complaint(self, *place: str | int) -> None:
         """Where messages about a whole table are shown."""

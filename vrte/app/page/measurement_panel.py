@@ -1,6 +1,6 @@
 """The tab that shows a measurement over the scene of the form, and fits the scene's numbers to it."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,11 @@ from nicegui import ui
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import write_content
 from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_fractions
-from vrte.app.page.controls import (
-    GO,
-    LivePanel,
-    add_bullets,
-    add_heading,
-    add_message,
-    add_table,
-    report_errors,
-    select,
-)
+from vrte.app.page import controls
+from vrte.app.page.controls import add_bullets, add_button, add_heading, add_message, add_note, add_table, show
 from vrte.app.solving import measuring
-from vrte.app.solving.measuring import Compared, Comparison
-from vrte.app.solving.messages import Fit, Fitted, Refused
+from vrte.app.solving.measuring import Compared
+from vrte.app.solving.messages import Fitted, Refused
 from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import is_number
 from vrte.pictures.fit import SCENE, measurement
@@ -39,38 +31,37 @@ OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
 DIGITS = 6
 
 
-class MeasurementPanel(LivePanel):
-    """A measurement, the form's scene beside it, and the fit."""
+class MeasurementPanel:
+    """A measurement, the form's scene beside it, and the fit; ``results`` is the panel whose tab this is."""
 
-    def lay_out(self, plot: Callable[[], Any]) -> None:
+    def __init__(self, results: Any) -> None:
+        self.results, self.session, self.view = results, results.session, results.view
         self.view.setdefault("free", {})
         self.listed: list[FormNumber] = []
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
         self.back: Any = None  # the button to the values before
         with ui.row().classes("w-full gap-3 pt-3 items-center"):
-            opener = ui.button("Open a measurement", icon="upload_file").props("no-caps outline dense")
-            opener.classes("px-2").on("click", js_handler="() => vrte.pick(vrte.upload)")
-            self.shown = select([], None, "shown", self.look, 250)
-            self.name = ui.label().classes("vrte-note")
+            opener = add_button("Open a measurement", "upload_file", None, "outline dense", "px-2")
+            opener.on("click", js_handler="() => vrte.pick(vrte.upload)")
+            self.shown = controls.select([], None, "shown", self.look, 250)
+            self.name = add_note()
         self.message = add_message("vrte-warning w-full mt-2", "status")
         self.nothing = ui.label(NOTHING).classes("vrte-empty")
         with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
             self.table = ui.element("div").classes("w-full overflow-auto mt-2")
             with ui.element("div").classes("vrte-look"):
                 with ui.column().classes("gap-0 no-wrap vrte-spectra"):
-                    plot()
+                    results.add_plot("measurement")
                 with ui.column().classes("gap-2 no-wrap"):
                     add_heading("What the fit may change")
                     self.free = ui.element("div")
                     with ui.row().classes("w-full items-center gap-2"):
-                        self.fit = ui.button("Fit", icon="insights", on_click=self.begin, color=None)
-                        self.fit.props(GO).classes("vrte-go px-4 mt-1")
-                        self.stop = ui.button("Stop", icon="stop", on_click=self.end)
-                        self.stop.props("no-caps outline color=negative")
+                        self.fit = add_button("Fit", "insights", self.begin, controls.GO, "vrte-go px-4 mt-1")
+                        self.stop = add_button("Stop", "stop", self.end, f"outline {controls.DANGER}")
                         self.stop.tooltip("keeps the best so far; once more: the last step, at once")
                         self.spinner = ui.spinner(size="16px")
-                        self.status = ui.label().classes("vrte-note").props("role=status aria-live=polite")
+                        self.status = add_note(role="status aria-live=polite")
                     self.failure = add_message("vrte-error vrte-narrow", "alert")
                     self.result = ui.column().classes("gap-2 vrte-narrow")
             self.details = ui.column().classes("w-full gap-2")
@@ -127,7 +118,7 @@ class MeasurementPanel(LivePanel):
         """Starts the fit; what keeps it from that is shown."""
         session = self.session
         self.failure.set_text("")
-        with report_errors(self.failure.set_text):
+        with controls.report_errors(self.failure.set_text):
             for message in session.find_problems().values():
                 raise SceneError(f"the form: {message}")
             if not isinstance(session.beside.answer, Compared) or "measurement" not in self.view:
@@ -136,30 +127,29 @@ class MeasurementPanel(LivePanel):
             self.view.pop("before_fit", None)
             _, data, suffix = self.view["measurement"]
             content = write_fractions(session.content)
-            session.start_fit(Fit(content, session.uploads.folder, data, suffix, free))
+            session.start_fit(session.make_task("measuring.fit_scene", content, data=data, suffix=suffix, free=free))
             self.view["stopped"] = False
             self.timer.activate()
             self.follow()
 
     def end(self) -> None:
         """The fit, with the best so far; once more, at once."""
-        if self.session.fits is not None:
-            (self.session.fits.cancel if self.view.get("stopped") else self.session.fits.stop)()
-            self.view["stopped"] = True
-            self.status.set_text("stopping")
+        (self.session.fits.close if self.view.get("stopped") else self.session.fits.stop)()
+        self.view["stopped"] = True
+        self.status.set_text("stopping")
 
     def use(self, fitted: Fitted) -> None:
         """The values that were found go to the form; those of before can come back."""
-        with report_errors(self.failure.set_text):
+        with controls.report_errors(self.failure.set_text):
             content = put_values(self.session.content, find_places(fitted))
             self.view["before_fit"] = self.session.content
-            self.fill(content)
+            self.results.fill(content)
 
     def go_back(self) -> None:
         """The form as it was before the values were taken."""
         content = self.view.pop("before_fit", None)
         if content is not None:
-            self.fill(content)
+            self.results.fill(content)
 
     # what follows
 
@@ -169,7 +159,8 @@ class MeasurementPanel(LivePanel):
         self._draw_free()
         if given is not None:
             content = {key: value for key, value in session.content.items() if key not in ("brdf", "field")}
-            session.beside.ask(Comparison(None if session.wrong else content, session.uploads.folder, *given[1:]))
+            task = session.make_task("measuring.Comparer", content, data=given[1], suffix=given[2])
+            session.beside.ask(replace(task, content=None) if session.wrong else task)
             self.timer.activate()
         self._show()
         self.follow()
@@ -179,18 +170,16 @@ class MeasurementPanel(LivePanel):
         session = self.session
         session.beside.refresh()
         self._replace_measurement()
-        job, busy = session.fits, session.fits is not None and not session.fits.ended
-        if not busy:
-            session.take_fit()
-        for element in (self.stop, self.spinner):
-            element.set_visibility(busy)
+        fits, busy = session.fits, session.fits.waits
+        show(busy, self.stop, self.spinner)
         self.fit.set_enabled(not busy)
-        if busy and job is not None and not self.view.get("stopped"):
-            self.status.set_text(job.stage)
+        if busy and not self.view.get("stopped"):
+            self.status.set_text(fits.progress.stage)
         elif not busy:
+            session.take_fit()
             self.status.set_text("")
-            if job is not None and session.fitted is None and job.ended:
-                self.failure.set_text(job.message)
+            if session.fitted is None and isinstance(fits.answer, Refused):
+                self.failure.set_text(fits.answer.message)
         self._show()
         if not busy and not session.beside.waits:
             self.timer.deactivate()
@@ -217,10 +206,9 @@ class MeasurementPanel(LivePanel):
         beside = "; ".join(filter(None, (compared.message, *compared.notes))) if compared else ""
         text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
         self.message.set_text(text)
-        self.nothing.set_visibility(given is None)
+        show(given is None, self.nothing)
         self.name.set_text(given[0] if given else "")
-        self.answer.set_visibility(compared is not None)
-        self.shown.set_visibility(compared is not None)
+        show(compared is not None, self.answer, self.shown)
         if compared is not None:
             self._draw(compared)
             self._write_result()
@@ -231,12 +219,12 @@ class MeasurementPanel(LivePanel):
         offered = measuring.list_shown(measured)
         if view.get("shown") not in offered:
             view["shown"] = offered[0]
-        job, fitted = self.session.fits, self.session.fitted
+        step, fitted = self.session.fits.step, self.session.fitted
         predicted, fine, source = compared.predicted, compared.fine, SCENE
         if fitted is not None and write_fractions(self.session.content) == fitted.content:
             predicted, fine, source = fitted.predicted, None, OF_FIT
-        elif job is not None and job.step is not None and fitted is None:
-            predicted, fine, source = job.step.predicted, None, OF_STEP
+        elif step is not None and fitted is None:
+            predicted, fine, source = step.predicted, None, OF_STEP
         wanted = compared, view["shown"], predicted, bool(view.get("dark"))
         if len(self.drawn) == len(wanted) and all(a is b for a, b in zip(self.drawn, wanted, strict=True)):
             return
@@ -249,7 +237,7 @@ class MeasurementPanel(LivePanel):
         self.drawn = wanted
         if predicted is not None and predicted.size != len(measured):  # of another measurement
             predicted, fine = None, None
-        self.draw_figure(measurement(measured, view["shown"], predicted, fine, source))
+        self.results.draw_figure("measurement", measurement(measured, view["shown"], predicted, fine, source))
 
     def _write_result(self) -> None:
         """What the fit found, once."""
@@ -279,16 +267,15 @@ class MeasurementPanel(LivePanel):
             add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
             add_table("vrte-columns", ["number", "began at", "fits best", "± one sigma"], rows)
             with ui.row().classes("gap-2 items-center"):
-                use = ui.button("Take these values", icon="check", on_click=partial(self.use, fitted), color=None)
-                use.props(GO).classes("vrte-go px-3")
-                self.back = ui.button("Back to those before", icon="undo", on_click=self.go_back)
-                self.back.props("no-caps flat dense").set_visibility("before_fit" in self.view)
+                add_button("Take these values", "check", partial(self.use, fitted), controls.GO, "vrte-go px-3")
+                self.back = add_button("Back to those before", "undo", self.go_back, "flat dense")
+                show("before_fit" in self.view, self.back)
                 scene = write_content(put_values(fitted.content, find_places(fitted))).encode()
                 files = {"Page of the fit": ("fit.html", fitted.page), "Fitted scene, TOML": ("fitted.toml", scene)}
                 for text, (name, data) in files.items():
                     if data:
                         hand_out = partial(ui.download.content, data, name)
-                        ui.button(text, icon="download", on_click=hand_out).props("no-caps flat dense")
+                        add_button(text, "download", hand_out, "flat dense")
         with self.details:
             if len(names) > 1 and np.isfinite(fitted.correlations).any():
                 add_heading("Correlations")
@@ -325,20 +312,12 @@ def find_places(fitted: Fitted) -> dict[Any, float]:
 
 
 def replace_keys(sentence: str, names: dict[str, str]) -> str:
-    """A sentence about keys with the words that the form has for them.
-
-    >>> replace_keys("layer[1].albedo is at its upper bound 1", {"layer[1].albedo": "layer 1: albedo"})
-    'layer 1: albedo is at its upper bound 1'
-    """
+    """A sentence about keys with the words that the form has for them."""
     for key in sorted(names, key=len, reverse=True):
         sentence = sentence.replace(key, names[key])
     return sentence
 
 
 def write_digits(value: float) -> str:
-    """A number as a person reads it.
-
-    >>> write_digits(0.1 + 0.2), write_digits(60.0)
-    ('0.3', '60')
-    """
+    """A number as a person reads it: 0.1 + 0.2 is 0.3."""
     return write_field_text(float(f"{value:.{DIGITS}g}"))

@@ -13,16 +13,16 @@ from nicegui import ui
 
 from vrte import __version__
 from vrte.app.form import files
-from vrte.app.form.checks import PartRead
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
-from vrte.app.page.controls import GO, add_heading, add_menu_item, add_message, make_menu, report_errors
+from vrte.app.page import controls
+from vrte.app.page.controls import notify, report_errors, show
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import page_files
 from vrte.app.solving.measuring import is_measurement
-from vrte.app.solving.messages import Adopted, Fitted, Outcome, Read, Tensor, Written
+from vrte.app.solving.messages import Adopted, Outcome, Refused, Task, Written
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.materials import list_materials
@@ -34,6 +34,7 @@ THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 GALLERY = Path(__file__).parents[1] / "gallery"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 SUFFIXES = (".toml", ".nc", ".csv")
+LONG_ENOUGH = 10_000  # milliseconds to read what is notified
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
     f"a result {LARGEST_UPLOAD / 1e6:g} MB"
@@ -51,25 +52,23 @@ class Page:
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e", info="#1f4e79")
         self.dark = ui.dark_mode(bool(session.view.get("dark")))
-        ui.on("vrte-theme", self.set_theme)
-        ui.on("vrte-link", self.take_link)
-        ui.on("vrte-carried", self.carried)
-        ui.on("vrte-camera", self.keep_camera)
+        acts = {"theme": self.set_theme, "link": self.take_link, "carried": self.carried, "camera": self.keep_camera}
+        for event, act in acts.items():
+            ui.on(f"vrte-{event}", act)
         self._header()
         with ui.row().classes("vrte-page w-full no-wrap gap-0"):
             with ui.column().classes("vrte-left no-wrap gap-0").props('role=form aria-label="scene"'):
-                ui.label("Scene").classes("vrte-hidden").props("role=heading aria-level=2")
+                controls.add_heading("Scene", 2, "vrte-hidden")
                 with ui.element("div").classes("w-full vrte-scroll"):
                     self.form_area = ui.column().classes("w-full gap-0")
-                self.form_area.on(
-                    "keydown.enter", self.solve, js_handler="event => vrte.entered(event, () => emit())", args=[]
-                )
+                entered = "event => vrte.entered(event, () => emit())"
+                self.form_area.on("keydown.enter", self.solve, js_handler=entered, args=[])
                 self._solve_bar()
             with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
                 self.results = ResultPanel(session, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
-        if session.outcome is None and session.job is None and session.content == START:  # something to turn
+        if session.outcome is None and session.solves.task is None and session.content == START:  # something to turn
             if Page.start_outcome is None:
                 session.start()
             else:
@@ -81,61 +80,55 @@ class Page:
 
     def _header(self) -> None:
         with ui.header().classes("vrte-header items-center no-wrap gap-3"):
-            ui.label("vrte").classes("vrte-logo").props("role=heading aria-level=1")
+            controls.add_heading("vrte", 1, "vrte-logo")
             ui.label("polarized light from powders and paints").classes("vrte-tagline")
             ui.space()
             self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=self.opened)
             self.upload.on_rejected(lambda: self.complain(TOO_LARGE))  # by the browser itself
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
-            self._header_button("Gallery", "collections", "scenes and materials to begin with").on_click(
-                lambda: show_gallery(self.begin, self.fill)
-            )
+            gallery = self._header_button("Gallery", "collections", "scenes and materials to begin with")
+            gallery.on_click(lambda: show_gallery(self.begin, self.fill))
             to_open = "a scene (.toml) or a result (.nc, .csv); or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
-            with self._header_button("Download", "download", "results, figures, the scene"), make_menu():
+            with self._header_button("Download", "download", "results, figures, the scene"), controls.make_menu():
                 self._downloads()
             self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
-            with self._header_button("Theme", "contrast", "light or dark"), make_menu():
+            with self._header_button("Theme", "contrast", "light or dark"), controls.make_menu():
                 for theme, text in THEMES.items():
-                    add_menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
+                    controls.add_menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
 
     def _header_button(self, text: str, symbol: str, tip: str) -> Any:
-        button = ui.button(text, icon=symbol).props(f'flat no-caps dense color=white aria-label="{text}"')
-        return button.tooltip(tip)
+        return controls.add_button(text, symbol, props=f'flat dense color=white aria-label="{text}"').tooltip(tip)
 
     def _downloads(self) -> None:
-        session, make = self.session, page_files.make_result_download
-        for text, act in (
-            ("BRDF, NetCDF", lambda: make("brdf", session.outcome, ".nc")),
-            ("BRDF, CSV", lambda: make("brdf", session.outcome, ".csv")),
-            ("field inside, NetCDF", lambda: make("field", session.outcome, ".nc", session.view["wavelength"])),
-            ("field inside, CSV", lambda: make("field", session.outcome, ".csv", session.view["wavelength"])),
-            ("picture of the figure, PNG", None),
-            ("BRDF as a Mitsuba tensor (solves for its directions)", None),
-            (
-                "colours, gloss and hiding of Appearance, CSV",
-                lambda: page_files.make_colours_download(session.live, session.content),
-            ),
-            ("scene, TOML", lambda: page_files.make_scene_download(session.content, session.uploads)),
-        ):
-            other = self.picture if text.startswith("picture") else self.tensor
-            add_menu_item(text, partial(self.hand_out, act) if act else other)
+        session = self.session
+        for kind, title in (("brdf", "BRDF"), ("field", "field inside")):
+            for suffix, words in ((".nc", "NetCDF"), (".csv", "CSV")):
+                controls.add_menu_item(f"{title}, {words}", partial(self.hand_out_result, kind, suffix))
+        controls.add_menu_item("picture of the figure, PNG", self.picture)
+        controls.add_menu_item("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor)
+        colours = partial(self.hand_out, lambda: page_files.make_colours_download(session.live, session.content))
+        controls.add_menu_item("colours, gloss and hiding of Appearance, CSV", colours)
+        scene = partial(self.hand_out, lambda: page_files.make_scene_download(session.content, session.uploads))
+        controls.add_menu_item("scene, TOML", scene)
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
-            self.failure = add_message("vrte-error", "alert")
-            self.waits = ui.button(icon="arrow_upward", on_click=lambda: self.form.jump())
-            self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
+            self.failure = controls.add_message("vrte-error", "alert")
+            self.waits = controls.add_button(
+                "", "arrow_upward", lambda: self.form.jump(), f"flat dense {controls.DANGER} align=left"
+            )
+            self.waits.classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
-                self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
-                self.solve_button.props(GO).classes("grow vrte-go")
-                self.cancel_button = ui.button("Cancel", icon="stop", on_click=self.session.cancel)
-                self.cancel_button.props("no-caps outline color=negative")
+                self.solve_button = controls.add_button("Solve", "play_arrow", self.solve, controls.GO, "grow vrte-go")
+                self.cancel_button = controls.add_button(
+                    "Cancel", "stop", lambda: self.session.solves.close(), f"outline {controls.DANGER}"
+                )
             self.bar = ui.linear_progress(0, show_value=False).props('rounded size=6px aria-label="progress"')
-            self.stage = ui.label().classes("vrte-note")
-            self.report = ui.label().classes("vrte-note").props("role=status aria-live=polite")
+            self.stage = controls.add_note()
+            self.report = controls.add_note(role="status aria-live=polite")
 
     def _draw_form(self) -> None:
         self.form_area.clear()
@@ -155,12 +148,11 @@ class Page:
 
     def _mark(self) -> None:
         """Whether there is something to solve."""
-        wrong = self.session.wrong
-        self.solve_button.set_enabled(wrong is None and not self.session.busy)
-        self.waits.set_visibility(wrong is not None)
-        if wrong is not None:
-            self.waits.set_text(f"Solve waits: {wrong[0]}")
-        if self.results.mark_stale() and not self.session.busy:
+        wrong, busy = self.session.wrong, self.session.solves.waits
+        self.solve_button.set_enabled(wrong is None and not busy)
+        show(wrong is not None, self.waits)
+        self.waits.set_text(f"Solve waits: {wrong[0]}" if wrong else "")
+        if self.results.mark_stale() and not busy:
             self.report.set_text("")  # it was of another scene
 
     def solve(self) -> None:
@@ -168,51 +160,48 @@ class Page:
         wrong = self.session.find_problems()
         if wrong:
             self.failure.set_text("; ".join(wrong.values()))
-            return
-        if not self.session.busy:
+        elif not self.session.solves.waits:
             self.report.set_text("Solving.")
             self.session.start()
             self.follow()
 
     def follow(self) -> None:
-        """Looks how far the job is, and takes what it brought."""
+        """Looks how far the task is, and takes what it brought."""
         if self.session.has_looked():
             self.form.check()
-        job, busy = self.session.job, self.session.busy
-        for element in (self.cancel_button, self.bar, self.stage):
-            element.set_visibility(busy)
-        if busy and job is not None:
-            self.bar.set_value(round(job.fraction, 3))
-            self.stage.set_text(job.stage)
+        solves = self.session.solves
+        show(solves.waits, self.cancel_button, self.bar, self.stage)
+        if solves.waits:
+            self.bar.set_value(round(solves.progress.fraction, 3))
+            self.stage.set_text(solves.progress.stage)
             self.failure.set_text("")
-        elif job is not None and not busy and job is not self.session.taken:
-            self.session.taken = job
-            self.failure.set_text(translate_message(job.message, self.session.content))
+        elif (answer := solves.take()) is not None:  # the session has it now, or the browser
+            refused = answer.message if isinstance(answer, Refused) else ""
+            self.failure.set_text(translate_message(refused, self.session.content))
             self.report.set_text("")
-            self.take(job.outcome)
-            job.outcome = None  # the session has it, or the browser
+            self.take(answer)
         self._mark()
 
-    def take(self, outcome: Outcome | Written | PartRead | Fitted | Adopted | None) -> None:
-        """What a job brought, once."""
-        if isinstance(outcome, Written):
-            ui.download.content(outcome.data, outcome.name)
-        elif isinstance(outcome, Adopted):
-            self.fill(outcome.content, outcome.notes)
-        elif isinstance(outcome, Outcome):
-            self.session.outcome = outcome
+    def take(self, answer: Any) -> None:
+        """What a task brought, once."""
+        if isinstance(answer, Written):
+            ui.download.content(answer.data, answer.name)
+        elif isinstance(answer, Adopted):
+            self.fill(answer.content, answer.notes)
+        elif isinstance(answer, Outcome):
+            self.session.outcome = answer
             self.tidy()
-            if outcome.opened and outcome.content is not None:
-                self.session.content = copy.deepcopy(outcome.content)
+            if answer.opened and answer.content is not None:
+                self.session.content = copy.deepcopy(answer.content)
                 self._draw_form()
-            if not outcome.brdfs and self.session.view["tab"] in ("lobe", "cuts", "reflectance"):
+            if not answer.brdfs and self.session.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
             self.results.refresh()
-            if outcome.brdfs:
-                done = "Opened" if outcome.opened else "Solved"
-                self.report.set_text(f"{done}: {self.results.describe_reflectance(outcome)}.")
-            if outcome.content == START:
-                Page.start_outcome = outcome
+            if answer.brdfs:
+                done = "Opened" if answer.opened else "Solved"
+                self.report.set_text(f"{done}: {self.results.describe_reflectance(answer)}.")
+            if answer.content == START:
+                Page.start_outcome = answer
             else:
                 ui.run_javascript("vrte.show_result()")
 
@@ -231,13 +220,13 @@ class Page:
                 self.results.tabs.set_value("measurement")
                 self.results.live["measurement"].take(name, data)
             elif suffix in SUFFIXES:
-                self.session.start(Read(data, suffix))
+                self.session.start(Task("solve.read", data, more={"suffix": suffix}))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
 
     def complain(self, text: str) -> None:
         """Shows what is wrong, where it is seen."""
-        ui.notify(text, type="negative", multi_line=True, close_button=True, timeout=10_000)
+        notify(text, "negative", timeout=LONG_ENOUGH)
 
     async def hand_out(self, make: Callable[[], tuple[str, bytes]]) -> None:
         """A file for the browser to keep, made aside: the page stays alive."""
@@ -245,17 +234,21 @@ class Page:
             name, data = await asyncio.to_thread(make)
             ui.download.content(data, name)
 
+    async def hand_out_result(self, kind: str, suffix: str) -> None:
+        """The BRDF or the field as a file."""
+        outcome, which = self.session.outcome, self.session.view["wavelength"]
+        await self.hand_out(lambda: page_files.make_result_download(kind, outcome, suffix, which))
+
     def fill(self, content: Content, notes: tuple[str, ...] = ()) -> None:
         """The form with another scene, and what was filled in."""
         self.session.content = content
         self._draw_form()
         if notes:
-            ui.notify("; ".join(notes), type="info", multi_line=True, close_button=True, timeout=10_000)
+            notify("; ".join(notes), timeout=LONG_ENOUGH)
 
     def begin(self, content: Content) -> None:
         """With a scene of the gallery, solved at once."""
         self.fill(content)
-        self.session.cancel()
         self.session.start()
         self.follow()
 
@@ -288,8 +281,7 @@ class Page:
         names = ", ".join(dict.fromkeys(find_named_tables(self.session.content).values()))
         without = f" It cannot carry {names}: whoever opens it puts that in." if names else ""
         others = "Others put what stands from # on behind the address that their own `vrte view` has printed."
-        text = f"The address of this page carries the scene now. {copied} {others}{without}"
-        ui.notify(text, type="info", multi_line=True, close_button=True)
+        notify(f"The address of this page carries the scene now. {copied} {others}{without}")
 
     def take_link(self, event: Any) -> None:
         """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
@@ -308,13 +300,12 @@ class Page:
 
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""
-        session = self.session
         with report_errors(self.complain):
-            for message in session.find_problems().values():
+            for message in self.session.find_problems().values():
                 raise SceneError(message)
-            wavelengths = page_files.choose_tensor_wavelengths(session.content)
+            wavelengths = page_files.choose_tensor_wavelengths(self.session.content)
             self.report.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
-            session.start(Tensor(copy.deepcopy(session.content), session.uploads.folder, wavelengths))
+            self.session.start(self.session.make_task("solve.write_tensor", wavelengths_um=wavelengths))
 
 
 def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
@@ -326,7 +317,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
         solve(files.adopt_with_notes(files.parse_content(path.read_bytes()))[0])
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
-        add_heading("Scenes to begin with", 2)
+        controls.add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(GALLERY.glob("*.toml")):
                 title = files.parse_content(path.read_bytes())["render"]["title"]
@@ -337,7 +328,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
                     picture.props["src"] = f"data:image/png;base64,{drawn}"
                     ui.label(title)
         for title, known in (("Paints", list_paints()), ("Materials", list_materials())):
-            add_heading(f"{title} to begin with", 2)
+            controls.add_heading(f"{title} to begin with", 2)
             with ui.row().classes("justify-center gap-1"):
                 for one in known.values():
                     button = ui.button(one.title, on_click=lambda one=one: fill(*files.begin_with_material(one)))

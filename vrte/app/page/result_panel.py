@@ -10,9 +10,18 @@ from nicegui import ui
 
 from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page.appearance_panel import AppearancePanel
-from vrte.app.page.controls import OUTLINED, add_bullets, add_heading, add_message, add_slider, add_table, select
+from vrte.app.page.controls import (
+    OUTLINED,
+    add_bullets,
+    add_heading,
+    add_message,
+    add_slider,
+    add_table,
+    select,
+    show,
+)
 from vrte.app.page.measurement_panel import MeasurementPanel
-from vrte.app.solving.messages import Outcome, Reflectances, Solve
+from vrte.app.solving.messages import Outcome, Reflectances
 from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place, SceneError
 from vrte.pictures import interactive
@@ -135,9 +144,7 @@ class ResultPanel:
     def _lay_out(self, tab: str) -> None:
         """What a tab holds, empty."""
         if tab in LIVE:
-            panel = AppearancePanel if tab == "appearance" else MeasurementPanel
-            figure = partial(self._plot, tab), partial(self._draw, tab)
-            self.live[tab] = panel(self.session, self.write, self.fill, *figure)
+            self.live[tab] = (AppearancePanel if tab == "appearance" else MeasurementPanel)(self)
             return
         with ui.row().classes("w-full items-center gap-2 pt-2"):
             for key, label, names in SELECTS.get(tab, ()):
@@ -151,16 +158,16 @@ class ResultPanel:
             with ui.element("div").classes("vrte-pair"):
                 for name in ("scattering", "coefficients"):
                     with ui.column().classes("gap-0 no-wrap"):
-                        self._plot(name)
+                        self.add_plot(name)
         elif tab != "plan":
-            plot = self._plot(tab)
+            plot = self.add_plot(tab)
         if tab == "lobe":
             plot.props("tabindex=0").on("keydown", js_handler=f"event => vrte.turn(event, {plot.id})")
             ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
         if tab in ("reflectance", "plan"):
             self.texts[tab] = ui.column().classes("w-full gap-2 pb-4")
 
-    def _plot(self, name: str) -> Any:
+    def add_plot(self, name: str) -> Any:
         """An empty figure below its title: there it can be as long as it likes."""
         title = ui.label().classes("vrte-caption").props("role=heading aria-level=3")
         self.captions[name] = title, ui.label().classes("vrte-under")
@@ -213,7 +220,7 @@ class ResultPanel:
         angles = outcome.brdfs[0].mu_i if outcome and outcome.brdfs else np.empty(0)
         if angles.size:  # light from where it came from before, as nearly as there is
             view["place"] = int(np.abs(angles - view.get("mu_i", angles[angles.size // 2])).argmin())
-        inside = outcome.inside[0].names if outcome and outcome.inside else ()
+        inside = tuple(outcome.inside[0]) if outcome and outcome.inside else ()
         count = outcome.count if outcome else 0
         for key, size in (("place", angles.size), ("wavelength", count), ("layer", len(inside))):
             view[key] = min(view[key], max(size - 1, 0))
@@ -252,13 +259,10 @@ class ResultPanel:
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         several = bool(outcome and outcome.count > 1) and not live
         (incidence, beside, _), (wavelength, above, _) = self.sliders.values()
-        for element, shown in (
-            (incidence, with_angle),
-            (self.light, with_angle and tab != "reflectance"),
-            (wavelength, several),
-            (self.controls, with_angle or several),
-        ):
-            element.set_visibility(shown)
+        show(with_angle, incidence)
+        show(with_angle and tab != "reflectance", self.light)
+        show(several, wavelength)
+        show(with_angle or several, self.controls)
         if outcome and outcome.brdfs:
             mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
@@ -272,16 +276,16 @@ class ResultPanel:
         if tab == "plan":
             self._write_plan(outcome)
         elif tab == "scattering":
-            if not outcome.inside or not outcome.inside[which].names:
+            if not outcome.inside or not outcome.inside[which]:
                 raise SceneError(NO_PARTICLES if outcome.inside else NO_MATRICES)
-            matrix = outcome.inside[which].phase_matrices[view["layer"]]
-            self._draw("scattering", figures.scattering_matrix(matrix))
-            self._draw("coefficients", figures.coefficients(matrix))
+            matrix = [*outcome.inside[which].values()][view["layer"]]
+            self.draw_figure("scattering", figures.scattering_matrix(matrix))
+            self.draw_figure("coefficients", figures.coefficients(matrix))
         elif tab == "inside":
             if not outcome.fields:
                 raise SceneError(NO_FIELD)
             over_largest = view["over_largest"] and view["inside"] == "I"
-            self._draw(
+            self.draw_figure(
                 tab, figures.field_polar(outcome.fields[which], view["inside"], over_largest, bool(view.get("dark")))
             )
         elif not outcome.brdfs:
@@ -289,14 +293,14 @@ class ResultPanel:
         elif tab == "reflectance":
             assert outcome.reflectances is not None  # wherever there is a BRDF
             self._write_reflectances(outcome, outcome.reflectances)
-            self._draw(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
+            self.draw_figure(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
         elif tab == "lobe":
             brdf, stokes = outcome.brdfs[which], self._read_stokes()
-            self._draw(tab, lobe(brdf, place, view["height"], view["colour"], stokes))
+            self.draw_figure(tab, lobe(brdf, place, view["height"], view["colour"], stokes))
         else:
-            self._draw(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._read_stokes()))
+            self.draw_figure(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._read_stokes()))
 
-    def _draw(self, name: str, figure: "Figure") -> None:
+    def draw_figure(self, name: str, figure: "Figure") -> None:
         """A figure in its place, its title above it."""
         whole = figure.to_plotly_json()
         layout = whole["layout"]
@@ -323,7 +327,8 @@ class ResultPanel:
         """Says where the figure shows another scene than the form; whether it does."""
         outcome = self.session.outcome
         changed = outcome is not None and outcome.content != self.session.content
-        solving = self.session.busy and type(self.session.job and self.session.job.task) is Solve
+        solves = self.session.solves
+        solving = solves.waits and solves.task is not None and solves.task.call == "solve.solve"
         self.stale.set_text(SOLVING if solving else CHANGED if outcome and outcome.content else OF_FILE)
         self.stale.set_visibility(changed and self.view["tab"] not in LIVE)
         return changed
@@ -377,11 +382,7 @@ def write_wavelength(outcome: Outcome, which: int) -> str:
 
 
 def remove_marks(title: str) -> str:
-    """A figure's title without Plotly's marks, its second line parted by a line break.
-
-    >>> remove_marks("Light<br><sup>μ<sub>i</sub> = 1</sup>")
-    'Light\\nμᵢ = 1'
-    """
+    """A figure's title without Plotly's marks, its second line parted by a line break."""
     for mark, sign in SYMBOLS.items():
         title = title.replace(mark, sign)
     return re.sub("</?su[bp]>", "", title)

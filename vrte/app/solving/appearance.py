@@ -3,16 +3,17 @@ they rest, its gloss and how thick it has to be to hide what is below."""
 
 import pickle
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vrte.app.form.content import Content
 from vrte.app.solving.messages import Message
 from vrte.app.solving.worker import MOST_NOTES, Exchange
-from vrte.appearance.appearance import InstrumentReading
+from vrte.appearance.appearance import COLOURS, InstrumentReading
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
@@ -37,16 +38,6 @@ MU_I = [read_geometry(name).directions[0][0] for name in GEOMETRIES]  # one more
 OBSERVERS = {10: "10°", 2: "2°"}
 
 
-@dataclass(frozen=True)
-class Viewing:
-    """In which light a paint is seen, by whom, in which geometry, and over a card of which white."""
-
-    illuminant: str = "D65"
-    observer: int = 10
-    geometry: str = "45:0"
-    white: float = 0.8
-
-
 @dataclass(frozen=True, eq=False)
 class CardSpectra:
     """Reflectance factors over black and over white (wavelength,) at wavelengths [um]."""
@@ -54,17 +45,6 @@ class CardSpectra:
     wavelength_um: Array
     over_black: Array
     over_white: Array
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a scene looks like: the form's content, where its tables lie, how it is looked at, and the spectra that it
-    is compared with."""
-
-    content: dict[str, Any]
-    folder: Path
-    viewing: Viewing = Viewing()
-    before: CardSpectra | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +59,7 @@ class Shade:
     @classmethod
     def of(cls, colour: Colour) -> "Shade":
         """What the page shows of a colour."""
-        numbers = {name: float(getattr(colour, name)) for name in ("X", "Y", "Z", "L", "a", "b", "C", "h")}
+        numbers = {name: float(getattr(colour, name)) for name in COLOURS}
         return cls(colour.hex, colour.gamut_gap, numbers, colour.extrapolation)
 
 
@@ -89,7 +69,7 @@ class Appeared(Message):
     CIEDE2000 between the two, and ``changed``, those from the colours before; ``readings``, of gloss and hiding, and
     ``why_none`` of those that there are not. ``coarse``: of few wavelengths; ``follows``: a better answer does."""
 
-    viewing: Viewing
+    viewing: Conditions
     spectra: CardSpectra
     black: Shade
     white: Shade
@@ -105,70 +85,84 @@ class Appeared(Message):
     why_none: tuple[str, ...] = ()
 
 
+class Kept(dict[bytes, Any]):
+    """Values by keys that are pickled: the ``most`` that were used last."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+
+    def find(self, key: Any, make: Callable[[], Any]) -> Any:
+        """The value of a key, made where it is not known."""
+        text = pickle.dumps(key)
+        found = self.pop(text) if text in self else make()
+        self[text] = found
+        while len(self) > self.most:
+            del self[next(iter(self))]
+        return found
+
+
 class AppearanceAnswerer:
     """Answers questions about scenes that change a little: particles and spectra of the last ones are remembered."""
 
     def __init__(self) -> None:
-        self.kinds: dict[bytes, Particles] = {}
-        self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
-        self.found: dict[bytes, dict[str, CardSpectra]] = {}  # by geometry
-        self.read: dict[
-            bytes, tuple[tuple[InstrumentReading, ...], tuple[str, ...]]
-        ] = {}  # gloss and hiding, and why not
+        self.kinds = Kept(MOST_KINDS)  # particles, by source and keywords
+        self.warned = Kept(MOST_SPECTRA)  # sentences about particles, as they were made
+        self.found = Kept(MOST_SPECTRA)  # spectra by geometry, of each scene over each white
+        self.read = Kept(MOST_SPECTRA)  # readings of gloss and hiding, and why there are none, of each scene
         self.nodes: dict[str, Any] = {}
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
-    def answer(self, question: Question, exchange: Exchange) -> Appeared:
-        """Colours, gloss and hiding; colours alone are reported first, before them coarse ones where they take long."""
+    def answer(
+        self, exchange: Exchange, content: Content, folder: Path, viewing: Conditions, before: CardSpectra | None
+    ) -> Appeared:
+        """Colours, gloss and hiding of a scene; colours alone are reported first, before them coarse ones where they
+        take long."""
         begin = time.perf_counter()
         import_colour_science()
-        content = {key: value for key, value in question.content.items() if key not in LEFT_OUT}
-        key = pickle.dumps((content, question.folder, question.viewing.white))
+        content = {key: value for key, value in content.items() if key not in LEFT_OUT}
+        is_new = False
 
         def describe(found: dict[str, CardSpectra], **more: Any) -> Appeared:
             notes = self._collect_notes(content, exchange.notes(LongSolveWarning))
             seconds = time.perf_counter() - begin
-            return describe_spectra(question, found[question.viewing.geometry], seconds=seconds, notes=notes, **more)
+            return describe_spectra(found[viewing.geometry], viewing, before, seconds=seconds, notes=notes, **more)
 
-        both = self.found.pop(key, None)
-        is_new = both is None
-        if both is None:
-            at = np.asarray(choose_wavelengths(content, question.folder))
-            some = at[np.linspace(0, at.size - 1, COARSE).round().astype(int)]
-            panel = self._make(content, question.folder, some)
+        def make(at: Array, progress: Progress | None = None) -> Panel:
+            return make_panel(content, at, folder, progress, compute=self._compute, accuracy=ACCURACY)
+
+        def solve() -> dict[str, CardSpectra]:
+            nonlocal is_new
+            is_new = True
+            at = np.asarray(choose_wavelengths(content, folder))
+            panel = make(at[np.linspace(0, at.size - 1, COARSE).round().astype(int)])
             made = time.perf_counter() - begin
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                nodes = self.nodes or panel.put_over(None).choose_quadrature(MU_I)
-                few = self._solve(panel, question.viewing.white, nodes)
+                few = self._solve(panel, viewing.white, self.nodes or find_nodes(panel))
                 few = {name: spread_over(one, at) for name, one in few.items()}
                 exchange.report(describe(few, coarse=True, follows=True))
-            panel = self._make(content, question.folder, at, exchange.check)
+            panel = make(at, exchange.check)
             begun = time.perf_counter()
-            self.nodes = panel.put_over(None).choose_quadrature(MU_I)
-            both = self._solve(panel, question.viewing.white, self.nodes, exchange.check)
+            self.nodes = find_nodes(panel)
+            both = self._solve(panel, viewing.white, self.nodes, exchange.check)
             self.pace = (time.perf_counter() - begun) / at.size
-        self.found[key] = both
-        forget_oldest(self.found, MOST_SPECTRA)
-        forget_oldest(self.kinds, MOST_KINDS)
-        seen = pickle.dumps((content, question.folder, question.viewing))
-        if seen not in self.read:
-            exchange.report(describe(both, follows=True))
-            panel = self._make(content, question.folder, both["45:0"].wavelength_um, exchange.check)
-            nodes = self.nodes if is_new else panel.put_over(None).choose_quadrature(MU_I)
-            self.read[seen] = read_off(make_panel(panel, **nodes), question.viewing, exchange.check)
-            forget_oldest(self.read, MOST_SPECTRA)
-        readings, why_none = self.read[seen]
-        return describe(both, readings=readings, why_none=why_none)
+            return both
 
-    def _make(self, content: dict[str, Any], folder: Path, at: Array, progress: Progress | None = None) -> Panel:
-        """The scene at wavelengths (n,), of particles that are known as far as they are."""
-        return make_panel(content, at, folder, progress, compute=self._compute, accuracy=ACCURACY)
+        both = self.found.find((content, folder, viewing.white), solve)
+
+        def read() -> tuple[tuple[InstrumentReading, ...], tuple[str, ...]]:
+            exchange.report(describe(both, follows=True))
+            panel = make(both["45:0"].wavelength_um, exchange.check)
+            nodes = self.nodes if is_new else find_nodes(panel)
+            return read_off(make_panel(panel, **nodes), viewing, exchange.check)
+
+        readings, why_none = self.read.find((content, folder, viewing), read)
+        final = describe(both, why_none=why_none)
+        return replace(final, readings=(*list_readings(final), *readings))
 
     def _compute(self, source: str, given: dict[str, Any]) -> Particles:
         """Particles as `make_particles` makes them, or as they were made before."""
-        key = pickle.dumps((source, given))
-        found = self.kinds.pop(key, None) or make_particles(source, given)
-        self.kinds[key] = found  # the last used is the last
+        found: Particles = self.kinds.find((source, given), lambda: make_particles(source, given))
         return found
 
     def _solve(
@@ -182,107 +176,91 @@ class AppearanceAnswerer:
         at = panel.wavelength_um
         return {name: CardSpectra(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
-    def _collect_notes(self, content: dict[str, Any], warned: tuple[str, ...]) -> tuple[str, ...]:
+    def _collect_notes(self, content: Content, warned: tuple[str, ...]) -> tuple[str, ...]:
         """What the library warns of: of layers now, of particles as they were made."""
-        key = pickle.dumps(content.get("particles"))
-        of_particles = [text for text in warned if not text.startswith("layer")]
-        self.warned[key] = tuple(dict.fromkeys((*self.warned.pop(key, ()), *of_particles)))
-        forget_oldest(self.warned, MOST_SPECTRA)
-        return tuple(dict.fromkeys((*warned, *self.warned[key])))[:MOST_NOTES]
+        of_particles: dict[str, None] = self.warned.find(content.get("particles"), dict)
+        of_particles.update(dict.fromkeys(text for text in warned if not text.startswith("layer")))
+        return tuple(dict.fromkeys((*warned, *of_particles)))[:MOST_NOTES]
+
+
+def find_nodes(panel: Panel) -> dict[str, Any]:
+    """The quadrature of a panel over black, seen in the geometries."""
+    return panel.put_over(None).choose_quadrature(MU_I)
 
 
 def read_off(
-    panel: Panel, viewing: Viewing, progress: Progress
+    panel: Panel, viewing: Conditions, progress: Progress
 ) -> tuple[tuple[InstrumentReading, ...], tuple[str, ...]]:
     """Gloss over black, the thickness that hides the cards, and how far a litre of it goes; and why not."""
-    found: list[InstrumentReading] = []
-    why_none: list[str] = []
     bare = panel.put_over(None)
 
-    def read_gloss() -> None:
+    def read_gloss() -> Iterator[InstrumentReading]:
+        words = "specular gloss, 100 of polished black glass of index 1.567", "ISO 2813; ASTM D523"
         for angle, value in find_glosses(bare, progress=progress).items():
-            words = "specular gloss, 100 of polished black glass of index 1.567"
-            found.append(
-                InstrumentReading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", words, "ISO 2813; ASTM D523")
-            )
+            yield InstrumentReading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", *words)
 
-    def read_hiding() -> None:
+    def read_hiding() -> Iterator[InstrumentReading]:
         length = panel.length_um
         if length is None or not np.isfinite(length):
             raise SceneError("the film has no thickness to begin with")
-        seen = Conditions(viewing.geometry, viewing.illuminant, viewing.observer, white=viewing.white)
-        times, reason = Drawdown(panel, seen, progress).find_hiding_times()
+        times, reason = Drawdown(panel, viewing, progress).find_hiding_times()
         if not times:
             raise SceneError(reason)
         words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
         rows = ("hiding thickness", times * length, "um"), ("spreading rate", 1e3 / (times * length), "m2/l")
         for name, value, unit in rows:
-            found.append(InstrumentReading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805"))
+            yield InstrumentReading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805")
 
+    found: list[InstrumentReading] = []
+    why_none: list[str] = []
     for name, read in (("gloss", read_gloss), ("hiding thickness", read_hiding)):
         try:
-            read()
+            found += read()
         except SceneError as error:
             why_none.append(f"no {name}: {error}")
     return tuple(found), tuple(why_none)
 
 
 def list_readings(answer: Appeared) -> Iterator[InstrumentReading]:
-    """All numbers of an answer, one a row."""
+    """Spectra, colours and contrast of an answer, one number a row."""
     viewing, spectra = answer.viewing, answer.spectra
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
     cards = f"over a card of albedo 0 and one of {viewing.white:g}"
     sides = ("black", spectra.over_black, answer.black), ("white", spectra.over_white, answer.white)
     for side, values, shade in sides:
         over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
-        for wavelength, value in zip(spectra.wavelength_um.tolist(), values.tolist(), strict=True):
-            yield InstrumentReading(f"reflectance factor over {side}", seen, wavelength, value, "1", over, "CIE 15")
+        for at, value in zip(spectra.wavelength_um.tolist(), values.tolist(), strict=True):
+            yield InstrumentReading(f"reflectance factor over {side}", seen, at, value, "1", over, "CIE 15")
         for name, value in shade.numbers.items():
-            unit, standard = "degree" if name == "h" else "1", "ISO/CIE 11664-3" if name in "XYZ" else "ISO/CIE 11664-4"
+            unit, standard = "degree" if name == "h" else "1", COLOURS[name]
             yield InstrumentReading(f"{name} over {side}", seen, None, value, unit, light, standard)
-    words = f"Y over black over Y over white, {cards}"
-    yield InstrumentReading(
-        "contrast ratio", seen, None, answer.contrast, "1", f"{words}; {light}", "ISO 6504-3; ASTM D2805"
-    )
-    words = f"CIEDE2000; {light}"
-    yield InstrumentReading("colour difference between both", seen, None, answer.apart, "1", words, "ISO/CIE 11664-6")
-    yield from answer.readings
+    words, difference = f"Y over black over Y over white, {cards}; {light}", f"CIEDE2000; {light}"
+    ratio, apart = "contrast ratio", "colour difference between both"
+    yield InstrumentReading(ratio, seen, None, answer.contrast, "1", words, "ISO 6504-3; ASTM D2805")
+    yield InstrumentReading(apart, seen, None, answer.apart, "1", difference, "ISO/CIE 11664-6")
 
 
-def describe_spectra(question: Question, spectra: CardSpectra, **more: Any) -> Appeared:
-    """The colours of spectra, and what they differ by."""
-    viewing = question.viewing
-    black, white = find_colours(spectra, viewing)
-    if question.before is not None:
-        then = find_colours(question.before, viewing)
-        more["before"] = Shade.of(then[0]), Shade.of(then[1])
-        more["changed"] = find_difference(black, then[0]), find_difference(white, then[1])
+def describe_spectra(spectra: CardSpectra, viewing: Conditions, before: CardSpectra | None, **more: Any) -> Appeared:
+    """The colours of spectra, what they differ by, and by what from those ``before``."""
+
+    def find_colours(found: CardSpectra) -> list[Colour]:
+        how = viewing.illuminant, viewing.observer
+        curves = (np.clip(one, 0.0, None) for one in (found.over_black, found.over_white))
+        return [find_colour(found.wavelength_um, curve, *how) for curve in curves]
+
+    black, white = now = find_colours(spectra)
+    if before is not None:
+        then = find_colours(before)
+        more["before"] = tuple(map(Shade.of, then))
+        more["changed"] = tuple(find_difference(*pair) for pair in zip(now, then, strict=True))
     contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
     apart = find_difference(black, white)
     return Appeared(viewing, spectra, Shade.of(black), Shade.of(white), contrast, apart, **more)
 
 
-def find_colours(spectra: CardSpectra, viewing: Viewing) -> tuple[Colour, Colour]:
-    """The colours over black and over white."""
-    how = viewing.illuminant, viewing.observer
-    over_black, over_white = (np.clip(one, 0.0, None) for one in (spectra.over_black, spectra.over_white))
-    return find_colour(spectra.wavelength_um, over_black, *how), find_colour(spectra.wavelength_um, over_white, *how)
-
-
 def spread_over(few: CardSpectra, wavelength_um: Array) -> CardSpectra:
-    """Spectra at more wavelengths than they are known at, (n,) [um]: cubic splines.
-
-    >>> few = CardSpectra(np.linspace(0.4, 0.7, 6), np.linspace(0.1, 0.6, 6), np.ones(6))
-    >>> spread_over(few, np.array([0.43])).over_black.round(6).tolist()
-    [0.15]
-    """
+    """Spectra at more wavelengths (n,) [um] than they are known at: cubic splines."""
     from scipy.interpolate import make_interp_spline
 
     curves = (few.over_black, few.over_white)
     return CardSpectra(wavelength_um, *(make_interp_spline(few.wavelength_um, one)(wavelength_um) for one in curves))
-
-
-def forget_oldest(kept: dict[bytes, Any], most: int) -> None:
-    """Leaves the ``most`` that were put in last."""
-    while len(kept) > most:
-        del kept[next(iter(kept))]

@@ -1,20 +1,17 @@
 """A measurement beside what the form's scene shows at the same places, and the form's numbers fitted to it."""
 
-import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
-from vrte.app.solving.messages import Fit, Fitted, Message, Progress, Refused, Step
-from vrte.app.solving.page_files import collect_bytes
-from vrte.app.solving.worker import MOST_NOTES, Exchange, explain_failure
+from vrte.app.solving.messages import Fitted, Message, Progress, Refused, Step, Task
+from vrte.app.solving.page_files import collect_bytes, read_bytes
+from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError
 from vrte.fit import run as least_squares
@@ -25,17 +22,8 @@ LARGEST_MEASUREMENT = 2_000_000  # bytes: 20 000 rows or more
 MOST_POINTS = 20_000  # rows that the page shows and fits
 SUFFIXES = (".csv", ".nc")
 FIRST = 100_000  # bytes of a file in which its columns are named
+Free = dict[str, dict[str, float]]  # start, low and high by each key
 RESULT = "# vrte result"  # what files of results begin with, behind their checksum
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A question: a measurement's file, its bytes, and the form's content to be beside it, None while that is wrong."""
-
-    content: Content | None
-    folder: Path
-    data: bytes
-    suffix: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +36,6 @@ class Compared(Message):
     predicted: Array | None = None
     fine: tuple[Measurement, Array] | None = None
     message: str = ""
-    seconds: float = 0.0
     notes: tuple[str, ...] = ()
 
 
@@ -58,26 +45,25 @@ class Comparer:
     def __init__(self) -> None:
         self.read: tuple[bytes, Measurement] | None = None
 
-    def answer(self, question: Comparison, exchange: Exchange) -> Message:
-        """A new measurement is reported at once, before the scene is solved."""
-        begin = time.perf_counter()
-        if self.read is None or self.read[0] != question.data:
-            self.read = question.data, read_bytes(question.data, question.suffix)
+    def answer(self, exchange: Exchange, content: Content | None, folder: Path, data: bytes, suffix: str) -> Message:
+        """What the form's content, None while that is wrong, shows beside a measurement, a file's bytes; a new one is
+        reported at once, before the scene is solved."""
+        if self.read is None or self.read[0] != data:
+            self.read = data, read_limited(data, suffix)
             exchange.report(Compared(self.read[1], follows=True))
         exchange.check()
         measured = self.read[1]
-        found = explain_failure(partial(self._compare, measured), question, Exchange(exchange.report))
-        if isinstance(found, Compared):
-            return replace(found, seconds=time.perf_counter() - begin)
-        return Compared(measured, message=found.message if isinstance(found, Refused) else "")
-
-    def _compare(self, measured: Measurement, question: Comparison, exchange: Exchange) -> Compared:
-        if question.content is None:
+        if content is None:
             return Compared(measured)
-        content, notes = choose_wavelength(question.content, measured)
-        predicted, fine = predict_rows(measured, content, question.folder)
-        notes += exchange.notes(LongSolveWarning)
-        return Compared(measured, predicted=predicted, fine=fine, notes=tuple(dict.fromkeys(notes))[:MOST_NOTES])
+        found = explain_failure(compare, Task("", content, folder, {"measured": measured}), Exchange(exchange.report))
+        return Compared(measured, message=found.message) if isinstance(found, Refused) else found or Compared(measured)
+
+
+def compare(exchange: Exchange, content: Content, folder: Path, measured: Measurement) -> Compared:
+    """What the form's content shows beside a measurement. Raises SceneError."""
+    chosen, notes = choose_wavelength(content, measured)
+    predicted, fine = predict_rows(measured, chosen, folder)
+    return Compared(measured, False, predicted, fine, notes=exchange.notes(LongSolveWarning, before=notes))
 
 
 def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
@@ -89,34 +75,21 @@ def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
     return wanted or {b"quantity", b"value"} <= {name.strip() for name in header.split(b",")}
 
 
-def read_bytes(data: bytes, suffix: str) -> Measurement:
-    """A measurement's file, through a folder of its own. Raises SceneError."""
-    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
-        path = Path(folder) / f"measurement{suffix}"
-        path.write_bytes(data)
-        try:
-            found = read_measurement(path)
-        except SceneError as error:
-            raise SceneError(str(error).replace(str(path), "the file")) from error
+def read_limited(data: bytes, suffix: str) -> Measurement:
+    """A measurement's file, by its bytes. Raises SceneError."""
+    found = read_bytes(data, suffix, read_measurement)
     if len(found) > MOST_POINTS:
         raise SceneError(f"the page takes at most {MOST_POINTS} numbers, not {len(found)}; `vrte fit` takes more")
     return found
 
 
 def choose_wavelength(content: Content, measured: Measurement) -> tuple[Content, tuple[str, ...]]:
-    """The content at one of its wavelengths, where it has several and the measurement names none; and that this is so.
-
-    >>> seen = Measurement("total_reflectance", 0.5, theta_i_deg=8.0)
-    >>> choose_wavelength({"wavelength_um": [0.5, 0.6]}, seen)
-    ({'wavelength_um': 0.5}, ('the measurement names no wavelength: the first of the form, 0.5 µm, is taken',))
-    """
-    several = isinstance(content.get("wavelength_um"), (list, dict))
-    if not several:
+    """The content at one wavelength, where it has several, and a note where the measurement names none."""
+    if not isinstance(content.get("wavelength_um"), (list, dict)):
         return content, ()
     first = list_page_wavelengths(content)[0]
-    unnamed = "the measurement names no wavelength: " if np.isnan(measured.wavelength_um).any() else ""
-    notes = (f"{unnamed}the first of the form, {first:g} µm, is taken",) if unnamed else ()
-    return select_wavelength(content, first), notes
+    note = f"the measurement names no wavelength: the first of the form, {first:g} µm, is taken"
+    return select_wavelength(content, first), (note,) if np.isnan(measured.wavelength_um).any() else ()
 
 
 def predict_rows(
@@ -131,11 +104,12 @@ def predict_rows(
     return both[: len(measured)], (more, both[len(measured) :])
 
 
-def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
-    """What a fit finds, each step reported. Raises SceneError, KeyboardInterrupt before the first step."""
+def fit_scene(exchange: Exchange, content: Content, folder: Path, data: bytes, suffix: str, free: Free) -> Fitted:
+    """What a fit of the ``free`` numbers to a measurement finds, each step reported. Raises SceneError,
+    KeyboardInterrupt before the first step."""
     exchange.report(Progress(0.0, "reading the measurement"))
-    measured = read_bytes(task.data, task.suffix)
-    content, notes = choose_wavelength(task.content, measured)
+    measured = read_limited(data, suffix)
+    chosen, notes = choose_wavelength(content, measured)
     fraction = 0.0
 
     def progress(done: int, total: int) -> None:
@@ -147,28 +121,16 @@ def fit_scene(task: Fit, exchange: Exchange) -> Fitted:
         exchange.report(Step(fraction, stage, np.array([*step.values.values()]), step.chi2, np.array(step.predicted)))
 
     exchange.report(Progress(0.0, "the scene as it is, and how it changes with each number"))
-    found = least_squares.fit(measured, content, task.free, folder=task.folder, progress=progress, watch=watch)
+    found = least_squares.fit(measured, chosen, free, folder=folder, progress=progress, watch=watch)
     exchange.report(Progress(1.0, "the page of the fit"))
     page = b""
     with suppress(MissingExtraError):
         page = collect_bytes("fit.html", found.page)
-    notes = (
-        *notes,
-        *found.notes,
-        *exchange.notes(IndistinguishableWarning, LongSolveWarning),
-    )  # the first is a sentence already
-    return Fitted(
-        task.content,
-        tuple(found.names),
-        np.array(found.values),
-        np.array(found.errors),
-        np.array(found.correlations),
-        found.chi2,
-        np.array(found.predicted),
-        found.blind_spots,
-        page,
-        tuple(dict.fromkeys(notes))[:MOST_NOTES],
-    )
+    silent = IndistinguishableWarning, LongSolveWarning  # the first is a sentence of the fit already
+    notes = exchange.notes(*silent, before=(*notes, *found.notes))
+    values, errors, correlations = np.array(found.values), np.array(found.errors), np.array(found.correlations)
+    fitted = values, errors, correlations, found.chi2, np.array(found.predicted)
+    return Fitted(content, tuple(found.names), *fitted, found.blind_spots, notes, page)
 
 
 HEADS = ("quantity", "points", "incidence", "exit", "azimuth", "wavelength", "sigma")
@@ -189,28 +151,20 @@ def refine_curves(measured: Measurement) -> Measurement | None:
 
     Other axes stay as they are: more wavelengths or angles of incidence would take more solves.
     """
-    parts: list[dict[str, Any]] = []
+    parts: list[tuple[Any, ...]] = []
     for quantity in measured.names:
         if find_axis(measured, quantity) != "theta_o_deg":
             continue
         for curve in split_curves(measured, quantity)[1]:
             x = np.union1d(np.linspace(curve.x[0], curve.x[-1], FINE).round(DIGITS), curve.x.round(DIGITS))
             first = curve.rows[0]
-            phi = float(measured.phi_deg[first]) + (180.0 if measured.theta_o_deg[first] < 0.0 else 0.0)
-            parts += [
-                {
-                    "quantity": quantity,
-                    "theta_i_deg": measured.theta_i_deg[first],
-                    "theta_o_deg": abs(angle),
-                    "phi_deg": phi % 180.0 + (180.0 if angle < 0.0 else 0.0),
-                    "wavelength_um": measured.wavelength_um[first],
-                }
-                for angle in x.tolist()
-            ]
+            phi = (float(measured.phi_deg[first]) + (180.0 if measured.theta_o_deg[first] < 0.0 else 0.0)) % 180.0
+            theta_i, wavelength = measured.theta_i_deg[first], measured.wavelength_um[first]
+            parts += [(quantity, theta_i, abs(o), phi + (180.0 if o < 0.0 else 0.0), wavelength) for o in x.tolist()]
     if not 0 < len(parts) <= MOST_FINE:
         return None
-    columns = {name: [part[name] for part in parts] for name in parts[0]}
-    return Measurement(value=0.0, **columns)
+    columns = zip(("quantity", *TOLD), map(list, zip(*parts, strict=True)), strict=True)
+    return Measurement(value=0.0, **dict(columns))
 
 
 def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
@@ -222,11 +176,7 @@ def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
 
 
 def write_range(column: Array, unit: str) -> str:
-    """From where to where a column goes, and how many values it has.
-
-    >>> write_range(np.array([0.4, 0.5, 0.5]), "µm"), write_range(np.array([np.nan]), "°")
-    ('0.4 to 0.5 µm (2)', '–')
-    """
+    """From where to where a column goes, and how many values it has."""
     values = np.unique(column[np.isfinite(column)].round(DIGITS))
     space = "" if unit == "°" else " "
     if values.size == 0:

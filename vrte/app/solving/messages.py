@@ -2,68 +2,25 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vrte.app.form.checks import PartRead
 from vrte.basics.arrays import Array
-from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 
 
 @dataclass(frozen=True)
-class Solve:
-    """A scene to solve: the form's content, and the folder of its tables."""
+class Task:
+    """Work for a worker process: ``call``, a function of this folder by its module and name, gets the form's content or
+    a file's bytes, the folder of the tables that it names, and the keywords ``more``."""
 
-    content: dict[str, Any]
-    folder: Path
-
-
-@dataclass(frozen=True)
-class Tensor(Solve):
-    """The same for the directions of Mitsuba's tensor file, and the wavelengths [um] that it gets."""
-
-    wavelengths_um: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Look(Solve):
-    """A part of a scene that is made from a file, by its ``place``, to be read alone: it is a stranger's file."""
-
-    place: Place
-
-
-@dataclass(frozen=True)
-class Fit(Solve):
-    """Numbers of a scene to be fitted to a measurement: its file's bytes, and start, low and high by each key."""
-
-    data: bytes
-    suffix: str
-    free: dict[str, dict[str, float]]
-
-
-@dataclass(frozen=True)
-class Read:
-    """A result file to read, its bytes: whatever is in them harms that process alone."""
-
-    data: bytes
-    suffix: str
-
-
-@dataclass(frozen=True)
-class Adopt:
-    """A scene to be taken into the form: the bytes of its file, or the text of a link, which are a stranger's; and the
-    ``names`` of the tables in ``folder`` that it may name."""
-
-    given: bytes | str
-    folder: Path
-    names: frozenset[str]
-
-
-Task = Solve | Read | Adopt | Any  # and the questions of `LiveQuery`
+    call: str
+    content: Any = None
+    folder: Path = Path()
+    more: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,7 +39,7 @@ class Refused(Message):
 
 @dataclass(frozen=True)
 class Progress(Message):
-    """How far it is, from 0 to 1, and with what."""
+    """How far a task is, from 0 to 1, and with what."""
 
     fraction: float
     stage: str
@@ -106,11 +63,19 @@ class Adopted(Message):
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Written(Message):
+    """A file to be downloaded."""
+
+    name: str
+    data: bytes
+
+
 @dataclass(frozen=True, eq=False)
 class Fitted(Message):
     """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where they are unknown,
-    correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell; a page of all
-    of it, b"" without; and what else is to be known."""
+    correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell and what else
+    is to be known; a page of all of it, b"" without."""
 
     content: dict[str, Any]
     names: tuple[str, ...]
@@ -120,50 +85,33 @@ class Fitted(Message):
     chi2: float
     predicted: Array
     sentences: tuple[str, ...] = ()
-    page: bytes = b""
     notes: tuple[str, ...] = ()
+    page: bytes = b""
 
     @classmethod
-    def of_step(cls, task: Fit, step: Step, why: str) -> "Fitted":
-        """What is left of a fit that ended without a result: its last step, without errors."""
-        n = len(task.free)
-        unknown = np.full(n, np.nan), np.full((n, n), np.nan)
+    def of_step(cls, task: Task, step: Step, why: str) -> "Fitted":
+        """The last step of a fit that ended without a result, without errors."""
+        names = tuple(task.more["free"])
+        unknown = np.full(len(names), np.nan), np.full((len(names),) * 2, np.nan)
         notes = (f"{why}: these are the values of the last step, without errors",)
-        return cls(task.content, (*task.free,), step.values, *unknown, step.chi2, step.predicted, notes=notes)
+        return cls(task.content, names, step.values, *unknown, step.chi2, step.predicted, notes=notes)
 
 
-@dataclass(frozen=True)
-class Written(Message):
-    """A file to be downloaded."""
-
-    name: str
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Planned:
+class Planned(NamedTuple):
     """The plan of the BRDF at the first wavelength: its table, and what is left out and shared, line by line."""
 
     text: str
-    left_out: tuple[str, ...] = ()
-    shared: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Inside:
-    """What the layers are made of, at one wavelength."""
-
-    names: tuple[str, ...]
-    phase_matrices: tuple[PhaseMatrix, ...]
+    left_out: tuple[str, ...]
+    shared: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Reflectances:
-    """Reflectances of unpolarized light: ``curves``, (wavelength, mu_i) by what lies beneath, and where some light is
-    mirrored as a beam, with that and without it.
+    """Reflectances of unpolarized light incident along ``mu_i`` (n,): ``curves`` (wavelength, n) by the base, and where
+    some light is mirrored as a beam, with that and without it.
 
-    ``colours`` are "#rrggbb" of the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
-    from there: by reciprocity the same reflectances. ``why_none`` says why there are no colours. ``mu_i`` (n,).
+    ``colours`` are "#rrggbb" by the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
+    from there: by reciprocity the same reflectances. ``why_none`` says why there are no colours.
     """
 
     mu_i: Array
@@ -174,15 +122,14 @@ class Reflectances:
 
 @dataclass(frozen=True)
 class Outcome(Message):
-    """Everything there is to see. ``content`` is the scene as solved, None where a result file was read; ``brdfs`` and
-    ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown;
-    ``opened``: from a file; ``reflectances`` of the BRDFs."""
+    """Everything there is to see: the scene as solved, None where a result file was ``opened`` that does not hold it;
+    BRDFs and fields one a wavelength, or none; phase matrices by the names of their layers, at each wavelength."""
 
     content: dict[str, Any] | None
     wavelength_um: tuple[float, ...] = ()
     brdfs: tuple[Brdf, ...] = ()
     fields: tuple[Field, ...] = ()
-    inside: tuple[Inside, ...] = ()
+    inside: tuple[dict[str, PhaseMatrix], ...] = ()
     plan: Planned | None = None
     notes: tuple[str, ...] = ()
     opened: bool = False
@@ -190,14 +137,11 @@ class Outcome(Message):
 
     @property
     def count(self) -> int:
-        """How many wavelengths there are."""
+        """The number of wavelengths."""
         return max(len(self.brdfs), len(self.fields))
 
     @property
     def size(self) -> int:
-        """Bytes of its arrays, the small ones left out."""
+        """Bytes of the large arrays."""
         matrices = sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs)
         return matrices + sum(field.stokes.nbytes for field in self.fields)
-
-
-Answer = Outcome | Written | PartRead | Fitted | Adopted

@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,9 +27,7 @@ from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import show_toml
 from vrte.results.spectrum import Spectrum
 
-if TYPE_CHECKING:
-    from vrte.app.solving.worker_process import LiveQuery
-
+Found = TypeVar("Found")
 LARGEST_TABLE = 60_000_000  # bytes of a file from which a phase matrix or a base is made, in a process of its own
 LARGEST_LIST = 500_000  # of one that every check of the form reads: n and k, sizes
 MOST_TABLES, LARGEST_UPLOADS = 20, 150_000_000  # files that a tab may put in, and bytes of all of them
@@ -54,10 +52,7 @@ class Uploads:
         stem, suffix = split_name(given, suffixes)
         if not data:
             raise SceneError(f"{show_toml(given)} is empty")
-        if len(data) > most:
-            raise SceneError(
-                f"{show_toml(given)} has {len(data) / 1e6:.3g} MB, and at most {most / 1e6:g} MB are taken here"
-            )
+        check_size(given, len(data), most)
         self._make_room(len(data), named)
         self._move_in()
         for name in (f"{stem}{suffix}", *(f"{stem}-{k}{suffix}" for k in range(2, 10 * MOST_TABLES))):
@@ -78,18 +73,15 @@ class Uploads:
             self._remove, self.own = None, {}
 
     def _make_room(self, size: int, named: Collection[str]) -> None:
-        """Those that no field names any more go where there is no room for another."""
-        for name in [name for name in self.own if name not in named]:
-            if self._has_room(size):
-                break
+        """Those that no field names any more go where there is no room for another. Raises SceneError."""
+        unnamed = [name for name in self.own if name not in named]
+        while len(self.own) >= MOST_TABLES or sum(self.own.values()) + size > LARGEST_UPLOADS:
+            if not unnamed:
+                raise SceneError(f"a page takes at most {MOST_TABLES} files, {LARGEST_UPLOADS / 1e6:g} MB in all")
+            name = unnamed.pop(0)
             (self.folder / name).unlink()
             self.names -= {name}
             del self.own[name]
-        if not self._has_room(size):
-            raise SceneError(f"a page takes at most {MOST_TABLES} files, {LARGEST_UPLOADS / 1e6:g} MB in all")
-
-    def _has_room(self, size: int) -> bool:
-        return len(self.own) < MOST_TABLES and sum(self.own.values()) + size <= LARGEST_UPLOADS
 
     def _move_in(self) -> None:
         """A folder of its own, once, with the tables that there have been: by the same names, which may lead upward."""
@@ -109,6 +101,12 @@ class Uploads:
         self.folder = folder
 
 
+def check_size(name: str, size: int, most: int) -> None:
+    """Whether a file is small enough. Raises SceneError."""
+    if size > most:
+        raise SceneError(f"{show_toml(name)} has {size / 1e6:.3g} MB, and at most {most / 1e6:g} MB are taken here")
+
+
 def split_name(given: str, suffixes: tuple[str, ...]) -> tuple[str, str]:
     """A file's name in letters, digits and dashes, and its suffix. Raises SceneError."""
     found = next((suffix for suffix in suffixes if given.lower().endswith(suffix)), "")
@@ -126,17 +124,26 @@ def collect_bytes(name: str, write: Callable[[Path], Any]) -> bytes:
         return path.read_bytes()
 
 
+def read_bytes(data: bytes, suffix: str, read: Callable[[Path], Found]) -> Found:
+    """What a call reads from a file with these bytes. Raises SceneError, without where the file lies."""
+    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
+        path = Path(folder) / f"file{suffix}"
+        path.write_bytes(data)
+        try:
+            return read(path)
+        except SceneError as error:
+            raise SceneError(str(error).replace(str(path), "the file")) from error
+
+
 def make_result_download(kind: str, outcome: Outcome | None, suffix: str, which: int = 0) -> tuple[str, bytes]:
     """Name and bytes of the "brdf" at all wavelengths or the "field" at one, ``suffix`` ".nc" or ".csv". Raises
     SceneError without one."""
-    brdfs, fields = (outcome.brdfs, outcome.fields) if outcome else ((), ())
-    if kind == "brdf" and not brdfs:
+    found: Any = () if outcome is None else outcome.brdfs if kind == "brdf" else outcome.fields[which : which + 1]
+    if not found and kind == "brdf":
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")
-    if kind == "field" and not fields:
+    if not found:
         raise SceneError('there is no field to download: turn on "Inside the layers" and solve')
-    found: Any = fields[which] if kind == "field" else brdfs[0]
-    if kind == "brdf" and outcome and len(brdfs) > 1:
-        found = Spectrum(np.array(outcome.wavelength_um), brdfs)
+    found = Spectrum(np.array(outcome.wavelength_um), found) if outcome and len(found) > 1 else found[0]
     return f"{kind}{suffix}", collect_bytes(f"{kind}{suffix}", lambda path: save(found, path))
 
 
@@ -170,13 +177,12 @@ def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
     return tuple(found)
 
 
-def make_colours_download(live: "LiveQuery", content: Content) -> tuple[str, bytes]:
-    """Name and bytes of what the tab Appearance shows of the form's scene. Raises SceneError where it shows nothing, or
-    not yet all."""
-    from vrte.app.solving.appearance import Appeared, list_readings
+def make_colours_download(live: Any, content: Content) -> tuple[str, bytes]:
+    """Name and bytes of what the tab Appearance shows of the form's scene, asked by the query ``live``. Raises
+    SceneError where it shows nothing, or not yet all."""
+    from vrte.app.solving.appearance import Appeared
     from vrte.pictures.paint import write_table
 
-    answer, asked = live.answer, live.answered
-    if not isinstance(answer, Appeared) or answer.follows or asked is None or asked.content != content:
+    if not isinstance(live.answer, Appeared) or live.waits or live.answered is None or live.answered.content != content:
         raise SceneError("there are no colours of this scene yet: open the tab Appearance, and wait for its answer")
-    return "colours.csv", write_table(list_readings(answer)).encode()
+    return "colours.csv", write_table(live.answer.readings).encode()

@@ -1,7 +1,6 @@
 """Tasks of the viewer that are answered once: a scene is solved, a result, a part or a stranger's scene is read."""
 
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +12,12 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import PartRead, select_part
 from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_with_notes, parse_content, read_link
-from vrte.app.solving import messages
-from vrte.app.solving.messages import Outcome, Progress
-from vrte.app.solving.page_files import collect_bytes
+from vrte.app.solving.messages import Adopted, Outcome, Planned, Progress, Reflectances, Written
+from vrte.app.solving.page_files import collect_bytes, read_bytes
 from vrte.app.solving.worker import Exchange
 from vrte.appearance.colours import convert_to_hex
 from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
@@ -45,9 +43,8 @@ WITH_BEAM, WITHOUT_BEAM = ", all of it", ", without what is mirrored as a beam"
 LAST_ORDER = 0.9  # of a stage: where the bar is once all Fourier orders are solved
 
 
-def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
+def solve(exchange: Exchange, content: Content, folder: Path) -> Outcome:
     """The BRDF at every wavelength, and the field where it is asked for."""
-    content = task.content
     wavelengths, text = form.list_page_wavelengths(content), write_toml(content)
     with_field = "field" in content
     stages = ("particles", "BRDF", "BRDF over another base", *(["field inside"] if with_field else []))
@@ -67,14 +64,14 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
 
     brdfs: list[Brdf] = []
     fields: list[Field] = []
-    inside: list[messages.Inside] = []
+    inside: list[dict[str, PhaseMatrix]] = []
     others: list[Brdf] = []
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
         alone = form.select_wavelength(content, wavelength)
-        file = make_scene_file(alone, "brdf", task.folder)
-        inside.append(describe_inside(content, file.scene))
+        file = make_scene_file(alone, "brdf", folder)
+        inside.append(list_phase_matrices(content, file.scene))
         keywords = form.choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
@@ -84,7 +81,7 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
             asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
             others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
         if with_field:
-            file = replace(make_scene_file(alone, "field", task.folder, check_particles), scene=file.scene)
+            file = replace(make_scene_file(alone, "field", folder, check_particles), scene=file.scene)
             with file.located():
                 fields.append(radiance(file.scene, **form.choose_keywords(file), progress=begin("field inside", which)))
     return Outcome(
@@ -99,46 +96,28 @@ def solve(task: messages.Solve, exchange: Exchange) -> Outcome:
     )
 
 
-def look_at_part(task: messages.Look, exchange: Exchange) -> PartRead:
+def look_at_part(exchange: Exchange, content: Content, folder: Path, place: Place) -> PartRead:
     """What a part is that is made from a file, at the first and the last wavelength."""
-    wavelengths = form.list_page_wavelengths(task.content)
+    wavelengths = form.list_page_wavelengths(content)
     words = []
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
-        alone = form.select_wavelength(select_part(task.content, task.place), wavelength)
+        alone = form.select_wavelength(select_part(content, place), wavelength)
         try:
-            scene = make_scene_file(alone, "brdf", task.folder).scene
+            scene = make_scene_file(alone, "brdf", folder).scene
         except SceneError as error:
-            text = str(error).replace(f"{task.folder}{os.sep}", "")  # where it lies is nobody's business
-            return PartRead(message=put_in_one_line(text, 1000), place=error.place or task.place)
-        made: Any = scene.base if task.place[0] == "base" else scene.layers[int(task.place[1])].phase_matrix
-        words.append(describe_part(made))
-    return PartRead("; ".join(dict.fromkeys((*words, *exchange.notes())))[:MOST_WORDS])
+            text = str(error).replace(f"{folder}{os.sep}", "")  # where it lies is nobody's business
+            return PartRead(message=put_in_one_line(text, 1000), place=error.place or place)
+        made: Any = scene.base if place[0] == "base" else scene.layers[int(place[1])].phase_matrix
+        if isinstance(made, PhaseMatrix) and made.expansion is not None:
+            words.append("; ".join(f"{name}: {value}" for name, value in describe_expansion(made).items()))
+        else:
+            words.append(made.in_words if isinstance(made, PhaseMatrix) else str(made))
+    return PartRead("; ".join(exchange.notes(before=words))[:MOST_WORDS])
 
 
-def describe_part(made: Any) -> str:
-    """A phase matrix or a base that came from a file, in words.
-
-    >>> import vrte
-    >>> describe_part(vrte.rayleigh())
-    'g 0, 3 terms, polarizing'
-    """
-    if not isinstance(made, PhaseMatrix):
-        return str(made)
-    if made.expansion is None:
-        return made.in_words
-    return "; ".join(f"{name}: {words}" for name, words in describe_expansion(made).items())
-
-
-def describe_inside(content: Content, scene: Scene) -> messages.Inside:
-    """What the layers hold, in words, and their phase matrices, without the clear ones that a scene puts between
-    interfaces.
-
-    >>> import vrte
-    >>> fog = vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
-    >>> scene = Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33), fog])
-    >>> describe_inside({"layer": [{"interface": {}}, {"interface": {}}, {"phase": "rayleigh"}]}, scene).names
-    ('layer 3: rayleigh',)
-    """
+def list_phase_matrices(content: Content, scene: Scene) -> dict[str, PhaseMatrix]:
+    """Phase matrices by what the layers hold, in words, without the non-scattering ones that a scene puts between
+    interfaces."""
     tables = content["layer"]
     called = zip(form.name_layers(tables), tables, strict=True)
     names = [f"{name}: {describe_filling(one)}" for name, one in called if not form.is_interface(one)]
@@ -149,10 +128,10 @@ def describe_inside(content: Content, scene: Scene) -> messages.Inside:
             added -= 1
         else:
             matrices.append(layer.phase_matrix)
-    return messages.Inside(tuple(names), tuple(matrices))
+    return dict(zip(names, matrices, strict=True))
 
 
-def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> messages.Planned | None:
+def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
     """The plan of the BRDF; only discrete ordinates have one."""
     if keywords.get("method", EXACT) not in (EXACT, AUTO):
         return None
@@ -161,28 +140,16 @@ def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> messages.Pla
     parts = list(facts["parts"].values()) if "parts" in facts else [facts]
     left_out = dict.fromkeys(text for part in parts for text in part["left_out"].values())
     shared = dict.fromkeys(text for part in parts for text in part["shared"])
-    return messages.Planned(str(made), tuple(left_out), tuple(shared))
+    return Planned(str(made), tuple(left_out), tuple(shared))
 
 
-def read(task: messages.Read, exchange: Exchange) -> Outcome:
-    """A result file, through a folder of its own."""
-    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
-        path = Path(folder) / f"result{task.suffix}"
-        path.write_bytes(task.data)
-        try:
-            found = load(path)
-        except SceneError as error:
-            raise SceneError(str(error).replace(str(path), "the file")) from error
-    return replace(make_outcome(found), notes=exchange.notes())
+def read(exchange: Exchange, data: bytes, folder: Path, suffix: str) -> Outcome:
+    """A result file, by its bytes: whatever is in them harms this process alone."""
+    return replace(make_outcome(read_bytes(data, suffix, load)), notes=exchange.notes())
 
 
 def replace_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
-    """The scene over black, or over white where it lies on black, and both names; None where no base is reached.
-
-    >>> from vrte import Layer, rayleigh
-    >>> replace_base(Scene([Layer(rayleigh(), 1.0, 1.0)], Lambertian(0.3)))[1]
-    ('over the base (albedo 0.3)', 'over black')
-    """
+    """The scene over black, or over white where it lies on black, and both names; None where no base is reached."""
     if not scene.base_is_reached:
         return None, ("no base is reached", "")
     if scene.base is None:
@@ -196,7 +163,7 @@ def collect_reflectances(
     brdfs: Sequence[Brdf],
     others: Sequence[Any] = (),
     names: Sequence[str] = ("as in the file",),
-) -> messages.Reflectances | None:
+) -> Reflectances | None:
     """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
     if not brdfs:
         return None
@@ -210,15 +177,11 @@ def collect_reflectances(
             curves[f"{name}{WITH_BEAM}"] = diffuse + np.array([one.specular[:, 0, 0] for one in each])
             curves[f"{name}{WITHOUT_BEAM}"] = diffuse
     colours, why_none = compute_colours(np.array(wavelength_um), curves)
-    return messages.Reflectances(brdfs[0].mu_i, curves, colours, why_none)
+    return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
 
 
 def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
-    """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where all comes back; or why there are none.
-
-    >>> compute_colours(np.array([0.64]), {})[1]
-    'A colour needs at least 5 wavelengths, from 0.46 µm or less to 0.64 µm or more: type 0.43:0.7:7.'
-    """
+    """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where the reflectance is 1; or why none."""
     if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
         ends = f"from {FROM_UM:g} µm or less to {TO_UM:g} µm or more"
         return {}, f"A colour needs at least {FEWEST} wavelengths, {ends}: type 0.43:0.7:7."
@@ -232,20 +195,18 @@ def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dic
     return {name: tuple(map(convert_to_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
 
 
-def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
-    """A result as something to see."""
-    if isinstance(found, Spectrum):
-        wavelengths = found.wavelength_um.tolist()
-        content, reflectances = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
-        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=reflectances)
-    content = recover_scene(found)
-    if isinstance(found, Brdf):
-        return Outcome(content, brdfs=(found,), opened=True, reflectances=collect_reflectances((), (found,)))
-    require_one_beam(found)
-    return Outcome(content, fields=(found,), opened=True)
+def make_outcome(found: Any) -> Outcome:
+    """A result, BRDF, field or spectrum, as something to see."""
+    wavelengths = found.wavelength_um.tolist() if isinstance(found, Spectrum) else []
+    brdfs = found.brdfs if isinstance(found, Spectrum) else (found,) if isinstance(found, Brdf) else ()
+    fields = () if brdfs else (found,)
+    for field in fields:
+        require_one_beam(field)
+    content, reflectances = recover_scene((*brdfs, *fields)[0], wavelengths), collect_reflectances(wavelengths, brdfs)
+    return Outcome(content, tuple(wavelengths), brdfs, fields, opened=True, reflectances=reflectances)
 
 
-def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
+def recover_scene(result: Brdf | Field, wavelengths: list[float]) -> Content | None:
     """The content of the scene file that a result holds, where it does and the page can take it."""
     text = result.diagnostics.get(SCENE)
     if not isinstance(text, str):
@@ -259,23 +220,19 @@ def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) 
         return None
 
 
-def write_tensor(task: messages.Tensor, exchange: Exchange) -> messages.Written:
+def write_tensor(exchange: Exchange, content: Content, folder: Path, wavelengths_um: Sequence[float]) -> Written:
     """Mitsuba's file, solved for the directions that it needs."""
     from vrte.formats.measured_polarized import directions, write_mitsuba
 
-    stage = "BRDF at the directions of the tensor"
-    found = spectrum(
-        task.content,
-        task.wavelengths_um,
-        lambda done, total: exchange.report(Progress(0.9 * done / max(total, 1), stage)),
-        task.folder,
-        **directions(),
-    )
+    def progress(done: int, total: int) -> None:
+        exchange.report(Progress(0.9 * done / max(total, 1), "BRDF at the directions of the tensor"))
+
+    found = spectrum(content, wavelengths_um, progress, folder, **directions())
     exchange.report(Progress(0.9, "writing the tensor"))
-    return messages.Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
 
 
-def adopt(task: messages.Adopt, exchange: Exchange) -> messages.Adopted:
-    """A stranger's scene as the form takes it."""
-    given = read_link(task.given) if isinstance(task.given, str) else parse_content(task.given)
-    return messages.Adopted(*adopt_with_notes(given, task.folder, task.names, aside=True))
+def adopt(exchange: Exchange, given: bytes | str, folder: Path, names: frozenset[str]) -> Adopted:
+    """A stranger's scene, a file's bytes or a link's text, as the form takes it."""
+    content = read_link(given) if isinstance(given, str) else parse_content(given)
+    return Adopted(*adopt_with_notes(content, folder, names, aside=True))

@@ -9,9 +9,9 @@ from typing import Any
 from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
-from vrte.app.solving.messages import Adopt, Fit, Fitted, Look, Outcome, Solve, Task
+from vrte.app.solving.messages import Fitted, Outcome, Refused, Task
 from vrte.app.solving.page_files import Uploads
-from vrte.app.solving.worker_process import Job, LiveQuery
+from vrte.app.solving.worker_process import Query
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
 
@@ -22,67 +22,55 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 
 @dataclass
 class TabSession:
-    """A tab's: the form's ``content``, which may name the tables of its ``uploads``; the ``job`` that runs, the last
-    ``outcome`` and the job that it was ``taken`` of; ``view``, what it looks at, and how many ``pages`` look; the first
-    field that is ``wrong``: its message, and its place.
+    """A tab's: the form's ``content``, which may name the tables of its ``uploads``; the last ``outcome``; ``view``,
+    what it looks at, and how many ``pages`` look; the first field that is ``wrong``: its message, and its place;
+    ``parts_read``, which describes parts that are made from files.
 
-    ``parts_read`` describes parts that are made from files, of which ``looked`` is the one that a job ``looks`` at;
-    ``live`` answers what the scene looks like, ``beside`` what it shows beside a measurement, to which a job ``fits``
-    it; ``fitted`` is what that found."""
+    It asks worker processes for ``solves``; for what the scene looks like, ``live``, and shows ``beside`` a
+    measurement; for ``fits`` to that, of which ``fitted`` is what the last one found; and for ``looks`` at a part."""
 
     content: Content
     uploads: Uploads = field(default_factory=Uploads)
     outcome: Outcome | None = None
-    job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
     wrong: tuple[str, Place] | None = None
-    taken: Job | None = None
     parts_read: dict[str, PartRead] = field(default_factory=dict)
-    looks: Job | None = None
-    live: LiveQuery = field(default_factory=LiveQuery)
-    beside: LiveQuery = field(default_factory=LiveQuery)
-    fits: Job | None = None
+    solves: Query = field(default_factory=Query)
+    looks: Query = field(default_factory=Query)
+    fits: Query = field(default_factory=Query)
+    live: Query = field(default_factory=lambda: Query(stays=True))
+    beside: Query = field(default_factory=lambda: Query(stays=True))
     fitted: Fitted | None = None
-    looked: tuple[str, Place] = ("", ())
 
-    @property
-    def busy(self) -> bool:
-        """Whether something runs."""
-        return self.job is not None and not self.job.ended
+    def make_task(self, call: str, content: Any = None, **more: Any) -> Task:
+        """A task about the form's content, or another's."""
+        return Task(call, self.content if content is None else content, self.uploads.folder, more)
 
     def start(self, task: Task | None = None) -> None:
         """A task, or to solve what the form says now, in place of the one that runs."""
-        self.cancel()
-        self.job = Job(task or Solve(copy.deepcopy(self.content), self.uploads.folder))
+        self.solves = replace_query(self.solves, task or self.make_task("solve.solve"))
 
     def start_adopting(self, given: bytes | str) -> None:
         """Starts to read a scene from a file's bytes or a link's text, in place of the job that runs."""
-        self.start(Adopt(given, self.uploads.folder, self.uploads.names))
+        self.start(self.make_task("solve.adopt", given, names=self.uploads.names))
 
-    def cancel(self) -> None:
-        """Ends the job that runs."""
-        end(self.job)
-
-    def start_fit(self, task: Fit) -> None:
+    def start_fit(self, task: Task) -> None:
         """A fit in place of the one that runs, beside whatever is solved."""
-        self.end_fit()
-        self.fits = Job(task)
+        self.fits, self.fitted = replace_query(self.fits, task), None
 
     def end_fit(self) -> None:
         """Ends the fit, and forgets what it found."""
-        end(self.fits)
-        self.fits = self.fitted = None
+        self.fits.close()
+        self.fits, self.fitted = Query(), None
 
     def take_fit(self) -> None:
         """What a fit brought once it has ended: its last step where it died, nothing where it has made none."""
-        job = self.fits
-        if self.fitted is not None or job is None or not job.ended:
-            return
-        if isinstance(job.outcome, Fitted):
-            self.fitted = job.outcome
-        elif job.step is not None and isinstance(job.task, Fit):
-            self.fitted = Fitted.of_step(job.task, job.step, job.message)
+        answer, task, step = self.fits.answer, self.fits.task, self.fits.step
+        if self.fitted is None and isinstance(answer, Fitted):
+            self.fitted = answer
+        elif self.fitted is None and isinstance(answer, Refused) and task is not None and step is not None:
+            self.fitted = Fitted.of_step(task, step, answer.message)
 
     def leave(self) -> None:
         """A page has gone for good: nobody waits for what it solves, unless the tab has another."""
@@ -92,44 +80,43 @@ class TabSession:
 
     def rest(self) -> None:
         """Ends what nobody waits for."""
-        end(self.job)
-        end(self.fits)
-        self.live.close()
-        self.beside.close()
+        for query in (self.solves, self.fits, self.live, self.beside):
+            query.close()
 
     def find_problems(self) -> dict[Place, str]:
         """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
         found = find_problems(self.content, self.uploads.folder, self.uploads.names, self.parts_read)
         places = list_parts(self.content, self.uploads.names)
         unknown = next((place for place in places if name_part(self.content, place) not in self.parts_read), None)
-        if unknown is not None and self.looks is None:
-            self.looks = Job(Look(copy.deepcopy(self.content), self.uploads.folder, unknown))
-            self.looked = name_part(self.content, unknown), unknown
+        if unknown is not None and self.looks.task is None:
+            self.looks.ask(self.make_task("solve.look_at_part", place=unknown))
         return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
         """Whether there is something new to say of a part."""
-        if self.looks is None or not self.looks.ended:
+        task, found = self.looks.task, self.looks.take()
+        if task is None or found is None:
             return False
-        name, place = self.looked
-        found, message = self.looks.outcome, self.looks.message
-        self.parts_read[name] = found if isinstance(found, PartRead) else PartRead(message=message, place=place)
-        self.looks = None
+        place, self.looks = task.more["place"], Query()
+        read = found if isinstance(found, PartRead) else PartRead(message=found.message, place=place)
+        self.parts_read[name_part(task.content, place)] = read
         while len(self.parts_read) > MOST_SAID:
             del self.parts_read[next(iter(self.parts_read))]
         return True
 
     def close(self) -> None:
         """Ends whatever runs, and removes its files."""
-        end(self.looks)
+        self.looks.close()
         self.rest()
         self.uploads.close()
 
 
-def end(job: Job | None) -> None:
-    """Ends a job, where there is one."""
-    if job is not None:
-        job.cancel()
+def replace_query(before: Query, task: Task) -> Query:
+    """A task in a process of its own, in place of the one that runs."""
+    before.close()
+    query = Query()
+    query.ask(task)
+    return query
 
 
 class TabSessions:

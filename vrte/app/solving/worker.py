@@ -11,7 +11,6 @@ import threading
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
@@ -21,16 +20,6 @@ from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, Sc
 from vrte.basics.memory import limit_memory, limit_time
 
 MOST_NOTES = 30  # sentences about one answer
-ANSWERERS = {  # by the name of a task: a function, or a class of which one answers all such tasks
-    "Solve": "solve.solve",
-    "Tensor": "solve.write_tensor",
-    "Read": "solve.read",
-    "Adopt": "solve.adopt",
-    "Look": "solve.look_at_part",
-    "Fit": "measuring.fit_scene",
-    "Comparison": "measuring.Comparer",
-    "Question": "appearance.AppearanceAnswerer",
-}
 SENTENCES = SceneError, AccuracyError, DeviceError, MissingExtraError, OSError  # errors that are sentences already
 
 
@@ -51,21 +40,14 @@ class Exchange:
         if self.is_old():
             raise NewerError
 
-    def notes(self, *silent: type[Warning]) -> tuple[str, ...]:
-        """Warnings so far, each once, but those ``silent``."""
-        found = [str(one.message) for one in self.caught if not issubclass(one.category, silent)]
-        return tuple(dict.fromkeys(found))[:MOST_NOTES]
+    def notes(self, *silent: type[Warning], before: Sequence[str] = ()) -> tuple[str, ...]:
+        """The sentences ``before`` and the warnings so far, each once, but those ``silent``."""
+        found = (str(one.message) for one in self.caught if not issubclass(one.category, silent))
+        return tuple(dict.fromkeys((*before, *found)))[:MOST_NOTES]
 
 
 def take_newest(inbox: SimpleQueue[Any]) -> Any:
-    """The newest of what came in, once there is anything; what nobody took in time is gone.
-
-    >>> inbox = SimpleQueue()
-    >>> for number in (1, 2, 3):
-    ...     inbox.put(number)
-    >>> take_newest(inbox), inbox.empty()
-    (3, True)
-    """
+    """The newest of what came in, once there is anything; what nobody took in time is dropped."""
     found = inbox.get()
     while not inbox.empty():
         found = inbox.get()
@@ -95,7 +77,7 @@ def main() -> None:
         limit_time(seconds)
     inbox: SimpleQueue[Any] = SimpleQueue()
     lock = threading.Lock()
-    answerers: dict[type[Task], Callable[[Any, Exchange], Message]] = {}
+    works: dict[str, Callable[..., Message]] = {}
     threading.Thread(target=fill_inbox, args=(inbox,), daemon=True).start()
     while True:
         number, task = take_newest(inbox)
@@ -105,31 +87,29 @@ def main() -> None:
                 pickle.dump((number, message), output, protocol=pickle.HIGHEST_PROTOCOL)
                 output.flush()
 
-        kind = type(task)
-        if kind not in answerers:
-            module, _, name = ANSWERERS[kind.__name__].partition(".")
+        if task.call not in works:  # of a class one instance answers all such tasks
+            module, _, name = task.call.partition(".")
             found = getattr(import_module(f"vrte.app.solving.{module}"), name)
-            answerers[kind] = found().answer if isinstance(found, type) else found
-        answer = explain_failure(answerers[kind], task, Exchange(report, lambda: not inbox.empty()))
+            works[task.call] = found().answer if isinstance(found, type) else found
+        answer = explain_failure(works[task.call], task, Exchange(report, lambda: not inbox.empty()))
         if answer is not None:
             report(answer)
 
 
-def explain_failure(work: Callable[[Any, Exchange], Message], task: Any, exchange: Exchange) -> Message | None:
+def explain_failure(work: Callable[..., Message], task: Task, exchange: Exchange) -> Message | None:
     """What comes of a task; any error is a sentence, and None comes of what is no longer wanted."""
     try:
         with warnings.catch_warnings(record=True) as exchange.caught:
             warnings.simplefilter("always", UserWarning)
-            return work(task, exchange)
+            return work(exchange, task.content, task.folder, **task.more)
     except NewerError:
         return None
-    except SENTENCES as error:
-        folder = getattr(task, "folder", Path())  # where it lies is nobody's business
-        text = str(error).replace(f"{folder}{os.sep}", "") if folder.is_absolute() else str(error)
-        return Refused(put_in_one_line(text, 1000))
+    except SENTENCES as error:  # where the folder lies is nobody's business
+        text = str(error).replace(f"{task.folder}{os.sep}", "") if task.folder.is_absolute() else str(error)
     except MemoryError:
-        return Refused("not enough memory for this scene: smaller particles, fewer directions or nodes need less")
+        text = "not enough memory for this scene: smaller particles, fewer directions or nodes need less"
     except KeyboardInterrupt:
-        return Refused("stopped before there was anything to keep")
+        text = "stopped before there was anything to keep"
     except Exception as error:  # never seen; a page must not wait for ever
-        return Refused(put_in_one_line(f"{type(error).__name__}: {error}", 1000))
+        text = f"{type(error).__name__}: {error}"
+    return Refused(put_in_one_line(text, 1000))

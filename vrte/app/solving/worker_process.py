@@ -18,7 +18,7 @@ from dataclasses import replace
 from queue import SimpleQueue
 from typing import IO, Any
 
-from vrte.app.solving.messages import Adopt, Answer, Look, Progress, Refused, Step, Task
+from vrte.app.solving.messages import Progress, Refused, Step, Task
 from vrte.app.solving.worker import take_newest
 from vrte.basics.memory import find_available_bytes
 
@@ -27,10 +27,11 @@ START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import
 AT_ONCE = 2  # solves; others wait
 SOLVE_PLACES = threading.BoundedSemaphore(AT_ONCE)
 READ_PLACES = threading.BoundedSemaphore(AT_ONCE)  # for tasks that only read a file or a scene
+READERS = "solve.adopt", "solve.look_at_part"
 LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
 PATIENCE = 5.0  # seconds that a process gets to end
-LONGEST_READING, READING_BYTES = 10.0, 5e8  # seconds of work and memory for reading a stranger's scene
-MOST_LIVE = 3  # processes of live queries of all tabs; the one not asked for longest ends when one more is needed
+ADOPTING = 5e8, 10.0  # bytes of memory and seconds of work for reading a stranger's scene
+MOST_LIVE = 3  # processes that stay, of all tabs; the one not asked for longest ends when one more is needed
 STUCK = 4.0  # seconds that a task waits behind an older one before it gets a process of its own
 
 
@@ -162,110 +163,94 @@ def explain_end(code: int, complaints: IO[bytes]) -> str:
     return f"the process of this task has {why}{f': {lines[-1][:300]}' if lines else ''}"
 
 
-class Job:
-    """One task in a process of its own. What it says may be read at any time; ``ended`` is the last thing to change.
+class Query:
+    """Tasks of one tab, the last of which counts: ``task``, and whether it ``waits`` for something to come.
 
-    ``fraction`` from 0 to 1 and ``stage`` say how far it is, ``step`` where a fit is; at the end there is an
-    ``outcome``, or a ``message`` that says why not.
+    ``answer`` is the last message that came, ``answered`` the task that it is of, None where another was asked since;
+    ``progress`` says how far the task is, ``step`` where a fit is. A process that ``stays`` answers all tasks, and may
+    have to make room for another tab's; otherwise each task has a process of its own.
     """
 
-    def __init__(self, task: Task, memory_bytes: float | None = None) -> None:
-        self.task = task
-        self.fraction, self.stage = 0.0, "waiting for other solves to end"
-        self.step: Step | None = None
-        self.outcome: Answer | None = None
-        self.message, self.ended = "", False
-        self._lock = threading.Lock()
-        adopts = isinstance(task, Adopt)
-        limits = memory_bytes or (READING_BYTES if adopts else find_memory_share()), adopts * LONGEST_READING
-        places = READ_PLACES if isinstance(task, (Look, Adopt)) else SOLVE_PLACES
-        self.worker = WorkerProcess(self._hear, limits, places)
-        self.worker.ask(1, task)
+    _in_use: list["Query"] = []  # noqa: RUF012 - of the whole server: those whose process stays, the last asked last
+    _lock = threading.RLock()
 
-    def cancel(self) -> None:
-        """Ends it at once."""
-        self._end(None, "cancelled")
-
-    def stop(self) -> None:
-        """Asks for the best so far, of a fit; ends it where it has not begun."""
-        if not self.worker.interrupt():
-            self.cancel()
-
-    def _end(self, outcome: Answer | None, message: str = "") -> None:
-        with self._lock:
-            if not self.ended:
-                self.outcome, self.message, self.ended = outcome, message, True
-        self.worker.kill()
-
-    def _hear(self, worker: WorkerProcess, number: int, message: Any) -> None:
-        if isinstance(message, Refused):
-            self._end(None, message.message)
-        elif not isinstance(message, Progress):
-            self._end(message)
-        elif not self.ended:
-            self.fraction, self.stage = message.fraction, message.stage
-            self.step = message if isinstance(message, Step) else self.step
-
-
-class LiveQuery:
-    """Questions of one tab to a process that stays; the newest wins. ``answer`` is the last that came, to the question
-    of the number ``_answered``; ``asked`` is the last question, ``answered`` the one of the answer, None where it is
-    not the last."""
-
-    _in_use: list["LiveQuery"] = []  # noqa: RUF012 - of the whole server: those with a process, the last asked last
-    _lock = threading.Lock()
-
-    def __init__(self) -> None:
+    def __init__(self, stays: bool = False) -> None:
+        self.stays, self.waits = stays, False
+        self.task: Task | None = None
+        self.answered: Task | None = None
         self.answer: Any = None
-        self.asked: Any = None
+        self.step: Step | None = None
+        self.progress = Progress(0.0, "waiting for other solves to end")
         self.worker: WorkerProcess | None = None
-        self._asked = self._answered = 0  # numbers of questions
+        self._number = 0  # of the task
 
-    @property
-    def waits(self) -> bool:
-        """Whether something is to come."""
-        is_open = self.asked is not None and self.worker is not None
-        return is_open and (self.answer is None or self._answered < self._asked or self.answer.follows)
-
-    @property
-    def answered(self) -> Any:
-        """The question that the answer is to, None where another was asked since."""
-        return self.asked if self.answer is not None and self._answered == self._asked else None
-
-    def ask(self, question: Any) -> None:
-        """A question in place of the one that waits; nothing where it was asked last."""
-        if question != self.asked:
-            own = copy.deepcopy(question.content)  # the page changes it
-            self._asked, self.asked = self._asked + 1, replace(question, content=own)
-            self._put()
+    def ask(self, task: Task, memory_bytes: float | None = None) -> None:
+        """A task in place of the one that waits; nothing where a process that stays was asked for it last."""
+        if self.stays and task == self.task:
+            return
+        self.task = replace(task, content=copy.deepcopy(task.content))  # the page changes it
+        self.answered, self._number = None, self._number + 1
+        self._put(memory_bytes)
 
     def refresh(self) -> None:
-        """Gives the question another process where an older one does not make room for it."""
+        """Gives the task another process where an older one does not make room for it."""
         if self.worker is not None and self.worker.is_stuck():
             self.worker.kill()
             self._put()
 
-    def close(self) -> None:
-        """Ends the process; the next question starts another, also the one that it leaves open."""
+    def take(self) -> Any:
+        """The answer, once, when nothing more is to come; None before and after."""
         if self.waits:
-            self.asked = None
-        with LiveQuery._lock:
-            if self in LiveQuery._in_use:
-                LiveQuery._in_use.remove(self)
-        if self.worker is not None:
-            self.worker.kill()
-            self.worker = None
+            return None
+        answer, self.answer = self.answer, None
+        return answer
 
-    def _put(self) -> None:
-        with LiveQuery._lock:
-            LiveQuery._in_use[:] = [one for one in LiveQuery._in_use if one is not self] + [self]
-            others = LiveQuery._in_use[:-MOST_LIVE]
-        for other in others:
-            other.close()
-        if self.worker is None or self.worker.ended:
-            self.worker = WorkerProcess(self._hear, (find_memory_share() / MOST_LIVE, 0.0))
-        self.worker.ask(self._asked, self.asked)
+    def stop(self) -> None:
+        """Asks for the best so far, of a fit; ends it where it has not begun."""
+        if self.worker is None or not self.worker.interrupt():
+            self.close()
+
+    def close(self) -> None:
+        """Ends the process. One that stays keeps its last answer, and the next task starts another."""
+        with Query._lock:
+            if self.waits and self.stays:
+                self.task = None
+            elif self.waits:
+                self.answer = Refused("cancelled")
+            self.waits = False
+            worker, self.worker = self.worker, None
+            if self in Query._in_use:
+                Query._in_use.remove(self)
+        if worker is not None:
+            worker.kill()
+
+    def _put(self, memory_bytes: float | None = None) -> None:
+        assert self.task is not None
+        call = self.task.call
+        limits = memory_bytes or find_memory_share() / (MOST_LIVE if self.stays else 1), 0.0
+        if call == "solve.adopt":
+            limits = ADOPTING
+        places = None if self.stays else READ_PLACES if call in READERS else SOLVE_PLACES
+        with Query._lock:
+            if self.stays:
+                Query._in_use[:] = [one for one in Query._in_use if one is not self] + [self]
+                for other in Query._in_use[:-MOST_LIVE]:
+                    other.close()
+            if self.worker is None or self.worker.ended:
+                self.worker = WorkerProcess(self._hear, limits, places)
+            self.waits = True
+            self.worker.ask(self._number, self.task)
 
     def _hear(self, worker: WorkerProcess, number: int, message: Any) -> None:
-        if worker is self.worker:
-            self.answer, self._answered = message, number
+        with Query._lock:
+            if worker is not self.worker:
+                return
+            if isinstance(message, Progress):
+                self.progress = message
+                self.step = message if isinstance(message, Step) else self.step
+                return
+            self.answer = message
+            if number == self._number:
+                self.answered, self.waits = self.task, message.follows
+        if not self.stays and not message.follows:
+            worker.kill()
