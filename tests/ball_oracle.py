@@ -7,7 +7,7 @@ the true value, so its digits are right, whatever the thickness and the albedo.
 
 Under a smooth surface, in a medium denser than that above, mu0 is a cosine above it; levels and mu are inside, or, with
 the level (-1, 0.0) alone, above too. Nodes are those that both media share, and carry l < N terms; what they
-miss of the flux is put right as the package does (tests/interface_oracle.py, with plain numbers, says it in words).
+miss of the flux is put right as the package does (tests/oracle.py).
 """
 
 import math

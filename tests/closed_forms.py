@@ -3,8 +3,6 @@
 import numpy as np
 from flint import arb, ctx
 
-from .interface_oracle import fresnel
-
 
 def walsh(n: float) -> tuple[float, float]:
     """Share of even, unpolarized light that a surface reflects, from outside and from within an index n > 1.
@@ -25,11 +23,12 @@ def walsh(n: float) -> tuple[float, float]:
     return outside, inside
 
 
-def shares(n: float, mu: np.ndarray) -> list[np.ndarray]:
+def shares(n: complex, mu: np.ndarray) -> list[np.ndarray]:
     """Power reflected and let through at an index n relative to where mu is: |p|^2, |s|^2, p s*, (3, mu) each."""
-    rp, rs, tp, ts, behind = (np.array(values) for values in zip(*(fresnel(n, x) for x in mu), strict=True))
-    power = n * behind.real / mu
-    return [np.array([p * p.conj(), s * s.conj(), p * s.conj()]) * w for p, s, w in ((rp, rs, 1.0), (tp, ts, power))]
+    behind = np.sqrt(1.0 - (1.0 - mu**2) / complex(n) ** 2)
+    s, p, power = mu + n * behind, n * mu + behind, n * behind.real / mu
+    amplitudes = ((n * mu - behind) / p, (mu - n * behind) / s, 1.0), (2.0 * mu / p, 2.0 * mu / s, power)
+    return [np.array([p * p.conj(), s * s.conj(), p * s.conj()]) * w for p, s, w in amplitudes]
 
 
 def mueller_of(share: np.ndarray) -> np.ndarray:

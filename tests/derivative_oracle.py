@@ -17,23 +17,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from flint import arb, arb_mat, ctx
+from flint import arb, ctx
 
 import vrte
 from bench.cases import Slab, make_scene, restore_slabs, store_phase_matrices
 from vrte.formats.atomic import write_atomically
 
-from .ball_oracle import (
-    Directions,
-    DoubtfulError,
-    Layer,
-    Request,
-    exact,
-    find_fields,
-    generator,
-    homogeneous,
-    light_at,
-)
+from .ball_oracle import Directions, DoubtfulError, Layer, Request, exact, find_fields, light_at
 
 TABLE = Path(__file__).with_name("derivative_oracle.npz")
 NODES, MU_I, MU_O = 8, (0.1, 0.6), (0.35, 0.9)
@@ -42,7 +32,6 @@ STEP, BITS, MOST_BITS = -66, 384, 3072
 UNIT = tuple(map(tuple, np.eye(4).tolist()))
 NOTHING = 1e-30  # a derivative so small is none
 Cosines = tuple[float, ...]
-Operators = tuple[arb_mat, arb_mat, arb_mat, arb_mat]
 
 
 @dataclass(frozen=True)
@@ -174,46 +163,6 @@ def differentiate_brdf(
     light = radiance.reshape(len(mu_i), 4, *radiance.shape[1:]) / np.reshape(mu_i, (-1, 1, 1, 1, 1))
     light = np.moveaxis(light, 1, -1)  # (in, level, direction, 4, column)
     return [light[:, 0, : len(mu_o)], *([light[:, 1, len(mu_o) :]] if case.is_transparent else [])]
-
-
-def differentiate_operators(request: Request, name: str) -> tuple[Operators, Operators]:
-    """E, F, R and T of a slab, doubles that stand for balls, and their derivatives; unit rows and columns are those of
-    `Directions`, but for the nodes of order 0: one axis carries the flux there (see `turn`)."""
-    ctx.prec = BITS
-    directions = Directions(request)
-    (above, step), (below, _) = (move(request, name, steps) for steps in (1, -1))
-    value, more, less = (find_operators(asked, directions) for asked in (request, above, below))
-    changes = (1 / (2 * step) * (high - low) for high, low in zip(more, less, strict=True))
-    return tuple(map(round_off, value)), tuple(map(round_off, changes))
-
-
-def find_operators(request: Request, directions: Directions) -> Operators:
-    """E, F, R, T of a request's only layer."""
-    (layer,) = request.layers
-    a, b = generator(directions, request, layer)
-    thickness = exact(2**72) if math.isinf(layer.thickness) else exact(layer.thickness)
-    R, T = homogeneous(directions, a, b, thickness)
-    return tuple(turn(directions, request, matrix) for matrix in (-1 * (a + b), -1 * (a - b), R, T))
-
-
-def turn(directions: Directions, request: Request, matrix: arb_mat) -> arb_mat:
-    """On nodes scaled so that reciprocity is a symmetry; in order 0 their first axis becomes sqrt(weight mu) on I."""
-    roots = [(w * mu).sqrt() for w, mu in zip(directions.weight, directions.mu, strict=False)]
-    scales = [roots[i // 4] if i < 4 * directions.nodes else arb(1) for i in range(directions.size)]
-    n = matrix.nrows()
-    scaled = arb_mat([[scales[i] * matrix[i, j] / scales[j] for j in range(n)] for i in range(n)])
-    if request.order > 0:
-        return scaled
-    size = sum((root**2 for root in roots), arb(0)).sqrt()
-    axis = [roots[i // 4] / size if i < 4 * directions.nodes and i % 4 == 0 else arb(0) for i in range(n)]
-    axis[0] += 1
-    reflector = arb_mat([[(i == j) - axis[i] * axis[j] / axis[0] for j in range(n)] for i in range(n)])
-    return reflector * scaled * reflector
-
-
-def round_off(matrix: arb_mat) -> np.ndarray:
-    """As doubles."""
-    return np.array([[float(matrix[i, j].mid()) for j in range(matrix.ncols())] for i in range(matrix.nrows())])
 
 
 def find_answers(case: Case) -> np.ndarray:

@@ -12,7 +12,7 @@ from tests import exact
 
 from .ball_oracle import Answer, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 from .helpers import assert_close
-from .oracle import brdf_orders
+from .literal import brdf_orders
 
 MU_I, MU_O = [1e-3, 0.5, 1.0], [1e-3, 0.35, 1.0]
 NODES = 8

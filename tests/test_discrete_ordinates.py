@@ -17,7 +17,7 @@ from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import count_usable_cpus
 
 from .helpers import assert_close, close_to
-from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
+from .literal import azimuthal_sum, brdf_orders, legendre_matrix
 from .samples import BOTH, largest_gap, scattered, spheroids
 
 Q = np.diag([1.0, 1.0, 1.0, -1.0])

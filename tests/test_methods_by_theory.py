@@ -23,7 +23,7 @@ from vrte.methods.small_angle import expand_diffuse_part
 from vrte.request.request import make_radiance_request
 
 from .helpers import assert_close
-from .oracle import a_matrix, azimuthal_sum
+from .literal import a_matrix, azimuthal_sum
 from .samples import spheroids
 
 MU, PHI, MU0 = np.array([0.05, 0.3, 1.0]), np.array([0.0, 40.0, 180.0]), 0.6

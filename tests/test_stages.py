@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.orders.slabs import cut_layers, join_stack
 from vrte.scene.boundary import BLACK
 
 from .helpers import assert_close, close_to
-from .oracle import slab
+from .literal import slab
 from .samples import spheroids
 
 NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45

@@ -1,4 +1,4 @@
-"""The literal solver of scenes with interfaces: against closed forms, ball arithmetic, and another's program."""
+"""The oracle in ball arithmetic: against closed forms, published values, a literal solver and another's program."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,9 @@ import pytest
 import vrte
 from bench.cases import find_phase_matrix
 
-from . import ball_oracle
+from . import literal, oracle
 from .closed_forms import airy_sum, bare_base, walsh
 from .helpers import assert_close
-from .interface_oracle import brdf_orders, light_orders
-from .oracle import azimuthal_sum
 
 MU_I, MU_O = [0.1, 0.6, 1.0], [0.2, 0.9]
 SPHEROIDS, RAYLEIGH = find_phase_matrix("spheroids"), vrte.rayleigh()
@@ -21,17 +19,28 @@ def test_walsh() -> None:
     assert_close(walsh(1.5), [0.0917780, 0.5963458], rtol=0.0, atol=5e-8)
 
 
+def test_it_is_the_literal_solver_with_more_digits() -> None:
+    """Two slabs over a base, reflection and transmission: doubles that share nothing with it."""
+    pile = [(SPHEROIDS, 0.9, 1.3), (RAYLEIGH, 0.99, 0.4)]
+    scene = vrte.Scene([vrte.Layer(*layer) for layer in pile], vrte.Lambertian(0.3))
+    layers = [(matrix.coefficients, *numbers) for matrix, *numbers in pile]
+    orders = literal.brdf_orders(layers, 0.3, np.array([0.6]), np.array([0.35]), 6, 2)
+    found = oracle.brdf(scene, [0.6], [0.35], 6, range(2))
+    for got, right in zip((found.reflected, found.transmitted), orders, strict=True):
+        assert_close(got, right, rtol=0.0, atol=1e-14)
+
+
 @pytest.mark.parametrize(("index", "nodes"), [(1.0001, 48), (1.05, 32), (1.5, 24), (4.0, 40)])
 def test_a_lambertian_base_under_a_surface(index: float, nodes: int) -> None:
     scene = vrte.Scene([vrte.Interface(1.0, index), vrte.Layer(RAYLEIGH, 0.0, 0.0)], vrte.Lambertian(0.5))
-    found = brdf_orders(scene, MU_I, MU_O, nodes, 1)
+    found = oracle.brdf(scene, MU_I, MU_O, nodes, [0])
     assert_close(found.reflected[0, ..., 0, 0], bare_base(index, 0.5, MU_I, MU_O), rtol=1e-13, atol=0.0)
 
 
 def test_a_plate_is_the_airy_sum_of_intensities() -> None:
     """Glass that absorbs, between air and water: no light but beams."""
     pile = [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.0, 0.3), vrte.Interface(1.5, 1.33)]
-    found = brdf_orders(vrte.Scene(pile), MU_I, MU_O, 4, 1)
+    found = oracle.brdf(vrte.Scene(pile), MU_I, MU_O, 4, [0])
     for got, right in zip((found.specular, found.specular_transmission), airy_sum(MU_I, 1.5, 1.33, 0.3), strict=True):
         assert_close(got, right, rtol=0.0, atol=1e-15)
     assert not found.reflected.any()
@@ -41,9 +50,9 @@ def test_a_plate_is_the_airy_sum_of_intensities() -> None:
 def test_no_light_is_lost(index: float) -> None:
     """To the last places with any number of nodes: over a white base, and through a plate on water."""
     top, layer = vrte.Interface(1.0, index), vrte.Layer(SPHEROIDS, 1.0, 0.5)
-    over = brdf_orders(vrte.Scene([top, layer], vrte.Lambertian(1.0)), MU_I, MU_O, 8, 1)
+    over = oracle.brdf(vrte.Scene([top, layer], vrte.Lambertian(1.0)), MU_I, MU_O, 8, [0])
     assert_close(over.reflectance + over.specular[:, 0, 0], 1.0, rtol=0.0, atol=1e-12)
-    through = brdf_orders(vrte.Scene([top, layer, vrte.Interface(index, 1.2)]), MU_I, MU_O, 8, 1)
+    through = oracle.brdf(vrte.Scene([top, layer, vrte.Interface(index, 1.2)]), MU_I, MU_O, 8, [0])
     beams = through.specular[:, 0, 0] + through.specular_transmission[:, 0, 0]
     assert_close(through.reflectance + through.transmittance + beams, 1.0, rtol=0.0, atol=1e-12)
 
@@ -57,37 +66,19 @@ def test_it_is_reciprocal() -> None:
         vrte.Interface(1.5, 1.3),
     ]
     q, phi = np.diag([1.0, 1.0, 1.0, -1.0]), np.array([0.0, 70.0])
-    over = azimuthal_sum(brdf_orders(vrte.Scene(pile, vrte.Mirror(0.2 + 3.0j)), MU_I, MU_I, 12, 2).reflected, phi)
+    over = literal.azimuthal_sum(
+        oracle.brdf(vrte.Scene(pile, vrte.Mirror(0.2 + 3.0j)), MU_I, MU_I, 4, range(2)).reflected, phi
+    )
     assert_close(over, q @ over.transpose(1, 0, 2, 4, 3) @ q, rtol=0.0, atol=1e-14)
     plate = vrte.Scene(pile)
     down, up = (
-        azimuthal_sum(brdf_orders(scene, MU_I, MU_I, 12, 2).transmitted, phi) for scene in (plate, plate.turned())
+        literal.azimuthal_sum(oracle.brdf(scene, MU_I, MU_I, 4, range(2)).transmitted, phi)
+        for scene in (plate, plate.turned())
     )
     flip = np.diag([1.0, 1.0, -1.0, -1.0])  # the turned scene is mirrored: docs/reference/conventions.md
     up = flip @ up @ flip
     ratio = 1.3**2  # radiance over the square of the index is what is reciprocal
     assert_close(down, ratio * q @ up.transpose(1, 0, 2, 4, 3) @ q, rtol=0.0, atol=1e-14)
-
-
-@pytest.mark.parametrize("order", [0, 1])
-def test_ball_arithmetic_says_the_same(order: int) -> None:
-    """Two programs of the same discrete problem: outside, and inside along directions that no light from air takes."""
-    coefficients = vrte.rayleigh(0.1).coefficients.copy()
-    coefficients[2, 5] = 0.3  # b2, that turns U into V
-    layer = ball_oracle.Layer(coefficients, 0.99, 0.8)
-    pile = [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.PhaseMatrix(*coefficients.T), 0.99, 0.8)]
-    scene = vrte.Scene(pile, vrte.Lambertian(0.4))
-    unit = tuple(map(tuple, np.eye(4).tolist()))
-    for level, index, mu in (((-1, 0.0), 1.0, (0.2, 0.9)), ((0, 0.3), 1.5, (0.3, 1.0, -0.3, -0.8))):
-        asked = ball_oracle.Request(order, (layer,), 0.4, (0.6,), mu, (level,), 4, unit, 1.5)
-        right = ball_oracle.field_order(asked)
-        (light,) = light_orders(scene, [0.6], [(index, abs(u)) for u in mu], [level], 4, order + 1)[order]
-        both = [light.radiance(slice(0, len(mu)), upward)[0] for upward in (True, False)]
-        got = np.array([both[u < 0.0][k] for k, u in enumerate(mu)])
-        assert_close(got, right.radiance[:, 0].transpose(1, 2, 0), rtol=0.0, atol=1e-14)
-        if order == 0:
-            fluxes = [light.flux(upward)[0] for upward in (True, False)]
-            assert_close(fluxes, [right.flux_up[0, 0], right.flux_down[0, 0]], rtol=0.0, atol=1e-14)
 
 
 # iadpython 0.5.3 (PyPI), Sample(a, b, g, n).rt(): total reflection and transmission of a slab in air at normal
@@ -109,7 +100,7 @@ def test_without_polarization_it_is_iadpython(
     at thickness 1. Their Gauss points see the critical angle as noise of n^-3, which two numbers of them take off."""
     albedo, thickness, _, index = slab
     pile = [vrte.Interface(1.0, index), vrte.Layer(vrte.isotropic(), albedo, thickness), vrte.Interface(index, 1.0)]
-    found = [brdf_orders(vrte.Scene(pile), [1.0], [0.5], 32, 1, stokes) for stokes in (1, 4)]
+    found = [oracle.brdf(vrte.Scene(pile), [1.0], [0.5], 32, [0], None, polarized) for polarized in (False, True)]
     (R, T), (polarized, _) = (
         (x.reflectance[0] + x.specular[0, 0, 0], x.transmittance[0] + x.specular_transmission[0, 0, 0]) for x in found
     )
