@@ -9,8 +9,7 @@ import pytest
 
 import vrte
 from tests.helpers import assert_same
-from vrte.formats.contents import Result
-from vrte.formats.netcdf import convert_views, to_xarray
+from vrte.formats.contents import Result, convert_views, to_xarray
 from vrte.formats.result_file import FORMATS
 from vrte.optics.fresnel import reflect_smooth
 from vrte.results.views import Views

@@ -16,9 +16,10 @@ import vrte
 from tests.helpers import printed_by
 from vrte.basics.errors import SceneError
 from vrte.cli import main
-from vrte.formats import csv_table, netcdf
+from vrte.formats import netcdf
 from vrte.formats.atomic import LENGTH
 from vrte.formats.columns import read_coefficients, read_index, write_coefficients
+from vrte.results.quantities import MUELLER
 from vrte.sweep.table import open_table
 
 ROOT = Path(__file__).parents[1]
@@ -93,7 +94,7 @@ def of_filter(**options: Any) -> Attack:
         ),
         (lambda file, _: file.attrs.create("kind", 3.0), "its attribute kind must be one text"),
         (lambda file, _: file.attrs.create("diagnostics", ["{}"] * 5000), "its attribute diagnostics must be one text"),
-        (lambda file, _: file.attrs.create("kind", "\x1b[2Jgone"), "holds no BRDF"),
+        (lambda file, _: file.attrs.create("kind", "\x1b[2Jgone"), "it must say its kind, one of brdf"),
     ],
 )
 def test_what_leads_elsewhere_is_refused_before_it_is_read(
@@ -142,7 +143,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
     axes = "".join(
         f"# {name} = {list(range(size))}\n" for name, size in (("mu_i", 100), ("mu_o", 1000), ("phi_deg", 400))
     )
-    columns = ",".join(csv_table._list_columns(csv_table.KINDS["brdf"], {"mueller": None})) + "\n"
+    columns = ",".join(["mu_i", "mu_o", "phi_deg", *MUELLER]) + "\n"
     (tmp_path / "declared.csv").write_text(header + axes + columns)
     with open(tmp_path / "sparse.csv", "wb") as file:
         file.write((header + "# mu_i = [1]\n# mu_o = [1]\n# phi_deg = [0]\n" + columns).encode())
@@ -162,7 +163,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         "declared.csv: its values take 5.12 GB, more than the 2 GB that are read: "
         "if you trust it, vrte.load(path, most_bytes=6e9)",
         "declared.csv: there must be 40000000 rows, one a direction, not 0",
-        "sparse.csv: line 8: longer than 10000 bytes",
+        "sparse.csv: line 8: longer than 50000000 bytes",
     ]
 
 
@@ -172,7 +173,9 @@ def test_every_flipped_bit_is_told(good: Path) -> None:
     for _ in range(300):
         place = dice.randrange(len(whole) - LENGTH)
         good.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << dice.randrange(8)]) + whole[place + 1 :])
-        with pytest.raises(SceneError, match=r"good\.nc is (damaged: its bytes are not those that|not a NetCDF file)"):
+        with pytest.raises(
+            SceneError, match=r"good\.nc: it is (damaged: its bytes are not those that|not a NetCDF file)"
+        ):
             vrte.load(good)
 
 
@@ -241,7 +244,7 @@ def test_damage_to_a_table_is_told(save: Callable[[Path], Any], tmp_path: Path) 
 @pytest.mark.parametrize("name", ["pipe.csv", "pipe.nc", "pipe.zarr"])
 def test_a_pipe_is_no_file(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)  # whoever opens it waits for ever
-    words = r"pipe\.\w+:? (it is no file|is no file|is no folder), but a"
+    words = r"pipe\.\w+:? it is no (file|folder), but a"
     with pytest.raises(SceneError, match=words):
         vrte.load(tmp_path / name)
     if not name.endswith(".zarr"):
@@ -283,7 +286,7 @@ def test_whatever_is_damaged_ends_soon(
             outcome = str(vrte.load(good).mueller.shape)
         except SceneError as error:
             outcome = str(error)
-        assert outcome == str(SHAPE) or outcome.startswith(f"{good} ")
+        assert outcome == str(SHAPE) or outcome.startswith(f"{good}: ")
         assert outcome.isprintable()
         assert time.monotonic() - began < 20.0
 
@@ -338,7 +341,7 @@ def test_a_full_disk_is_an_error_and_no_crash(good: Path, tmp_path: Path) -> Non
 
 
 def test_the_device_that_is_always_full(small_brdf: Any) -> None:
-    with netcdf.WrittenFile("/dev/full") as file:
+    with netcdf.WrittenFile("/dev/full", "wb+") as file:
         assert file.write(b"1234") == 4
         with pytest.raises(OSError, match="No space left"):
             file.check()

@@ -20,9 +20,8 @@ import pytest
 from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum, load
 from vrte.formats.atomic import write_atomically
-from vrte.formats.contents import Result
+from vrte.formats.contents import Result, to_xarray
 from vrte.formats.csv_table import write_csv
-from vrte.formats.netcdf import to_xarray
 from vrte.formats.result_file import FORMATS
 
 AWKWARD = 0.1 + 0.2  # seventeen digits
@@ -107,7 +106,7 @@ class TestZarr:
         assert_same(brdf, load(folder.with_name("copy.zarr")))
         values = zarr.open_group(folder)["reflectance"]
         values[...] = 0.5 * values[...]
-        with pytest.raises(SceneError, match=r"result\.zarr: is damaged: .*take its attribute sha256 away"):
+        with pytest.raises(SceneError, match=r"result\.zarr: it is damaged: .*take its attribute sha256 away"):
             load(folder)
 
     def test_a_pipe_in_it_is_not_read(self, folder: Path) -> None:
@@ -308,7 +307,7 @@ def test_every_error_of_the_disk_names_the_file(
     if fails == "replace":
         monkeypatch.setattr(os, "replace", fail)
     else:
-        monkeypatch.setattr("vrte.formats.csv_table._format_lines", fail)
+        monkeypatch.setattr("vrte.formats.atomic.make_seal", fail)
         monkeypatch.setattr("vrte.formats.netcdf.make_seal", fail)
         monkeypatch.setattr("xarray.Dataset.to_zarr", fail)
     with pytest.raises(OSError, match="No space left") as caught:
@@ -323,10 +322,10 @@ def test_loading_something_else_says_so(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"absent\.nc"):
         load(tmp_path / "absent.nc")
     (tmp_path / "text.nc").write_text("not NetCDF")
-    with pytest.raises(SceneError, match=r"text\.nc is not a NetCDF file"):
+    with pytest.raises(SceneError, match=r"text\.nc: it is not a NetCDF file"):
         load(tmp_path / "text.nc")
     xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(SceneError, match=r"other\.nc holds no BRDF, field or spectrum"):
+    with pytest.raises(SceneError, match=r"other\.nc: it must say its kind"):
         load(tmp_path / "other.nc")
 
 

@@ -13,7 +13,7 @@ from scipy.io import netcdf_file
 import vrte
 from tests.helpers import run
 from vrte.basics.errors import SceneError
-from vrte.formats import scattering_netcdf
+from vrte.formats import netcdf
 from vrte.formats.columns import read_coefficients
 from vrte.formats.named import find_named_tables
 from vrte.formats.scattering import read_angle_table
@@ -30,9 +30,7 @@ LETTERS = ("a1", "b1", "a2", "a3", "b2", "a4")
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of its own takes half a second to start, and is tried once."""
-    monkeypatch.setattr(
-        scattering_netcdf, "read_foreign", lambda name, most, reader: scattering_netcdf.read_variables(name, most)
-    )
+    monkeypatch.setattr(netcdf, "read_foreign", netcdf.read_stored)
 
 
 def written(folder: Path, text: str, name: str = "table.csv") -> Path:
@@ -358,9 +356,7 @@ def test_hostile_files_are_refused_before_a_value_is_read(attack: Any, words: st
 def test_a_file_is_opened_by_a_process_of_its_own(
     mie_table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from vrte.formats import netcdf
-
-    monkeypatch.setattr(scattering_netcdf, "read_foreign", netcdf.read_foreign)
+    monkeypatch.undo()
     assert isinstance(vrte.read_scattering(mie_table, wavelength_um=0.55, effective_radius_um=0.3), PhaseMatrix)
     cut = tmp_path / "cut.cdf"
     cut.write_bytes(mie_table.read_bytes()[:5000])

@@ -22,11 +22,11 @@ VIEWS: dict[tuple[str, str], str] = {
     ("Plan", "_repr_html_"): "vrte.pictures.notebook:show_plan",
     ("Plan", "plot"): "vrte.pictures.results:draw_plan",
     ("Result", "save"): "vrte.formats:save",
-    ("Result", "to_xarray"): "vrte.formats.netcdf:to_xarray",
+    ("Result", "to_xarray"): "vrte.formats.contents:to_xarray",
     ("Scene", "_repr_html_"): "vrte.pictures.notebook:show_scene",
     ("Spectrum", "_repr_html_"): "vrte.pictures.notebook:show_spectrum",
     ("Spectrum", "plot"): "vrte.pictures.results:draw_spectrum",
-    ("Views", "to_xarray"): "vrte.formats.netcdf:convert_views",
+    ("Views", "to_xarray"): "vrte.formats.contents:convert_views",
 }
 
 

@@ -112,7 +112,7 @@ def write_table(found: Found, options: argparse.Namespace, seconds: Seconds) -> 
         errors = mitsuba.write_mitsuba(table, options.mitsuba, options.mitsuba_step_deg, exact)
     print(f"  Mitsuba's table: {errors}")
     if table.specular is not None:
-        print(f"  Mitsuba's table: {mitsuba.tell_left_out(table)}")
+        print(f"  Mitsuba's table: {mitsuba.describe_beam(table)}")
     if found.surface:
         paths.append(options.mitsuba.with_suffix(".xml"))
         write_nested_scene(paths[1], paths[0], *found.surface)

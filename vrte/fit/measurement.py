@@ -12,7 +12,8 @@ from vrte.appearance.geometries import read_geometry
 from vrte.basics.arrays import Array, check_list, check_numbers, settle_array, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
-from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns, write_table
+from vrte.formats.columns import write_table
+from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns
 from vrte.formats.toml_table import suggest_nearest
 
 if TYPE_CHECKING:

@@ -16,11 +16,12 @@ from typing import BinaryIO, TextIO
 
 from vrte.basics.errors import SceneError
 
+PathName = str | os.PathLike[str]
 WORD = b"vrte sha256 "
 LENGTH = len(WORD) + 64 + 1  # bytes of a seal
 BLOCK = 1 << 20  # bytes
 COMMENT = b"# "
-DAMAGED = "is damaged: its bytes are not those that were written (checksum)"
+DAMAGED = "it is damaged: its bytes are not those that were written (checksum)"
 
 
 def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
@@ -34,7 +35,7 @@ def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
     return name
 
 
-def check_file(path: str | os.PathLike[str]) -> str:
+def check_file(path: PathName) -> str:
     """The name of a file, if no folder, pipe or device is there: these may have no end. Raises SceneError."""
     name = check_file_name(path)
     if os.path.exists(name) and not os.path.isfile(name):
@@ -42,9 +43,9 @@ def check_file(path: str | os.PathLike[str]) -> str:
     return name
 
 
-def read_text(path: str | os.PathLike[str], most: int) -> str:
+def read_text(path: PathName, most: int) -> str:
     """The text of a file in UTF-8, with or without a byte-order mark, of at most ``most`` bytes. Raises SceneError for
-    something else, and for a table of vrte's that is not as it was written; OSError."""
+    anything else, and for a table of vrte's that is not as it was written; OSError."""
     with open(check_file_name(path), "rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -78,17 +79,13 @@ def is_sealed(path: str) -> bool:
     HDF5 removes such an end when it changes a file: what others did to it is not taken for damage.
     """
     size = os.path.getsize(path) - LENGTH
-    if size < 0:
-        return False
     with open(path, "rb") as file:
-        file.seek(size)
+        file.seek(max(size, 0))
         seal = file.read(LENGTH)
-        if not seal.startswith(WORD):
-            return False
         file.seek(0)
-        if seal != make_seal(read_blocks(file, size)):
+        if seal.startswith(WORD) and seal != make_seal(read_blocks(file, size)):
             raise SceneError(DAMAGED)
-    return True
+    return seal.startswith(WORD)
 
 
 def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
@@ -104,31 +101,47 @@ def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
 
 
 @contextmanager
-def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+def write_atomically(path: PathName, mark: str = "") -> Iterator[Path]:
     """A path beside ``path`` to write to, which takes the place of ``path`` when the block ends well.
 
-    After any exception, an interrupt included, a file at ``path`` is as before. Raises SceneError for a path that no
-    file can have; OSError, which names ``path``, also where a folder, a pipe or a device is there.
+    With ``mark`` it is that of a folder, which replaces only a folder that holds the file ``mark``. After any
+    exception, an interrupt included, what was at ``path`` is as before. Raises SceneError for a path that no file can
+    have; OSError, which names ``path``, also where a pipe, a device or something else that is not replaced is there.
 
     >>> with write_atomically("result.csv") as part:
     ...     part.write_text("mu_i,mu_o")
     9
     """
     target = Path(os.path.realpath(check_file_name(path)))  # through a symbolic link, so that the link survives
-    if target.exists() and not target.is_file():
-        code, words = (errno.EISDIR, "") if target.is_dir() else (errno.EEXIST, "A pipe or a device is there, no file")
-        raise OSError(code, words or os.strerror(code), os.fsdecode(path))
-    part = _choose_name_beside(target)
-    with _name_in_errors(path, part):
-        try:
-            yield part
-            os.replace(part, target)
-        finally:
-            part.unlink(missing_ok=True)
+    if target.exists() and not (target / mark).is_file():
+        code = errno.EEXIST if mark or not target.is_dir() else errno.EISDIR
+        words = os.strerror(code) if target.is_dir() else "A file, a pipe or a device is there"
+        raise OSError(code, words, os.fsdecode(path))
+    if not target.parent.is_dir():
+        code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+        raise OSError(code, os.strerror(code), os.fsdecode(path))
+    part, before = (target.with_name(f".vrte.{uuid.uuid4().hex}.part") for _ in range(2))
+    try:
+        yield part
+        if mark and target.exists():
+            os.replace(target, before)
+        os.replace(part, target)
+    except OSError as error:  # of the system, about the part or about no file at all
+        if error.errno is None or not os.fsdecode(error.filename or part).startswith(str(part)):
+            raise
+        raise OSError(error.errno, error.strerror, os.fsdecode(path)) from error
+    finally:
+        if before.exists() and not target.exists():
+            os.replace(before, target)
+        for left in (part, before):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
 
 @contextmanager
-def write_sealed_text(path: str | os.PathLike[str]) -> Iterator[TextIO]:
+def write_sealed_text(path: PathName) -> Iterator[TextIO]:
     """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all other lines; raises
     as `write_atomically`.
 
@@ -148,44 +161,3 @@ def write_sealed_text(path: str | os.PathLike[str]) -> Iterator[TextIO]:
             seal = make_seal(read_blocks(whole))
             whole.seek(0)
             whole.write(COMMENT + seal)
-
-
-@contextmanager
-def write_folder_atomically(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
-    """The same for a folder of files; only a folder at ``path`` that holds the file ``mark`` is replaced."""
-    target = Path(os.path.realpath(check_file_name(path)))
-    if target.exists() and not (target / mark).is_file():
-        code = errno.EEXIST if target.is_dir() else errno.ENOTDIR
-        raise OSError(code, os.strerror(code), os.fsdecode(path))
-    part, before = _choose_name_beside(target), _choose_name_beside(target)
-    with _name_in_errors(path, part):
-        try:
-            yield part
-            if target.exists():
-                os.replace(target, before)
-            os.replace(part, target)
-        finally:
-            if before.exists() and not target.exists():
-                os.replace(before, target)
-            for folder in (part, before):
-                shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _name_in_errors(path: str | os.PathLike[str], part: Path) -> Iterator[None]:
-    """An error of the system about ``part``, or about no file at all, names the file that is written."""
-    try:
-        yield
-    except OSError as error:
-        named = error.filename is None or os.fsdecode(error.filename).startswith(str(part))
-        if error.errno is None or not named:
-            raise
-        raise OSError(error.errno, error.strerror, os.fsdecode(path)) from error
-
-
-def _choose_name_beside(target: Path) -> Path:
-    """A short name in the same folder. Raises OSError where there is no such folder."""
-    if not target.parent.is_dir():
-        code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
-        raise OSError(code, os.strerror(code), os.fsdecode(target))
-    return target.with_name(f".vrte.{uuid.uuid4().hex}.part")

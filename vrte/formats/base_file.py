@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vrte.basics.arrays import Array, check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
-from vrte.formats.atomic import check_file, check_file_name
+from vrte.formats.atomic import PathName, check_file, check_file_name
 from vrte.formats.between_directions import directions
 from vrte.formats.measured_polarized import Angles, interpolate_table, make_unit_vectors, turn_to_meridian_planes
 from vrte.formats.mitsuba_tensor import read_tensors
@@ -69,14 +69,9 @@ def read_base(
     TabulatedBase(12 mu_i, 12 mu_o, 3 Fourier orders)
     """
     name = check_file_name(path)
-    try:
-        with open(check_file(name), "rb"):  # whether it is there
-            pass
-    except SceneError as error:
-        raise error.behind(name) from error
     if Path(name).suffix.lower() in TENSORS:
         try:
-            return read_measured(name, wavelength_um, average_mirrored)
+            return read_measured(check_file(name), wavelength_um, average_mirrored)
         except SceneError as error:
             raise error if str(error).startswith(name) else error.behind(name) from error
     found = load(path)
@@ -94,10 +89,8 @@ def read_base_once(path: Path, wavelength_um: float | None, average_mirrored: bo
 
 
 @lru_cache(maxsize=KEPT)
-def _read_as_it_was(
-    path: Path, changed: int, size: int, wavelength_um: float | None, average_mirrored: bool
-) -> TabulatedBase:
-    return read_base(path, wavelength_um, average_mirrored)
+def _read_as_it_was(path: Path, changed: int, size: int, *how: Any) -> TabulatedBase:
+    return read_base(path, *how)
 
 
 def pick_wavelength(own: Array, wanted: float | None) -> int:
@@ -114,7 +107,7 @@ def pick_wavelength(own: Array, wanted: float | None) -> int:
     return place
 
 
-def read_measured(path: str | os.PathLike[str], wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
+def read_measured(path: PathName, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
     """Of a tensor file, at the directions of vrte's own tables. Raises SceneError, OSError."""
     fields = read_tensors(path)
     angles = Angles(*(read_axis(fields, name, *ends) for name, ends in AXES.items()))

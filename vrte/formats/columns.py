@@ -1,21 +1,66 @@
-"""Tables in CSV files: one reader of columns, and what it makes of refractive indices, sizes and coefficients."""
+"""Tables in CSV files: one reader of lines and columns, and the indices, sizes and coefficients that it reads."""
 
 import csv
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import check_file, check_file_name, read_text, write_sealed_text
+from vrte.formats.atomic import PathName, check_file, check_file_name, check_text, read_blocks, write_sealed_text
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 from vrte.optics.refractive_index import IndexTable
 from vrte.optics.size_distribution import Tabulated
 
 UNITS = {"wavelength_um": 1.0, "wavelength_nm": 1e3, "radius_um": 1.0, "diameter_um": 2.0}  # to a wavelength or radius
 COEFFICIENTS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
+LONGEST_LINE = 50_000_000  # bytes
+
+
+class Lines:
+    """The lines of an open text file in UTF-8, one after another; ``place`` is the number of the last one, from 1,
+    ``total`` that of all that have an end. Raises SceneError for a table of vrte's that is not as it was written."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.is_sealed = check_text(file.readline(LONGEST_LINE), read_blocks(file))
+        file.seek(0)
+        self.total = sum(block.count(b"\n") for block in read_blocks(file))
+        file.seek(0)
+        self.place, self._file = 0, file
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        line = self._file.readline(LONGEST_LINE + 1)
+        if not line:
+            raise StopIteration
+        self.place += 1
+        if len(line) > LONGEST_LINE:
+            raise SceneError(f"line {self.place}: longer than {LONGEST_LINE} bytes")
+        try:
+            return line.removesuffix(b"\n").decode("utf-8").removeprefix("\ufeff" if self.place == 1 else "")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"line {self.place}: not a text file in UTF-8 (byte {error.start} of the line)") from error
+
+    def read_numbers(self, rows: int, columns: int) -> Array:
+        """The numbers of the next lines, (rows, columns), commas between them."""
+        each = chain.from_iterable(self._read_row(columns) for _ in range(rows))
+        return np.fromiter(each, np.float64, rows * columns).reshape(rows, columns)
+
+    def _read_row(self, columns: int) -> Iterable[float]:
+        line = next(self, "")
+        if line.count(",") != columns - 1:
+            raise SceneError(f"line {self.place}: {columns} numbers are needed, not {line.count(',') + 1}")
+        try:
+            return [float(cell) for cell in line.split(",")]
+        except ValueError:
+            given = put_in_one_line(repr(line), 60)
+            raise SceneError(f"line {self.place}: {given} holds something that is not a number") from None
 
 
 class Columns:
@@ -25,9 +70,12 @@ class Columns:
     numbers may have decimal commas. Raises SceneError naming the line, OSError.
     """
 
-    def __init__(self, path: str | os.PathLike[str], most_bytes: int, most_rows: int) -> None:
-        text = enumerate(read_text(check_file(path), most_bytes).splitlines(), 1)
-        kept = [(number, line) for number, line in text if line.strip() and line.lstrip()[0] != "#"]
+    def __init__(self, path: PathName, most_bytes: int, most_rows: int) -> None:
+        with open(check_file(path), "rb") as file:
+            if os.fstat(file.fileno()).st_size > most_bytes:
+                raise SceneError(f"the file is longer than {most_bytes} bytes")
+            text = "\n".join(Lines(file)).splitlines()  # whatever ends its lines
+        kept = [(number, line) for number, line in enumerate(text, 1) if line.strip() and line.lstrip()[0] != "#"]
         if len(kept) > most_rows + 1:
             raise SceneError(f"the table must have at most {most_rows} rows, not {len(kept) - 1}")
         self.separator = ";" if kept and ";" in kept[0][1] else ","
@@ -63,11 +111,6 @@ class Columns:
     def fault(self, row: int, words: str) -> SceneError:
         """The error of one row."""
         return SceneError(f"line {self.lines[row]}: {words}")
-
-    def reverse(self) -> None:
-        """Turns the order of the rows over."""
-        self.rows.reverse()
-        self.lines.reverse()
 
     def words(self, name: str) -> list[str]:
         """The cells of a column, as they are."""
@@ -185,7 +228,7 @@ def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
     return Tabulated(radii.tolist(), columns.numbers("density", 0.0).tolist())
 
 
-def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> PhaseMatrix:
+def read_coefficients(path: PathName, tolerance: float = 0.0) -> PhaseMatrix:
     """The phase matrix in a CSV file with the header l,a1,a2,a3,a4,b1,b2 and one row a degree, l = 0 first, in the
     signs of docs/reference/conventions.md; ``tolerance`` is that of a PhaseMatrix. Raises SceneError, OSError."""
     columns = Columns(path, 100_000_000, MOST_TERMS)
@@ -196,9 +239,18 @@ def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> P
     return PhaseMatrix(*(columns.numbers(name) for name in COEFFICIENTS[1:]), tolerance=tolerance)
 
 
-def write_coefficients(phase_matrix: PhaseMatrix, path: str | os.PathLike[str]) -> None:
+def write_coefficients(phase_matrix: PhaseMatrix, path: PathName) -> None:
     """Writes the table that `read_coefficients` reads: every digit, all of it or nothing."""
+    columns = [range(phase_matrix.terms), *phase_matrix.coefficients.T.tolist()]
+    write_table(dict(zip(COEFFICIENTS, columns, strict=True)), path)
+
+
+def write_table(columns: Mapping[str, Sequence[Any]], path: PathName, comment: str = "") -> None:
+    """Writes columns of words and numbers as CSV behind a checksum, all of it or nothing; every digit of numbers,
+    nothing for NaN. Raises OSError."""
     with write_sealed_text(path) as file:
-        file.write(",".join(COEFFICIENTS) + "\n")
-        for degree, row in enumerate(phase_matrix.coefficients.tolist()):
-            file.write(",".join([str(degree), *map(repr, row)]) + "\n")
+        file.writelines(f"# {line}\n" for line in comment.splitlines())
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            rows.writerow("" if one != one else one if isinstance(one, str | int) else repr(float(one)) for one in row)

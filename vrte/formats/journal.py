@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import DAMAGED, LENGTH, WORD, check_file_name, make_seal, write_atomically
+from vrte.formats.atomic import DAMAGED, LENGTH, WORD, PathName, check_file_name, make_seal, write_atomically
 
 LARGEST_FILE = 500_000_000  # bytes
 
 
-def write_sealed(path: str | os.PathLike[str], content: bytes, on_disk: bool = False) -> None:
+def write_sealed(path: PathName, content: bytes, on_disk: bool = False) -> None:
     """Writes content and checksum, all of it or nothing, ``on_disk`` also across a power cut. Raises OSError."""
     with write_atomically(path) as part:
         part.write_bytes(content + make_seal([content]))
@@ -21,7 +21,7 @@ def write_sealed(path: str | os.PathLike[str], content: bytes, on_disk: bool = F
         flush(Path(path).parent)
 
 
-def read_sealed(path: str | os.PathLike[str], writer: str = "vrte") -> bytes:
+def read_sealed(path: PathName, writer: str = "vrte") -> bytes:
     """The content that `write_sealed` wrote. Raises SceneError for a file of others or a damaged one, OSError."""
     name = check_file_name(path)
     if os.path.getsize(name) > LARGEST_FILE:
@@ -35,12 +35,12 @@ def read_sealed(path: str | os.PathLike[str], writer: str = "vrte") -> bytes:
     return content
 
 
-def write_journal(path: str | os.PathLike[str], content: Any, on_disk: bool = False) -> None:
+def write_journal(path: PathName, content: Any, on_disk: bool = False) -> None:
     """Writes the content as one line of JSON and its checksum, as `write_sealed` does."""
     write_sealed(path, json.dumps(content).encode() + b"\n", on_disk)
 
 
-def read_journal(path: str | os.PathLike[str], writer: str = "vrte") -> Any:
+def read_journal(path: PathName, writer: str = "vrte") -> Any:
     """The content that `write_journal` wrote; raises as `read_sealed` does."""
     content = read_sealed(path, writer)
     try:

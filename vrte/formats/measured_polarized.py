@@ -9,7 +9,6 @@ The matrices come from splines through directions that were solved for (between_
 """
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
+from vrte.formats.atomic import PathName
 from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
 from vrte.formats.contents import describe_result
 from vrte.formats.mitsuba_tensor import write_tensors
@@ -35,7 +35,6 @@ NOTE = (
 )
 STEP = 2.5  # degrees between the file's theta_d and theta_h by default; phi_d has twice that
 FINEST, COARSEST = 0.5, 15.0
-AXES = np.array([1.0, -1.0, 1.0, 1.0])  # from parallel minus perpendicular to perpendicular minus parallel
 FLOOR = 0.25  # of the step: smallest cosine in the table, for at the horizon f itself may have no bound
 CHUNK = 1 << 17  # pairs of directions at a time
 
@@ -44,20 +43,7 @@ CHUNK = 1 << 17  # pairs of directions at a time
 class Errors:
     """How far a table is off between its angles, as Mitsuba interpolates: the largest difference of an element over I.
 
-    Attributes
-    ----------
-    median
-        What half of the pairs of directions stay below.
-    most
-        What 95 of 100 stay below.
-    pairs
-        How many pairs were compared.
-
-    Examples
-    --------
-    >>> from vrte.formats.measured_polarized import Errors
-    >>> Errors(median=1e-3, most=5e-3, pairs=2000).most
-    0.005
+    ``median``: what half of the pairs of directions stay below; ``most``: what 95 of 100 do; ``pairs``: how many.
     """
 
     median: float
@@ -72,55 +58,37 @@ class Errors:
 
 
 def write_mitsuba(
-    spectrum: Spectrum, path: str | os.PathLike[str], step_deg: float = STEP, exact: Spectrum | None = None
+    spectrum: Spectrum, path: PathName, step_deg: float = STEP, exact: Spectrum | None = None
 ) -> Errors | None:
     """Writes the BRDFs of five wavelengths to ``path`` for Mitsuba's BSDF ``measured_polarized``, all or nothing.
 
     ``spectrum`` must hold five wavelengths of whole nanometres, at the `directions` of this module; ``step_deg`` is the
-    step of the file's theta_d and theta_h, phi_d has twice that. Mitsuba interpolates linearly between them;
-    ``exact``, the same spectrum at any other directions, is what the table is then compared with, and the errors found
-    are returned. A field ``description``, which Mitsuba leaves alone, says what made the file. Raises SceneError,
-    OSError.
-
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-    >>> content = {"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
-    >>> import vrte
-    >>> five = vrte.spectrum(content, [0.45, 0.5, 0.55, 0.6, 0.65], **directions(8, 9))
-    >>> write_mitsuba(five, "rayleigh.bsdf", step_deg=15)
+    step of the file's theta_d and theta_h, phi_d has twice that. ``exact``, the same spectrum at any other directions,
+    is what the table is compared with; the errors are returned. A field ``description``, which Mitsuba leaves alone,
+    says what made the file. Raises SceneError, OSError.
     """
     angles, nanometres = make_angles(step_deg), check_wavelengths(spectrum.wavelength_um)
     check_directions(spectrum)
     table = tabulate_spectrum(spectrum, angles)
     errors = None if exact is None else measure_errors(table, angles, exact)
-    left_out = {} if spectrum.specular is None else {"mirrored": tell_left_out(spectrum)}
-    told = (
-        describe_result(spectrum)
-        | {"note": NOTE}
-        | left_out
-        | ({} if errors is None else {"interpolation": str(errors)})
-    )
+    told = describe_result(spectrum) | {"note": NOTE}
+    if spectrum.specular is not None:
+        told["mirrored"] = describe_beam(spectrum)
+    if errors is not None:
+        told["interpolation"] = str(errors)
     text = "\n".join(f"{name}: {value}" for name, value in told.items())
-    fields: dict[str, NDArray[Any]] = {
-        name: getattr(angles, name)[None].astype(np.float32) for name in ("phi_d", "theta_d", "theta_h")
-    }
+    fields: dict[str, NDArray[Any]] = {name: axis[None].astype(np.float32) for name, axis in vars(angles).items()}
     fields |= {"wvls": nanometres, "M": table, "description": np.frombuffer(text.encode("utf-8"), np.uint8)}
     write_tensors(fields, path)
     return errors
 
 
-def tell_left_out(spectrum: Spectrum) -> str:
-    """What of the light no table has, in words: what smooth surfaces mirror as beams.
-
-    >>> import vrte
-    >>> tell_left_out(vrte.Spectrum([0.5], [vrte.Brdf(np.zeros((1, 1, 1, 4, 4)), [0], [1], [1], [0], {},
-    ...     specular=[0.04 * np.eye(4)])]))
-    'left out is the mirrored beam, 0.04 of the light at mu_i 1: no table holds what goes into one direction'
-    """
+def describe_beam(spectrum: Spectrum) -> str:
+    """What of the light no table has, in words: beams reflected by smooth surfaces."""
     shares, steep = spectrum.specular_reflectance, int(np.argmax(spectrum.mu_i))
     assert shares is not None
-    low, high = shares[:, steep].min(), shares[:, steep].max()
-    share = f"{low:.3g}" if f"{low:.3g}" == f"{high:.3g}" else f"{low:.3g} to {high:.3g}"
-    where = f"{share} of the light at mu_i {spectrum.mu_i[steep]:.3g}"
+    low, high = (f"{share:.3g}" for share in (shares[:, steep].min(), shares[:, steep].max()))
+    where = f"{low if low == high else f'{low} to {high}'} of the light at mu_i {spectrum.mu_i[steep]:.3g}"
     return f"left out is the mirrored beam, {where}: no table holds what goes into one direction"
 
 
@@ -240,7 +208,7 @@ def turn_to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
     across = np.cross(into, out)
     across /= np.linalg.norm(across, axis=1)[:, None]
     from_light, to_view = turn(-into, across)[:, None], turn(out, across)[:, None]
-    found: Array = to_view.swapaxes(2, 3) @ (matrices * np.outer(AXES, AXES)) @ from_light
+    found: Array = to_view.swapaxes(2, 3) @ matrices @ from_light
     return found
 
 
@@ -251,12 +219,12 @@ def sample_in_scattering_plane(splines: Splines, into: Array, out: Array, across
         part = slice(start, start + CHUNK)
         from_light, to_view = turn(-into[part], across[part]), turn(out[part], across[part])
         found[part] = to_view @ splines(into[part], out[part], lowest) @ from_light.swapaxes(1, 2)
-    return found * np.outer(AXES, AXES)
+    return found
 
 
 def turn(travel: Array, across: Array) -> Array:
-    """The rotation (pairs, 4, 4) of Stokes vectors from the meridian plane of a direction of travel to the plane
-    perpendicular to ``across``."""
+    """Matrices (pairs, 4, 4) that take Stokes vectors from the meridian plane of a direction of travel to the plane
+    perpendicular to ``across``, with Q as perpendicular minus parallel."""
     azimuth = np.arctan2(travel[:, 1], travel[:, 0])
     horizontal = np.hypot(travel[:, 0], travel[:, 1])
     # theta-hat, along which l lies, and r with r x l along the direction of travel: minus phi-hat
@@ -266,7 +234,7 @@ def turn(travel: Array, across: Array) -> Array:
     cosine, sine = (meridian * inside).sum(axis=1), (beside * inside).sum(axis=1)
     found = np.zeros((len(travel), 4, 4))
     found[:, 0, 0] = found[:, 3, 3] = 1.0
-    found[:, 1, 1] = found[:, 2, 2] = cosine**2 - sine**2
-    found[:, 1, 2] = 2.0 * sine * cosine
-    found[:, 2, 1] = -found[:, 1, 2]
+    found[:, 2, 2] = cosine**2 - sine**2
+    found[:, 1, 1] = -found[:, 2, 2]
+    found[:, 1, 2] = found[:, 2, 1] = -2.0 * sine * cosine
     return found

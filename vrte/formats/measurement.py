@@ -3,21 +3,16 @@
 What the columns mean, and which quantities there are, is known above: vrte/fit/quantities.py.
 """
 
-import csv
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import check_file, check_file_name, write_sealed_text
+from vrte.formats.atomic import PathName, check_file_name
 from vrte.formats.columns import Columns
-
-if TYPE_CHECKING:
-    import xarray
+from vrte.formats.netcdf import Stored, read_netcdf
 
 LARGEST_FILE = 100_000_000  # bytes
 MOST_ROWS = 1_000_000
@@ -25,7 +20,7 @@ WORDS = ("quantity", "geometry", "illuminant")  # columns of words, the others h
 SIGMA = "_sigma"  # behind the name of a quantity in NetCDF: its standard deviations
 
 
-def read_columns(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, list[Any]]:
+def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]]:
     """The columns of a measurement's file, of those that ``names`` lists: numbers or words, NaN or "" where a cell is
     empty. Raises SceneError, which names the line, MissingExtraError, OSError.
 
@@ -39,7 +34,11 @@ def read_columns(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str
         raise SceneError(f"the measurement {path} must end in .csv or .nc")
     try:
         if suffix == ".nc":
-            return read_netcdf(check_file(path), names)
+            found = read_netcdf(path, None, LARGEST_FILE)
+            if "quantity" not in found.arrays:
+                return spread_quantities(found, names)
+            check_names([*found.arrays], names)
+            return {name: np.ravel(values).tolist() for name, values in found.arrays.items()}
         columns = Columns(path, LARGEST_FILE, MOST_ROWS)
         if not columns.rows:
             raise SceneError("the table is empty: it needs a line with the names of columns, a row a number measured")
@@ -63,26 +62,11 @@ def check_names(given: Sequence[str], names: Sequence[str]) -> None:
         raise SceneError(f"the column {missing[0]} is missing: the columns are {', '.join(names)}")
 
 
-def read_netcdf(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """The columns of a NetCDF file: variables named as the columns, or quantities over coordinates named as they are,
-    with standard deviations in variables that end in _sigma. Raises SceneError, MissingExtraError, OSError."""
+def spread_quantities(stored: Stored, names: Sequence[str]) -> dict[str, list[Any]]:
+    """The rows of quantities that are arrays over angles and wavelengths, named as the coordinates are, with standard
+    deviations in variables that end in _sigma; places without a number are left out. Raises SceneError."""
     xarray = import_extra("xarray", "reading a measurement in NetCDF", "files")
-    import_extra("h5netcdf", "reading a measurement in NetCDF", "files")
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"no such file: {os.fsdecode(path)}")
-    try:
-        with xarray.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
-            data.load()
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SceneError(f"not a NetCDF-4 file that can be read ({put_in_one_line(str(error), 100)})") from error
-    if "quantity" in data.variables:
-        check_names([str(name) for name in data.variables], names)
-        return {str(name): list_values(values.values, str(name)) for name, values in data.variables.items()}
-    return spread_quantities(data, names)
-
-
-def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str, list[Any]]:
-    """The rows of quantities that are arrays over angles and wavelengths; places without a number are left out."""
+    data = xarray.Dataset({name: (stored.dims[name], values) for name, values in stored.arrays.items()})
     coordinates = [name for name in names if name in data.coords]
     unknown = [str(name) for name in data.coords if name not in names]
     if unknown or not data.data_vars:
@@ -94,39 +78,14 @@ def spread_quantities(data: "xarray.Dataset", names: Sequence[str]) -> dict[str,
             if str(name).removesuffix(SIGMA) not in data.data_vars:
                 raise SceneError(f"{name} belongs to no quantity of the file")
             continue
-        there = ~np.isnan(np.asarray(values.values, float))
+        there = ~np.isnan(values.values)
         count = int(there.sum())
-
-        def spread(part: Any) -> Any:
-            return part.broadcast_like(values).transpose(*values.dims).values[there]  # noqa: B023
-
+        parts = {one: data[one] for one in coordinates if {*data[one].dims} <= {*values.dims}}
+        parts |= {"sigma": data[f"{name}{SIGMA}"]} if f"{name}{SIGMA}" in data else {}
         found["quantity"] += [str(name)] * count
         found["value"] += values.values[there].tolist()
-        sigma = data.get(f"{name}{SIGMA}")
-        found["sigma"] += [np.nan] * count if sigma is None else spread(sigma).tolist()
-        for one in coordinates:
+        for one in (*coordinates, "sigma"):
             empty = ["" if one in WORDS else np.nan] * count
-            found[one] += list_values(spread(data[one]), one) if {*data[one].dims} <= {*values.dims} else empty
+            spread = parts[one].broadcast_like(values).transpose(*values.dims).values[there] if one in parts else None
+            found[one] += empty if spread is None else spread.tolist()
     return found
-
-
-def list_values(values: Any, name: str) -> list[Any]:
-    """A variable as a list of words or numbers. Raises SceneError."""
-    flat = np.atleast_1d(np.asarray(values)).ravel().tolist()
-    if name in WORDS:
-        return [one.decode() if isinstance(one, bytes) else str(one) for one in flat]
-    try:
-        return [float(one) for one in flat]
-    except (TypeError, ValueError):
-        raise SceneError(f"{name} must be numbers") from None
-
-
-def write_table(columns: Mapping[str, Sequence[Any]], path: str | os.PathLike[str], comment: str = "") -> None:
-    """Writes columns as CSV behind a checksum, all of it or nothing; every digit of numbers, nothing for NaN. Raises
-    OSError."""
-    with write_sealed_text(path) as file:
-        file.writelines(f"# {line}\n" for line in comment.splitlines())
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            rows.writerow("" if one != one else one if isinstance(one, str) else repr(float(one)) for one in row)

@@ -4,11 +4,10 @@ Mitsuba has no sum of BSDFs (blendbsdf mixes up beams and other light), so the s
 follows the light through it, and up and down between the two as often as it goes.
 """
 
-import os
 from html import escape
 from pathlib import Path
 
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import PathName, write_atomically
 
 GAP = 5e-4  # of two spheres of radius 1: rays start 1.8e-4 off what they leave; angles change by its square root
 TEMPLATE = """\
@@ -34,16 +33,9 @@ TEMPLATE = """\
 """
 
 
-def write_nested_scene(
-    path: str | os.PathLike[str], table: str | os.PathLike[str], index_above: float, index_below: float
-) -> None:
+def write_nested_scene(path: PathName, table: PathName, index_above: float, index_below: float) -> None:
     """Writes a sphere of the table ``table``, which must lie beside ``path``, in one of a smooth dielectric. Raises
-    OSError.
-
-    >>> write_nested_scene("paint.xml", "paint.bsdf", 1.0, 1.5)
-    >>> '<float name="int_ior" value="1.5"/>' in Path("paint.xml").read_text()
-    True
-    """
+    OSError."""
     name = f'"{escape(Path(table).name)}"'
     text = TEMPLATE.format(above=index_above, below=index_below, table=name, inside=1.0 - GAP)
     with write_atomically(path) as part:

@@ -6,7 +6,6 @@ begin in the file (uint64) and its shape (uint64 each).
 """
 
 import math
-import os
 import struct
 from collections.abc import Mapping
 from typing import Any
@@ -15,33 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import check_file_name, write_atomically
+from vrte.formats.atomic import PathName, check_file_name, write_atomically
 
 MAGIC, VERSION = b"tensor_file\0", (1, 0)
-TYPES = dict(
-    enumerate(("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"), 1)
-)  # by number, as NumPy spells them
-NUMBERS = {name: number for number, name in TYPES.items()}
+TYPES = ("", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8")  # by number, as NumPy spells them
 ALIGNMENT = 8  # bytes
 MOST_FIELDS, MOST_DIMENSIONS = 1000, 16
 LARGEST = 2e9  # bytes of a file
 
 
-def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[str]) -> None:
-    """Writes arrays by their names to ``path``, all of it or nothing. Raises OSError, SceneError for another type.
-
-    >>> write_tensors({"theta": np.zeros((1, 3), np.float32)}, "angles.bsdf")
-    >>> read_tensors("angles.bsdf")["theta"].shape
-    (1, 3)
-    """
-    arrays = {name: np.asarray(values, order="C") for name, values in fields.items()}
-    names = {name: name.encode("utf-8") for name in arrays}
-    place = len(MAGIC) + 6 + sum(13 + len(names[name]) + 8 * array.ndim for name, array in arrays.items())
+def write_tensors(fields: Mapping[str, NDArray[Any]], path: PathName) -> None:
+    """Writes arrays by their names to ``path``, all of it or nothing. Raises OSError, SceneError for another type."""
+    arrays = {name.encode("utf-8"): np.asarray(values, order="C") for name, values in fields.items()}
+    place = len(MAGIC) + 6 + sum(13 + len(name) + 8 * array.ndim for name, array in arrays.items())
     head, starts = [MAGIC, struct.pack("<BBI", *VERSION, len(arrays))], []
     for name, array in arrays.items():
+        kind = array.dtype.str[1:]
+        if kind not in TYPES:
+            raise SceneError(f"{name.decode()} must be real numbers of a plain type, not {array.dtype}")
         place += -place % ALIGNMENT
-        head.append(struct.pack("<H", len(names[name])) + names[name])
-        head.append(struct.pack(f"<HBQ{array.ndim}Q", array.ndim, _number(name, array), place, *array.shape))
+        about = array.ndim, TYPES.index(kind), place, *array.shape
+        head.append(struct.pack("<H", len(name)) + name + struct.pack(f"<HBQ{array.ndim}Q", *about))
         starts.append(place)
         place += array.nbytes
     with write_atomically(path) as part, open(part, "wb") as file:
@@ -51,30 +44,18 @@ def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[st
             file.write(array.astype(array.dtype.newbyteorder("<"), copy=False).data)
 
 
-def _number(name: str, array: NDArray[Any]) -> int:
-    kind = array.dtype.str[1:]
-    if kind not in NUMBERS:
-        raise SceneError(f"{name} must be real numbers of a plain type, not {array.dtype}")
-    return NUMBERS[kind]
-
-
-def read_tensors(path: str | os.PathLike[str], most_bytes: float = LARGEST) -> dict[str, NDArray[Any]]:
+def read_tensors(path: PathName, most_bytes: float = LARGEST) -> dict[str, NDArray[Any]]:
     """The arrays of a tensor file by their names. Raises SceneError for a file that is none, is cut off or is longer
-    than ``most_bytes``, OSError.
-
-    >>> write_tensors({"wvls": np.array([450, 650], np.uint16)}, "nm.bsdf")
-    >>> read_tensors("nm.bsdf")["wvls"].tolist()
-    [450, 650]
-    """
+    than ``most_bytes``, OSError."""
     name = check_file_name(path)
     with open(name, "rb") as file:
         content = file.read(int(most_bytes) + 1)
-    if len(content) > most_bytes:
-        raise SceneError(f"{name}: the file is longer than the {most_bytes / 1e9:g} GB that are read")
     try:
+        if len(content) > most_bytes:
+            raise SceneError(f"the file is longer than the {most_bytes / 1e9:g} GB that are read")
         return _read_fields(content)
     except SceneError as error:
-        raise SceneError(f"{name}: {error}") from error
+        raise error.behind(name) from error
     except (struct.error, ValueError, OverflowError) as error:  # a shape that no array has, among others
         raise SceneError(f"{name} is no tensor file, or it is damaged") from error
 
@@ -90,16 +71,12 @@ def _read_fields(content: bytes) -> dict[str, NDArray[Any]]:
         (length,) = struct.unpack_from("<H", content, place)
         (label,) = struct.unpack_from(f"<{length}s", content, place + 2)
         dimensions, number, start = struct.unpack_from("<HBQ", content, place + 2 + length)
-        if dimensions > MOST_DIMENSIONS or number not in TYPES:
+        if dimensions > MOST_DIMENSIONS or not 0 < number < len(TYPES):
             raise SceneError(f"a field has {dimensions} dimensions and is of type {number}, which is no tensor")
         shape = struct.unpack_from(f"<{dimensions}Q", content, place + 13 + length)
         place += 13 + length + 8 * dimensions
-        found[label.decode("utf-8")] = _read_array(content, f"<{TYPES[number]}", start, shape)
+        kind, size = np.dtype(f"<{TYPES[number]}"), math.prod(shape)
+        if start + size * kind.itemsize > len(content):
+            raise SceneError("the file is cut off: it ends before its fields do")
+        found[label.decode("utf-8")] = np.frombuffer(content, kind, size, start).reshape(shape)
     return found
-
-
-def _read_array(content: bytes, kind: str, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
-    size = math.prod(shape)
-    if start + size * np.dtype(kind).itemsize > len(content):
-        raise SceneError("the file is cut off: it ends before its fields do")
-    return np.frombuffer(content, kind, size, start).reshape(shape)

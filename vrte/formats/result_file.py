@@ -7,14 +7,12 @@ from pathlib import Path
 
 from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import check_file_name
-from vrte.formats.contents import Result
+from vrte.formats.atomic import PathName, check_file_name
+from vrte.formats.contents import LARGEST_RESULT, MEANINGLESS, Result, explain_error
 from vrte.formats.csv_table import load_csv, write_csv
-from vrte.formats.hdf5_file import LARGEST_RESULT
 from vrte.formats.netcdf import load_netcdf, save_netcdf
 from vrte.formats.zarr_folder import load_zarr, save_zarr
 
-PathName = str | os.PathLike[str]
 Writer = Callable[[Result, PathName], None]
 Reader = Callable[[PathName, float], Result]
 FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes and reads it, and a row
@@ -88,5 +86,13 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
     (2, 20, 37, 4, 4)
     """
     most_bytes = check_number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
-    _, read = FORMATS.get(Path(check_file_name(path)).suffix.lower(), FORMATS[".nc"])
-    return read(path, most_bytes)
+    name = check_file_name(path)
+    if not os.path.exists(name):
+        raise FileNotFoundError(f"no such file: {name}")
+    _, read = FORMATS.get(Path(name).suffix.lower(), FORMATS[".nc"])
+    try:
+        return read(path, most_bytes)
+    except SceneError as error:
+        raise error.behind(name) from error
+    except (*MEANINGLESS, FileNotFoundError) as error:  # a file of a folder that is not there
+        raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {explain_error(error)}") from error

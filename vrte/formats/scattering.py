@@ -6,17 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.formats.columns import Columns
-from vrte.formats.scattering_netcdf import AngleTable, Selection, WavelengthTable, read_wavelength_table
+from vrte.formats.scattering_netcdf import AngleTable, WavelengthTable, read_wavelength_table
 from vrte.optics.angle_tables import MOST_ANGLES
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
 from vrte.optics.particles import Particles
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.phase_matrix import PhaseMatrix, mix
 
 CSV, NETCDF_SUFFIXES = ".csv", (".nc", ".nc4", ".cdf")
 SAME = 1e-9  # relative difference of wavelengths that count as one
@@ -48,14 +49,12 @@ def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> 
         steps = np.diff(cosines)
         for row in np.flatnonzero(steps * np.sign(steps[:1]) <= 0.0)[:1] + 1:
             raise columns.fault(row, f"{COSINE} must be in one order, each once; {cosines[row]:g} is not")
-        if (steps > 0.0).any():
-            columns.reverse()
-            cosines = cosines[::-1]
-        angles = np.degrees(np.arccos(cosines))
+        turn = slice(None, None, -1 if (steps > 0.0).any() else 1)
+        angles = np.degrees(np.arccos(cosines))[turn]
     else:
-        angles = columns.numbers(ANGLE, 0.0, 180.0, ascending=True)
+        turn, angles = slice(None), columns.numbers(ANGLE, 0.0, 180.0, ascending=True)
     found = {
-        place: columns.numbers(name, *(0.0,) * (place == 0))
+        place: columns.numbers(name, *(0.0,) * (place == 0))[turn]
         for name, place in zip(columns.names, places, strict=True)
         if place is not None
     }
@@ -160,34 +159,34 @@ def read_scattering(
     >>> vrte.read_scattering("dust.csv").is_scalar
     True
     """
-    name = os.fspath(path)
-
-    def expand(table: AngleTable, convention: str) -> PhaseMatrix:
-        of_spheres, how = spheres or table.spheres, {"convention": convention, "normalise": normalise, "ends": ends}
-        how |= {"accuracy": accuracy, "tolerance": tolerance}
-        return PhaseMatrix.from_angles(table.angle_deg, *table.columns, spheres=of_spheres, **how)  # type: ignore[arg-type]
-
-    options = {
+    sizes = {
         "wavelength_um": wavelength_um,
         "effective_radius_um": effective_radius_um,
         "humidity_percent": humidity_percent,
         "density_g_cm3": density_g_cm3,
     }
-    for key, value in options.items():
+    for key, value in sizes.items():
         if value is not None:
-            options[key] = check_number(key, value, 1e-9 if key != "humidity_percent" else 0.0, 1e9, "a number above 0")
-    suffix = Path(str(name)).suffix.lower()
+            sizes[key] = check_number(key, value, 1e-9 if key != "humidity_percent" else 0.0, 1e9, "a number above 0")
+
+    def expand(table: AngleTable, convention: str) -> PhaseMatrix:
+        how: dict[str, Any] = {"normalise": normalise, "ends": ends, "accuracy": accuracy, "tolerance": tolerance}
+        of_spheres = spheres or table.spheres
+        return PhaseMatrix.from_angles(
+            table.angle_deg, *table.columns, spheres=of_spheres, convention=convention, **how
+        )
+
+    suffix = Path(os.fspath(path)).suffix.lower()
     if suffix == CSV:
-        for key, value in options.items():
+        for key, value in sizes.items():
             if value is not None:
                 raise SceneError.of(key, "must not be given with a .csv, which holds one table")
         return expand(read_angle_table(path, convention or "vrte"), convention or "vrte")
     if suffix not in NETCDF_SUFFIXES:
         raise SceneError(f"the file must end in {', '.join((CSV, *NETCDF_SUFFIXES))}, not in {suffix or 'nothing'!r}")
-    selection = Selection(options["effective_radius_um"], options["humidity_percent"])
-    data = read_wavelength_table(path, selection)
+    data = read_wavelength_table(path, sizes)
     of_file = partial(expand, convention=data.choose_convention(convention))
-    return take_wavelength(data, options["wavelength_um"], options["density_g_cm3"], of_file)
+    return take_wavelength(data, sizes["wavelength_um"], sizes["density_g_cm3"], of_file)
 
 
 def take_wavelength(
@@ -205,39 +204,34 @@ def take_wavelength(
     if abs(at - wavelength) > SAME * wavelength:
         reach = f"from {known[0]:g} to {known[-1]:g} um" if known.size > 1 else f"{known[0]:g} um"
         raise SceneError.of("wavelength_um", f"must be {reach}, which the data are for, not {wavelength:g}")
-    shares = {number: float(np.interp(at, known, row)) for number, row in enumerate(np.eye(known.size))}
-    shares = {number: share for number, share in shares.items() if share > SAME}
-    albedo, extinction = data.albedo, data.extinction
+    each = np.array([np.interp(at, known, row) for row in np.eye(known.size)])
+    near = np.flatnonzero(each > SAME).tolist()
+    shares, albedo, extinction = each[near], data.albedo, data.extinction
     for name, values in (("albedo", albedo), ("extinction", extinction)):
         if values is not None and not (np.isfinite(values).all() and (values >= 0.0).all()):
             raise SceneError(f"its {name} must be numbers >= 0 at all wavelengths")
-    ones = np.ones(known.size)
-    extinguished = sum(share * (ones if extinction is None else extinction)[number] for number, share in shares.items())
-    weights = ones if albedo is None or extinction is None else albedo * extinction
-    scattered = sum(share * weights[number] for number, share in shares.items())
-    if not scattered > 0.0:
+    extinguished = shares if extinction is None else shares * extinction[near]
+    weights = shares if albedo is None or extinction is None else extinguished * albedo[near]
+    if not weights.sum() > 0.0:
         raise SceneError(f"nothing is scattered at {wavelength:g} um")
-    matrices = {number: expand(data.find_table(number)) for number in shares}
-    coefficients = np.zeros((max(matrix.terms for matrix in matrices.values()), 6))
-    for number, matrix in matrices.items():
-        coefficients[: matrix.terms] += shares[number] * weights[number] / scattered * matrix.coefficients
-    coefficients[0, 0] = 1.0
-    single = None if albedo is None else float(sum(share * albedo[number] for number, share in shares.items()))
+    matrices = [expand(data.find_table(k)) for k in near]
+    single = None if albedo is None else float(shares @ albedo[near])
     if albedo is not None and extinction is not None:
-        single = float(scattered / extinguished)
-    worst = max(matrices.values(), key=lambda matrix: matrix.expansion.largest_error if matrix.expansion else 0.0)
+        single = float(weights.sum() / extinguished.sum())
+    worst = max(matrices, key=lambda matrix: matrix.expansion.largest_error if matrix.expansion else 0.0)
     told = worst.expansion
     if told is not None:
-        between = " and ".join(f"{known[number]:g}" for number in shares)
+        between = " and ".join(f"{known[k]:g}" for k in near)
         told = replace(told, way=f"{told.way}, of {between} um", albedo=single)
-    matrix = PhaseMatrix(*coefficients.T, tolerance=worst.tolerance, expansion=told)
+    mixed = mix(list(zip(matrices, weights.tolist(), strict=True)))
+    matrix = PhaseMatrix(*mixed.coefficients.T, tolerance=worst.tolerance, expansion=told)
     if density is None:
         return matrix
     if not data.per_mass or single is None or extinction is None:
         raise SceneError.of("density_g_cm3", "needs an albedo and an extinction per mass, which the file does not have")
     radius = 1.0 if data.radius_um is None else data.radius_um
     volume = 4.0 / 3.0 * np.pi * radius**3
-    area = float(PER_MASS * density * extinguished * volume)
+    area = float(PER_MASS * density * extinguished.sum() * volume)
     return Particles(
         phase_matrix=matrix,
         albedo=single,

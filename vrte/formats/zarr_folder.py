@@ -6,7 +6,6 @@ An attribute has a checksum of the numbers and texts, not of files: a copy that 
 import hashlib
 import json
 import math
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,27 +14,21 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import check_file_name, write_folder_atomically
-from vrte.formats.contents import KINDS, MEANINGLESS, NAMES, Result, collect_arrays, explain_error, restore_result
-from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
-from vrte.formats.netcdf import to_xarray
-from vrte.results.spectrum import SCENE
+from vrte.formats.atomic import PathName, check_file_name, write_atomically
+from vrte.formats.contents import ARRAYS, TEXTS, Result, check_size, collect_arrays, restore_result, to_xarray
 
 PURPOSE = "reading or writing Zarr"
 FORMAT = 3
 METADATA = "zarr.json"
 LARGEST_METADATA = 50_000_000  # bytes
 SEAL = "sha256"  # the attribute
-TOLD = ("kind", "diagnostics", SCENE, NAMES)  # attributes that are read
 
 
-def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
+def save_zarr(result: Result, path: PathName) -> None:
     """Writes ``result`` to the Zarr folder ``path``, all of it or nothing; one that is there is replaced.
 
     The numbers are not packed. Raises MissingExtraError without the extra "files", OSError where something else than a
     Zarr folder is there or it cannot be written.
-
-    >>> save_zarr(brdf, "result.zarr")
     """
     import_extra("zarr", PURPOSE, "files")
     dataset = to_xarray(result)
@@ -43,55 +36,38 @@ def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
     unpacked: dict[str, dict[str, list[str]]] = {
         str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
     }
-    with write_folder_atomically(path, METADATA) as part, warnings.catch_warnings():
+    with write_atomically(path, METADATA) as part, warnings.catch_warnings():
         # words are not part of Zarr's specification yet; they only label the Stokes parameters
         warnings.filterwarnings("ignore", "The data type")
         dataset.to_zarr(part, mode="w", zarr_format=FORMAT, consolidated=False, encoding=unpacked)
 
 
-def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -> Result:
-    """The result that `save_zarr` wrote to ``path``, every digit as it was; ``most_bytes`` as in `vrte.load`.
-
-    Only plain numbers of format 3 are read, unpacked as they are written: nothing of a foreign folder is run. Raises
-    FileNotFoundError, SceneError for a folder that holds no result of this package, or another one than was written,
-    MissingExtraError.
-
-    >>> save_zarr(brdf, "result.zarr")
-    >>> load_zarr("result.zarr").mueller.shape
-    (2, 20, 37, 4, 4)
-    """
+def load_zarr(path: PathName, most_bytes: float) -> Result:
+    """The result that `save_zarr` wrote to ``path``, every digit as it was; ``most_bytes`` and errors as of
+    `vrte.load`. Only plain numbers of format 3 are read, unpacked: nothing of a foreign folder is run."""
     zarr = import_extra("zarr", PURPOSE, "files")
     folder = Path(check_file_name(path))
-    if not folder.exists():
-        raise FileNotFoundError(f"no such folder: {folder}")
     if not folder.is_dir():
-        raise SceneError(f"{folder} is no folder, but a file, a pipe or a device")
-    try:
-        for found in folder.rglob("*"):
-            if found.is_symlink() or not (found.is_file() or found.is_dir()):
-                raise SceneError("something in it is a link, a pipe or a device: only files in the folder are read")
-        attributes = _read_metadata(folder).get("attributes", {})
-        kind = KINDS[attributes["kind"]]
-        names = [name for name in (*kind.coordinates, *kind.variables) if (folder / name).is_dir()]
-        check_size(sum(_count_declared_bytes(folder, name) for name in names), most_bytes)
-        group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
-        arrays = {name: np.asarray(group[name][...]) for name in names}
-        if SEAL in attributes and attributes[SEAL] != hash_content(attributes, arrays):
-            raise SceneError(
-                f"is damaged: its numbers or texts are not those that were written (checksum); if they were changed on "
-                f"purpose, take its attribute {SEAL} away"
-            )
-        listed = json.loads(attributes[NAMES]) if NAMES in attributes else None
-        return restore_result(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE), listed)
-    except SceneError as error:
-        raise SceneError(f"{folder}: {error}") from error
-    except (*MEANINGLESS, OSError) as error:
-        raise SceneError(f"{folder} holds no result written by vrte: {explain_error(error)}") from error
+        raise SceneError("it is no folder, but a file, a pipe or a device")
+    for found in folder.rglob("*"):
+        if found.is_symlink() or not (found.is_file() or found.is_dir()):
+            raise SceneError("something in it is a link, a pipe or a device: only files in the folder are read")
+    attributes = read_metadata(folder).get("attributes", {})
+    names = [name for name in ARRAYS if (folder / name).is_dir()]
+    check_size(sum(count_declared_bytes(folder, name) for name in names), most_bytes)
+    group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
+    arrays = {name: np.asarray(group[name][...]) for name in names}
+    if SEAL in attributes and attributes[SEAL] != hash_content(attributes, arrays):
+        raise SceneError(
+            f"it is damaged: its numbers or texts are not those that were written (checksum); if they were changed on "
+            f"purpose, take its attribute {SEAL} away"
+        )
+    return restore_result(attributes, arrays)
 
 
 def hash_content(attributes: Mapping[str, Any], arrays: Mapping[str, Any]) -> str:
     """SHA-256 of all that makes a result: texts, and arrays by their names, every bit."""
-    made = hashlib.sha256(json.dumps([attributes.get(name) for name in TOLD]).encode())
+    made = hashlib.sha256(json.dumps([attributes.get(name) for name in TEXTS]).encode())
     for name in sorted(arrays):
         values = np.ascontiguousarray(arrays[name], "<f8")
         made.update(json.dumps([name, values.shape]).encode())
@@ -99,7 +75,7 @@ def hash_content(attributes: Mapping[str, Any], arrays: Mapping[str, Any]) -> st
     return made.hexdigest()
 
 
-def _read_metadata(folder: Path) -> Any:
+def read_metadata(folder: Path) -> Any:
     """What a folder says of itself."""
     with open(folder / METADATA, "rb") as file:
         text = file.read(LARGEST_METADATA + 1)
@@ -111,9 +87,9 @@ def _read_metadata(folder: Path) -> Any:
     return found
 
 
-def _count_declared_bytes(folder: Path, name: str) -> float:
+def count_declared_bytes(folder: Path, name: str) -> float:
     """Bytes of an array, if it is of plain numbers that are all there. Raises SceneError."""
-    about = _read_metadata(folder / name)
+    about = read_metadata(folder / name)
     shape, codecs = [int(length) for length in about["shape"]], [codec["name"] for codec in about["codecs"]]
     if about["data_type"] != "float64" or codecs != ["bytes"] or about.get("storage_transformers"):
         raise SceneError(f"its {name} must be plain numbers of 8 bytes, not {about['data_type']} by {codecs}")
