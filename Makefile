@@ -182,7 +182,7 @@ bench: $(VENV)/test.stamp
 
 # Cases with a LAPACK floor.
 # a target that is missed there is told, and does not keep the ratios from being saved or compared
-AGAINST_FLOOR = bench/test_speed.py bench/test_six_configurations.py bench/test_surface.py --benchmark-json=out/bench.json
+AGAINST_FLOOR = bench/test_speed.py bench/test_six_configurations.py bench/test_features.py --benchmark-json=out/bench.json
 
 bench-save: $(VENV)/test.stamp
 	@mkdir -p out && rm -f out/bench.json

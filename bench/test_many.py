@@ -1,9 +1,5 @@
 """Many small scenes: together on two threads, beside calls one by one in two processes and beside nanodisort."""
 
-import subprocess
-import sys
-
-import numpy as np
 import pytest
 
 from bench.workers import Worker
@@ -121,24 +117,6 @@ def peak():
     return int(line.split()[1]) / 1024.0
 
 """
-MEMORY = """
-vrte.brdfs(make_scenes(64), mu, mu, phi, nodes=16, threads=2)
-scenes = make_scenes(int(sys.argv[3]))
-before = peak()
-results = vrte.brdfs(scenes, mu, mu, phi, nodes=16, threads=2)
-print(peak() - before - sum(one.mueller.nbytes for one in results) / 2**20)
-"""
-
-
-def test_memory_is_flat() -> None:
-    """Peak memory beside the results, of 200, 800 and 3 200 scenes, a process each: at most 40 MB, however many."""
-    beside = []
-    for count in ("200", "800", "3200"):
-        asked = [sys.executable, "-c", SCENES + PEAK + MEMORY, "rayleigh-1", "1", count]
-        beside.append(float(subprocess.run(asked, capture_output=True, check=True, text=True).stdout))
-    print(f"\nmemory beside the results of 200, 800, 3 200 scenes: {np.round(beside, 1).tolist()} MB")
-    assert max(beside) <= 40.0
-
 
 TEN_THOUSAND = """
 def solve(count):

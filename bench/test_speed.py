@@ -63,17 +63,6 @@ def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
     assert ratio <= 0.4
 
 
-def test_table_3_by_doubling(gold: vrte.Scene, against_floor: Measure) -> None:
-    """(a) of an endless layer by the route without an eigenproblem."""
-    endless = vrte.Scene([vrte.Layer(gold.layers[0].phase_matrix, gold.layers[0].albedo, np.inf)])
-    against_floor(
-        lambda: vrte.radiance(
-            endless, mu0=0.6, mu=np.linspace(0.05, 1.0, 11), nodes=40, threads=2, algorithm="doubling"
-        ),
-        eigenproblems(gold, 40, 41),
-    )
-
-
 def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
     """(c) the full Mueller BRDF of the same gold layer; the target is 0.5 x the floor."""
     ratio = against_floor(
@@ -81,20 +70,6 @@ def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
         eigenproblems(gold, 40, 41),
     )
     assert ratio <= 0.5
-
-
-def test_tiny_scene() -> None:
-    """A scalar scene, 8 nodes, one direction: the Python around the core counts. Median of 200 calls."""
-    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
-    vrte.radiance(scene, 0.6, mu=0.5, nodes=8)
-    seconds = []
-    for _ in range(200):
-        start = time.perf_counter()
-        vrte.radiance(scene, 0.6, mu=0.5, nodes=8)
-        seconds.append(time.perf_counter() - start)
-    milliseconds = 1e3 * float(np.median(seconds))
-    print(f"\na call on a tiny scene: {milliseconds:.2f} ms")
-    assert milliseconds < 1.0
 
 
 @pytest.mark.parametrize("kind", ["radiance", "brdf"])
