@@ -39,8 +39,8 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Kind:
-    """What a declared type takes: values of the types ``at_once``, others that it ``fits``, and what both are called;
-    ``items`` of a list, ``values`` of a dictionary: the kind of each."""
+    """Values that a declared type takes, by the ``words`` that name them: those of the types ``at_once``, and those
+    that it ``fits``; ``items`` of a list, ``values`` of a dictionary: the kind of each."""
 
     words: str
     fits: Callable[[Any], bool]
@@ -66,11 +66,6 @@ def is_number(value: Any) -> bool:
     return found == found or value != value
 
 
-def is_path(value: Any) -> bool:
-    """Whether something can be the name of a file or a folder."""
-    return isinstance(value, str | os.PathLike) and bool(os.fspath(value)) and "\0" not in os.fspath(value)
-
-
 def is_array(value: Any) -> bool:
     """Whether something is an array of real numbers, or can become one."""
     if type(value) is np.ndarray and value.dtype is DOUBLE:
@@ -79,24 +74,17 @@ def is_array(value: Any) -> bool:
 
 
 def is_list(kind: Kind, value: Any) -> bool:
-    """Whether something can be iterated over, and gives items of a kind; what gives them once only is not asked."""
+    """Whether something iterable gives items of a kind; an iterator, which gives them once only, is not asked."""
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         return False
     return isinstance(value, Iterator) or kind.takes_all(value)
 
 
-def is_tuple(kinds: tuple[Kind, ...], value: Any) -> bool:
-    """Whether something is as many items, each of its kind."""
-    return is_list(ANYTHING, value) and all(kind.takes(one) for kind, one in zip(kinds, value, strict=True))
-
-
-def is_table(key: Kind, item: Kind, value: Any) -> bool:
-    """Whether something is a mapping from keys to values of these kinds."""
-    return isinstance(value, Mapping) and key.takes_all(value) and item.takes_all(value.values())
-
-
 ANYTHING, NONE = Kind("anything", lambda value: True), Kind("None", lambda value: False, frozenset({NoneType}))
-PATH = Kind("the name of a file", is_path)
+PATH = Kind(
+    "the name of a file",
+    lambda value: isinstance(value, str | os.PathLike) and bool(os.fspath(value)) and "\0" not in os.fspath(value),
+)
 KINDS = {
     Any: ANYTHING,
     object: ANYTHING,
@@ -124,16 +112,24 @@ def find_kind(declared: Any) -> Kind:
         return Kind(" or ".join(map(repr, parts)), lambda value: isinstance(value, str) and value in parts)
     if origin in (Union, UnionType):
         return join_kinds(parts)
-    if origin is Callable or origin is get_origin(Callable[..., Any]):
+    if origin is get_origin(Callable[..., Any]):
         return Kind("a function", callable)
     if origin is np.ndarray:
         return Kind("real numbers", is_array) if parts[1] == np.dtype[np.float64] else ANYTHING
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        key, value = map(find_kind, parts)
-        return Kind("a dictionary by names", functools.partial(is_table, key, value), values=value)
+        key, item = map(find_kind, parts)
+
+        def is_table(value: Any) -> bool:
+            return isinstance(value, Mapping) and key.takes_all(value) and item.takes_all(value.values())
+
+        return Kind("a dictionary by names", is_table, values=item)
     if origin is tuple and parts[-1] is not Ellipsis:
         kinds = tuple(map(find_kind, parts))
-        return Kind(f"({', '.join(kind.words for kind in kinds)})", functools.partial(is_tuple, kinds))
+
+        def is_tuple(value: Any) -> bool:
+            return is_list(ANYTHING, value) and all(kind.takes(one) for kind, one in zip(kinds, value, strict=True))
+
+        return Kind(f"({', '.join(kind.words for kind in kinds)})", is_tuple)
     if isinstance(origin, type) and issubclass(origin, Iterable):
         item = find_kind(parts[0])
         return Kind(f"a list (each item {item.words})", functools.partial(is_list, item), items=item)
@@ -148,8 +144,8 @@ def find_kind(declared: Any) -> Kind:
 
 
 def join_kinds(parts: Sequence[Any], is_optional: bool = False) -> Kind:
-    """The kind of a union; a text beside the name of a file is one as well. Where None is the default, it is not named:
-    that stands for what is left out."""
+    """The kind of a union, a text among the names of files; a default of None, which stands for what is left out, is
+    taken and not named."""
     kinds = list(map(find_kind, parts))
     kinds = [kind for kind in kinds if kind is not KINDS[str] or PATH not in kinds]
     *first, last = dict.fromkeys(kind.words for kind in kinds if not (is_optional and kind is NONE and len(kinds) > 1))
@@ -162,27 +158,22 @@ def join_kinds(parts: Sequence[Any], is_optional: bool = False) -> Kind:
 
 
 def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
-    """The kinds of a function's parameters by name, in their order; a default of None is always taken."""
-    known, found = sys.modules[call.__module__].__dict__, {}
+    """The kinds of a function's parameters by name, in their order."""
+    found = {}
     for name, one in inspect.signature(call).parameters.items():
         declared = Any if one.annotation is one.empty or one.kind in VARIADIC else one.annotation
+        parts: list[Any] = [declared]
         if isinstance(declared, str):
-            parts = read_words(declared, known)
-        else:
-            parts = list(get_args(declared)) if get_origin(declared) in (Union, UnionType) else [declared]
+            parts = declared.split(" | ")
+            for place, part in enumerate(parts):  # those that are not imported there stay names
+                try:
+                    parts[place] = eval(part, sys.modules[call.__module__].__dict__)
+                except NameError:
+                    parts[place] = part.rpartition(".")[2]
+        elif get_origin(declared) in (Union, UnionType):
+            parts = list(get_args(declared))
         found[name] = join_kinds(parts, is_optional=one.default is None)
     return found
-
-
-def read_words(declared: str, known: dict[str, Any]) -> list[Any]:
-    """The parts of a union in quotes, of which those that are not imported there stay names."""
-    parts: list[Any] = declared.split(" | ")
-    for place, part in enumerate(parts):
-        try:
-            parts[place] = eval(part, known)
-        except NameError:
-            parts[place] = part.rpartition(".")[2]
-    return parts
 
 
 def check_arguments(call: Call, of: str = "") -> Call:
@@ -199,18 +190,15 @@ def check_arguments(call: Call, of: str = "") -> Call:
     vrte.SceneError: x must be a number, not '2'
     """
     kinds: dict[str, Kind] = {}  # found at the first call: most are never made
-    in_order: list[tuple[str, Kind]] = []
+    names = call.__code__.co_varnames[: call.__code__.co_argcount]
 
     @functools.wraps(call)
     def checked(*given: Any, **named: Any) -> Any:
-        if not in_order:
+        if not kinds:
             kinds.update(list_kinds(call))
-            in_order.extend((name, kinds[name]) for name in call.__code__.co_varnames[: call.__code__.co_argcount])
-        for (name, kind), value in zip(in_order, given, strict=False):
+        for name, value in (*zip(names, given, strict=False), *named.items()):
+            kind = kinds.get(name, ANYTHING)
             if type(value) not in kind.at_once and not kind.takes(value):
-                raise describe_refusal(of, name, kind, value)
-        for name, value in named.items():
-            if type(value) not in (kind := kinds.get(name, ANYTHING)).at_once and not kind.takes(value):
                 raise describe_refusal(of, name, kind, value)
         return call(*given, **named)
 
@@ -219,7 +207,7 @@ def check_arguments(call: Call, of: str = "") -> Call:
 
 def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
     """What is wrong with an argument, or with the first item in it that is, in a sentence."""
-    where, alone = name, ""
+    alone = ""
     if kind.items is not None and isinstance(value, list | tuple):
         parts = [(f"item {place} of {name}", kind.items, item) for place, item in enumerate(value, 1)]
     elif kind.values is not None and isinstance(value, Mapping):
@@ -242,8 +230,8 @@ def show_given(name: str, value: Any) -> str:
 
 
 def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[str] = ()) -> None:
-    """Checks the arguments of the functions, of the classes with their methods, and of the modules that a module has
-    by these names; ``inner``: methods that are called from within alone."""
+    """Checks the arguments of the functions, of the classes with their public methods, and of the modules that a module
+    has by these names; ``inner``: methods that are called from within alone."""
     for name in names:
         given = getattr(module, name)
         if isinstance(given, ModuleType):
@@ -251,20 +239,14 @@ def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[st
             open_front_door(given, [key for key, one in made.items() if one.__module__ == given.__name__])
         elif isinstance(given, type):
             for one in given.__mro__:
-                if one.__module__.startswith(PACKAGE):
-                    check_methods(one, {*inner})
+                for key, method in list(vars(one).items()) if one.__module__.startswith(PACKAGE) else ():
+                    call = method.__func__ if isinstance(method, classmethod | staticmethod) else method
+                    if not isinstance(call, FunctionType) or hasattr(call, "__wrapped__") or key in {*inner}:
+                        continue
+                    if not key.startswith("_") or key in ("__init__", "__call__", "__getitem__"):
+                        checked = check_arguments(call, f"{one.__name__}: " if key == "__init__" else "")
+                        setattr(one, key, checked if call is method else type(method)(checked))
         elif inspect.signature(given).parameters:
             checked = check_arguments(given)
             setattr(module, name, checked)
             setattr(sys.modules[given.__module__], given.__name__, checked)  # where pickles look for it
-
-
-def check_methods(one: type, inner: set[str]) -> None:
-    """Checks the arguments with which a class is made, and those of its public methods."""
-    for name, method in list(vars(one).items()):
-        call = method.__func__ if isinstance(method, classmethod | staticmethod) else method
-        if not isinstance(call, FunctionType) or hasattr(call, "__wrapped__") or name in inner:
-            continue
-        if not name.startswith("_") or name in ("__init__", "__call__", "__getitem__"):
-            checked = check_arguments(call, f"{one.__name__}: " if name == "__init__" else "")
-            setattr(one, name, checked if call is method else type(method)(checked))
