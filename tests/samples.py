@@ -1,6 +1,7 @@
 """What several test modules compare with or start from."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,3 +62,15 @@ def scattered(
             out=out,
             wide=wide,
         )
+
+
+def rough_mirror(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+    """f of a mirror-symmetric surface with elements of all sixteen kinds."""
+    c, s = np.cos(np.radians(phi_deg)), np.sin(np.radians(phi_deg))
+    f = np.zeros((*np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi_deg)), 4, 4))
+    f[..., 0, 0] = 0.2 + 0.1 * mu_i * mu_o * c
+    f[..., 0, 1] = f[..., 1, 0] = 0.02 * c
+    f[..., 0, 2], f[..., 2, 0] = 0.03 * s, -0.03 * s
+    f[..., 1, 1] = f[..., 2, 2] = f[..., 3, 3] = 0.05
+    f[..., 2, 3] = 0.01 * c
+    return f

@@ -37,6 +37,7 @@ def written(folder: Path, text: str, name: str = "clay.csv") -> Path:
 
 def test_nanometres_and_micrometres_are_the_same_table(tmp_path: Path) -> None:
     commas = "wavelength_nm;n;k\n400;1,6;0,02\n700;1,5;0\n"  # as programs write it where the comma is decimal
+    assert vrte.read_index(written(tmp_path, "wavelength_um,n\n0.4,1.6\n0.7,1.5\n")).at(0.7) == 1.5  # k = 0
     um = vrte.read_index(written(tmp_path, "# measured\nwavelength_um,n,k\n0.4,1.6,0.02\n0.7,1.5,0.0\n"))
     nm = vrte.read_index(written(tmp_path, "wavelength_nm, n, k\n400,1.6,0.02\n700,1.5,0.0\n"))
     assert vrte.read_index(written(tmp_path, commas)) == nm == um
@@ -46,10 +47,6 @@ def test_nanometres_and_micrometres_are_the_same_table(tmp_path: Path) -> None:
     by_table = vrte.spheres(um, radius_um=0.3, wavelength_um=0.55)
     assert by_table.albedo == vrte.spheres(um.at(0.55), radius_um=0.3, wavelength_um=0.55).albedo < 1.0
     assert "the table clay.csv" in by_table.description
-
-
-def test_without_k_nothing_is_absorbed(tmp_path: Path) -> None:
-    assert vrte.read_index(written(tmp_path, "wavelength_um,n\n0.4,1.6\n0.7,1.5\n")).at(0.7) == 1.5
 
 
 @pytest.mark.parametrize(
@@ -86,16 +83,14 @@ def test_a_scene_file_names_a_table_beside_it(tmp_path: Path) -> None:
         read_scene(scene)
 
 
-def test_the_command_tells_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_tells_of_it_and_a_sweep_goes_by_what_is_in_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
     assert cli.main(["material", str(table), "--wavelength-um", "0.7"]) == 0
     told = capsys.readouterr().out
     assert "n = 1.5, k = 0\n" in told
     assert "from the table clay.csv" in told
-
-
-def test_a_sweep_goes_by_what_is_in_the_table(tmp_path: Path) -> None:
-    written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
     scene = written(tmp_path, SCENE + '[axes]\n"layer[1].thickness" = [1.0, 2.0]\n', "sweep.toml")
     before = read_sweep(scene).fingerprint()
     written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.03\n700,1.5,0.0\n")
@@ -118,9 +113,5 @@ def test_the_viewer_reads_no_table_that_it_was_not_started_with() -> None:
 
 
 def test_nanometres_are_asked_about() -> None:
-    with pytest.raises(SceneError, match=r"550 um is outside: did you mean 0\.55\?$"):
-        vrte.spheres("gold", radius_um=0.3, wavelength_um=550.0)
-    with pytest.raises(SceneError, match=r"radius of 3e\+04 um: did you mean nanometres, 30 um\?"):
-        vrte.spheres(1.5, radius_um=3e4, wavelength_um=0.55)
     with pytest.warns(vrte.UnitsWarning, match=r"wavelength_um = 550 is far infrared: did you mean 0\.55\?"):
         vrte.refractive_index(1.5, 550.0)

@@ -1,4 +1,4 @@
-"""The one spline of a BRDF against exact solves, for each that draws, tabulates or renders by it."""
+"""The one spline of a BRDF against exact solves, for each that draws, tabulates or renders by it; exp[a, b]."""
 
 import itertools
 from typing import Any
@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte import _core
 from vrte.basics.arrays import Array
+from vrte.basics.differences import divide_exp_once
 from vrte.basics.splines import compute_weights, extend_azimuths, repeat_grid
 from vrte.formats.between_directions import Splines, directions
 from vrte.formats.measured_polarized import make_unit_vectors
@@ -114,8 +116,9 @@ def test_azimuths_go_on_for_ever(count: int) -> None:
     values = np.sin(np.radians(phi))
     at = np.linspace(0.0, 360.0, 19)
     found = compute_weights(grid, at) @ values[places]
-    many = np.concatenate([phi + 360.0 * turn for turn in range(-40, 41)])
-    assert_close(found, compute_weights(many, at) @ np.tile(values, 81), rtol=0.0, atol=1e-8)
+    turns = 2 + 30 // count
+    many = np.concatenate([phi + 360.0 * turn for turn in range(-turns, turns + 1)])
+    assert_close(found, compute_weights(many, at) @ np.tile(values, 2 * turns + 1), rtol=0.0, atol=1e-8)
 
 
 def test_missing_azimuths_are_mirror_images(scene: vrte.Scene) -> None:
@@ -127,3 +130,18 @@ def test_missing_azimuths_are_mirror_images(scene: vrte.Scene) -> None:
     some, _ = extend_azimuths(half.phi, half.mueller, 0.0, 180.0)
     assert some[0] == grid[0]
     assert some[-1] == 180.0 + 16 * 30.0
+
+
+@pytest.mark.parametrize("thickness", [1e-9, 0.3, 2.0, 80.0])
+def test_divided_differences_of_exp_near_and_far_and_in_the_core(thickness: float) -> None:
+    """What a layer scatters once down through its bottom, h/mu exp[-h/mu0, -h/mu], at resonance and beside it."""
+    a = np.array([0.0, -1.0, -1.0 + 1e-7, -30.0, -1.0 + 2j, -700.0])
+    for b, within in ((-1.0, 1e-11), (-40.0, 1e-14), (0.0, 1e-14)):
+        direct = (np.exp(a.astype(np.clongdouble)) - np.exp(np.longdouble(b))) / np.where(a == b, 1.0, a - b)
+        assert_close(divide_exp_once(a, b), np.where(a == b, np.exp(b), direct), rtol=within, atol=0.0)
+    mu0, mu = np.array([0.02, 0.5, 1.0]), np.array([0.02, 0.3, 0.5, 0.5 * (1.0 + 1e-9), 1.0])
+    none, depth = np.zeros(1, np.int32), np.array([thickness])
+    layer = {"above": np.zeros(2), "thickness": depth, "level": depth, "level_layer": none, "chosen": none}
+    found = _core.path_integrals(**layer, mu0=mu0, mu=-mu)[0, 0]
+    expected = thickness / mu * divide_exp_once(-thickness / mu0[:, None], -thickness / mu)
+    assert_close(found, expected, rtol=1e-13, atol=0.0)
