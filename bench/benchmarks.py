@@ -21,7 +21,6 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.commands.common import add_options
 from vrte.formats.atomic import read_text, write_atomically
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.toml_table import parse_toml
@@ -306,7 +305,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command.add_argument("--scene", metavar="NAME", help="this one alone")
     command.add_argument("--folder", metavar="FOLDER", type=Path, help="where they are; default: the source tree's")
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="writes them there as they come out")
-    add_options(command, "threads")
+    command.take_options("threads")
     return run_command(command, compare_all, arguments)
 
 

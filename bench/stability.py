@@ -52,7 +52,6 @@ from vrte.basics.errors import AccuracyError, AccuracyWarning, LongSolveWarning,
 from vrte.basics.running import count_usable_cpus
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.commands.common import add_options
 from vrte.discrete_ordinates.orders.routes import OTHER
 from vrte.request.how import FINEST, OPTIONS
 from vrte.results.brdf import Brdf
@@ -722,7 +721,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ('python -m bench.stability --cases "rayleigh*N=8" -o rayleigh', "those of one name, into a folder"),
     )
     add_study(command, "some forty small scenes instead of all")
-    add_options(command, "algorithm", "threads")
+    command.take_options("algorithm", "threads")
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
     command.set_defaults(algorithm=OPTIONS["algorithm"].default)
     return run_command(command, measure_stability, arguments)

@@ -25,7 +25,7 @@ import vrte
 from vrte.basics.running import count_usable_cpus
 from vrte.cli import main
 from vrte.commands.common import Parser, join_progress, make_folder, say_written, show_progress
-from vrte.commands.reference import make_markdown_table as make_markdown_table
+from vrte.commands.common import make_markdown_table as make_markdown_table
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.describe import BLUE, FAINT, GREEN, ORANGE, PURPLE, RED
 

@@ -305,7 +305,7 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
     assert "Profile(base.albedo" in told
     assert vrte.Fit.load(outputs[0]).content() == vrte.SceneFamily(outputs[1], []).content_at([])
     assert main(["fit", str(path), "-o", str(path)]) == 2
-    assert "is the file of the fit itself" in capsys.readouterr().err
+    assert "is the file that is read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

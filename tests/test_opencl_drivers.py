@@ -16,7 +16,7 @@ from vrte.basics.errors import DeviceError
 from vrte.cl import device, drivers, probe
 from vrte.cl.device import Device, choose
 from vrte.cl.session import Session
-from vrte.commands.verify_device import describe_devices
+from vrte.commands.devices import describe_devices
 
 OLD = "error: unknown target CPU 'generic'"
 CARD = Device("Maker", "Card", "gpu", True, 8 << 30, 2 << 30, 40, "1")

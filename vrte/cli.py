@@ -21,9 +21,9 @@ from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.running import is_left_working
 from vrte.basics.starting import IS_COMMAND, WORDS, end
-from vrte.commands.common import Parser
+from vrte.commands.common import Parser, carry_out
 from vrte.commands.pages import find_page
-from vrte.commands.parser import explain_study, make_parser
+from vrte.commands.parser import make_parser
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs
@@ -62,7 +62,6 @@ def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -
             if parser is None:
                 typed = sys.argv[1:] if arguments is None else arguments
                 parser = make_parser(typed)
-                explain_study(parser, typed)
             options = parser.parse_args(arguments)
             if options.version:
                 from vrte.calls.versions import describe_versions
@@ -72,7 +71,7 @@ def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -
             if options.verbose or options.run is None:
                 parser.error("--verbose goes with --version" if options.verbose else "COMMAND is missing")
             with _shorten_warnings():
-                options.run(options)
+                carry_out(options)
                 sys.stdout.flush()
         except BaseException as error:
             if came and IS_COMMAND and is_left_working():

@@ -21,6 +21,7 @@ from vrte.formats.measured_polarized import (
     STEP,
     Errors,
     check_wavelengths,
+    describe_beam,
     make_angles,
     write_mitsuba,
 )
@@ -94,19 +95,37 @@ def to_mitsuba(
     wavelengths = check_ascending(wavelengths_um)
     check_wavelengths(wavelengths)
     make_angles(step_deg)
-    first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
-    files, _ = prepare_scenes(scene, wavelengths, folder, first)
     if nested:
         check_nested(path, asked)
-        surface, files = take_off_surface(files)
-    table, exact = solve_for_table(files, wavelengths, second, **asked)
+    first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
+    files, _ = prepare_scenes(scene, wavelengths, folder, first)
+    return write_table(files, wavelengths, path, step_deg, nested, second, **asked)[0]
+
+
+def write_table(
+    files: Sequence["SceneFile"],
+    wavelengths: Array,
+    path: str | os.PathLike[str],
+    step_deg: float,
+    nested: bool,
+    progress: Progress | None = None,
+    **asked: Any,
+) -> tuple[Errors, list[str]]:
+    """Solves scenes for a table and writes it, ``nested`` with a scene file beside it; how far the table is off, and
+    notes on it in words. Raises as `to_mitsuba` does."""
+    surface = None
     if nested:
+        surface, files = take_off_surface(files)
+    table, exact = solve_for_table(files, wavelengths, progress, **asked)
+    if surface:
         check_below_surface(table)
     errors = write_mitsuba(table, path, step_deg, exact)
-    if nested:
-        write_nested_scene(Path(path).with_suffix(".xml"), path, *surface)
     assert errors is not None
-    return errors
+    notes = [str(errors)] + ([] if table.specular is None else [describe_beam(table)])
+    if surface:
+        write_nested_scene(Path(path).with_suffix(".xml"), path, *surface)
+        notes.append("of what lies below the surface, which Mitsuba's own dielectric is")
+    return errors, notes
 
 
 def check_nested(path: str | os.PathLike[str], asked: dict[str, Any]) -> None:

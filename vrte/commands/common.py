@@ -1,37 +1,38 @@
-"""What several commands share: how options are read, where output goes, and how progress is shown."""
+"""What commands share: arguments as they are typed, files that come out, complaints, progress."""
 
 import argparse
 import importlib.util
 import os
 import sys
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
-import numpy as np
-
-from vrte.basics.cost import say_time
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.commands.pages import locate_page
-from vrte.commands.starters import KINDS
-
-if TYPE_CHECKING:
-    from vrte.formats.scene_file import SceneFile
-    from vrte.results.spectrum import Spectrum
+from vrte.commands.pages import STARTERS, locate_page
+from vrte.formats.atomic import write_atomically
 
 Tick = Callable[[int, int], None]
-METAVARS = {int: "N", float: "X"}
+Reader = Callable[[str], Any]
+PICTURES = (".png", ".svg", ".pdf")
+EXTRAS = {  # by suffix of what is written
+    ".nc": ("files", ("xarray", "h5netcdf")),
+    ".zarr": ("files", ("xarray", "zarr")),
+    **dict.fromkeys(PICTURES, ("plot", ("matplotlib",))),
+}
 
 
 class Parser(argparse.ArgumentParser):
     """Complains in one line, without the usage; its help ends with examples, command lines and what each does."""
 
-    examples: tuple[tuple[str, str], ...] = ()
+    examples: Sequence[Sequence[str]] = ()
     heading = "examples"
     page = ""
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self.outputs: dict[str, tuple[str, ...]] = {}  # suffixes of files that are written, by the argument's name
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
@@ -44,26 +45,67 @@ class Parser(argparse.ArgumentParser):
     def tell_files(self) -> str:
         """Where the scene files of the examples come from."""
         words = [word for line, _ in self.examples for word in line.split() if "vrte init" not in line]
-        told = [f"`vrte init {kind}` writes {kind}.toml" for kind in KINDS if f"{kind}.toml" in words]
+        told = [f"`vrte init {kind}` writes {kind}.toml" for kind in STARTERS if f"{kind}.toml" in words]
         told += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
         return f" ({', '.join(told)})" if told and self.page else ""
 
+    def take(
+        self,
+        typed: str,
+        told: str | None,
+        limits: tuple[int, int] | None = None,
+        suffixes: Sequence[str] | None = None,
+        group: Any = None,
+        **more: Any,
+    ) -> None:
+        """An argument as it is typed, "-o --output OUT.csv" or "scene SCENE.toml", and what help says of it; what reads
+        it follows from the word in capitals. ``limits`` of a whole number N; ``suffixes`` of a file OUT that is
+        written, by default the one that is typed there.
 
-def add_options(command: argparse.ArgumentParser, *names: str) -> None:
-    """Options of a call by name, with the words that vrte/request/how.py has for them."""
-    from vrte.request.how import OPTIONS
+        >>> command = Parser("vrte x")
+        >>> command.take("-o --output OUT.csv", "a table")
+        >>> command.take("--count N", "how many", limits=(1, 5))
+        >>> command.parse_args(["-o", "a.csv", "--count", "2"]).count, command.outputs
+        (2, {'output': ('.csv',)})
+        """
+        *names, word = typed.split()
+        if word.startswith("-"):
+            more = more if "choices" in more else {"action": "store_true"} | more
+            (group or self).add_argument(*names, word, help=told, **more)
+            return
+        reads = make_whole_number_reader(*limits) if limits else find_reader(word)
+        metavar = {} if word in names else {"metavar": word}
+        dest = (group or self).add_argument(*names, help=told, **{"type": reads} | metavar | more).dest
+        if word.startswith("OUT"):
+            self.outputs[dest] = (Path(word).suffix,) if suffixes is None else tuple(suffixes)
+        elif reads is Path and not names[0].startswith("-") and more.get("nargs") != "+":
+            self.set_defaults(reads_from=dest)
 
-    for name in names:
-        option, flag = OPTIONS[name], f"--{name.replace('_', '-')}"
-        if option.of is bool:
-            command.add_argument(flag, action="store_true", default=None, help=option.short)
-        elif option.choices:
-            command.add_argument(flag, choices=option.choices, help=option.short)
-        else:
-            command.add_argument(flag, metavar=METAVARS[option.of], type=make_option_reader(name), help=option.short)
+    def take_options(self, *names: str) -> None:
+        """Options of a call by name, with the words that vrte/request/how.py has for them."""
+        from vrte.request.how import OPTIONS
+
+        for name in names:
+            option, flag = OPTIONS[name], f"--{name.replace('_', '-')}"
+            more: dict[str, Any] = {"choices": option.choices} if option.choices else {"default": None}
+            if option.of is not bool and not option.choices:
+                flag, more = f"{flag} {'N' if option.of is int else 'X'}", {"type": make_option_reader(name)}
+            self.take(flag, option.short, **more)
 
 
-def make_option_reader(name: str) -> Callable[[str], Any]:
+def find_reader(word: str) -> Reader:
+    """What reads an argument, by the word that stands for it in the help."""
+    if word in ("X", "UM", "DEG"):
+        return float
+    if word == "UM,UM,...":
+        return read_wavelengths
+    if word == "INDEX":
+        return int
+    is_file = word.startswith("OUT") or Path(word).suffix or word in ("FILE", "STATE", "FOLDER")
+    return Path if is_file else str
+
+
+def make_option_reader(name: str) -> Reader:
     """What reads the number of an option of a call.
 
     >>> make_option_reader("nodes")("8"), make_option_reader("time_limit_s")("inf")
@@ -82,7 +124,7 @@ def make_option_reader(name: str) -> Callable[[str], Any]:
     return read
 
 
-def make_whole_number_reader(low: int, high: int) -> Callable[[str], int]:
+def make_whole_number_reader(low: int, high: int) -> Reader:
     """What reads another whole number."""
 
     def read(text: str) -> int:
@@ -94,7 +136,7 @@ def make_whole_number_reader(low: int, high: int) -> Callable[[str], int]:
 
 
 def read_wavelengths(text: str) -> list[float]:
-    """What reads ascending wavelengths, with commas between them."""
+    """Ascending wavelengths [um], with commas between them."""
     from vrte.results.spectrum import check_ascending
 
     try:
@@ -104,16 +146,24 @@ def read_wavelengths(text: str) -> list[float]:
     return found
 
 
-def make_folder(folder: Path) -> Path:
-    """A folder to write in, made if absent."""
-    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise SceneError(f"the output {folder} must be a folder that can be written in")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def carry_out(options: argparse.Namespace) -> None:
+    """Runs a command: first its options are checked, then where its files go, before any work is done; complaints begin
+    with the name of the file that it reads. Raises SceneError, MissingExtraError."""
+    given = vars(options)
+    if given.get("check"):
+        options.check(options)
+    source: Path | None = given.get(given.get("reads_from", ""))
+    for name, suffixes in given.get("outputs", {}).items():
+        for path in given[name] if isinstance(given[name], list) else [given[name]]:
+            if path is not None:
+                check_output(path, *suffixes, source=source)
+    with label_errors(source) if source else nullcontext():
+        options.run(options)
 
 
-def check_output(path: Path, *suffixes: str) -> None:
-    """Whether a file can be written there, of any suffix or of these, before the work is done. Raises SceneError."""
+def check_output(path: Path, *suffixes: str, source: Path | None = None) -> None:
+    """Whether a file can be written there, of any suffix or of these, before the work is done; ``source`` is the file
+    that is read. Raises SceneError, MissingExtraError."""
     from vrte.formats.zarr_folder import METADATA
 
     if suffixes and path.suffix.lower() not in suffixes:
@@ -126,6 +176,10 @@ def check_output(path: Path, *suffixes: str) -> None:
         raise SceneError(f"the output {path} cannot be written: it is a pipe or a device")
     if not os.access(path.parent, os.W_OK):
         raise SceneError(f"the output {path} cannot be written: no permission to write in {path.parent}")
+    if source and path.exists() and source.exists() and path.samefile(source):
+        raise SceneError(f"the output {path} is the file that is read: name another")
+    if path.suffix.lower() in EXTRAS:
+        check_extra(f"writing {path}", *EXTRAS[path.suffix.lower()])
 
 
 def check_extra(purpose: str, extra: str, modules: Iterable[str]) -> None:
@@ -134,65 +188,46 @@ def check_extra(purpose: str, extra: str, modules: Iterable[str]) -> None:
         raise MissingExtraError(purpose, extra)
 
 
+def make_folder(folder: Path) -> Path:
+    """A folder to write in, made if absent."""
+    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise SceneError(f"the output {folder} must be a folder that can be written in")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write(path: Path | None, writer: Callable[[Path], object]) -> None:
+    """Writes a file, where one is asked for, and says so."""
+    if path is not None:
+        writer(path)
+        say_written(path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Writes a text file, all of it or nothing."""
+    with write_atomically(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
 def say_written(path: Path) -> None:
     """One line a file."""
-    files = [path, *path.rglob("*")] if path.is_dir() else [path]
+    files = [file for file in (path, *path.rglob("*")) if file.is_file()]
     print(f"wrote {path} ({sum(file.stat().st_size for file in files) / 1e3:,.0f} kB)")
 
 
 @contextmanager
-def label_reading_errors(path: Path) -> Iterator[None]:
-    """Complaints about a scene file, or that it or a file that it names cannot be read, with its name in front."""
-    with label_errors(path):
-        try:
-            yield
-        except OSError as error:
-            other = error.filename not in (None, path, str(path))
-            raise SceneError(f"{error.filename}: " * other + (error.strerror or str(error))) from error
-
-
-@contextmanager
-def label_errors(path: Path) -> Iterator[None]:
-    """Complaints about what a scene file asks for, with its name in front."""
+def label_errors(path: Path, reading: bool = False) -> Iterator[None]:
+    """Complaints about a scene file, or what it asks for, with its name in front; ``reading``: also that it or a file
+    that it names cannot be read. Raises SceneError."""
     try:
         yield
     except SceneError as error:
-        raise error.behind(path) from error
-
-
-def tell_derivatives(result: Any, made: dict[str, Any]) -> None:
-    """The largest of each derivative of f00 or of I, of which radiance, and how it was found; one line each."""
-    from vrte.results.field import Field
-
-    for name, values in (result.jacobian or {}).items():
-        is_field = isinstance(result, Field)
-        of = np.abs(result.stokes if is_field else result.mueller[..., 0])[..., 0].max(initial=0.0)
-        largest = np.abs(values if is_field else values[..., 0])[..., 0].max(initial=0.0)
-        what, unit = ("I", "W/m2/sr") if is_field else ("f00", "1/sr")
-        how = made["derivatives"][name]
-        print(f"  derivative with {name}: {what} by at most {largest:.4g} {unit} a unit, of {of:.4g} ({how})")
-
-
-class Seconds(dict[str, float]):
-    """Wall seconds of what was done, by its name."""
-
-    @contextmanager
-    def of(self, name: str) -> Iterator[None]:
-        """Notes how long that takes which happens within."""
-        start = time.perf_counter()
-        yield
-        self[name] = time.perf_counter() - start
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The scene at each wavelength, the result of them all, and two spectra where a table for Mitsuba is asked for: the
-    table's and those that check it, and the indices above and below the surface that is taken off for it."""
-
-    files: "list[SceneFile]"
-    result: Any
-    table: "tuple[Spectrum, Spectrum] | None" = None
-    surface: tuple[float, float] | None = None
+        raise (error if str(error).startswith(f"{path}: ") else error.behind(path)) from error
+    except OSError as error:
+        if not reading:
+            raise
+        other = error.filename not in (None, path, str(path))
+        raise SceneError(f"{path}: " + f"{error.filename}: " * other + (error.strerror or str(error))) from error
 
 
 @contextmanager
@@ -201,49 +236,43 @@ def show_progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
     if not sys.stderr.isatty():
         yield lambda _: None, lambda done, total: None
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    left = TextColumn("{task.fields[left]}")
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None, left="")
-        guess = TimeLeft(time.monotonic)
+    columns = (
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+        progress.TextColumn("left"),
+    )
+    # steps may take minutes each: the time left is estimated from the last hour
+    with progress.Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=3600.0) as bar:
+        task = bar.add_task("", total=None)
         yield (
             lambda name: bar.update(task, description=name),
-            lambda done, total: bar.update(task, completed=done, total=total, left=guess(done, total)),
+            lambda done, total: bar.update(task, completed=done, total=total),
         )
-
-
-class TimeLeft:
-    """An estimate from what was done since counting began: what was done before took no time."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self.clock = clock
-        self.start, self.before, self.last, self.total = 0.0, 0, 0, -1
-
-    def __call__(self, done: int, total: int) -> str:
-        """The time left in words, nothing while nobody can know.
-
-        >>> seconds = iter([0.0, 60.0])
-        >>> left = TimeLeft(lambda: next(seconds))
-        >>> left(100, 200), left(110, 200)
-        ('', 'about 9 min left')
-        """
-        now = self.clock()
-        if total != self.total or done < self.last:  # something else is counted
-            self.start, self.before, self.total = now, done, total
-        self.last = done
-        if done == self.before or done == total:
-            return ""
-        return f"about {say_time((now - self.start) * (total - done) / (done - self.before))} left"
 
 
 def join_progress(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
     """One call for both: what begins, and how much is done."""
 
-    def told(done: int, total: int, name: str) -> None:
+    def tell(done: int, total: int, name: str) -> None:
         phase(name)
         tick(done, total)
 
-    return told
+    return tell
+
+
+def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """With every row's cells between bars.
+
+    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
+    | a | b |
+    |---|---|
+    | 1 | x\\|y |
+    """
+    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
+    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"

@@ -15,7 +15,7 @@ SHELLS = ("bash", "zsh", "tcsh", "fish")
 
 def add(command: Parser) -> None:
     """The arguments of `vrte completion`."""
-    command.add_argument("shell", choices=SHELLS, help="which shell it is for")
+    command.take("shell SHELL", "which shell it is for", choices=SHELLS, metavar=None)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -24,27 +24,21 @@ def run(options: argparse.Namespace) -> None:
 
     parser = make_parser()
     for action in list_actions(parser):
-        tell_candidates(action, shtab)
+        if action.type is Path:  # files by the suffix of their metavar
+            suffix = Path(action.metavar or "").suffix
+            action.complete = make_patterns(suffix) if suffix else shtab.FILE
+        elif action.dest == "name" and not action.option_strings:  # names of materials, with _ for their spaces
+            action.choices = [name.replace(" ", "_") for name in (*MATERIALS, *list_materials())]
     print(shtab.complete(parser, options.shell))
 
 
 def list_actions(parser: argparse.ArgumentParser) -> Iterator[Any]:
-    """What a parser and its commands take."""
+    """All arguments of a parser and of its commands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 yield from list_actions(command)
-
-
-def tell_candidates(action: Any, shtab: Any) -> None:
-    """Says what an argument is completed with: files by the suffix of their metavar, or names of materials;
-    words with spaces bear underscores, which their readers take as well."""
-    if action.type is Path:
-        suffix = Path(action.metavar or "").suffix
-        action.complete = make_patterns(suffix) if suffix else shtab.FILE
-    elif action.dest == "name" and not action.option_strings:
-        action.choices = [name.replace(" ", "_") for name in (*MATERIALS, *list_materials())]
 
 
 def make_patterns(suffix: str) -> dict[str, Any]:

@@ -1,65 +1,87 @@
-"""`vrte devices`: OpenCL devices, and what they can do."""
+"""`vrte devices`: OpenCL devices, how fast they are, and whether they are right."""
 
 import argparse
 import sys
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 from vrte.basics.errors import DeviceError
+from vrte.basics.running import Run, count_usable_cpus, run_interruptible
+from vrte.cl import device
+from vrte.cl.device import Device
 from vrte.commands.common import Parser, show_progress
+
+NOTHING: Mapping[Any, Any] = MappingProxyType({})
 
 
 def add(command: Parser) -> None:
     """The arguments of `vrte devices`."""
     command.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
-    command.add_argument(
-        "--verify",
-        metavar="INDEX",
-        nargs="?",
-        const=-1,
-        type=int,
-        help="whether a device of the list, by default the one that is taken, computes what the processor does: two "
-        "minutes at most, a table to send in a report",
-    )
+    told = "whether a device of the list, by default the one that is taken, computes what the processor does: two "
+    told += "minutes at most, a table to send in a report"
+    command.add_argument("--verify", metavar="INDEX", nargs="?", const=-1, type=int, help=told)
 
 
 def run(options: argparse.Namespace) -> None:
-    from vrte.basics.running import Run, run_interruptible
-
     run_interruptible(Run(1), lambda: show_devices(options))  # drivers compile for minutes, and hear no signal
 
 
 def show_devices(options: argparse.Namespace) -> None:
-    """The list, and what else is asked for."""
-    from vrte.basics.running import count_usable_cpus
-    from vrte.cl import device
-    from vrte.commands import verify_device
-
-    found = device.devices()
+    """The list, and what else is asked for. Raises DeviceError where a check does not pass."""
+    found, complaints = device.devices(), dict[int, str]()
     with show_progress() as (phase, tick):
         phase("trying each device")
-        complaints = {}
         for index in range(len(found)):
             tick(index, len(found))
             complaints[index] = device.find_complaint(index)
     try:
         taken, reason = device.choose(found, device.read_wanted_device(), device.find_complaint)
     except DeviceError:
-        print(verify_device.describe_devices(found, None, "for the reason below", complaints), flush=True)
+        print(describe_devices(found, None, "for the reason below", complaints), flush=True)
         raise
-    print(verify_device.describe_devices(found, taken, reason, complaints))
+    print(describe_devices(found, taken, reason, complaints))
     if options.measure:
+        from vrte.commands import device_speed
+
         with device.raise_device_errors(), show_progress() as (phase, tick):
             phase("products")
-            rates = verify_device.measure_rates(device.session(), count_usable_cpus(), tick)
-        print(f"\n{verify_device.describe_rates(rates, count_usable_cpus())}")
+            rates = device_speed.measure_rates(device.session(), count_usable_cpus(), tick)
+            costs = device_speed.measure_costs(device.session())
+        print(f"\n{costs}\n{device_speed.describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
-        verify_and_print(None if options.verify < 0 else options.verify)
+        from vrte.commands import verify_device
+
+        wanted = None if options.verify < 0 else options.verify
+        checked = verify_device.verify_device(wanted, lambda line: print(f"  {line} ...", file=sys.stderr, flush=True))
+        print(f"\n{verify_device.describe_verified(checked)}", flush=True)
+        if complaint := verify_device.complain_about(checked):
+            raise DeviceError(complaint)
 
 
-def verify_and_print(index: int | None) -> None:
-    """The table of all checks. Raises DeviceError where one does not pass."""
-    from vrte.commands import verify_device
+def describe_devices(
+    found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NOTHING
+) -> str:
+    """A line a device, and which one is taken and why; complaints: of those that do not compute, by index.
 
-    found = verify_device.verify_device(index, lambda line: print(f"  {line} ...", file=sys.stderr, flush=True))
-    print(f"\n{verify_device.describe_verified(found)}", flush=True)
-    if complaint := verify_device.complain_about(found):
-        raise DeviceError(complaint)
+    >>> cpu = Device("PoCL", "a processor", "cpu", True, 16 << 30, 4 << 30, 8, "3.0")
+    >>> print(describe_devices([cpu], 0, "the only device"))
+         device                                      kind         fp64    memory   largest  units  driver
+     * 0 a processor                                 cpu          yes    17.2 GB    4.3 GB      8  3.0
+         on PoCL
+    <BLANKLINE>
+      taken: 0, the only device
+    """
+    columns = f"{'memory':>10}{'largest':>10}{'units':>7}  driver"
+    lines = [f"     {'device':44}{'kind':13}{'fp64':4}{columns}"]
+    for index, each in enumerate(found):
+        precision = "yes" if each.double_precision else "no"
+        sizes = "".join(f"{size / 1e9:7.1f} GB" for size in (each.memory, each.largest))
+        text = f"{each.name[:43]:44}{each.kind:13}{precision:4}{sizes}{each.units:7}  {each.driver}"
+        lines.append(f" {'*' if index == taken else ' '}{index:2} {text}")
+        power = f", about {each.rate / 1e9:.3g}e9 operations a second in doubles" if each.double_precision else ""
+        memory = "the processor's memory" if each.shared else "memory of its own"
+        lines.append(f"     on {each.platform}" + (f"; {memory}{power}" if each.kind == "gpu" else ""))
+        if complaints.get(index):
+            lines.append(f"     never taken: {complaints[index]}")
+    return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])

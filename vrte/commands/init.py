@@ -6,35 +6,40 @@ import shlex
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import Parser, check_output, say_written
-from vrte.commands.starters import FOLDER, KINDS
-from vrte.formats.atomic import write_atomically
+from vrte.commands.common import Parser, write, write_text
+from vrte.commands.pages import STARTERS
+
+FOLDER = Path(__file__).parents[1] / "starters"
 
 
 def add(command: Parser) -> None:
     """The arguments of `vrte init`."""
-    command.add_argument("kind", nargs="?", choices=tuple(KINDS), help="what the scene is of")
-    command.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="default: KIND.toml, here")
-    command.add_argument("--force", action="store_true", help="writes over a file that is there")
+    command.take("kind KIND", "what the scene is of", nargs="?", choices=tuple(STARTERS), metavar=None)
+    command.take("-o --output OUT.toml", "default: KIND.toml, here")
+    command.take("--force", "writes over a file that is there")
+
+
+def check(options: argparse.Namespace) -> None:
+    """Whether a kind is named where it has to be, and no file is lost. Raises SceneError."""
+    if options.kind is None:
+        if options.output or options.force:
+            raise SceneError(f"{'-o' if options.output else '--force'} needs a kind before it: {', '.join(STARTERS)}")
+        return
+    options.output = options.output or Path(f"{options.kind}.toml")
+    if options.output.is_file() and not options.force:
+        raise SceneError(f"{options.output} is there already: -o names another file, --force writes over it")
 
 
 def run(options: argparse.Namespace) -> None:
     if options.kind is None:
-        if options.output or options.force:
-            raise SceneError(f"{'-o' if options.output else '--force'} needs a kind before it: {', '.join(KINDS)}")
-        for kind, (_, told) in KINDS.items():
+        for kind, (_, told) in STARTERS.items():
             print(f"{kind:8}{told}")
         print("next: vrte init powder")
         return
-    path = options.output or Path(f"{options.kind}.toml")
-    check_output(path, ".toml")
-    if path.exists() and not options.force:
-        raise SceneError(f"{path} is there already: -o names another file, --force writes over it")
-    with write_atomically(path) as part:
-        part.write_bytes((FOLDER / f"{options.kind}.toml").read_bytes())
-    say_written(path)
-    print(f"next: {tell_next(options.kind, path)}")
-    print(f"in a browser: {shlex.join(['vrte', 'view', str(path)])}")
+    starter = (FOLDER / f"{options.kind}.toml").read_text("utf-8")
+    write(options.output, lambda path: write_text(starter, path))
+    print(f"next: {tell_next(options.kind, options.output)}")
+    print(f"in a browser: {shlex.join(['vrte', 'view', str(options.output)])}")
 
 
 def tell_next(kind: str, path: Path) -> str:
@@ -47,4 +52,4 @@ def tell_next(kind: str, path: Path) -> str:
     draws = importlib.util.find_spec("matplotlib") is not None
     output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
     output = [] if kind == "paint" else output
-    return shlex.join(["vrte", KINDS[kind][0], str(path), *map(str, output)])
+    return shlex.join(["vrte", STARTERS[kind][0], str(path), *map(str, output)])

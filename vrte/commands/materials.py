@@ -1,37 +1,27 @@
 """`vrte materials`: the ready materials, one line each, and a picture of their colours."""
 
 import argparse
-from pathlib import Path
 
-from vrte.commands.common import (
-    Parser,
-    check_extra,
-    check_output,
-    make_whole_number_reader,
-    say_written,
-    show_progress,
-)
+from vrte.commands.common import PICTURES, Parser, check_extra, show_progress, write
 from vrte.formats.materials import list_materials
-from vrte.pictures.figures import SUFFIXES, save_figure
+from vrte.pictures.figures import save_figure
 from vrte.render.colour import FEWEST, MOST
 
 
 def add(command: Parser) -> None:
     """The arguments of `vrte materials`."""
-    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, help="a card of each; .svg and .pdf too")
-    command.add_argument(
-        "--wavelengths",
-        metavar="N",
-        type=make_whole_number_reader(FEWEST, MOST),
-        default=FEWEST,
-        help=f"from 0.4 to 0.7 um; default: {FEWEST}",
-    )
+    command.take("-o --output OUT.png", "a card of each; .svg and .pdf too", suffixes=PICTURES)
+    told = f"from 0.4 to 0.7 um; default: {FEWEST}"
+    command.take("--wavelengths N", told, limits=(FEWEST, MOST), default=FEWEST)
+
+
+def check(options: argparse.Namespace) -> None:
+    """Whether colours can be computed. Raises MissingExtraError."""
+    if options.output:
+        check_extra(f"writing {options.output}", "render", ("colour", "matplotlib"))
 
 
 def run(options: argparse.Namespace) -> None:
-    if options.output:
-        check_output(options.output, *SUFFIXES)
-        check_extra(f"writing {options.output}", "render", ("colour", "matplotlib"))
     known = list_materials()
     width = max(map(len, known))
     for name, material in known.items():
@@ -45,5 +35,4 @@ def run(options: argparse.Namespace) -> None:
         for name in known:
             phase(name)
             cards.append(compute_card(name, options.wavelengths, tick))
-    save_figure(draw_cards(cards), options.output)
-    say_written(options.output)
+    write(options.output, lambda path: save_figure(draw_cards(cards), path))

@@ -1,48 +1,18 @@
-"""Which page of the documents says more: of a command, of a key of a scene file, of an error."""
+"""The table of all commands, commands.toml, and the page of the documents that says more: of a command, of a key of a
+scene file, of an error."""
 
+import tomllib
 from functools import cache
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 
-SCENE_FILES = "reference/scene_files.md"
-THIS = "reference/commands.md"  # of the commands themselves
-OF_COMMANDS = {
-    "init": SCENE_FILES,
-    "brdf": SCENE_FILES,
-    "field": SCENE_FILES,
-    "sweep": "how_to/sweeps.md",
-    "fit": "how_to/fitting.md",
-    "view": "how_to/viewer.md",
-    "render": "how_to/render.md",
-    "material": "how_to/materials.md",
-    "materials": "how_to/materials.md",
-    "paint": "how_to/appearance.md",
-    "phase": "how_to/importing.md",
-    "devices": "how_to/opencl.md",
-    "completion": THIS,
-}
-# of the steps of a SceneError's place, which may be an option's command, the last that is here
-OF_KEYS = {
-    **{name: OF_COMMANDS[name] for name in ("view", "material", "phase", "sweep", "render")},
-    "mitsuba": "how_to/exports.md",
-    **dict.fromkeys(
-        ("wavelength_um", "host_index", "nodes", "accuracy", "title", "description", "layer", "brdf", "field"),
-        SCENE_FILES,
-    ),
-    **dict.fromkeys(("particles", "size", "packing", "core", "shell", "source", "aspect_ratio"), "how_to/particles.md"),
-    **dict.fromkeys(("index", "paint", "pigment", "binder"), "how_to/materials.md"),
-    **dict.fromkeys(("table", "convention"), "how_to/importing.md"),
-    **dict.fromkeys(("roughness", "distribution", "shadowing", "conserving"), "how_to/rough_surfaces.md"),
-    **dict.fromkeys(("base", "substrate"), "how_to/bases.md"),
-    **dict.fromkeys(("method", "settings"), "explanation/methods.md"),
-    "axes": "how_to/sweeps.md",
-    **dict.fromkeys(("fit", "free", "priors", "measurement", "resume"), "how_to/fitting.md"),
-    "interface": "how_to/interfaces.md",
-    "truncation": "explanation/truncation.md",
-    "backend": "how_to/opencl.md",
-    "appearance": "how_to/appearance.md",
-}
+_TABLES = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
+COMMANDS: dict[str, dict[str, Any]] = _TABLES["commands"]
+STARTERS: dict[str, tuple[str, str]] = _TABLES["starters"]  # by kind: the command that solves it, and what it is of
+OF_KEYS: dict[str, str] = {key: page for page, keys in _TABLES["pages"].items() for key in keys}
 OF_ERRORS: dict[type[BaseException], str] = {
     AccuracyError: "reference/stability.md",
     DeviceError: "how_to/opencl.md",
@@ -58,8 +28,7 @@ def find_page(error: BaseException) -> str | None:
     'docs/how_to/rough_surfaces.md'
     """
     if isinstance(error, SceneError):
-        found = (OF_KEYS[step] for step in reversed(error.place) if step in OF_KEYS)
-        page = next(found, None)
+        page = next((OF_KEYS[step] for step in reversed(error.place) if step in OF_KEYS), None)
     else:
         page = OF_ERRORS.get(type(error))
     return page and locate_page(page)

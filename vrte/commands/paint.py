@@ -3,47 +3,37 @@
 import argparse
 from pathlib import Path
 
-from vrte.commands.common import (
-    Parser,
-    add_options,
-    check_extra,
-    check_output,
-    label_reading_errors,
-    read_wavelengths,
-    say_written,
-    show_progress,
-)
+from vrte.commands.common import Parser, check_extra, label_errors, show_progress, write
+
+OPTIONS = ("illuminant", "observer", "layer", "accuracy", "nodes")
 
 
 def add(command: Parser) -> None:
     """The arguments of `vrte paint`."""
-    command.add_argument("scene", metavar="PAINT.toml", type=Path, help="with a table [paint], or any other scene")
-    command.add_argument("-o", "--output", metavar="OUT.html", type=Path, help="the page; default: PAINT.html, here")
-    command.add_argument("--png", metavar="OUT.png", type=Path, help="its pictures on one sheet")
-    command.add_argument("--csv", metavar="OUT.csv", type=Path, help="all numbers, one a row")
-    command.add_argument("--wavelengths-um", metavar="A,B,...", type=read_wavelengths, help="over the visible")
-    command.add_argument("--illuminant", metavar="NAME", default="D65", help="of colours; default: D65")
-    command.add_argument("--observer", type=int, choices=(2, 10), default=10, help="degrees; default: 10")
-    command.add_argument("--layer", metavar="N", type=int, help="which layer is the film, counted from 1")
-    add_options(command, "accuracy", "nodes")
+    command.take("scene PAINT.toml", "with a table [paint], or any other scene")
+    command.take("-o --output OUT.html", "the page; default: PAINT.html, here")
+    command.take("--png OUT.png", "its pictures on one sheet")
+    command.take("--csv OUT.csv", "all numbers, one a row")
+    command.take("--wavelengths-um UM,UM,...", "over the visible")
+    command.take("--illuminant NAME", "of colours; default: D65", default="D65")
+    command.take("--observer", "degrees; default: 10", type=int, choices=(2, 10), default=10)
+    command.take("--layer N", "which layer is the film, counted from 1", type=int)
+    command.take_options("accuracy", "nodes")
+
+
+def check(options: argparse.Namespace) -> None:
+    """Where the page goes by default, and whether it can be drawn. Raises MissingExtraError."""
+    options.output = options.output or Path(f"{options.scene.stem}.html")
+    check_extra("vrte paint", "appearance", ("colour", "matplotlib"))
 
 
 def run(options: argparse.Namespace) -> None:
-    page = options.output or Path(f"{options.scene.stem}.html")
-    outputs = [(page, ".html"), (options.png, ".png"), (options.csv, ".csv")]
-    for path, suffix in outputs:
-        if path is not None:
-            check_output(path, suffix)
-    check_extra("vrte paint", "appearance", ("colour", "matplotlib"))
     from vrte.appearance.paint import paint
 
-    asked = {name: getattr(options, name) for name in ("accuracy", "nodes") if getattr(options, name) is not None}
-    light = {"illuminant": options.illuminant, "observer": options.observer, "layer": options.layer}
-    with show_progress() as (phase, tick), label_reading_errors(options.scene):
+    asked = {name: value for name in OPTIONS if (value := getattr(options, name)) is not None}
+    with show_progress() as (phase, tick), label_errors(options.scene, reading=True):
         phase("paint")
-        found = paint(options.scene, options.wavelengths_um, progress=tick, **light, **asked)
+        found = paint(options.scene, options.wavelengths_um, progress=tick, **asked)
     print(found)
-    for path, _ in outputs:
-        if path is not None:
-            found.save(path)
-            say_written(path)
+    for path in (options.output, options.png, options.csv):
+        write(path, found.save)

@@ -2,19 +2,10 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import (
-    Parser,
-    check_extra,
-    check_output,
-    join_progress,
-    make_whole_number_reader,
-    say_written,
-    show_progress,
-)
+from vrte.commands.common import Parser, check_extra, join_progress, say_written, show_progress
 from vrte.render.colour import FEWEST, MOST
 from vrte.render.setting import LARGEST_SIZE, OBJECTS, SMALLEST_SIZE, SPHERE, check_object, read
 from vrte.render.shapes import SUFFIXES
@@ -22,39 +13,24 @@ from vrte.render.shapes import SUFFIXES
 
 def add(command: Parser) -> None:
     """The arguments of `vrte render`."""
-    command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a picture each")
-    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True, help="the picture")
-    command.add_argument(
-        "--object",
-        metavar="NAME|FILE,...",
-        help=f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
-        f"default: what each file says, or {SPHERE}",
-    )
-    command.add_argument(
-        "--size",
-        metavar="PIXELS",
-        type=make_whole_number_reader(SMALLEST_SIZE, LARGEST_SIZE),
-        help="of a picture's side",
-    )
-    command.add_argument(
-        "--wavelengths",
-        metavar="N",
-        type=make_whole_number_reader(FEWEST, MOST),
-        help=f"from 0.4 to 0.7 um; default: {FEWEST}",
-    )
-    command.add_argument(
-        "--together", action="store_true", help="one picture, all objects beside each other, above its polarization"
-    )
+    command.take("scenes SCENE.toml", "a picture each", nargs="+")
+    command.take("-o --output OUT.png", "the picture", required=True)
+    told = f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
+    command.take("--object NAME|FILE,...", f"{told}default: what each file says, or {SPHERE}")
+    command.take("--size PIXELS", "of a picture's side", limits=(SMALLEST_SIZE, LARGEST_SIZE))
+    command.take("--wavelengths N", f"from 0.4 to 0.7 um; default: {FEWEST}", limits=(FEWEST, MOST))
+    command.take("--together", "one picture, all objects beside each other, above its polarization")
     kind = command.add_mutually_exclusive_group()
-    kind.add_argument("--colour-only", action="store_true", help="no polarization, no text, transparent around spheres")
-    kind.add_argument(
-        "--sheet", action="store_true", help="beside each picture its lobes at mu_i = 0.6 and 1, at 0.64 um"
-    )
+    command.take("--colour-only", "no polarization, no text, transparent around spheres", group=kind)
+    command.take("--sheet", "beside each picture its lobes at mu_i = 0.6 and 1, at 0.64 um", group=kind)
+
+
+def check(options: argparse.Namespace) -> None:
+    """Whether colours can be computed. Raises MissingExtraError."""
+    check_extra("vrte render", "render", ("colour", "matplotlib"))
 
 
 def run(options: argparse.Namespace) -> None:
-    check_output(options.output, ".png")
-    check_extra("vrte render", "render", ("colour", "matplotlib"))
     shapes = [] if options.object is None else [read_object(name) for name in options.object.split(",")]
     materials, setting = read(options.scenes, options.wavelengths, shapes)
     if options.together and options.sheet:
@@ -71,12 +47,13 @@ def run(options: argparse.Namespace) -> None:
 
     with show_progress() as (phase, tick):
         phase("colours")
-        renderings = compute_pictures(materials, setting, join_progress(phase, tick), together=options.together)
+        tell = join_progress(phase, tick)
+        renderings = compute_pictures(materials, setting, tell, together=options.together)
         phase("picture")
         if options.colour_only:
             picture.save_colours(renderings, options.output)
         elif options.sheet:
-            save(picture.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output, few_colours=False)
+            save(picture.draw_sheet(renderings, setting, tell), options.output, few_colours=False)
         elif options.together:
             save(picture.draw_row(renderings[0], setting), options.output, few_colours=False)
         else:

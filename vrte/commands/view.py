@@ -7,7 +7,7 @@ from signal import SIGTERM
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import Parser, check_extra, make_whole_number_reader
+from vrte.commands.common import Parser, check_extra, label_errors
 
 PORT = 8765
 OPEN = "--open-to-network"
@@ -19,36 +19,37 @@ MEANING = (
 
 def add(command: Parser) -> None:
     """The arguments of `vrte view`."""
-    command.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a scene (.toml) or a result (.nc, .csv)")
-    command.add_argument("--host", default="127.0.0.1", help="where to listen; default: 127.0.0.1, this machine alone")
-    command.add_argument(
-        OPEN, action="store_true", help="with a --host that other machines reach: whoever has the address may come in"
-    )
-    command.add_argument(
-        "--port", type=make_whole_number_reader(0, 65535), default=PORT, help=f"0: a free one; default: {PORT}"
-    )
-    command.add_argument("--no-browser", action="store_true", help="opens none, only prints the address")
+    command.take("file FILE", "a scene (.toml) or a result (.nc, .csv)", nargs="?")
+    command.take("--host HOST", "where to listen; default: 127.0.0.1, this machine alone", default="127.0.0.1")
+    command.take(OPEN, "with a --host that other machines reach: whoever has the address may come in")
+    command.take("--port PORT", f"0: a free one; default: {PORT}", limits=(0, 65535), default=PORT)
+    command.take("--no-browser", "opens none, only prints the address")
 
 
-def run(options: argparse.Namespace) -> None:
+def check(options: argparse.Namespace) -> None:
+    """Whether the viewer is installed, and may be reached as it is asked to. Raises SceneError, MissingExtraError."""
     check_extra("vrte view", "app", ("nicegui", "plotly"))
     from vrte.app.server.guard import is_loopback
-    from vrte.app.server.serve import serve
 
     if not is_loopback(options.host):
         if not options.open_to_network:
-            raise SceneError(
-                f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}", "view"
-            )
+            words = f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}"
+            raise SceneError(words, "view")
         print(MEANING, flush=True)
-    sessions = make_first_sessions(options.file)
+
+
+def run(options: argparse.Namespace) -> None:
+    from vrte.app.server.serve import serve
+
+    with label_errors(options.file, reading=True):
+        sessions = make_first_sessions(options.file)
     signal = serve(sessions, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
     if signal == SIGTERM:
         sys.exit(128 + SIGTERM)
 
 
 def make_first_sessions(path: Path | None) -> Any:
-    """What a page begins with: the start scene, a scene file or a result."""
+    """What a page begins with: the start scene, a scene file or a result. Raises SceneError, OSError."""
     from vrte.app.form.files import adopt_with_notes
     from vrte.app.solving.solve import make_outcome
     from vrte.app.solving.tab_session import TabSessions
@@ -58,16 +59,11 @@ def make_first_sessions(path: Path | None) -> Any:
 
     if path is None:
         return TabSessions()
-    try:
-        if path.suffix.lower() == ".toml":
-            content = read_content(path)
-            content, told = adopt_with_notes(content, path.parent, frozenset(find_named_tables(content).values()))
-            for text in told:
-                print(f"vrte view: {text}", file=sys.stderr)
-            return TabSessions(content, path.parent)
-        outcome = make_outcome(load(path))
-        return TabSessions(outcome.content, outcome=outcome)
-    except SceneError as error:
-        raise (error if str(error).startswith(str(path)) else error.behind(path)) from error
-    except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}") from error
+    if path.suffix.lower() == ".toml":
+        content = read_content(path)
+        content, told = adopt_with_notes(content, path.parent, frozenset(find_named_tables(content).values()))
+        for text in told:
+            print(f"vrte view: {text}", file=sys.stderr)
+        return TabSessions(content, path.parent)
+    outcome = make_outcome(load(path))
+    return TabSessions(outcome.content, outcome=outcome)

@@ -2,18 +2,17 @@
 
 import argparse
 import os
-from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bench.study import make_markdown_table
 from vrte.commands.common import Parser
-from vrte.commands.pages import OF_COMMANDS, THIS
+from vrte.commands.pages import STARTERS
 from vrte.commands.parser import make_parser
-from vrte.commands.starters import KINDS
 
-HERE = "reference"
+HERE, THIS = "reference", "reference/commands.md"
 INTRODUCTION = """# The command line
 
-Made from the commands' own parsers by `python -m vrte.commands.reference`. Every command answers `--help` with its
+Made from the commands' own parsers by `python -m docs.scripts.commands`. Every command answers `--help` with its
 options, two examples and the page that says more.
 
 """
@@ -71,11 +70,11 @@ the better one by a measured rule (a third, `invariance`, where only the top of 
 `--nodes`, `--accuracy`, `--truncation`, `--method` and `--illuminate` win over the same keys of the scene file.
 `--method auto --accuracy 1e-3` takes the method and the nodes that are good enough, by rules written from the report
 ([methods](../explanation/methods.md))."""
-KINDS_TOLD = "\n".join(f"- `{kind}`: {told}" for kind, (_, told) in KINDS.items())
+LIST_OF_STARTERS = "\n".join(f"- `{kind}`: {told}" for kind, (_, told) in STARTERS.items())
 NOTES = {  # what options alone do not say
     "init": f"""The kinds are
 
-{KINDS_TOLD}
+{LIST_OF_STARTERS}
 
 Every line of the file says in which unit a number is and what else could stand there; the last two lines that the
 command prints are commands to type next.""",
@@ -84,18 +83,6 @@ command prints are commands to type next.""",
     "sweep": "On threads, a Dask cluster or an OpenCL device.",
     "devices": 'The device that is taken is that of `backend="opencl"`.',
 }
-
-
-def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """With every row's cells between bars.
-
-    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
-    | a | b |
-    |---|---|
-    | 1 | x\\|y |
-    """
-    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
-    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
 def show_argument(action: argparse.Action) -> str:
@@ -122,7 +109,7 @@ def describe_command(name: str, command: Parser) -> str:
     parts += [NOTES[name]] if name in NOTES else []
     parts += [make_markdown_table(("argument", "what it is"), rows).rstrip("\n")]
     parts += [f"```sh\n{write_examples(command)}```"]
-    page = OF_COMMANDS[name]
+    page = command.page
     parts += [f"More: [{page}]({os.path.relpath(page, HERE)})."] if page != THIS else []
     return "\n\n".join(parts) + "\n"
 
