@@ -10,6 +10,7 @@ from typing import Any
 from griffe import Class, Docstring, Extension, Function, Object
 
 PAGES = Path(__file__).parent / "reference/api"
+PLACEHOLDER = re.compile(r"^\s*\{[\w, ]+\}$", re.MULTILINE)  # a line that vrte.request.how completes
 ENTRY = re.compile(r"^::: (\S+)(?:\n    options:\n(?:      .*\n)*?      heading: (\S+))?", re.MULTILINE)
 LISTED = {
     found[2] or found[1]: found[1] for page in PAGES.glob("*.md") for found in ENTRY.finditer(page.read_text("utf-8"))
@@ -24,7 +25,9 @@ class Docstrings(Extension):
 
     def on_object(self, *, obj: Object, **_: Any) -> None:
         written = obj.docstring.value if obj.docstring else ""
-        if isinstance(obj, Function) and ("{options}" in written or (obj.module.path == "vrte._core" and not written)):
+        if isinstance(obj, Function) and (
+            PLACEHOLDER.search(written) or (obj.module.path == "vrte._core" and not written)
+        ):
             words = inspect.getdoc(getattr(import_module(obj.module.path), obj.name, None)) or ""
             obj.docstring = Docstring(words, parent=obj, parser="numpy")
         for each in getattr(obj, "parameters", []) if isinstance(obj, Function) else []:

@@ -19,7 +19,7 @@ from vrte.calls.energy import note_energy
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
-from vrte.request.how import describe_options
+from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
@@ -29,7 +29,7 @@ from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
 
-@describe_options
+@complete_docstring
 def brdf(
     scene: Scene,
     mu_i: Any,
@@ -58,20 +58,7 @@ def brdf(
 
     Parameters
     ----------
-    scene : Scene
-        What light meets.
-    mu_i : float or sequence of float
-        Cosines of incidence, n_in, above 0 up to 1.
-    mu_o : float or sequence of float
-        Cosines of exit, n_out, above 0 up to 1.
-    phi : float or sequence of float, optional
-        Azimuths between them [degrees], n_phi.
-    transmission : bool, optional
-        Adds the BTDF; not for a semi-infinite layer.
-    {options}
-    derivatives : sequence of str or Variation, optional
-        Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and directions of one's own: how all
-        that is found changes with them is then in ``jacobian``, ``reflectance_jacobian``, ``transmission_jacobian``.
+    {all}
 
     Returns
     -------
@@ -80,12 +67,7 @@ def brdf(
 
     Raises
     ------
-    SceneError
-        For bad input, in one sentence; ``error.place`` is the argument that it is about.
-    AccuracyError
-        Where neither algorithm can vouch for its answer.
-    DeviceError
-        Where an OpenCL device is missing or fails.
+    {SceneError, AccuracyError, DeviceError}
 
     Examples
     --------

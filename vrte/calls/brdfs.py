@@ -17,7 +17,7 @@ from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.methods.parts.method import Answer
 from vrte.methods.parts.refinement import refine, share_steps
-from vrte.request.how import EXACT, describe_options
+from vrte.request.how import EXACT, complete_docstring
 from vrte.request.request import Request, check_scene, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
@@ -26,7 +26,7 @@ from vrte.scene.variation import Variation
 MOST_SCENES = 1_000_000
 
 
-@describe_options
+@complete_docstring
 def brdfs(
     scenes: Annotated[Iterable[Scene], Any],
     mu_i: Any,
@@ -57,12 +57,8 @@ def brdfs(
     Parameters
     ----------
     scenes : iterable of Scene
-        What light meets.
-    mu_i, mu_o, phi, transmission
-        As for `vrte.brdf`.
-    {options}
-    derivatives : sequence of str or Variation, optional
-        As for `vrte.brdf`, the same of every scene.
+        What light meets in each.
+    {mu_i, mu_o, phi, transmission, progress, options, derivatives}
 
     Returns
     -------
@@ -71,12 +67,7 @@ def brdfs(
 
     Raises
     ------
-    SceneError
-        For bad input; it names the scene.
-    AccuracyError
-        As `vrte.brdf` does.
-    DeviceError
-        As `vrte.brdf` does.
+    {SceneError, AccuracyError, DeviceError}
 
     Examples
     --------

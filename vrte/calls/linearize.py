@@ -25,7 +25,7 @@ from vrte.discrete_ordinates.planning.operations import count_operations_of_deri
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
-from vrte.request.how import describe_options
+from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
@@ -88,7 +88,7 @@ class Linearized:
         return run_interruptible(run, lambda: pull_back(self.plan, weights, run, orders))
 
 
-@describe_options
+@complete_docstring
 def linearize(
     scene: Scene,
     mu_i: Any,
@@ -110,15 +110,7 @@ def linearize(
 
     Parameters
     ----------
-    scene : Scene
-        What light meets.
-    mu_i : float or sequence of float
-        Cosines of incidence, n_in, above 0 up to 1.
-    mu_o : float or sequence of float
-        Cosines of exit, n_out, above 0 up to 1.
-    phi : float or sequence of float, optional
-        Azimuths between them [degrees], n_phi.
-    {options}
+    {all}
 
     Returns
     -------
@@ -127,10 +119,7 @@ def linearize(
 
     Raises
     ------
-    SceneError
-        For bad input, and where small angles are separated from the rest of the light.
-    AccuracyError
-        Where neither algorithm can vouch for its answer.
+    {SceneError, AccuracyError, DeviceError}
 
     Examples
     --------

@@ -26,7 +26,7 @@ from vrte.formats.measured_polarized import (
     write_mitsuba,
 )
 from vrte.formats.mitsuba_scene import write_nested_scene
-from vrte.request.how import EXACT
+from vrte.request.how import EXACT, complete_docstring
 from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.scene import Scene
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 NO_BEAM = 1e-6  # share of light that comes back as a beam: below, nothing is missing without it
 
 
+@complete_docstring
 def to_mitsuba(
     scene: Source,
     wavelengths_um: Any,
@@ -51,18 +52,14 @@ def to_mitsuba(
 
     Parameters
     ----------
-    scene : path or mapping
-        As for `vrte.spectrum`.
+    {source}
     wavelengths_um : array_like (5,)
         Of whole nanometres [um], ascending.
     path : path
         The file to write.
     step_deg : float
         Of its angles theta_d and theta_h [degrees], of which phi_d has twice that.
-    progress : callable, optional
-        Called with (steps done, steps).
-    folder : path
-        Where the tables of a parsed content lie.
+    {progress, folder}
     nested : bool
         For scenes with a smooth surface on top, whose mirrored beam no table can hold: the table is that of what lies
         below the surface, and beside it a scene file for Mitsuba, of the same name but for .xml, has Mitsuba's own
@@ -77,12 +74,7 @@ def to_mitsuba(
 
     Raises
     ------
-    SceneError
-        For bad input, and a surface on top that ``nested`` cannot take off.
-    OSError
-        Where the file cannot be written.
-    AccuracyError
-        As `vrte.brdf` does.
+    {SceneError, OSError, AccuracyError}
 
     Examples
     --------

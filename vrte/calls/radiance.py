@@ -18,7 +18,7 @@ from vrte.calls.differences import differentiate_beams
 from vrte.calls.energy import note_energy
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
-from vrte.request.how import describe_options
+from vrte.request.how import complete_docstring
 from vrte.request.request import Request, find_under, make_radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
@@ -27,7 +27,7 @@ from vrte.scene.illumination import mirror_stokes
 from vrte.scene.scene import Scene
 
 
-@describe_options
+@complete_docstring
 def radiance(
     scene: Scene,
     mu0: Any,
@@ -54,31 +54,24 @@ def radiance(
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
-    References
-    ----------
-    Collin, Pattanaik, Bouatouch, section 2.
+    Collin, Pattanaik and Bouatouch, section 2.
 
     Parameters
     ----------
-    scene : Scene
-        What light meets.
+    {scene}
     mu0 : float or sequence of float
         The beam's positive cosine, or those of several, whose axis the result then has in front.
     stokes : sequence of float, optional
         The beam's flux vector I, Q, U, V perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2.
     mu : float or sequence of float, optional
         Signed cosines, n_mu, above 0 going up; default: the nodes, up and down; an empty list: fluxes alone.
-    phi : float or sequence of float, optional
-        Azimuths from the beam's heading [degrees], n_phi.
+    {phi}
     tau : float or sequence of float, optional
         Optical depths, n_tau; default: the top.
-    {options}
+    {progress, options}
     side : {'above', 'below'}, optional
         Of an interface, for depths that lie at one: tau = 0 is outside by default.
-    derivatives : sequence of str or Variation, optional
-        Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and directions of one's own: how light
-        and fluxes change with them is then in ``jacobian``, ``flux_up_jacobian``, ``flux_down_jacobian`` and
-        ``direct_jacobian``.
+    {derivatives}
 
     Returns
     -------
@@ -88,12 +81,7 @@ def radiance(
 
     Raises
     ------
-    SceneError
-        For bad input, in one sentence; ``error.place`` is the argument that it is about.
-    AccuracyError
-        Where neither algorithm can vouch for its answer.
-    DeviceError
-        Where an OpenCL device is missing or fails.
+    {SceneError, AccuracyError, DeviceError}
 
     Examples
     --------

@@ -13,7 +13,7 @@ from vrte.basics.splines import make_cosines
 from vrte.calls.brdf import brdf, solve_brdf
 from vrte.calls.forecast import predict_seconds
 from vrte.calls.plan import make_request
-from vrte.request.how import EXACT
+from vrte.request.how import EXACT, complete_docstring
 from vrte.results.brdf import Brdf
 from vrte.results.result import find_finest_nodes
 from vrte.scene.scene import Scene
@@ -26,18 +26,18 @@ CHECKED_AZIMUTHS = settle_array(np.array([2.3, 17.1, 71.9, 133.7, 174.9]))
 FINEST = 1e-8  # accuracy of a table
 
 
+@complete_docstring
 def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedBase:
     """A stack, solved once, as the base of many others.
 
     Parameters
     ----------
-    scene : Scene
-        What the base consists of, with whatever lies below it.
+    {scene}
     accuracy : float, optional
         How far the table may be off between its directions, 1e-8 to 0.1, of the largest f_00: as measured at others,
         with cosines above 0.1. The light over such a base is off by less.
     **asked
-        Keywords of `vrte.brdf` but for the directions.
+        Keywords of `vrte.brdf` but for the directions; ``time_limit_s`` is for all that it takes.
 
     Returns
     -------
@@ -46,8 +46,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
 
     Raises
     ------
-    SceneError
-        As `vrte.brdf` does; ``time_limit_s`` is for all that it takes.
+    {SceneError, AccuracyError}
 
     Warns
     -----

@@ -13,6 +13,7 @@ from vrte.basics.running import Progress, share_progress
 from vrte.calls.brdfs import solve_brdfs
 from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.plan import make_request
+from vrte.request.how import complete_docstring
 from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
 from vrte.scene.variation import Variation
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 Source = str | os.PathLike[str] | Mapping[str, Any]  # a scene file, or its content
 
 
+@complete_docstring
 def spectrum(
     scene: Source,
     wavelengths_um: Any = None,
@@ -38,14 +40,10 @@ def spectrum(
 
     Parameters
     ----------
-    scene : path or mapping
-        A TOML file, or its content, parsed.
+    {source}
     wavelengths_um : sequence of float, optional
         Ascending [um], in place of those that the file lists as ``wavelength_um``.
-    progress : callable, optional
-        Called with (steps done, steps).
-    folder : path, optional
-        Where the tables that a parsed content names lie.
+    {progress, folder}
     derivatives : sequence of str, optional
         Numbers of the file, as keys of sweeps name them, "particles.gold.radius_um" (docs/how_to/derivatives.md): how
         the BRDF at each wavelength changes with them is then in ``jacobian`` and its like.
@@ -59,14 +57,7 @@ def spectrum(
 
     Raises
     ------
-    SceneError
-        For bad input; it names the wavelength.
-    OSError
-        Where a file cannot be read.
-    AccuracyError
-        As `vrte.brdf` does.
-    DeviceError
-        As `vrte.brdf` does.
+    {SceneError, OSError, AccuracyError, DeviceError}
 
     Examples
     --------

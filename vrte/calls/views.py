@@ -11,6 +11,7 @@ from vrte.basics.errors import SceneError
 from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.plan import make_request
 from vrte.calls.radiance import radiance
+from vrte.request.how import complete_docstring
 from vrte.request.request import Request
 from vrte.results.views import Views
 from vrte.scene.scene import Scene
@@ -19,6 +20,7 @@ MOST_GEOMETRIES = 1_000_000
 LARGEST_GRID = 1e6  # directions of all distinct mu0, mu and phi that are solved for together: 32 MB
 
 
+@complete_docstring
 def views(
     scene: Scene,
     mu0: Any,
@@ -32,12 +34,10 @@ def views(
 
     Parameters
     ----------
-    scene : Scene
-        What light meets.
-    mu0 : float or array_like (n,)
-        Positive cosines of the beams, a geometry each; a number is taken for all.
-    mu : float or array_like (n,)
-        Signed cosines of the lines of sight, above 0 going up.
+    {scene}
+    mu0, mu : float or array_like (n,)
+        Positive cosines of the beams, and signed cosines of the lines of sight, above 0 going up, a geometry each; a
+        number is taken for all.
     phi : float or array_like (n,), optional
         Azimuths from each beam's heading [degrees].
     stokes : array_like (4,), optional
@@ -45,7 +45,7 @@ def views(
     tau : float, optional
         One optical depth, by default the top.
     **how
-        All else as for `vrte.radiance`.
+        All else as for `vrte.radiance`; ``time_limit_s`` is for all geometries together.
 
     Returns
     -------
@@ -54,8 +54,7 @@ def views(
 
     Raises
     ------
-    SceneError
-        For bad input, and what else `vrte.radiance` raises; ``time_limit_s`` is for all geometries together.
+    {SceneError, AccuracyError, DeviceError}
 
     Examples
     --------

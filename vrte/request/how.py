@@ -3,6 +3,7 @@
 The calls, sweeps, scene files and the command line all take their options from here."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
@@ -61,8 +62,7 @@ class Option:
     def described(self, name: str) -> str:
         """Its entry among the parameters of a docstring, as numpydoc writes it."""
         kind = f"{{{', '.join(map(repr, self.choices))}}}" if self.choices else self.of.__name__
-        told = f"{self.short[0].upper()}{self.short[1:]}{self.more}."
-        return f"{name} : {kind}, optional\n{indent(fill(told, 108), '    ')}"
+        return describe(f"{name} : {kind}, optional", f"{self.short[0].upper()}{self.short[1:]}{self.more}.")
 
 
 def check_settings(name: str, value: Any) -> dict[str, Any]:
@@ -243,16 +243,46 @@ def check_options(*options: Any, **more: Any) -> How:
 
 keep_options = lru_cache(maxsize=64, typed=True)(How)
 OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(How) if one.metadata}
-PROGRESS = "progress : callable, optional\n    Called with (steps done, steps) as the work goes on."
+WORDS: dict[str, tuple[str, str]] = {  # of parameters of public calls that are no options, and of what they raise
+    "scene": ("scene : Scene", "What light meets."),
+    "source": ("scene : path or mapping", "A TOML file, or its content, parsed."),
+    "folder": ("folder : path, optional", "Where the tables that a parsed content names lie."),
+    "progress": ("progress : callable, optional", "Called with (steps done, steps) as the work goes on."),
+    "mu_i": ("mu_i : float or sequence of float", "Cosines of incidence, n_in, above 0 up to 1."),
+    "mu_o": ("mu_o : float or sequence of float", "Cosines of exit, n_out, above 0 up to 1."),
+    "phi": (
+        "phi : float or sequence of float, optional",
+        "Azimuths from the heading of the incident light [degrees], n_phi.",
+    ),
+    "transmission": ("transmission : bool, optional", "Adds the BTDF; not for a semi-infinite layer."),
+    "derivatives": (
+        "derivatives : sequence of str or Variation, optional",
+        'Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and other directions: how all that '
+        "is found changes with them is then in ``jacobian`` and the other arrays of that ending.",
+    ),
+    "SceneError": ("SceneError", "For bad input, in one sentence; ``error.place`` is the argument that it is about."),
+    "AccuracyError": ("AccuracyError", "Where no algorithm can verify its answer."),
+    "DeviceError": ("DeviceError", "Where an OpenCL device is missing or fails."),
+    "OSError": ("OSError", "Where a file cannot be read or written."),
+}
 
 
-def describe_options(call: Call) -> Call:
-    """Puts what each option of a call means in the place of {options} in its docstring."""
+def complete_docstring(call: Call) -> Call:
+    """Puts what names mean, an entry of numpydoc each, in the place of a line {name, name} of a docstring: {all}
+    parameters of the call, or all {options}."""
     names = call.__code__.co_varnames[: call.__code__.co_argcount]
-    told = [PROGRESS if name == "progress" else OPTIONS[name].described(name) for name in names if name in WITH_WORDS]
+    several = {"all": names, "options": tuple(name for name in names if name in OPTIONS)}
+
+    def write(found: re.Match[str]) -> str:
+        told = [one for name in found[1].split(", ") for one in several.get(name, (name,))]
+        entries = [OPTIONS[name].described(name) if name in OPTIONS else describe(*WORDS[name]) for name in told]
+        return indent("\n".join(entries), "    ")
+
     if call.__doc__:  # nothing is left of it where Python runs with -OO
-        call.__doc__ = call.__doc__.replace("    {options}", indent("\n".join(told), "    "))
+        call.__doc__ = re.sub(r"^    \{([\w, ]+)\}$", write, call.__doc__, flags=re.MULTILINE)
     return call
 
 
-WITH_WORDS = {*OPTIONS, "progress"}
+def describe(heading: str, words: str) -> str:
+    """An entry of numpydoc."""
+    return f"{heading}\n{indent(fill(words, 108), '    ')}"
