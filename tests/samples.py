@@ -39,14 +39,16 @@ def scattered(
     wide: bool = True,
 ) -> None:
     """Adds single scattering in closed form to out (n_level, n_in, n_mu, n_phi, 4, n_place), phi in degrees, in two
-    pieces of the incident directions."""
+    pieces of the incident directions. ``coefficients``: (terms, 6), or of each outgoing direction (mu, terms, 6)."""
+    apiece = coefficients.ndim == 3
+    table = _core.series_table(coefficients.reshape(-1, 6), mu.size) if apiece else _core.series_table(coefficients)
     azimuths = fold_azimuths(phi)
     cosine, sine = compute_cos_sin(azimuths.distinct)
     kind = find_column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
             ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
-            table=_core.series_table(coefficients),
+            table=table,
             path=path,
             mu0=mu0,
             mu=mu,
@@ -61,6 +63,7 @@ def scattered(
             last=last,
             out=out,
             wide=wide,
+            apiece=apiece,
         )
 
 

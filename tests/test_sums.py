@@ -12,6 +12,7 @@ from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
 from .helpers import assert_close
+from .literal import wigner
 from .samples import scattered
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
@@ -88,16 +89,23 @@ def test_azimuthal_sum_adds_orders_of_some_stokes_components_and_columns(
     assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 
-def test_azimuthal_sum_puts_columns_at_one_place_and_does_not_depend_on_threads() -> None:
-    kernels, orders, phi = some_kernels(5, 2), np.arange(5, dtype=np.int32), np.arange(0.0, 361.0, 1.5)
-    results = []
-    for threads in (1, 3):
-        out = np.zeros((3, 4, 21, phi.size, 4, 1))
+def test_sums_of_columns_that_share_a_place_on_any_number_of_threads() -> None:
+    """Over orders, and of single scattering."""
+    kernels, orders, phi = some_kernels(5, 2), np.arange(5, dtype=np.int32), np.arange(0.0, 361.0, 15.0)
+    results = [np.zeros((3, 4, 21, phi.size, 4, 1)) for _ in range(2)]
+    for threads, out in zip((1, 3), results, strict=True):
         summed(kernels, orders, range(4), (0, 1), (0, 0), phi, out, range(3), range(21), np.ones(4), threads)
-        results.append(out)
     expected = fourier_sum(kernels, orders, (0, 1), phi).sum(axis=-1, keepdims=True)
     assert_close(results[0], expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
-    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(*results)
+    mu0, mu = np.array([0.3, 0.8]), np.array([0.4, -0.7])
+    columns, path = np.array([[1.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.4]]), np.ones((1, 2, 2))
+    whole, *results = (np.zeros((1, 2, 2, phi.size, 4, count)) for count in (4, 1, 1))
+    scattered(SPHERE, path, mu0, mu, phi, np.eye(4), range(4), whole)
+    for threads, out in zip((1, 3), results, strict=True):
+        scattered(SPHERE, path, mu0, mu, phi, columns, (0, 0), out, threads)
+    assert_close(results[0], whole @ columns.sum(axis=0)[:, None], rtol=0.0, atol=1e-13 * np.abs(whole).max())
+    np.testing.assert_array_equal(*results)
 
 
 def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
@@ -109,23 +117,16 @@ def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
     assert_close(np.sin(np.radians(folded)), np.sin(np.radians(phi)), rtol=0.0, atol=1e-15)
 
 
-def scattering_matrix(coefficients: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...]:
-    """F11, F22, F33, F44, F12, F34 at the cosines x by upward recurrence in the degree."""
-    f = np.zeros((6, *x.shape))
-    p, p_old, zero = np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
-    q, q_old, u, u_old, w, w_old = (zero,) * 6
-    for l, (a1, a2, a3, a4, b1, b2) in enumerate(coefficients):
-        if l == 2:
-            q, u, w = -np.sqrt(6.0) / 4.0 * (1.0 - x * x), 0.25 * (1.0 + x) ** 2, 0.25 * (1.0 - x) ** 2
-        f += np.array([a1 * p, (a2 + a3) * u, (a2 - a3) * w, a4 * p, b1 * q, b2 * q])
-        p, p_old = ((2 * l + 1) * x * p - l * p_old) / (l + 1), p
-        if l >= 2:
-            above, here = np.sqrt((l + 1) ** 2 - 4), np.sqrt(l * l - 4)
-            q, q_old = ((2 * l + 1) * x * q - here * q_old) / above, q
-            a, b, c = (2 * l + 1) * l * (l + 1), 4 * (2 * l + 1), (l + 1) * here**2
-            u, u_old = ((a * x - b) * u - c * u_old) / (l * above**2), u
-            w, w_old = ((a * x + b) * w - c * w_old) / (l * above**2), w
-    return f[0], 0.5 * (f[1] + f[2]), 0.5 * (f[1] - f[2]), f[3], f[4], f[5]
+def scattering_matrix(coefficients: np.ndarray, x: float) -> np.ndarray:
+    """F at the cosine x, by Wigner's d at it."""
+    p, q, u, w = (
+        np.array([wigner(l, m, k, np.array([x]))[0] for l in range(len(coefficients))])
+        for m, k in ((0, 0), (0, 2), (2, 2), (2, -2))
+    )
+    a1, a2, a3, a4, b1, b2 = coefficients.T
+    f11, f44, f12, f34, sums, gaps = a1 @ p, a4 @ p, -b1 @ q, -b2 @ q, (a2 + a3) @ u, (a2 - a3) @ w
+    f22, f33 = 0.5 * (sums + gaps), 0.5 * (sums - gaps)
+    return np.array([[f11, f12, 0, 0], [f12, f22, 0, 0], [0, 0, f33, f34], [0, 0, -f34, f44]])
 
 
 def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) -> np.ndarray:
@@ -147,26 +148,28 @@ def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) ->
     normal = np.cross(out[2], into[2])
     if normal @ normal < 1e-18:  # straight on and straight back
         normal = out[1]
-    a1, a2, a3, a4, b1, b2 = scattering_matrix(coefficients, np.clip(out[2] @ into[2], -1.0, 1.0))
-    f = np.array([[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]])
+    f = scattering_matrix(coefficients, float(np.clip(out[2] @ into[2], -1.0, 1.0)))
     return turn(out, normal).T @ f @ turn(into, normal)
 
 
-@pytest.mark.parametrize("wide", [True, False])
-@pytest.mark.parametrize("terms", [1, 2, 3, 4, 27])
-def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: int, wide: bool) -> None:
-    """Straight on and straight back included, where a plane has to be chosen."""
-    coefficients = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients[:terms]
+SPHERE = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
+
+
+@pytest.mark.parametrize("terms", [1, 2, 3, 4, 16])
+def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: int) -> None:
+    """Straight on and straight back included, where a plane has to be chosen; with AVX2 and without."""
+    coefficients = SPHERE[:terms]
     mu0, mu = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
     path = np.random.default_rng(2).uniform(0.5, 2.0, (2, 3, 6))
     path[1, 2, 4] = path[:, 0, 1] = 0.0
-    phi = np.append(FULL_TURN, np.linspace(1.0, 170.0, 40))
-    out = np.ones((2, 3, 6, phi.size, 4, 4))
-    scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), out, wide=wide)
+    phi = np.append(FULL_TURN, np.linspace(1.0, 170.0, 7))  # more than one vector's
     z = np.array([[[phase_matrix(coefficients, *pair, f) for f in phi] for pair in ((i, j) for j in mu)] for i in mu0])
     expected = 1.0 + path[..., None, None, None] * z
-    assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(coefficients).sum())
-    np.testing.assert_array_equal(out[1, 2, 4], 1.0)
+    for wide in (True, False):
+        out = np.ones((2, 3, 6, phi.size, 4, 4))
+        scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), out, wide=wide)
+        assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(coefficients).sum())
+        np.testing.assert_array_equal(out[1, 2, 4], 1.0)
 
 
 def test_single_scattering_of_very_many_terms() -> None:
@@ -183,18 +186,23 @@ def test_single_scattering_of_very_many_terms() -> None:
     assert_close(out[0, :, :, 0, 0, 0], expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 
-def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_threads() -> None:
-    coefficients = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
-    mu0, mu, phi = np.array([0.3, 0.8]), np.array([0.4, -0.7]), np.arange(0.0, 361.0, 15.0)
-    columns, path = np.array([[1.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.4]]), np.ones((1, 2, 2))
-    whole = np.zeros((1, 2, 2, phi.size, 4, 4))
-    scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), whole)
-    results = [np.zeros((1, 2, 2, phi.size, 4, 1)) for _ in range(2)]
-    for threads, out in zip((1, 3), results, strict=True):
-        scattered(coefficients, path, mu0, mu, phi, columns, (0, 0), out, threads)
-    expected = whole @ columns.sum(axis=0)[:, None]
-    assert_close(results[0], expected, rtol=0.0, atol=1e-13 * np.abs(whole).max())
-    np.testing.assert_array_equal(results[0], results[1])
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize("n_phi", [1, 8, 37])
+def test_scalar_series_apiece(n_phi: int, wide: bool) -> None:
+    """F11 alone, of another phase function for each direction, against Legendre series; U and V scatter nothing."""
+    random = np.random.default_rng(3)
+    mu, mu0, phi = np.array([0.9, -0.3, 1.0]), 0.6, np.linspace(0.0, 180.0, n_phi)
+    coefficients = np.zeros((mu.size, 31, 6))
+    coefficients[..., 0] = random.uniform(-1.0, 1.0, (mu.size, 31))
+    out, path = np.zeros((1, 1, mu.size, n_phi, 4, 2)), random.uniform(0.5, 1.0, (1, 1, mu.size))
+    columns = np.array([[2.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])
+    scattered(coefficients, path, np.array([mu0]), mu, phi, columns, (0, 1), out, wide=wide)
+    cosine = np.sqrt((1.0 - mu**2) * (1.0 - mu0**2))[:, None] * np.cos(np.radians(phi)) - mu0 * mu[:, None]
+    for o, series in enumerate(coefficients[..., 0]):
+        expected = 2.0 * path[0, 0, o] * np.polynomial.legendre.legval(cosine[o], series)
+        assert_close(out[0, 0, o, :, 0, 0], expected, rtol=1e-12, atol=1e-12)
+    assert not out[..., 1:, :].any()
+    assert not out[..., 1].any()
 
 
 def speckled(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:

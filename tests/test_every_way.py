@@ -1,0 +1,248 @@
+"""Every scene of tests/scenes.py, solved in every way that can solve it: the light is right, energy is conserved, light
+is reciprocal and mirror symmetric, and scenes together are each as alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from bench import stability
+from bench.stability_cases import BEAM
+from vrte.methods import find_method
+from vrte.scene.vary import vary_scene
+
+from .helpers import assert_close
+from .literal import azimuthal_sum
+from .scenes import Problem, find_problems
+
+PROBLEMS = find_problems()
+FLIP = np.outer([1.0, 1.0, -1.0, -1.0], [1.0, 1.0, -1.0, -1.0])  # U and V of light seen from the other side
+Q = np.array([1.0, 1.0, 1.0, -1.0])
+FEW = tuple(PROBLEMS)[::7]  # for ways that take long: the others are slow tests
+ON_DEVICES = (
+    "infinite, conservative", "infinite, absorbing", "conservative metal, thickness 1e6", "clear layer between",
+    "white base under a white slab", "thick between thin, absorbing", "thickness 1e-10", "lobe under a white slab",
+    "identical neighbours, conservative, thick", "sun and view on an eigenvalue", "leaf", "varnish over paint",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Way:
+    """Arguments of a call; the largest error, relative to the largest I at a depth; which problems it takes, and which
+    of them in the quick tests; whether it finds light inside and conserves energy to rounding."""
+
+    how: dict[str, Any]
+    tolerance: float = 1e-12
+    takes: Callable[[str, Problem], bool] = lambda name, problem: True
+    quick: tuple[str, ...] = tuple(PROBLEMS)
+    inside: bool = True
+    conserves: bool = True
+
+
+def make_method(name: str, settings: dict[str, Any], tolerance: float, most: float = np.inf) -> Way:
+    """One of the methods beside the exact one; ``most``: the optical thickness up to which it ends soon."""
+    method = find_method(name)
+
+    def takes(_: str, problem: Problem) -> bool:
+        scene = problem.scene
+        return (
+            (method.interfaces != "none" or not scene.keeps_beams)
+            and not scene.is_rough
+            and scene.thickness <= most
+            and problem.nodes > 1
+            and np.abs(problem.mu).min() >= 1e-3
+        )
+
+    return Way({"method": name, "settings": settings}, tolerance, takes, FEW, method.depths, method.conserves_energy)
+
+
+def is_on_device(name: str, problem: Problem) -> bool:
+    return name in ON_DEVICES
+
+
+EXACT = {"accuracy": 1e-15, "truncation": "none"}
+WAYS = {
+    "doubling": Way(EXACT | {"algorithm": "doubling"}),
+    "modes": Way(EXACT | {"algorithm": "modes"}),
+    "by rule": Way(EXACT | {"accuracy": 1e-9}, 1e-10, lambda _, problem: not problem.scene.is_rough),
+    "invariance": Way(
+        EXACT | {"algorithm": "invariance", "accuracy": 1e-12}, 1e-11, lambda _, problem: not problem.ends, inside=False
+    ),
+    "sequential": Way(EXACT | {"backend": "sequential"}, takes=is_on_device),
+    "opencl": Way(EXACT | {"backend": "opencl"}, takes=is_on_device),
+    "opencl+lapack": Way(EXACT | {"backend": "opencl+lapack"}, takes=is_on_device, quick=ON_DEVICES[::4]),
+    "sequential+device": Way(EXACT | {"backend": "sequential+device"}, takes=is_on_device, quick=ON_DEVICES[1::4]),
+    "adding-doubling": make_method("adding-doubling", {"start": 4}, 1e-11),
+    "matrix-operator": make_method("matrix-operator", {}, 1e-11),
+    "invariant-imbedding": make_method("invariant-imbedding", {"rtol": 1e-10}, 1e-9, 2.0),
+    "successive-orders": make_method("successive-orders", {"tolerance": 1e-12, "levels": 160}, 1e-10, 2.0),
+}
+ROWS = [
+    pytest.param(name, way, marks=[] if name in how.quick else [pytest.mark.slow])
+    for way, how in WAYS.items()
+    for name, problem in PROBLEMS.items()
+    if how.takes(name, problem)
+]
+
+
+@cache
+def solve(name: str, way: str) -> tuple[vrte.Field | None, vrte.Brdf]:
+    """The field, where the way finds one, and the table of both reflection and transmission."""
+    problem, how = PROBLEMS[name], WAYS[way].how
+    field = vrte.radiance(problem.scene, **problem.ask_field(), **how) if WAYS[way].inside else None
+    return field, vrte.brdf(problem.scene, **problem.ask_table(), **how)
+
+
+def check_light(problem: Problem, field: vrte.Field, tolerance: float) -> None:
+    """Order by order against ball arithmetic, relative to the largest I at each depth; fluxes to the larger one."""
+    answer = problem.answer
+    assert answer is not None
+    found = stability.compute_fourier_orders(answer.case, field.stokes, tuple(answer.orders))
+    size = np.max([np.abs(light[..., 0]).max(axis=(0, 2)) for light in answer.orders.values()], axis=0)
+    for order, light in answer.orders.items():
+        limit = max(tolerance, 10.0 * answer.c[order]) * size + stability.NOTHING
+        assert (np.abs(found[order] - light).max(axis=(0, 2, 3)) <= limit).all(), order
+    flux, right = np.stack([field.flux_up, field.flux_down]), np.stack([answer.flux_up, answer.flux_down])
+    limit = max(tolerance, 10.0 * problem.c) * np.abs(right).max(axis=0) + stability.NOTHING
+    if answer.case.is_thin and field.diagnostics.get("algorithm") == "modes":
+        limit = limit + 1e-15 * problem.mu0  # modes find the fluxes as differences from the beam
+    assert (np.abs(flux - right).max(axis=0) <= limit).all()
+
+
+def check_same(found: Any, right: Any, tolerance: float, names: tuple[str, ...]) -> None:
+    """Arrays of two results, relative to the largest of each."""
+    for name in names:
+        one, other = getattr(found, name), getattr(right, name)
+        if other is not None and np.size(other):
+            assert_close(one, other, rtol=0.0, atol=tolerance * max(np.abs(other).max(), 1e-2), err_msg=name)
+
+
+TABLE = ("mueller", "transmission", "specular", "specular_transmission", "reflectance", "direct_transmittance")
+FIELD = ("stokes", "flux_up", "flux_down", "direct", "direct_up")
+AZIMUTHS = np.array([0.0, 45.0, 180.0, 315.0])
+
+
+@pytest.fixture
+def way(request: pytest.FixtureRequest) -> str:
+    """The name of a way, and a device where it needs one."""
+    name = str(request.param)
+    if "opencl" in name or "device" in name:
+        request.getfixturevalue("opencl")
+    return name
+
+
+@pytest.mark.parametrize(("name", "way"), ROWS, indirect=["way"])
+def test_light_is_right(name: str, way: str) -> None:
+    """Beside ball arithmetic, the literal solver, and doubling on the processor."""
+    problem, tolerance, (field, table) = PROBLEMS[name], WAYS[way].tolerance, solve(name, way)
+    if problem.answer and field:
+        check_light(problem, field, tolerance)
+    if problem.literal:
+        right = problem.right
+        pairs = [(table.mueller, azimuthal_sum(right.reflected, AZIMUTHS)), (table.specular, right.specular)]
+        pairs += [(table.reflectance, right.reflectance)]
+        if problem.scene.base is None and table.transmission is not None:
+            pairs += [(table.transmission, azimuthal_sum(right.transmitted, AZIMUTHS))]
+        for found, expected in pairs:
+            assert_close(found, expected, rtol=0.0, atol=tolerance * max(np.abs(expected).max(), 1e-2))
+    reference = solve(name, "doubling")
+    check_same(table, reference[1], max(tolerance, 10.0 * problem.c), TABLE)
+    if field:
+        check_same(field, reference[0], max(tolerance, 10.0 * problem.c), FIELD)
+
+
+@pytest.mark.parametrize(("name", "way"), ROWS, indirect=["way"])
+def test_light_keeps_the_laws(name: str, way: str) -> None:
+    """Mirror symmetry, Helmholtz's reciprocity, light that is light, and energy: to the rounding of the sums of 2 N
+    numbers over nodes where nothing is refracted."""
+    problem, (field, table) = PROBLEMS[name], solve(name, way)
+    assert stability.measure_mirror_gap(table) <= 1e-13
+    assert stability.measure_unphysical_matrix(table.mueller) <= 1e-12
+    if "leaf" not in name:
+        assert stability.measure_reciprocity_gap(table) <= max(1e-13, 20.0 * WAYS[way].tolerance)
+    if field is None:
+        return
+    assert stability.measure_unphysical_light(field.stokes) <= 1e-12
+    few, up = np.array([0, 1, 4, 7]) * (problem.phi.size // 8), np.isin(table.mu_o, problem.mu)
+    places = [problem.mu.tolist().index(mu) for mu in table.mu_o[up]]
+    radiance = (table.mueller[0, up] @ (problem.mu0 * np.array(BEAM)))[None]
+    gap = stability.measure_relative_difference(radiance, field.stokes[:1, places][:, :, few])
+    assert gap <= max(WAYS[way].tolerance, 10.0 * problem.c)
+    net = field.flux_down + field.direct - field.flux_up - (0.0 if field.direct_up is None else field.direct_up)
+    lost = np.abs(np.diff(net)) if problem.is_white else np.maximum(np.diff(net), 0.0)
+    if problem.reflects_everything:
+        lost = np.append(lost, np.abs(net[0]))
+    rounding = 1e-12 if problem.scene.keeps_beams else 2 * problem.nodes * 2.0**-53
+    assert lost.max(initial=0.0) <= (rounding if WAYS[way].conserves else WAYS[way].tolerance)
+
+
+TOGETHER = {"nodes": 6, "threads": 1, "accuracy": 1e-10, "truncation": "none"}
+MU = np.array([0.35, 0.9])
+BY_MODES = {"clear layer between"}  # a batch does not see that layers 1 and 3 are one slab, which is doubled once
+
+
+@pytest.mark.parametrize(
+    ("way", "transmission"), [("openmp", False), ("openmp", True), ("opencl", False)], indirect=["way"]
+)
+def test_scenes_together_are_each_as_alone(way: str, transmission: bool) -> None:
+    """To the last bit: scenes that are solved in one batch, and those that have nothing in common with any other."""
+    names = [
+        name
+        for name, each in PROBLEMS.items()
+        if (each.ends or not transmission) and (way == "openmp" or name in ON_DEVICES)
+    ]
+    scenes, asked = [PROBLEMS[name].scene for name in names], TOGETHER | {"backend": way, "transmission": transmission}
+    together = vrte.brdfs(scenes, MU, MU, AZIMUTHS, **asked)
+    for name, scene, found in zip(names, scenes, together, strict=True):
+        alone = vrte.brdf(scene, MU, MU, AZIMUTHS, **asked)
+        if name in BY_MODES:
+            check_same(found, alone, 1e-14, TABLE)
+            continue
+        for each in TABLE:
+            np.testing.assert_array_equal(getattr(found, each), getattr(alone, each), err_msg=f"{name}: {each}")
+        for each in ("orders", "algorithm", "orders_by", "truncation"):
+            assert found.diagnostics[each] == alone.diagnostics[each], name
+
+
+@pytest.mark.parametrize("name", [name for name, each in PROBLEMS.items() if each.ends and each.scene.base is None])
+def test_light_from_below_is_that_of_the_scene_upside_down(name: str) -> None:
+    """And what gets through is the same in both directions: t(a, b) = (n'/n)^2 Q t'(b, a)^T Q."""
+    problem, scene = PROBLEMS[name], PROBLEMS[name].scene
+    turned = vrte.Scene(scene.layers[::-1], None, [each and each.turned for each in scene.interfaces[::-1]])
+    asked = problem.ask_table() | EXACT | {"mu_o": [problem.mu0, 0.35]}
+    below, above = vrte.brdf(scene, **asked, illuminate="bottom"), vrte.brdf(turned, **asked)
+    down = vrte.brdf(scene, **asked).transmission
+    for each in ("mueller", "transmission"):
+        found, right = getattr(below, each), getattr(above, each) * FLIP
+        assert_close(found, right, rtol=0.0, atol=1e-13 * np.abs(right).max())
+    ratio = (scene.index_below / scene.index_above) ** 2
+    back = ratio * Q[:, None] * below.transmission.transpose(1, 0, 2, 4, 3) * Q
+    assert_close(down, back, rtol=0.0, atol=max(1e-12, 20.0 * problem.c) * np.abs(down).max())
+
+
+VARIED = [
+    name
+    for name, each in PROBLEMS.items()
+    if each.scene.layers and 1e-3 < each.scene.layers[0].thickness < 50.0 and each.nodes > 1
+]
+
+
+@pytest.mark.parametrize("name", VARIED[::3])
+def test_derivatives_are_those_of_the_same_light(name: str) -> None:
+    """Asked for or not, the light is the same; with the first layer's thickness it changes as four differences say."""
+    problem = PROBLEMS[name]
+    number = f"layer[{1 if problem.scene.interfaces[0] is None else 2}].thickness"
+    variation = vary_scene(problem.scene, number)
+    asked = problem.ask_table() | EXACT | {"phi": [0.0, 45.0], "transmission": False}
+    found = vrte.brdf(problem.scene, **asked, derivatives=[number])
+    assert_close(found.mueller, vrte.brdf(problem.scene, **asked).mueller, rtol=0.0, atol=1e-12 * found.mueller.max())
+    step = 2e-3 * variation.value
+    far, near, back, farther = (
+        vrte.brdf(variation.scene_at(variation.value + k * step), **asked).mueller for k in (2, 1, -1, -2)
+    )
+    expected = (8.0 * (near - back) - (far - farther)) / (12.0 * step)
+    assert_close(found.jacobian[number], expected, rtol=0.0, atol=1e-9 * found.mueller.max() / variation.value)
