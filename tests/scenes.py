@@ -1,8 +1,8 @@
 """The scenes that every way of solving them is tested on (tests/test_every_way.py), and their right answers.
 
-Scenes without surfaces are cases of the study of stability, answered by ball arithmetic (tests/stability_oracle.npz);
-those with smooth interfaces and mirrors are answered by the literal solver of tests/interface_oracle.py. Scenes with
-rough interfaces and named bases have no oracle: their ways are compared with each other.
+Ball arithmetic answers: for cases of the study of stability from a table (tests/stability_oracle.npz), for smooth
+interfaces and mirrors while the tests run (tests/oracle.py). Scenes with rough interfaces and named bases have no
+oracle: their ways are compared with each other.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ import vrte
 from bench.stability import OracleAnswer, find_oracle_answer, make_azimuths, read_oracle_table
 from bench.stability_cases import BEAM, list_oracle_cases
 
-from . import interface_oracle
+from . import oracle
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A scene and what is asked of it: mu0, signed cosines mu, azimuths phi [degrees] at equal steps, optical depths
-    tau, nodes; ``answer``: that of ball arithmetic, or None; ``literal``: whether interface_oracle has one."""
+    tau, nodes; ``answer``: that of the table, or None; ``known``: whether tests/oracle.py has another."""
 
     scene: vrte.Scene
     mu0: float
@@ -30,7 +30,7 @@ class Problem:
     tau: np.ndarray
     nodes: int
     answer: OracleAnswer | None = None
-    literal: bool = False
+    known: bool = False
 
     @property
     def c(self) -> float:
@@ -53,11 +53,11 @@ class Problem:
         return self.is_white and (not self.ends or self.scene.base == vrte.Lambertian(1.0))
 
     @cached_property
-    def right(self) -> interface_oracle.Answer:
-        """The literal solver's answer for the directions of `ask_table`."""
+    def right(self) -> oracle.Answer:
+        """Ball arithmetic's answer for the directions of `ask_table`."""
         terms = max(layer.phase_matrix.terms for layer in self.scene.layers)
         asked = self.ask_table()
-        return interface_oracle.brdf_orders(self.scene, asked["mu_i"], asked["mu_o"], self.nodes, terms)
+        return oracle.brdf(self.scene, asked["mu_i"], asked["mu_o"], self.nodes, range(terms))
 
     def ask_field(self) -> dict[str, Any]:
         """The arguments of `vrte.radiance`."""
@@ -104,14 +104,14 @@ def make_leaf(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
     return found
 
 
-LITERAL = {
+KNOWN = {
     "glass over black": vrte.Scene([GLASS, layer(TURNING, 0.95, 0.8)], vrte.Lambertian(0.0)),
     "glass over white": vrte.Scene([GLASS, layer(AIR, 1.0, 0.8)], vrte.Lambertian(1.0)),
     "glass over Lambertian, nothing else": vrte.Scene([GLASS], vrte.Lambertian(0.7)),
     "plate": vrte.Scene([GLASS, layer(AIR, 0.9, 0.5), GLASS.turned]),
     "plate, conservative": vrte.Scene([GLASS, layer(TURNING, 1.0, 3.0), GLASS.turned]),
     "varnish over paint": vrte.Scene(
-        [GLASS, layer(PAINT, 0.3, 0.1), vrte.Interface(1.5, 1.33), layer(AIR, 0.95, 1.0)], vrte.Lambertian(0.4)
+        [GLASS, layer(AIR, 0.3, 0.1), vrte.Interface(1.5, 1.33), layer(AIR, 0.95, 1.0)], vrte.Lambertian(0.4)
     ),
     "air over sea": vrte.Scene([layer(AIR, 1.0, 0.3), vrte.Interface(1.0, 1.34), layer(PAINT, 0.8, 1.0)], SILVER),
     "mirror": vrte.Scene([layer(TURNING, 0.95, 0.6)], SILVER),
@@ -134,15 +134,15 @@ COMPARED = {
 
 
 def make_problem(scene: vrte.Scene, **more: Any) -> Problem:
-    """On 6 nodes: directions that all media know, up and down, and depths at the faces and inside."""
+    """On 4 nodes: directions that all media know, up and down, and depths at the faces and inside."""
     inside, bottom = (0.3, []) if np.isinf(scene.thickness) else (0.3 * scene.thickness, [scene.thickness])
     mu = np.array([0.35, 0.6, 0.9, -0.35, -0.6, -0.9])
     tau = np.unique([0.0, inside, *bottom])
-    return Problem(scene, 0.6, mu, np.arange(16) * 22.5, tau, 6, **more)
+    return Problem(scene, 0.6, mu, np.arange(16) * 22.5, tau, 4, **more)
 
 
 @cache
 def find_problems() -> dict[str, Problem]:
     """All of them by name."""
-    literal = {name: make_problem(scene, literal=True) for name, scene in LITERAL.items()}
-    return make_plain_problems() | literal | {name: make_problem(scene) for name, scene in COMPARED.items()}
+    known = {name: make_problem(scene, known=True) for name, scene in KNOWN.items()}
+    return make_plain_problems() | known | {name: make_problem(scene) for name, scene in COMPARED.items()}

@@ -137,11 +137,11 @@ def way(request: pytest.FixtureRequest) -> str:
 
 @pytest.mark.parametrize(("name", "way"), ROWS, indirect=["way"])
 def test_light_is_right(name: str, way: str) -> None:
-    """Beside ball arithmetic, the literal solver, and doubling on the processor."""
+    """Beside ball arithmetic, and doubling on the processor."""
     problem, tolerance, (field, table) = PROBLEMS[name], WAYS[way].tolerance, solve(name, way)
     if problem.answer and field:
         check_light(problem, field, tolerance)
-    if problem.literal:
+    if problem.known:
         right = problem.right
         pairs = [(table.mueller, azimuthal_sum(right.reflected, AZIMUTHS)), (table.specular, right.specular)]
         pairs += [(table.reflectance, right.reflectance)]
