@@ -78,26 +78,24 @@ def test_bare_cards_under_a_surface_follow_saunderson() -> None:
     assert find_contrast(panel) == 0.0
 
 
-def test_a_film_that_only_absorbs_never_hides_what_lies_below() -> None:
-    """R = A exp(-tau/mu_i - tau) at every wavelength: the ratio stays that of the cards."""
+def test_films_that_never_hide_always_hide_or_need_not() -> None:
+    """R = A exp(-tau/mu_i - tau) of a film that only absorbs: the ratio stays that of the cards. Thick dark films look
+    as semi-infinite ones. Cards as much alike as the target need no film."""
     film = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.7}
     found = find_hiding(prepare(film), Conditions(black=0.2))
     assert found.reflectance_over_white == close_to(0.8 * math.exp(-0.7 / MU_I - 0.7), rtol=1e-12, atol=0.0)
     assert found.contrast_ratios == close_to(0.25, rtol=1e-12, atol=0.0)
-    assert found.hiding_times is None
+    assert (found.hiding_times, found.without_end.any()) == (None, False)
     assert "however thick" in found.reason
-    assert not found.without_end.any()
-
-
-def test_a_thick_dark_film_hides_all_and_looks_as_one_without_end() -> None:
     found = find_hiding(prepare({**GREY, "thickness": 100.0}))
-    assert found.contrast_ratio == close_to(1.0, rtol=0.0, atol=1e-12)
-    assert found.opacity == close_to(1.0, rtol=0.0, atol=1e-12)
+    for ratio in (found.contrast_ratio, found.opacity, found.compare_cards(0.3, 0.9)):
+        assert ratio == close_to(1.0, rtol=0.0, atol=1e-12)
     assert found.reflectance_over_black == close_to(found.without_end, rtol=1e-10, atol=0.0)
-    assert found.compare_cards(0.3, 0.9) == close_to(1.0, rtol=0.0, atol=1e-12)
-    assert found.hiding_times is not None
-    assert 0.0 < found.hiding_times < 0.2
+    assert 0.0 < (found.hiding_times or 0.0) < 0.2
     assert find_contrast(prepare({**GREY, "thickness": math.inf})) == 1.0
+    found = find_hiding(prepare(GREY), Conditions(black=0.795))
+    assert found.hiding_times == 0.0
+    assert "bare cards" in found.reason
 
 
 @pytest.mark.parametrize(
@@ -172,34 +170,33 @@ def test_the_curve_rises_to_the_film_without_end(white: Hiding) -> None:
     assert gaps[white.times[1:] < white.hiding_times].max() < 0.61
 
 
-def check_interpolation(found: Hiding, film: dict[str, Any]) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("film", [WHITE, GREY])
+def test_between_its_exact_points_the_curve_is_smooth(film: dict[str, Any]) -> None:
+    found, drawdown = find_hiding(prepare(film)), Drawdown(prepare(film), Conditions())
     between = np.sqrt(found.times[1:] * found.times[:-1])[1:4]
     contrast, over_white = found.interpolate(between)
-    drawdown = Drawdown(prepare(film), Conditions())
     exact = np.array([drawdown.measure(times) for times in between])
     assert contrast == close_to(exact[:, 0] / exact[:, 1], rtol=0.0, atol=2e-3)
     assert over_white == close_to(exact[:, 1], rtol=0.0, atol=2e-3)
 
 
-@pytest.mark.slow
-def test_between_its_exact_points_the_curve_is_smooth(white: Hiding) -> None:
-    check_interpolation(white, WHITE)
-    check_interpolation(find_hiding(prepare(GREY)), GREY)
+def test_lengths_follow_where_the_film_has_one_and_a_picture_shows_it(white: Hiding) -> None:
+    assert (white.length_um, white.hiding_length_um, white.spreading_rate) == (None, None, None)
+    assert "times the film" in str(white)
     with pytest.raises(vrte.SceneError, match="where the curve ends"):
         white.interpolate(1e3)
-
-
-def test_lengths_follow_where_the_film_has_one(white: Hiding) -> None:
-    assert white.length_um is None
-    assert white.hiding_length_um is None
-    assert white.spreading_rate is None
-    assert "times the film" in str(white)
     known = replace(white, length_um=20.0)
     assert known.hiding_times is not None
     assert known.hiding_length_um == close_to(20.0 * known.hiding_times, rtol=1e-12, atol=0.0)
     assert known.spreading_rate == close_to(50.0 / known.hiding_times, rtol=1e-12, atol=0.0)
     assert "m2 of dry film a litre" in str(known)
     assert known.plot().axes[0].get_xlabel().endswith("[µm]")
+    left, right = white.plot().axes
+    shown = [{text.get_text() for text in axes.get_legend().get_texts()} for axes in (left, right)]
+    assert shown[0] == {f"0.98 at {white.hiding_times:.3g} times the film"}
+    assert shown[1] == {"over white, 0.8", "over black, 0", "semi-infinite"}
+    assert any(set(np.asarray(line.get_ydata()).tolist()) == {0.98} for line in left.lines)
 
 
 @pytest.mark.slow
@@ -213,38 +210,18 @@ def test_a_paint_hides_at_the_same_thickness_whatever_it_was_drawn_down_at() -> 
     assert thin.contrast_ratio == close_to(float(thick.interpolate(1.0 / 6.0)[0][0]), rtol=0.0, atol=1e-3)
 
 
-def test_cards_that_are_as_much_alike_need_no_film() -> None:
-    found = find_hiding(prepare(GREY), Conditions(black=0.795))
-    assert found.hiding_times == 0.0
-    assert "bare cards" in found.reason
-
-
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("asked", "film", "words"),
     [
-        ({"black": 0.8}, "black must be darker than the white, not 0.8 beside 0.8"),
-        ({"white": 1.1}, "white must be an albedo from 0 to 1"),
-        ({"target": 1.0}, "target must be a contrast ratio above 0 and below 1"),
-        ({"geometry": "45:45"}, "mirrored beam"),
-        ({"observer": 3}, "observer"),
+        ({"black": 0.8}, GREY, "black must be darker than the white, not 0.8 beside 0.8"),
+        ({"white": 1.1}, GREY, "white must be an albedo from 0 to 1"),
+        ({"target": 1.0}, GREY, "target must be a contrast ratio above 0 and below 1"),
+        ({"geometry": "45:45"}, GREY, "mirrored beam"),
+        ({"observer": 3}, GREY, "observer"),
+        ({}, {**GREY, "thickness": math.inf}, "the film is semi-infinite"),
+        ({}, {**GREY, "thickness": 0.0}, "the film is without thickness"),
     ],
 )
-def test_what_makes_no_sense_is_refused(asked: dict[str, Any], words: str) -> None:
+def test_what_makes_no_sense_is_refused(asked: dict[str, Any], film: dict[str, Any], words: str) -> None:
     with pytest.raises(vrte.SceneError, match=words):
-        find_hiding(prepare(GREY), Conditions(**asked))
-
-
-@pytest.mark.parametrize(("thickness", "words"), [(math.inf, "semi-infinite"), (0.0, "without thickness")])
-def test_a_film_has_to_begin_with_a_thickness(thickness: float, words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=f"the film is {words}"):
-        find_hiding(prepare({**GREY, "thickness": thickness}, layer=1))
-
-
-def test_a_picture_shows_the_target_and_the_film(white: Hiding) -> None:
-    left, right = white.plot().axes
-    shown = [
-        {text.get_text() for text in legend.get_texts()} for legend in (left.get_legend(), right.get_legend()) if legend
-    ]
-    assert shown[0] == {f"0.98 at {white.hiding_times:.3g} times the film"}
-    assert shown[1] == {"over white, 0.8", "over black, 0", "semi-infinite"}
-    assert any(set(np.asarray(line.get_ydata()).tolist()) == {0.98} for line in left.lines)
+        find_hiding(prepare(film, layer=1), Conditions(**asked))

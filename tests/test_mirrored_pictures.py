@@ -1,8 +1,6 @@
 """Pictures of what meets interfaces: the mirrored beam is an arrow, told and in no lobe; depths name their medium."""
 
-import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ from vrte.pictures.lobes import describe_mirrored_beam, lobe, name_brdf
 from vrte.results.spectrum import Spectrum
 
 from .helpers import assert_close
+from .test_notebook import cells
 
 MU_O, PHI = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 15)
 BREWSTER = 1.0 / np.sqrt(1.0 + 1.5**2)  # its cosine
@@ -75,69 +74,51 @@ def test_the_arrow_goes_out_where_a_mirror_sends_it(plain: vrte.Brdf, shiny: vrt
 
 
 def test_the_viewer_has_the_arrow_too(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
-    figure = lobe(shiny, 1)
+    figure, sine = lobe(shiny, 1), np.sqrt(1.0 - BREWSTER**2)
     falls, goes = [trace for trace in figure.data if trace.type == "cone"]
-    sine = np.sqrt(1.0 - BREWSTER**2)
     assert_close([falls.u[0], falls.v[0], falls.w[0]], [sine, 0.0, -BREWSTER], rtol=0.0, atol=1e-12)
     assert_close([goes.u[0], goes.v[0], goes.w[0]], [sine, 0.0, BREWSTER], rtol=0.0, atol=1e-12)
     assert "mirrored: 0.074, degree of polarization 1" in figure.layout.title.text
     assert "mirrored: 0.074" in goes.hovertemplate
-    across = lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
-    assert "mirrored: 0.148" in across
+    assert "mirrored: 0.148" in lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
     assert len([trace for trace in lobe(plain, 1).data if trace.type == "cone"]) == 1
     (beam,) = [trace for trace in figures.cuts(shiny, 0).data if "mirrored" in trace.name]
     assert_close(beam.theta, np.degrees(np.arccos(0.3)), rtol=1e-6, atol=0.0)
     assert beam.name == "mirrored: 0.208, degree of polarization 0.666, not in the curves"
 
 
-def test_depths_name_their_medium(field: vrte.Field) -> None:
-    figure = field.plot()
-    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
-        "τ = 0, n = 1",
-        "τ = 1, n = 1.5",
-    ]
+def test_depths_name_their_medium_and_notebooks_beams_and_media(shiny: vrte.Brdf, field: vrte.Field) -> None:
+    figure, polar = field.plot(), figures.field_polar(field)
+    names = ["τ = 0, n = 1", "τ = 1, n = 1.5"]
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == names
     assert "medium of each depth" in figure.axes[-1].get_xlabel()
-    polar = figures.field_polar(field)
-    assert {"τ = 0, n = 1", "τ = 1, n = 1.5"} <= {trace.name for trace in polar.data}
+    assert {*names} <= {trace.name for trace in polar.data}
     assert "without beams" in polar.layout.title.text
-
-
-def cells(thing: Any) -> str:
-    return re.sub("<[^>]+>", "|", thing._repr_html_())
-
-
-def test_a_notebook_tells_of_beams_and_media(shiny: vrte.Brdf, field: vrte.Field) -> None:
-    told = cells(shiny)
-    assert "BRDF, without the mirrored beam" in told
-    assert f"|reflectance, as a beam||{shiny.specular[0, 0, 0]:.6g}, " in told
+    assert "BRDF, without the mirrored beam" in cells(shiny)
+    assert f"|reflectance, as a beam||{shiny.specular[0, 0, 0]:.6g}, " in cells(shiny)
     assert "|refractive index||1, 1.5|" in cells(field)
     assert "|flux up, direct||0.25, 0.125|" in cells(field)
-    scene = vrte.Scene(
-        [vrte.Interface(1.0, 1.5, 0.1), vrte.Layer(vrte.isotropic(), 1.0, 1.0), vrte.Interface(1.5, 1.0)],
-        vrte.Mirror((0.2, 3.4)),
-    )
-    told = cells(scene)
+    rough, slab = vrte.Interface(1.0, 1.5, 0.1), vrte.Layer(vrte.isotropic(), 1.0, 1.0)
+    told = cells(vrte.Scene([rough, slab, vrte.Interface(1.5, 1.0)], vrte.Mirror((0.2, 3.4))))
     assert told.index("above layer 1") < told.index("|layer 1|") < told.index("above layer 2") < told.index("|base|")
-    assert "index 1 above and 1.5 below, roughness 0.1" in told
-    assert "|clear, of no thickness; in a medium of index 1|" in told
+    for words in ("index 1 above and 1.5 below, roughness 0.1", "|clear, of no thickness; in a medium of index 1|"):
+        assert words in told
     assert "Mirror" in told
 
 
-def test_a_spectrum_parts_beams_from_the_rest(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+def test_shares_that_come_back_count_the_beam_and_tell_it_apart(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    names = "over black", "over white"
+    found = collect_reflectances((0.64,), (shiny,), (shiny,), names)
+    assert found is not None
+    for name in names:
+        np.testing.assert_array_equal(found.curves[f"{name}{WITHOUT_BEAM}"][0], shiny.reflectance)
+        total = shiny.reflectance + shiny.specular_reflectance
+        np.testing.assert_array_equal(found.curves[f"{name}{WITH_BEAM}"][0], total)
+    assert len(figures.reflectance(found, (0.64,), 0).data) == 4
+    matt = collect_reflectances((0.64,), (plain,), (plain,), names)
+    assert matt is not None
+    assert tuple(matt.curves) == names
     panel = Spectrum([0.5, 0.6], [shiny, shiny]).plot().axes[0]
     dashed = [line for line in panel.lines if line.get_linestyle() == "--"]
     assert_close([line.get_ydata()[0] for line in dashed], shiny.specular[:, 0, 0], rtol=1e-7, atol=0.0)
     assert not [line for line in Spectrum([0.5], [plain]).plot().axes[0].lines if line.get_linestyle() == "--"]
-
-
-def test_shares_that_come_back_count_the_beam_and_tell_it_apart(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
-    found = collect_reflectances((0.64,), (shiny,), (shiny,), ("over black", "over white"))
-    assert found is not None
-    beams = shiny.specular_reflectance
-    for name in ("over black", "over white"):
-        np.testing.assert_array_equal(found.curves[f"{name}{WITHOUT_BEAM}"][0], shiny.reflectance)
-        np.testing.assert_array_equal(found.curves[f"{name}{WITH_BEAM}"][0], shiny.reflectance + beams)
-    assert len(figures.reflectance(found, (0.64,), 0).data) == 4
-    matt = collect_reflectances((0.64,), (plain,), (plain,), ("over black", "over white"))
-    assert matt is not None
-    assert list(matt.curves) == ["over black", "over white"]

@@ -4,7 +4,6 @@ import csv
 import math
 import re
 import sys
-import warnings
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,10 +15,11 @@ import pytest
 import vrte
 from vrte import SceneError, cli
 from vrte.appearance.gloss import find_gloss
-from vrte.appearance.hiding import find_hiding
+from vrte.appearance.hiding import find_contrast
 from vrte.appearance.paint import GLOSS_ANGLES
 from vrte.appearance.panel import make_panel
 from vrte.commands import common
+from vrte.pictures import paint as pages
 
 from .helpers import close_to
 
@@ -41,6 +41,7 @@ thickness_um = 3.0
 """
 
 
+RUTILE = {"paint": {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 40.0}}
 TOLD: list[float] = []  # of the progress of grey
 
 
@@ -77,22 +78,8 @@ class Page(HTMLParser):
 # ---- numbers
 
 
-@pytest.mark.slow
-def test_its_numbers_are_those_of_their_makers(grey: vrte.Paint) -> None:
-    panel = make_panel(GREY, AT, nodes=4)
-    look, hiding = vrte.appearance(panel), find_hiding(panel)
-    assert all(np.array_equal(grey.look.reflectance(name), look.reflectance(name)) for name in look.reflectances)
-    assert grey.hiding is not None
-    assert grey.hiding.contrast_ratio == hiding.contrast_ratio
-    assert grey.glosses == close_to({angle: find_gloss(panel, angle) for angle in GLOSS_ANGLES}, rtol=1e-9, atol=0.0)
-    assert list(grey.colours) == ["over black", "over white", "without end"]
-    assert (
-        close_to(100.0 * hiding.find_luminance(hiding.reflectance_over_black), rtol=1e-6, atol=0.0)
-        == grey.colours["over black"].Y
-    )
-
-
-def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint) -> None:
+def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint, tmp_path: Path) -> None:
+    """And stands in the table to its last digit; numbers are those of their makers."""
     readings = list(grey.list_readings())
     for one in readings:
         assert all((one.quantity, one.geometry, one.unit, one.definition, one.standard)), one
@@ -104,66 +91,79 @@ def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint) -
     names = {one.quantity for one in readings}
     assert {"contrast ratio", "opacity", "gloss", "K", "S", "L over white", "BRDF f00", "X"} <= names
     assert len({(o.quantity, o.geometry, o.wavelength_um) for o in readings}) == len(readings)
+    grey.save(tmp_path / "grey.csv")
+    with open(tmp_path / "grey.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["value"]) for row in rows] == [one.value for one in readings]
+    places = ["" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings]
+    assert [row["wavelength_um"] for row in rows] == places
+    panel = make_panel(GREY, AT, nodes=4)
+    assert grey.glosses == close_to({angle: find_gloss(panel, angle) for angle in GLOSS_ANGLES}, rtol=1e-9, atol=0.0)
+    assert grey.hiding is not None
+    assert grey.hiding.contrast_ratio == close_to(find_contrast(panel), rtol=1e-6, atol=0.0)
+    assert list(grey.colours) == ["over black", "over white", "without end"]
+    luminance = grey.hiding.find_luminance(grey.hiding.reflectance_over_black)
+    assert close_to(100.0 * luminance, rtol=1e-6, atol=0.0) == grey.colours["over black"].Y
 
 
 @pytest.mark.slow
 def test_keywords_a_mapping_and_a_file_are_the_same_paint(red: Path) -> None:
+    """And what is warned of stands on the page."""
     found = vrte.paint(red)
     keys = {"pigment": "hematite", "volume_fraction": 0.02, "binder": (1.5, 0.0), "thickness_um": 3.0}
     other = vrte.paint(**keys, wavelengths_um=AT, nodes=4)
     assert [one.value for one in other.list_readings()] == [one.value for one in found.list_readings()]
-    assert (found.title, other.title) == ("Red", "Paint")
+    assert (found.title, other.title, found.made_of[0]) == ("Red", "Paint", "surface: smooth")
     assert found.hiding is not None
     assert found.hiding.hiding_length_um is not None
-    assert found.made_of[0] == "surface: smooth"
     assert "thickness 3.0 µm" in found.made_of[1]
-    with pytest.raises(SceneError, match="give either a scene file, or pigment, binder"):
-        vrte.paint(red, binder="alkyd")
-    with pytest.raises(SceneError, match="give either a scene file"):
-        vrte.paint()
-
-
-def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(tmp_path: Path) -> None:
-    """No surface, no gloss; no end, nothing to hide and no K and S."""
-    deep = {"layer": [COAT[1] | {"thickness": math.inf}]}
-    found = vrte.paint(deep, AT, nodes=4)
-    assert (found.glosses, found.hiding, found.two_fluxes) == ({}, None, None)
-    assert [note.partition(":")[0] for note in found.notes if note.startswith("There is no")] == [
-        "There is no gloss here",
-        "There is no hiding power here",
-        "There is no K and S here",
-    ]
-    assert list(found.colours) == ["as it lies"]
-    for suffix in (".html", ".png", ".csv"):
-        found.save(tmp_path / f"deep{suffix}")
-
-
-@pytest.mark.slow
-def test_what_is_warned_of_stands_on_the_page() -> None:
     dense = {"pigment": {"hematite": "35 %"}, "binder": [1.5, 0.0], "thickness_um": 1.0, "surface": "none"}
     with pytest.warns(vrte.PackingWarning, match=r"0\.35 is above 0\.3"):
         found = vrte.paint(**dense, wavelengths_um=AT, nodes=4)
     assert sum("a volume_fraction of 0.35 is above 0.3" in note for note in found.notes) == 1
 
 
+def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No surface, no gloss; no end, nothing to hide and no K and S. Files are whole, or as they were."""
+    deep = {"layer": [COAT[1] | {"thickness": math.inf}]}
+    found = vrte.paint(deep, AT, nodes=4)
+    assert (found.glosses, found.hiding, found.two_fluxes, list(found.colours)) == ({}, None, None, ["as it lies"])
+    missing = [note.partition(":")[0] for note in found.notes if note.startswith("There is no")]
+    assert missing == [f"There is no {what} here" for what in ("gloss", "hiding power", "K and S")]
+    for suffix in (".html", ".png", ".csv"):
+        found.save(tmp_path / f"deep{suffix}")
+    with pytest.raises(SceneError, match=r"must end in \.html, \.png or \.csv"):
+        found.save(tmp_path / "page.txt")
+    before, names = (tmp_path / "deep.html").read_text(encoding="utf-8"), sorted(tmp_path.iterdir())
+    monkeypatch.setattr(pages, "make_paint_body", lambda paint: "\ud800")  # which no file can hold
+    with pytest.raises(UnicodeEncodeError):
+        found.save(tmp_path / "deep.html")
+    assert (tmp_path / "deep.html").read_text(encoding="utf-8") == before
+    assert sorted(tmp_path.iterdir()) == names
+
+
 @pytest.mark.parametrize(
-    ("wavelengths_um", "words"),
+    ("given", "words"),
     [
-        ([0.5, 0.55, 0.6], "wavelengths_um must cover the visible"),
-        ([0.4, 0.5, 0.6, 0.7], "must be at most .* apart"),
-        (np.linspace(0.43, 0.79, 10), "a wavelength of 0.79 um is outside"),
+        ({"scene": RUTILE, "wavelengths_um": [0.5, 0.55, 0.6]}, "wavelengths_um must cover the visible"),
+        ({"scene": RUTILE, "wavelengths_um": [0.4, 0.5, 0.6, 0.7]}, "must be at most .* apart"),
+        ({"scene": RUTILE, "wavelengths_um": np.linspace(0.43, 0.79, 10)}, "a wavelength of 0.79 um is outside"),
+        ({"scene": RUTILE, "white": 2.0}, "white must be an albedo from 0 to 1"),
+        ({"scene": RUTILE, "binder": "alkyd"}, "give either a scene file, or pigment, binder"),
+        ({}, "give either a scene file"),
     ],
 )
-def test_bad_wavelengths_are_refused_before_particles_are_made(
-    wavelengths_um: Any, words: str, monkeypatch: pytest.MonkeyPatch
+def test_bad_input_is_refused_before_particles_are_made(
+    given: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def work(*_: Any) -> None:
         raise AssertionError("particles were made")
 
     monkeypatch.setattr(sys.modules[make_panel.__module__], "run_side_by_side", work)
-    paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 40.0}
     with pytest.raises(vrte.SceneError, match=words):
-        vrte.paint({"paint": paint}, wavelengths_um)
+        vrte.paint(**given)
 
 
 def test_a_film_that_nothing_hides_says_why(grey: vrte.Paint) -> None:
@@ -201,31 +201,6 @@ def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path)
     assert grey._repr_html_() in text  # drawn anew, and the same to the last byte
 
 
-def test_the_table_has_every_number_to_its_last_digit(grey: vrte.Paint, tmp_path: Path) -> None:
-    grey.save(tmp_path / "grey.csv")
-    with open(tmp_path / "grey.csv", encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    readings = list(grey.list_readings())
-    assert [float(row["value"]) for row in rows] == [one.value for one in readings]
-    assert [row["wavelength_um"] for row in rows] == [
-        "" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings
-    ]
-
-
-def test_files_are_whole_or_as_they_were(grey: vrte.Paint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.pictures import paint
-
-    path = tmp_path / "page.html"
-    path.write_text("before")
-    monkeypatch.setattr(paint, "make_paint_body", lambda paint: "\ud800")  # which no file can hold
-    with pytest.raises(UnicodeEncodeError):
-        grey.save(path)
-    assert path.read_text() == "before"
-    assert list(tmp_path.iterdir()) == [path]
-    with pytest.raises(SceneError, match=r"must end in \.html, \.png or \.csv"):
-        grey.save(tmp_path / "page.txt")
-
-
 # ---- the command
 
 
@@ -245,34 +220,31 @@ def test_the_command_writes_all_three(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "code", "said"),
     [
-        (["nowhere.toml"], "nowhere.toml: No such file"),
-        (["wrong.toml"], "wrong.toml: at 0.42 um: paint.binder: is missing"),
-        (["red.toml", "-o", "red.pdf"], "the output red.pdf must end in .html"),
-        (["red.toml", "--illuminant", "moon"], "illuminant must be"),
-        (["red.toml", "--layer", "3"], "red.toml: layer must be"),
+        (["nowhere.toml"], 2, "nowhere.toml: No such file"),
+        (["wrong.toml"], 2, "wrong.toml: at 0.42 um: paint.binder: is missing"),
+        (["red.toml", "-o", "red.pdf"], 2, "the output red.pdf must end in .html"),
+        (["red.toml", "--illuminant", "moon"], 2, "illuminant must be"),
+        (["red.toml", "--layer", "3"], 2, "red.toml: layer must be"),
+        (["red.toml"], 1, "pip install 'vrte[appearance]'"),
     ],
 )
 def test_a_command_that_cannot_be_done_says_so_in_one_line(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    arguments: list[str],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "red.toml").write_text(FILE)
     (tmp_path / "wrong.toml").write_text(FILE.replace("binder = [1.5, 0.0]\n", ""))
-    assert cli.main(["paint", *arguments]) == 2
+    if code == 1:  # without the extra
+        monkeypatch.setattr(common.importlib.util, "find_spec", lambda module: None)
+    assert cli.main(["paint", *arguments]) == code
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
     assert {path.suffix for path in tmp_path.iterdir()} == {".toml"}
-
-
-def test_without_the_extra_it_says_what_to_install(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(common.importlib.util, "find_spec", lambda module: None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert cli.main(["paint", "red.toml"]) == 1
-    assert "pip install 'vrte[appearance]'" in capsys.readouterr().err

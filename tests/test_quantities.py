@@ -23,15 +23,13 @@ def brdf(scene: vrte.Scene) -> vrte.Brdf:
     return vrte.brdf(scene, [0.4, 0.8], MU_O, PHI, nodes=6, threads=1, transmission=True)
 
 
-@pytest.mark.parametrize("transmitted", [False, True])
-def test_elements_are_those_of_the_matrix(brdf: vrte.Brdf, transmitted: bool) -> None:
-    matrices = brdf.transmission if transmitted else brdf.mueller
-    for row, column in np.ndindex(4, 4):
-        found = of_brdf(brdf, f"f{row}{column}", LIGHT, transmitted)
-        assert np.array_equal(found, matrices[..., row, column])
-
-
 def test_the_light_that_leaves_by_hand(brdf: vrte.Brdf) -> None:
+    """Mueller elements are those of the matrix, of reflected and of transmitted light; a Lambertian base has its albedo
+    as reflectance factor; and without light there is no polarization."""
+    for transmitted, matrices in ((False, brdf.mueller), (True, brdf.transmission)):
+        for row, column in np.ndindex(4, 4):
+            found = of_brdf(brdf, f"f{row}{column}", LIGHT, transmitted)
+            assert np.array_equal(found, matrices[..., row, column])
     i, q, u, v = np.moveaxis(sum(part * brdf.mueller[..., column] for column, part in enumerate(LIGHT)), -1, 0)
     expected = {
         "degree of linear polarization": np.hypot(q, u) / i,
@@ -43,15 +41,9 @@ def test_the_light_that_leaves_by_hand(brdf: vrte.Brdf) -> None:
     turned = np.radians(2.0 * of_brdf(brdf, "angle of linear polarization", LIGHT))
     assert_close(np.hypot(q, u) * np.cos(turned), q, rtol=1e-9, atol=1e-12)
     assert_close(np.hypot(q, u) * np.sin(turned), u, rtol=1e-9, atol=1e-12)
-
-
-def test_a_lambertian_base_has_its_albedo_as_reflectance_factor() -> None:
     bare = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
     found = of_brdf(vrte.brdf(bare, [0.2, 1.0], MU_O, [0.0, 90.0], nodes=4), "reflectance factor", LIGHT)
     assert_close(found, 0.3, rtol=1e-13, atol=0.0)
-
-
-def test_without_light_there_is_no_polarization() -> None:
     assert np.isnan(of_stokes(np.zeros((3, 4)), "degree of polarization")).all()
     assert np.isnan(of_stokes([1.0, 0.0, 0.0, 0.5], "angle of linear polarization"))
 
@@ -65,17 +57,17 @@ def test_every_name_has_a_unit_and_what_is_not_signed_is_never_negative(brdf: vr
 
 
 def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    for name in ("f44", "I", None, ["f00"], np.zeros(3)):
-        with pytest.raises(vrte.SceneError, match=r"a quantity must be one of f00, |name must be a text"):
-            of_brdf(brdf, name)  # type: ignore[arg-type]
-    with pytest.raises(vrte.SceneError, match="a quantity must be one of I, Q, U, V"):
-        of_stokes(np.ones(4), "f00")
-    with pytest.raises(vrte.SceneError, match="along its last axis"):
-        of_stokes(np.ones(3), "I")
-    with pytest.raises(vrte.SceneError, match="intensity I above 0, not 0"):
-        of_brdf(brdf, "reflectance factor", (0, 0, 0, 0))
-    with pytest.raises(vrte.SceneError, match="no transmission here"):
-        of_brdf(vrte.brdf(scene, 0.5, MU_O, PHI, nodes=4), "f00", transmitted=True)
+    reflected = vrte.brdf(scene, 0.5, MU_O, PHI, nodes=4)
+    for read, given, words in (
+        *((of_brdf, (brdf, name), "a quantity must be one of f00, ") for name in ("f44", "I")),
+        *((of_brdf, (brdf, name), "name must be a text") for name in (None, ["f00"], np.zeros(3))),
+        (of_stokes, (np.ones(4), "f00"), "a quantity must be one of I, Q, U, V"),
+        (of_stokes, (np.ones(3), "I"), "along its last axis"),
+        (of_brdf, (brdf, "reflectance factor", (0, 0, 0, 0)), "intensity I above 0, not 0"),
+        (of_brdf, (reflected, "f00", LIGHT, True), "no transmission here"),
+    ):
+        with pytest.raises(vrte.SceneError, match=words):
+            read(*given)
 
 
 @pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (1, 0, 0, 1)])
@@ -96,21 +88,14 @@ def test_between_the_directions_is_what_the_solver_finds(
 @pytest.mark.parametrize("step", [0.7, 4.0, 200.0])
 def test_meshes_and_cuts_end_at_the_last_direction(brdf: vrte.Brdf, step: float) -> None:
     theta, phi, light = light_on_mesh(brdf, 1, LIGHT, step)
-    last = np.degrees(np.arccos(MU_O.min()))
     assert (theta[0], phi[0], phi[-1]) == (0.0, 0.0, 360.0)
-    assert theta[-1] == close_to(last, rtol=0.0, atol=1e-9)
+    assert theta[-1] == close_to(np.degrees(np.arccos(MU_O.min())), rtol=0.0, atol=1e-9)
     assert max(np.diff(theta).max(), np.diff(phi).max()) <= step + 1e-9
     assert_close(light[-1, 0], brdf.mueller[1, MU_O.argmin(), 0] @ LIGHT, rtol=0.0, atol=1e-13)
     angle, cut = light_in_plane(brdf, 1, 90.0, LIGHT, step)
     assert_close(angle, np.concatenate([-theta[:0:-1], theta]), rtol=0.0, atol=1e-12)
-    assert_close(
-        cut,
-        stokes_over_hemisphere(brdf, 1, np.abs(angle), np.array([90.0, 270.0]), LIGHT)[
-            np.arange(angle.size), (angle < 0.0).astype(int)
-        ],
-        rtol=0.0,
-        atol=1e-13,
-    )
+    both = stokes_over_hemisphere(brdf, 1, np.abs(angle), np.array([90.0, 270.0]), LIGHT)
+    assert_close(cut, both[np.arange(angle.size), (angle < 0.0).astype(int)], rtol=0.0, atol=1e-13)
 
 
 def test_around_the_normal_nothing_is_drawn_where_nothing_is_near() -> None:

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray
 
 import vrte
 from docs.scripts import pigment_size
 from docs.scripts.pigment_size import find_optimum
-from tests.helpers import run
 from vrte.appearance.colours import find_colour
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import find_hiding
@@ -25,8 +23,10 @@ from vrte.formats import particle_sources
 from vrte.sweep import optics
 from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
+from vrte.sweep.template import read_sweep
 
 from .helpers import assert_close, close_to
+from .test_sweep import powder
 
 AT = {"start": 0.43, "stop": 0.67, "count": 7}
 GOLD = {
@@ -82,7 +82,7 @@ def test_each_panel_is_that_of_brdfs_by_hand() -> None:
             assert here[name].item() == close_to(getattr(own, name), rtol=1e-10, atol=0.0), name
 
 
-def test_a_table_says_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_says_what_it_holds(tmp_path: Path) -> None:
     content = make_films(["contrast_ratio", "L", "h", "reflectance"], DEPTHS)
     with vrte.sweep(content, tmp_path / "table.nc") as table:
         table.load()
@@ -92,22 +92,12 @@ def test_a_table_says_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (table.h.attrs["units"], table.wavelength_um.attrs["units"]) == ("degree", "um")
     assert table.attrs["title"] == "Appearance of particulate layers"
     assert "illuminant D65, observer 10 degrees" in table.attrs["comment"]
-    file = tmp_path / "films.toml"
-    file.write_text(
-        """
-nodes = 3
-layer = [{ phase = "rayleigh", albedo = 0.9, thickness = 1.0 }]
-base = { kind = "lambertian", albedo = 0.4 }
-appearance = { wavelengths_um = { start = 0.43, stop = 0.67, count = 7 }, quantities = ["h", "L"] }
-axes = { "layer[1].thickness" = [0.2, 1.0, 3.0] }
-"""
-    )
-    assert run("sweep", file, "-o", tmp_path / "films.zarr") == 0
-    assert "3 scenes (3 layer[1].thickness)" in capsys.readouterr().out
-    np.testing.assert_array_equal(xarray.open_zarr(tmp_path / "films.zarr", chunks=None).L, table.L)
 
 
-def test_particles_are_worked_out_once_for_all_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("content", "kinds"), [(GOLD, 2 * 7), (powder(nodes=4), 2 * 2)])
+def test_particles_are_worked_out_once_for_all_scenes(
+    content: dict[str, Any], kinds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made: Counter[tuple[float, float]] = Counter()
 
     def count(source: str, given: dict[str, Any]) -> vrte.Particles:
@@ -115,9 +105,8 @@ def test_particles_are_worked_out_once_for_all_scenes(tmp_path: Path, monkeypatc
         return particle_sources.make_particles(source, given)
 
     monkeypatch.setattr(optics, "make_particles", count)
-    vrte.sweep(GOLD, tmp_path / "table.zarr", workers=2).close()
-    assert set(made.values()) == {1}
-    assert len(made) == 2 * 7
+    vrte.sweep(content, tmp_path / "table.zarr", workers=2, chunk=1).close()
+    assert (set(made.values()), len(made)) == ({1}, kinds)
 
 
 def test_a_panel_that_fails_is_recorded_and_the_rest_goes_on() -> None:
@@ -128,6 +117,8 @@ def test_a_panel_that_fails_is_recorded_and_the_rest_goes_on() -> None:
     assert (table.error != "").values.tolist() == [[False, False], [True, True]]
     assert np.isfinite(table.L.values[0]).all()
     assert np.isnan(table.L.values[1]).all()
+    with pytest.warns(SweepWarning, match="how thick a film hides is asked for in um, and it is given opt"):
+        vrte.sweep(make_films(["hiding_thickness_um"], DEPTHS))
 
 
 def test_between_the_panels_hues_go_the_shorter_way_around() -> None:
@@ -172,9 +163,8 @@ def test_between_the_panels_hues_go_the_shorter_way_around() -> None:
     ],
 )
 def test_what_is_refused(asked: dict[str, Any], more: dict[str, Any], words: str) -> None:
-    content = change(make_films(["L", "h"], DEPTHS), **asked) | more
     with pytest.raises(SceneError) as caught:
-        vrte.sweep(content)
+        read_sweep(change(make_films(["L", "h"], DEPTHS), **asked) | more)
     assert words in str(caught.value)
 
 
@@ -198,11 +188,6 @@ def test_what_hides_is_what_find_hiding_finds() -> None:
         assert_close(here.reflectance_over_black, found.reflectance_over_black, rtol=1e-10, atol=0.0)
 
 
-def test_a_film_of_unknown_thickness_hides_at_none() -> None:
-    with pytest.warns(SweepWarning, match="how thick a film hides is asked for in um, and it is given opt"):
-        vrte.sweep(make_films(["hiding_thickness_um"], DEPTHS))
-
-
 def test_glosses_are_those_of_a_glossmeter() -> None:
     layers = [{"interface": {"above": 1.0, "below": 1.567}}, {"phase": "rayleigh", "albedo": 0.0, "thickness": 30.0}]
     base = {"kind": "lambertian", "albedo": 0.4}  # far below a black layer: a black glass
@@ -216,11 +201,6 @@ def test_glosses_are_those_of_a_glossmeter() -> None:
         {"nodes": 4, "layer": [{"interface": {"above": 1.0, "below": 1.4}}, layers[1]]}, table.wavelength_um
     )
     assert table.gloss_60[0].item() == close_to(find_gloss(panel, 60.0), rtol=1e-6, atol=0.0)
-
-
-def test_a_device_is_refused() -> None:
-    with pytest.raises(SceneError, match="engine 'opencl' makes tables of BRDFs and fields"):
-        vrte.sweep(make_films(["L"], DEPTHS), engine="opencl")
 
 
 @pytest.mark.parametrize("cores", [1, 2])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 
 import vrte
 from tests.test_app_browser import CHROMIUM, FLAGS, NAMES
@@ -105,53 +106,56 @@ def test_other_azimuths_are_mirror_images() -> None:
 
 
 FIELD = {key: value for key, value in SWEEP.items() if key != "brdf"} | {"field": {"mu0": 0.5, "mu": [0.5]}}
-REFUSED = {
-    "fields": (FIELD, "lobes of BRDFs, and this is a table of fields"),
-    "a list": (
-        {**SWEEP, "axes": {name: {**AXES["depth"], "key": key, "along": "case"} for name, key in
-         (("depth", "layer[1].thickness"), ("grey", "base.albedo"))}} | {},
-        "axes.depth: is one of several along case",
+TOGETHER = {"key": "layer[1].thickness", "values": [0.2, 0.5], "along": "case"}
+REFUSED = [
+    (FIELD, "lobes of BRDFs, and this is a table of fields"),
+    (
+        {**SWEEP, "axes": {"depth": TOGETHER, "grey": {**TOGETHER, "key": "base.albedo"}}},
+        "mine: axes.depth: is one of several along case",
     ),
-    "infinite": ({**SWEEP, "axes": {"layer[1].thickness": [1.0, np.inf]}}, "has an infinite value"),
-    "twice": ({**SWEEP, "axes": {"base.albedo": [0.1, 0.1]}}, "axes.base.albedo: has the same value twice"),
-    "few": ({**SWEEP, "brdf": {**BRDF, "mu_o": [0.5]}}, "at least 2 different mu_o"),
-    "incidence": ({**SWEEP, "brdf": {**BRDF, "mu_i": [0.5, 0.5]}}, "brdf.mu_i has the same value twice"),
-}  # fmt: skip
+    ({**SWEEP, "axes": {"layer[1].thickness": [1.0, np.inf]}}, "has an infinite value"),
+    ({**SWEEP, "axes": {"base.albedo": [0.1, 0.1]}}, "mine: axes.base.albedo: has the same value twice"),
+    ({**SWEEP, "brdf": {**BRDF, "mu_o": [0.5]}}, "at least 2 different mu_o"),
+    ({**SWEEP, "brdf": {**BRDF, "mu_i": [0.5, 0.5]}}, "brdf.mu_i has the same value twice"),
+    ({"mueller": 0.0}, "mine: a page needs light in every direction"),
+    ({"error": "no"}, "mine: 10 of its 10 scenes have no result"),
+    (None, "at least one table"),
+]
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_a_page_cannot_show_is_refused(tmp_path: Path, name: str) -> None:
-    content, words = REFUSED[name]
-    if name == "a list":
-        for axis in content["axes"].values():
-            axis["values"] = [0.2, 0.5]
-    with pytest.raises(vrte.SceneError, match=re.escape(f"mine: {words}" if words.startswith("axes") else words)):
-        save_page({"mine": vrte.sweep(content, workers=1)}, tmp_path / "page.html", points=1)
+@pytest.mark.parametrize(("given", "words"), REFUSED, ids=[words[:30] for _, words in REFUSED])
+def test_what_a_page_cannot_show_is_refused(table: Any, tmp_path: Path, given: Any, words: str) -> None:
+    if given is not None:
+        is_sweep = "nodes" in given
+        made = vrte.sweep(given, workers=1) if is_sweep else table.copy()
+        for name, value in {} if is_sweep else given.items():
+            made[name] = xarray.full_like(table[name], value)
+    with pytest.raises(vrte.SceneError, match=re.escape(words)):
+        save_page({} if given is None else {"mine": made}, tmp_path / "page.html", points=1)
+    with pytest.raises(vrte.SceneError, match=r"must end in \.html"):
+        save_page({"mine": table}, tmp_path / "page.txt", points=1)
     assert not list(tmp_path.iterdir())
 
 
-def test_without_light_or_tables_or_the_suffix_there_is_no_page(table: Any, tmp_path: Path) -> None:
-    dark = table.assign(mueller=0.0 * table.mueller)
-    failed = table.assign(error=table.error.astype(object).where(table.depth > 0.3, "no"))
-    for tables, path, words in (
-        ({"mine": dark}, "page.html", "mine: a page needs light in every direction"),
-        ({"mine": failed}, "page.html", "mine: 2 of its 10 scenes have no result"),
-        ({}, "page.html", "at least one table"),
-        ({"mine": table}, "page.txt", "must end in .html"),
-    ):
-        with pytest.raises(vrte.SceneError, match=words):
-            save_page(tables, tmp_path / path, points=1)
-    assert not list(tmp_path.iterdir())
+PAINT = """
+wavelength_um = 0.55
+nodes = 4
+paint = { pigment = "rutile", binder = "alkyd", volume_fraction = 0.1, thickness_um = 10 }
+axes = { 'paint.thickness_um' = [5, 10, 20, 40] }
+brdf = { mu_i = 0.5, mu_o = [0.3, 0.6, 1.0], phi_deg = [0, 60, 120, 180] }
+"""
 
 
 def test_the_command_writes_a_page_beside_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And refuses what no page can show before anything is computed."""
     path = tmp_path / "paint.toml"
-    path.write_text(
-        'wavelength_um = 0.55\nnodes = 4\n[paint]\npigment = "rutile"\nbinder = "alkyd"\nvolume_fraction = 0.1\n'
-        "thickness_um = 10\n[brdf]\nmu_i = 0.5\nmu_o = [0.3, 0.6, 1.0]\nphi_deg = [0, 60, 120, 180]\n"
-        "[axes]\n'paint.thickness_um' = [5, 10, 20, 40]\n"
-    )
-    main(["sweep", str(path), "-o", str(tmp_path / "paint.zarr"), "--page", str(tmp_path / "paint.html")])
+    words = ["sweep", str(path), "-o", str(tmp_path / "paint.zarr"), "--page", str(tmp_path / "paint.html")]
+    path.write_text(PAINT.partition("brdf")[0] + "field = { mu0 = 0.5, mu = [0.5] }\n")
+    assert main(words) == 2
+    assert "this is a table of fields" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [path]
+    path.write_text(PAINT)
+    assert main(words) == 0
     said = capsys.readouterr().out
     assert f"wrote {tmp_path / 'paint.html'}" in said
     assert "off by at most" in said
@@ -159,17 +163,6 @@ def test_the_command_writes_a_page_beside_the_table(tmp_path: Path, capsys: pyte
     assert held["name"] == "paint"
     assert held["axes"][0]["key"] == "layer[2].thickness_um"  # where the paint's film is
     assert set(held["shares"]) == {"reflectance", "total_reflectance", "specular"}
-
-
-def test_the_command_refuses_before_it_computes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "field.toml"
-    path.write_text(
-        '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1\n[field]\nmu0 = 0.5\nmu = [0.5]\n'
-        '[axes]\n"layer[1].thickness" = [1, 2]\n'
-    )
-    assert main(["sweep", str(path), "-o", str(tmp_path / "field.zarr"), "--page", str(tmp_path / "field.html")]) == 2
-    assert "this is a table of fields" in capsys.readouterr().err
-    assert [one.name for one in tmp_path.iterdir()] == ["field.toml"]
 
 
 def test_the_sweeps_of_the_site_fit_a_page() -> None:
@@ -242,46 +235,40 @@ def test_the_page_interpolates_as_vrte_does(tab: Any, table: Any) -> None:
 
 
 @pytest.mark.slow
-def test_sliders_menus_and_keys_change_the_picture(tab: Any) -> None:
+def test_sliders_menus_keys_and_clicks_change_what_is_shown(tab: Any) -> None:
     seen = [look(tab)]
 
     def changed(what: str) -> None:
         seen.append(look(tab))
         assert seen[-1] != seen[-2], what
 
-    tab.get_by_role("slider", name="depth").focus()
-    numbers = tab.locator("#summary").inner_text()
-    tab.keyboard.press("ArrowRight")
-    changed("a slider")
-    assert tab.locator("#summary").inner_text() != numbers
-    tab.get_by_role("slider", name="angle of incidence").focus()
-    tab.keyboard.press("ArrowRight")
-    changed("the incidence")
-    for name in ("Q/I", "Mueller element f22", "angle of linear polarization", "radiance I"):
-        tab.select_option("#colour", label=name)
-        changed(name)
-    tab.select_option("#incident", label="linear, across it")
-    changed("polarized light")
-    tab.select_option("#height", label="U/I")
-    changed("the distance")
+    for slider in ("depth", "angle of incidence"):
+        tab.get_by_role("slider", name=slider).focus()
+        numbers = tab.locator("#summary").inner_text()
+        tab.keyboard.press("ArrowRight")
+        changed(slider)
+        assert tab.locator("#summary").inner_text() != numbers
+    for menu, names in {
+        "#colour": ("Q/I", "Mueller element f22", "angle of linear polarization", "radiance I"),
+        "#incident": ("linear, across it",),
+        "#height": ("U/I",),
+    }.items():
+        for name in names:
+            tab.select_option(menu, label=name)
+            changed(name)
     tab.locator("#lobe").focus()
     for key in ("ArrowLeft", "ArrowUp", "+", "0"):
         tab.keyboard.press(key)
         changed(key)
-    box = tab.locator("#lobe").bounding_box()
+    before, box = tab.locator("#numbers").inner_text(), tab.locator("#lobe").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    tab.mouse.move(x, y), tab.mouse.down(), tab.mouse.move(x + 60, y + 20), tab.mouse.up()
-    changed("a drag")
-
-
-@pytest.mark.slow
-def test_a_click_reads_a_direction_and_a_surface_mirrors(tab: Any) -> None:
-    before = tab.locator("#numbers").inner_text()
-    box = tab.locator("#lobe").bounding_box()
     tab.mouse.click(box["x"] + 0.45 * box["width"], box["y"] + 0.55 * box["height"])
     assert tab.locator("#numbers").inner_text() != before
     place = tab.evaluate("findPlace()")
     assert tab.locator("#theta-said").inner_text() == f"{tab.evaluate('shown.mesh.theta')[place[0]]:.1f}°"
+    look(tab)
+    tab.mouse.move(x, y), tab.mouse.down(), tab.mouse.move(x + 60, y + 20), tab.mouse.up()
+    changed("a drag")
     assert "mirrored as a beam" not in tab.locator("#summary").inner_text()
     tab.select_option("#pick", label="under a smooth surface")
     tab.wait_for_selector("body[data-table='under a smooth surface']")
