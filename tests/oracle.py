@@ -30,7 +30,7 @@ from flint import acb, arb, arb_mat, ctx
 
 import vrte
 from bench.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe
-from vrte.basics.quadrature import make_refracted_nodes
+from vrte.basics.quadrature import Panel, make_refracted_nodes
 
 BITS, BITS_OF_DERIVATIVES, MOST_BITS = 192, 256, 3072
 RIGHT, FAINT = 1e-20, 1e-45  # radius of a ball, relative to the largest value of its array, or to this
@@ -200,8 +200,9 @@ class Order:
     def nodes(self) -> list[tuple[float, arb, arb]]:
         """Of each node the index b that bounds it, b^2 - s^2, and its weight in s ds, s = n sin(theta), as
         `make_refracted_nodes` has them."""
-        found = []
-        for first, last, panel in make_refracted_nodes(self.scene.media, self.count).panels:
+        found, media = [], self.scene.media
+        gauss = ((0, self.count, Panel(0.0, media[0], math.inf)),)
+        for first, last, panel in make_refracted_nodes(media, self.count).panels if len({*media}) > 1 else gauss:
             size, most = arb(panel.high) ** 2 - arb(panel.low) ** 2, arb.pi() / 2 if panel.low else arb(1)
             for k in range(last - first):
                 x, weight = arb.legendre_p_root(last - first, k, weight=True)

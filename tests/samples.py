@@ -1,6 +1,6 @@
 """What several test modules compare with or start from."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,11 @@ from vrte.discrete_ordinates.execution.sums import find_column_kinds
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
 BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
+
+
+def slow_but(every: Iterable[Any], *quick: Any) -> list[Any]:
+    """Parameters of a test: those not named as quick with the slow tests."""
+    return [one if one in quick else pytest.param(one, marks=pytest.mark.slow) for one in every]
 
 
 def spheroids() -> vrte.PhaseMatrix:

@@ -16,6 +16,7 @@ from . import oracle
 from .closed_forms import airy_sum, bare_base
 from .helpers import assert_close, close_to
 from .literal import azimuthal_sum
+from .samples import slow_but
 
 MU_I, MU_O, PHI = [0.1, 0.6, 1.0], [0.2, 0.7, 1.0], np.arange(32) * 11.25
 ANGLES = np.array([0.0, 40.0, 150.0, 250.0])
@@ -78,11 +79,6 @@ def find_totals(scene: vrte.Scene, mu0: float, **how: Any) -> tuple[float, float
     return float(f.reflectance[0] + f.specular_reflectance[0]), float(sent_on)
 
 
-def slow_but(*quick: str) -> list[object]:
-    """Every scene, those not named with the slow tests."""
-    return [name if name in quick else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
-
-
 def count_nodes(scene: vrte.Scene) -> int:
     """So many that they carry all terms in the densest medium."""
     return max(6, *(layer.phase_matrix.terms for layer in scene.layers))
@@ -92,7 +88,7 @@ ask = cache(oracle.brdf)  # both algorithms are compared with one answer
 
 
 @BOTH
-@pytest.mark.parametrize("name", slow_but(*QUICK))
+@pytest.mark.parametrize("name", slow_but(SCENES, *QUICK))
 def test_what_leaves_is_what_the_oracle_has(name: str, algorithm: str) -> None:
     """Diffuse and as beams. Measured: 5e-15 of the largest."""
     scene, orders = make_scene(name), (0, 1, 2)
@@ -110,7 +106,7 @@ def test_what_leaves_is_what_the_oracle_has(name: str, algorithm: str) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("name", slow_but("varnish over paint on metal"))
+@pytest.mark.parametrize("name", slow_but(SCENES, "varnish over paint on metal"))
 def test_light_inside_is_what_the_oracle_has(name: str, algorithm: str) -> None:
     """On both sides of every interface and between them, up and down, fluxes and beams: 1e-11 of the largest."""
     scene, mu = make_scene(name), np.array([0.2, 0.9, -0.2, -0.9])
@@ -201,7 +197,7 @@ def test_silver_keeps_little(algorithm: str) -> None:
     assert ((lost > 2e-7) & (lost < 4e-7)).all()
 
 
-@pytest.mark.parametrize("name", slow_but("a bubble"))
+@pytest.mark.parametrize("name", slow_but(SCENES, "a bubble"))
 def test_reciprocity_and_mirror_symmetry_by_both_algorithms(name: str) -> None:
     """Reflection, and transmission from either side over the squares of the indices. Measured: 2e-14 of the largest
     between algorithms."""
