@@ -12,9 +12,8 @@ import vrte
 from vrte import SceneError
 from vrte.app.form.files import adopt_with_notes
 from vrte.formats.materials import WORDS, list_materials
-from vrte.formats.named import find_known_wavelengths, find_named_tables
-from vrte.formats.named import list_materials as list_substances
-from vrte.formats.paints import FOLDER, PIGMENTS, expand_content, expand_paint, find_pigment, list_paints
+from vrte.formats.named import find_known_wavelengths, find_named_tables, list_substances
+from vrte.formats.paints import PIGMENTS, expand_content, expand_paint, find_pigment, list_paints
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import make_scene_file
 from vrte.render import setting
@@ -246,7 +245,9 @@ def test_an_example_is_read_by_every_command(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(list_paints()))
 def test_a_ready_paint_says_what_it_is_and_solves(name: str) -> None:
-    file = tomllib.loads((FOLDER / f"{name.replace(' ', '_')}.toml").read_text(encoding="utf-8"))
+    file = tomllib.loads(
+        (Path(vrte.__file__).parent / "paints" / f"{name.replace(' ', '_')}.toml").read_text(encoding="utf-8")
+    )
     assert tuple(file) == (*WORDS, "paint")
     paint = list_paints()[name]
     assert paint.title

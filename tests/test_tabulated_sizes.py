@@ -11,7 +11,7 @@ import vrte
 from vrte.app.form import content as form
 from vrte.app.form.checks import check_tables, find_problems
 from vrte.basics.errors import SceneError
-from vrte.formats.named import find_named_tables, list_materials
+from vrte.formats.named import find_named_tables, list_substances
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import make_scene_file, parse_toml, read_scene
 from vrte.formats.scene_writer import write_toml
@@ -160,7 +160,7 @@ def test_coats_that_are_wrong_are_refused_by_their_key(kind: dict[str, Any], sai
 
 def test_spectra_know_what_core_and_shell_consist_of(tmp_path: Path) -> None:
     kind = {"source": "coated-spheres", "core": "rutile", "shell": "silica", "shell_um": 0.01, "radius_um": 0.12}
-    assert dict(list_materials(make_scene(kind))) == {
+    assert dict(list_substances(make_scene(kind))) == {
         ("particles", "one", "core"): "rutile",
         ("particles", "one", "shell"): "silica",
     }

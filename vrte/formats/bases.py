@@ -17,6 +17,7 @@ from vrte.formats.keys import (
     Reading,
     Row,
     Share,
+    join_rows,
     make_of_keys,
     read_beside,
 )
@@ -136,7 +137,7 @@ def read_base(reading: Reading) -> Boundary | None:
     """The base of a scene file; None where it is black. Raises SceneError."""
     if "base" not in reading.file:
         return None
-    table = reading.file.table("base", ("kind", *dict.fromkeys(key for row in BASES.values() for key in row.keys)))
+    table = reading.file.table("base", ("kind", *join_rows(BASES)))
     row = BASES[table.choice("kind", tuple(BASES))]
     for key in table.content:
         if key != "kind" and key not in row.keys:

@@ -70,6 +70,11 @@ class Key:
         """The value at a key. Raises SceneError."""
         raise NotImplementedError
 
+    @property
+    def inside(self) -> Mapping[str, "Key"]:
+        """The keys of the table that may stand there."""
+        return {}
+
 
 class Number(Key):
     """A real number."""
@@ -193,6 +198,11 @@ class Row(NamedTuple):
     keys: dict[str, Key]
     check: Callable[..., Any] | None = None
     sized: bool = False
+
+
+def join_rows(registry: Mapping[str, Row]) -> dict[str, Key]:
+    """The keys of all rows of a registry."""
+    return {name: key for row in registry.values() for name, key in row.keys.items()}
 
 
 def make_start(keys: Mapping[str, Key]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import ALBEDO, INTERFACE
 from vrte.formats.keys import Choice, Key, Medium, Number, Reading, Share, Substance, find_said, read_keys
+from vrte.formats.materials import MATERIAL
 from vrte.formats.particle_sources import HOST, Kinds
 from vrte.formats.phases import Phase
 from vrte.formats.toml_table import Table, locate_errors, shorten_text, show_key, suggest_nearest
@@ -62,6 +63,8 @@ class Fractions(Key):
 class Surface(Key):
     """An interface between two media, which may be rough; None while only its form is read."""
 
+    inside = SIDES
+
     def read(self, table: Table, name: str, reading: Reading) -> Interface | None:
         table = table.table(name, INTERFACE_KEYS)
         values = read_keys(SIDES | INTERFACE, table, reading)
@@ -112,7 +115,8 @@ LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a l
         f"goes with {', '.join(FILLINGS[:-1])} or {FILLINGS[-1]}; a clear layer has none",
     ),
 }
-LAYER_KEYS = ("material", *dict.fromkeys(key for keys, _ in LAYERS.values() for key in keys))
+LAYER: dict[str, Key] = MATERIAL | {name: key for keys, _ in LAYERS.values() for name, key in keys.items()}
+LAYER_KEYS = tuple(LAYER)
 
 
 def describe_filling(layer: Mapping[str, Any]) -> str:

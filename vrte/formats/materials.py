@@ -7,58 +7,43 @@ particles and its layer are put in the name's place. One's own is a file of the 
 import copy
 import math
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from vrte.basics.errors import SceneError
 from vrte.formats.atomic import read_text
-from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_key, show_toml, suggest_nearest
+from vrte.formats.keys import FilePath, Key, read_beside
+from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_key, suggest_nearest
 
-FOLDER = Path(__file__).parents[1] / "materials"
+FOLDER = Path(__file__).parents[1]
 SUFFIX = ".toml"  # of one's own
+MATERIAL: dict[str, Key] = {"material": FilePath(suffixes=(SUFFIX,))}
 WORDS = ("title", "description", "approximations", "sources")  # what a file may say of itself
 KEYS = (*WORDS, "particles", "layer")
 CHANGED = ("thickness", "thickness_um", "volume_fraction", "packing", "host_index")  # by a layer that names a material
 HOW_THICK = CHANGED[:2]
+Ready = TypeVar("Ready", bound="ReadyFile")
 
 
 @dataclass(frozen=True, eq=False)
-class ReadyMaterial:
-    """A ready material as its file has it: what it is, how it is approximated, where its numbers come from.
-
-    Attributes
-    ----------
-    name
-        As a layer of a scene names it.
-    title
-        A heading.
-    description
-        What it is.
-    approximations
-        In which ways it is not the real thing.
-    sources
-        Where its numbers come from.
-    particles
-        Tables of particles by name, as scene files have them.
-    layer
-        The table of its layer, as scene files have it.
-
-    Examples
-    --------
-    >>> import vrte
-    >>> vrte.materials()["chalk"].title
-    'Chalk'
-    """
+class ReadyFile:
+    """What the file of a ready material or paint says of itself: its ``name``; a heading; what it is; in which ways it
+    is not the real thing; and where its numbers come from."""
 
     name: str
     title: str
     description: str
     approximations: tuple[str, ...]
     sources: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyMaterial(ReadyFile):
+    """A ready material: what its file says of itself, and its tables of ``particles`` by name and of its ``layer``, as
+    scene files have them."""
+
     particles: dict[str, Any]
     layer: dict[str, Any]
 
@@ -83,40 +68,22 @@ def list_materials() -> dict[str, ReadyMaterial]:
     >>> vrte.materials()["chalk"].particles["calcite"]["index"]
     'calcite'
     """
-    files = {path.stem.replace("_", " "): path for path in FOLDER.glob(f"*{SUFFIX}")}
-    return {name: read_material_file(files[name], name) for name in sorted(files)}
+    return list_ready("materials", read_material_file)
 
 
-def find_material(name: str) -> ReadyMaterial | None:
-    """A ready material by its name, capitals, hyphens and underscores aside.
-
-    >>> find_material("Fresh_snow").title
-    'Fresh snow'
-    """
-    plain = {known.replace("-", " "): material for known, material in list_materials().items()}
-    return plain.get(" ".join(re.split("[-_ ]+", name.lower())))
+def list_ready(folder: str, read: Callable[[Path, str], Ready]) -> dict[str, Ready]:
+    """What is in the files of a folder of vrte, by name."""
+    paths = {path.stem.replace("_", " "): path for path in (FOLDER / folder).glob(f"*{SUFFIX}")}
+    return {name: read(paths[name], name) for name in sorted(paths)}
 
 
-def read_material_file(path: Path, name: str) -> ReadyMaterial:
-    """What a material's file says. Raises SceneError naming the key, OSError."""
-    file = Table((), parse_toml(read_text(path, LARGEST_FILE)), KEYS)
-    for key in ("particles", "layer"):
+def read_ready_file(path: Path, name: str, *keys: str) -> tuple[Table, tuple[Any, ...]]:
+    """A file of a ready material or paint with those tables, and the fields of a `ReadyFile`. Raises SceneError."""
+    file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, *keys))
+    for key in keys:
         file.right(key, f"a table [{key}]", lambda value: isinstance(value, dict))
-    particles, layer = file.content["particles"], file.content["layer"]
-    for kind, table in particles.items():
-        if not isinstance(table, dict):
-            raise file.wrong("particles", f"must be tables headed [particles.NAME], which {show_key(kind)} is not")
-        for key, value in table.items():
-            if isinstance(value, str) and value.endswith(".csv"):
-                place = Table(("particles", kind), table, tuple(table))
-                raise place.wrong(key, "a material names no other files; such particles go into the scene file")
-    if "material" in layer:
-        raise Table(("layer",), layer, tuple(layer)).wrong("material", "a material is not made of another")
-    words = {key: read_words(file, key) for key in ("approximations", "sources")}
-    title, description = (read_words(file, key) for key in ("title", "description"))
-    return ReadyMaterial(
-        name, " ".join(title) or name, " ".join(description), **words, particles=particles, layer=layer
-    )
+    title, description, approximations, sources = (read_words(file, key) for key in WORDS)
+    return file, (name, " ".join(title) or name, " ".join(description), approximations, sources)
 
 
 def read_words(file: Table, key: str) -> tuple[str, ...]:
@@ -128,17 +95,62 @@ def read_words(file: Table, key: str) -> tuple[str, ...]:
     return tuple(listed)
 
 
+def read_material_file(path: Path, name: str) -> ReadyMaterial:
+    """What a material's file says. Raises SceneError naming the key, OSError."""
+    file, words = read_ready_file(path, name, "particles", "layer")
+    particles, layer = file.content["particles"], file.content["layer"]
+    for kind, table in particles.items():
+        if not isinstance(table, dict):
+            raise file.wrong("particles", f"must be tables headed [particles.NAME], which {show_key(kind)} is not")
+        for key, value in table.items():
+            if isinstance(value, str) and value.endswith(".csv"):
+                place = Table(("particles", kind), table, tuple(table))
+                raise place.wrong(key, "a material names no other files; such particles go into the scene file")
+    if "material" in layer:
+        raise Table(("layer",), layer, tuple(layer)).wrong("material", "a material is not made of another")
+    return ReadyMaterial(*words, particles=particles, layer=layer)
+
+
+def find_material(name: str) -> ReadyMaterial | None:
+    """A ready material by its name, capitals, hyphens and underscores aside."""
+    plain = {known.replace("-", " "): material for known, material in list_materials().items()}
+    return plain.get(" ".join(re.split("[-_ ]+", name.lower())))
+
+
+def choose_material(layer: Table, folder: Path) -> ReadyMaterial:
+    """The material that a layer names: a ready one, or a file of one's own. Raises SceneError."""
+    name = layer.content["material"]
+    if isinstance(name, str) and name.endswith(SUFFIX):
+        return read_beside(layer, "material", lambda path: read_material_file(path, name), folder)
+    found = find_material(name) if isinstance(name, str) else None
+    if found is None:
+        known, hint = ", ".join(list_materials()), suggest_nearest(name, list_materials())
+        raise layer.wrong("material", f"must be a {SUFFIX} beside the scene file or one of {known}{hint}")
+    return found
+
+
+def list_named(content: Mapping[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The layers of a scene file that name a material, with their numbers, whatever else is in it."""
+    layers = content.get("layer")
+    if isinstance(content.get("particles", {}), dict):  # where it is none, that is reported first
+        for number, layer in enumerate(layers if isinstance(layers, list) else []):
+            if isinstance(layer, dict) and "material" in layer:
+                yield number, layer
+
+
+def name_kind(material: Any, kind: str) -> str:
+    """The name of a material's particles in a scene file, such as "fresh snow: ice"."""
+    return f"{material}: {kind}"
+
+
 def expand_materials(content: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
     """The content of a scene file with the particles and layers of the materials that it names; one's own lie in
-    ``folder``. What else is in it stays, right or wrong. Raises SceneError naming the layer.
-
-    >>> expand_materials({"layer": [{"material": "chalk"}]})["layer"]
-    [{'particles': 'chalk: calcite', 'thickness': inf}]
-    """
-    if not any(True for _ in list_named(content)):
+    ``folder``. What else is in it stays, right or wrong. Raises SceneError naming the layer."""
+    named = list(list_named(content))
+    if not named:
         return dict(content)
     layers, particles = list(content["layer"]), dict(content.get("particles", {}))
-    for number, given in list_named(content):
+    for number, given in named:
         layer = Table(("layer", number), given, ("material", *CHANGED))
         material = choose_material(layer, folder)
         names = {kind: name_kind(given["material"], kind) for kind in material.particles}
@@ -150,55 +162,18 @@ def expand_materials(content: Mapping[str, Any], folder: Path = Path()) -> dict[
     return {**content, "particles": particles, "layer": layers}
 
 
-def list_named(content: Mapping[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The layers of a scene file that name a material, with their numbers, whatever else is in it."""
-    layers = content.get("layer")
-    if isinstance(content.get("particles", {}), dict):  # where it is none, that is told first
-        for number, layer in enumerate(layers if isinstance(layers, list) else []):
-            if isinstance(layer, dict) and "material" in layer:
-                yield number, layer
-
-
-def name_kind(material: Any, kind: str) -> str:
-    """What the particles of a material are called in a scene file.
-
-    >>> name_kind("fresh snow", "ice")
-    'fresh snow: ice'
-    """
-    return f"{material}: {kind}"
-
-
-def choose_material(layer: Table, folder: Path) -> ReadyMaterial:
-    """The material that a layer names: a ready one, or a file of one's own."""
-    name = layer.content["material"]
-    if isinstance(name, str) and name.endswith(SUFFIX):
-        try:
-            return read_material_file(folder / name, name)
-        except SceneError as error:
-            raise layer.wrong("material", str(error)) from error
-        except OSError as error:
-            raise layer.wrong("material", f"the file cannot be read: {error.strerror}") from error
-    found = find_material(name) if isinstance(name, str) else None
-    if found is None:
-        hint = suggest_nearest(name, list_materials()) if isinstance(name, str) else ""
-        known = ", ".join(list_materials())
-        raise layer.wrong("material", f"must be a {SUFFIX} beside the scene file or one of {known}{hint}")
-    return found
-
-
 def merge_layers(ready: Mapping[str, Any], given: Table, names: Mapping[str, str]) -> dict[str, Any]:
     """The layer of a material with what the layer that names it gives in place of that."""
     changed = {key: value for key, value in given.content.items() if key in CHANGED}
-    found = {
-        key: copy.deepcopy(value)
-        for key, value in ready.items()
-        if key not in HOW_THICK or not {*HOW_THICK} & {*changed}
-    }
+    found = copy.deepcopy(dict(ready))
+    for key in HOW_THICK if {*HOW_THICK} & {*changed} else ():
+        found.pop(key, None)
     for key in ("particles", "volume_fractions"):
-        if isinstance(found.get(key), str):
-            found[key] = names.get(found[key], found[key])
-        elif isinstance(found.get(key), dict):
-            found[key] = {names.get(kind, kind): share for kind, share in found[key].items()}
+        held = found.get(key)
+        if isinstance(held, dict):
+            found[key] = {names.get(kind, kind): share for kind, share in held.items()}
+        elif isinstance(held, str):
+            found[key] = names.get(held, held)
     shares = found.get("volume_fractions")
     if "volume_fraction" in changed and isinstance(shares, dict):
         part = given.share("volume_fraction", "a number above 0 and below 1")
@@ -208,22 +183,3 @@ def merge_layers(ready: Mapping[str, Any], given: Table, names: Mapping[str, str
         found["volume_fractions"] = {kind: share * part / whole for kind, share in shares.items()}
         del changed["volume_fraction"]
     return found | changed
-
-
-@contextmanager
-def locate_material_errors(content: Mapping[str, Any]) -> Iterator[None]:
-    """Puts the layer that names a material in front of complaints about its particles.
-
-    >>> with locate_material_errors({"layer": [{"material": "chalk"}]}):
-    ...     raise SceneError("particles.x: no such index", "particles", "chalk: calcite")
-    Traceback (most recent call last):
-    vrte.SceneError: layer[1].material = "chalk": particles.x: no such index
-    """
-    try:
-        yield
-    except SceneError as error:
-        for number, layer in list_named(content) if error.place[:1] == ("particles",) else ():
-            if any(str(kind).startswith(name_kind(layer["material"], "")) for kind in error.place[1:2]):
-                message = f"layer[{number + 1}].material = {show_toml(layer['material'])}: {error}"
-                raise SceneError(message, "layer", number, "material") from error
-        raise

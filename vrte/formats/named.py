@@ -9,16 +9,11 @@ from typing import Any
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES
 from vrte.formats.columns import read_index
-from vrte.formats.keys import TABLE, FilePath, Key, Substance
-from vrte.formats.layers import SIDES
-from vrte.formats.materials import SUFFIX
+from vrte.formats.keys import TABLE, FilePath, Key, Substance, join_rows
+from vrte.formats.layers import LAYER
 from vrte.formats.paints import expand_content, expand_paint
-from vrte.formats.particle_sources import HOST, SOURCES
-from vrte.formats.phases import PHASES
-from vrte.formats.sizes import SIZES
+from vrte.formats.particle_sources import HOST, SIZED, SOURCES
 from vrte.optics.refractive_index import find_wavelength_range
-
-LAYER: dict[str, Key] = {"phase": FilePath(), "material": FilePath(suffixes=(SUFFIX,))}
 
 
 def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
@@ -29,58 +24,33 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
     particles, layers = content.get("particles"), content.get("layer")
     yield from list_given((), content, HOST)
     for name, kind in particles.items() if isinstance(particles, dict) else ():
-        place: Place = ("particles", name)
-        for source in SOURCES.values():
-            yield from list_given(place, kind, {**source.keys, **HOST})
-        size: Any = kind.get("size") if isinstance(kind, dict) else None
-        for word, row in SIZES.items() if isinstance(size, dict) else ():
-            if word in row.keys:
-                yield from list_given((*place, "size"), size, row.keys)
-            else:
-                yield from list_given((*place, "size", word), size.get(word), row.keys)
+        yield from list_given(("particles", name), kind, join_rows(SOURCES) | SIZED | HOST)
     for number, layer in enumerate(layers if isinstance(layers, list) else []):
-        place = ("layer", number)
-        yield from list_given(place, layer, {**LAYER, **HOST})
-        if isinstance(layer, dict):
-            yield from list_given((*place, "interface"), layer.get("interface"), SIDES)
-            for phase in PHASES.values():
-                yield from list_given((*place, "phase"), layer.get("phase"), phase.keys)
-    for base in BASES.values():
-        yield from list_given(("base",), content.get("base"), base.keys)
+        yield from list_given(("layer", number), layer, LAYER)
+    yield from list_given(("base",), content.get("base"), join_rows(BASES))
 
 
 def list_given(place: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tuple[Place, Key, Any]]:
-    """Those of the keys that a table has."""
+    """Those of the keys that a table has, and those of the tables below it."""
     for name, key in keys.items() if isinstance(table, dict) else ():
         if name in table:
             yield (*place, name), key, table[name]
+            yield from list_given((*place, name), table[name], key.inside)
 
 
-def list_materials(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
-    """Names of substances, and of tables of one's own, with the places of a scene file that have them.
-
-    >>> layers = [{"interface": {"above": 1.0, "below": "water"}}]
-    >>> list(list_materials({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers}))
-    [(('particles', 'clay', 'index'), 'clay.csv'), (('layer', 0, 'interface', 'below'), 'water')]
-    """
-    found = {place: value for place, key, value in list_keys(content) if isinstance(key, Substance)}
-    return ((place, value) for place, value in found.items() if isinstance(value, str))
+def list_substances(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Names of substances, and of tables of one's own, with the places of a scene file that have them."""
+    found = list_keys(content)
+    return ((place, value) for place, key, value in found if isinstance(key, Substance) and isinstance(value, str))
 
 
 def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
-    """The files that a scene file names, by the place that does.
-
-    >>> layers = [{"phase": "fog.csv"}, {"phase": "rayleigh"}]
-    >>> find_named_tables({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
-    {('particles', 'clay', 'index'): 'clay.csv', ('layer', 0, 'phase'): 'fog.csv'}
-    """
-    return {
-        place: value
+    """The files that a scene file names, by the place that does."""
+    endings = (
+        (place, value, key.suffixes if isinstance(key, FilePath) else TABLE if isinstance(key, Substance) else ())
         for place, key, value in list_keys(content)
-        if isinstance(value, str)
-        and value.endswith(key.suffixes if isinstance(key, FilePath) else TABLE)
-        and isinstance(key, (FilePath, Substance))
-    }
+    )
+    return {place: value for place, value, ending in endings if isinstance(value, str) and value.endswith(ending)}
 
 
 def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
@@ -89,7 +59,7 @@ def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) ->
     found = (0.0, math.inf, "")
     with suppress(SceneError):
         content = expand_content(content, folder)
-    for _, index in list_materials(content):
+    for _, index in list_substances(content):
         with suppress(SceneError):
             low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
             if low > found[0] or high < found[1]:

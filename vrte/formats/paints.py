@@ -21,19 +21,24 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.atomic import read_text
 from vrte.formats.bases import INTERFACE
-from vrte.formats.materials import WORDS, expand_materials, list_materials, read_words
+from vrte.formats.materials import (
+    ReadyFile,
+    expand_materials,
+    list_materials,
+    list_named,
+    list_ready,
+    name_kind,
+    read_ready_file,
+)
 from vrte.formats.particle_sources import COATED, SPHERES
 from vrte.formats.sizes import SIZE_KEYS
-from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_place, suggest_nearest
+from vrte.formats.toml_table import Table, show_place, show_toml, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS
 
-FOLDER = Path(__file__).parents[1] / "paints"
 KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
 SMOOTH, BARE = "smooth", "none"
-SURFACE = f'"{SMOOTH}", "{BARE}" or a table with {", ".join(INTERFACE)}'
 REPLACED = ("particles", "layer", "base", "host_index")  # by what a paint is expanded to
 # keys of a pigment's grains of which one is enough: whichever is given stands in place of the pigment's own
 ALTERNATIVES = (SIZE_KEYS, tuple(key for key in COATED if key not in ("core", "shell")))
@@ -52,36 +57,9 @@ PIGMENTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class ReadyPaint:
-    """A ready paint as its file has it: what it is, how it is approximated, where its numbers come from.
+class ReadyPaint(ReadyFile):
+    """A ready paint: what its file says of itself, and its table ``paint``, as scene files have it."""
 
-    Attributes
-    ----------
-    name
-        As `list_paints` names it.
-    title
-        A heading.
-    description
-        What it is.
-    approximations
-        In which ways it is not the real thing.
-    sources
-        Where its numbers come from.
-    paint
-        Its table [paint], as scene files have it.
-
-    Examples
-    --------
-    >>> from vrte.formats.paints import list_paints
-    >>> list_paints()["white gloss"].content["paint"]["pigment"]
-    'rutile'
-    """
-
-    name: str
-    title: str
-    description: str
-    approximations: tuple[str, ...]
-    sources: tuple[str, ...]
     paint: dict[str, Any]
 
     @property
@@ -92,35 +70,19 @@ class ReadyPaint:
 
 @cache
 def list_paints() -> dict[str, ReadyPaint]:
-    """The ready paints by name, in alphabetical order.
+    """The ready paints by name, in alphabetical order, such as list_paints()["white gloss"]: what each is, in which
+    ways it is approximated, where its numbers come from, and its table [paint]."""
+    return list_ready("paints", read_paint_file)
 
-    Returns
-    -------
-    dict of str to ReadyPaint
-        What each is, in which ways it is approximated, where its numbers come from, and its table [paint].
 
-    Examples
-    --------
-    >>> from vrte.formats.paints import list_paints
-    >>> list_paints()["white gloss"].paint["pigment"]
-    'rutile'
-    """
-    found = {}
-    for path in sorted(FOLDER.glob("*.toml")):
-        file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, "paint"))
-        title, description = (" ".join(read_words(file, key)) for key in WORDS[:2])
-        approximations, sources = (read_words(file, key) for key in WORDS[2:])
-        name = path.stem.replace("_", " ")
-        found[name] = ReadyPaint(name, title, description, approximations, sources, file.content["paint"])
-    return found
+def read_paint_file(path: Path, name: str) -> ReadyPaint:
+    """What a paint's file says."""
+    file, words = read_ready_file(path, name, "paint")
+    return ReadyPaint(*words, paint=file.content["paint"])
 
 
 def find_pigment(name: str) -> dict[str, Any] | None:
-    """The table [particles.NAME] of a pigment, by its name or that of its substance; None for what is no pigment.
-
-    >>> find_pigment("titanium nitride") == find_pigment("titanium black")
-    True
-    """
+    """The table [particles.NAME] of a pigment, by its name or that of its substance; None for what is no pigment."""
     for pigment, material in PIGMENTS.items():
         (grains,) = list_materials()[material].particles.values()
         if name in (pigment, grains.get("index")):
@@ -130,11 +92,7 @@ def find_pigment(name: str) -> dict[str, Any] | None:
 
 def expand_content(content: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
     """The content of a scene file with particles, layers and base in place of a paint and of ready materials; one's own
-    materials lie in ``folder``. Raises SceneError.
-
-    >>> expand_content({"layer": [{"material": "chalk"}]})["layer"]
-    [{'particles': 'chalk: calcite', 'thickness': inf}]
-    """
+    materials lie in ``folder``. Raises SceneError."""
     return expand_materials(expand_paint(content), folder)
 
 
@@ -144,10 +102,6 @@ def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
 
     Grains are packed by the coherent potential, which goes over into independent scattering where they are few, so
     that nothing jumps as a volume fraction is changed; grains that are no spheres scatter independently.
-
-    >>> paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
-    >>> [list(layer) for layer in expand_paint({"paint": paint})["layer"]]
-    [['interface'], ['host_index', 'volume_fractions', 'thickness_um', 'packing']]
     """
     if "paint" not in content:
         return dict(content)
@@ -161,18 +115,22 @@ def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
     own = paint.content.get("particles", {})
     if not isinstance(own, dict) or not all(isinstance(grains, dict) for grains in own.values()):
         raise paint.wrong("particles", "must be tables headed [paint.particles.NAME]")
-    unused = [name for name in own if name not in fractions]
-    if unused:
-        raise Table(("paint", "particles"), own, tuple(own)).wrong(unused[0], "is none of the pigments of this paint")
+    for name in {*own} - {*fractions}:
+        raise Table(("paint", "particles"), own, tuple(own)).wrong(name, "is none of the pigments of this paint")
     kinds = {name: _make_grains(paint, name, own.get(name)) for name in fractions}
     spheres = all(kind.get("source", SPHERES) in (SPHERES, "coated-spheres") for kind in kinds.values())
     packing = paint.content.get("packing", COHERENT_POTENTIAL if spheres else INDEPENDENT)
-    film = {"host_index": binder, "volume_fractions": fractions, "thickness_um": thickness, "packing": packing}
-    surface = _read_surface(paint)
-    layers = [film] if surface is None else [{"interface": {"above": 1.0, "below": binder, **surface}}, film]
-    rest = {key: value for key, value in content.items() if key != "paint"}
-    base = {"base": paint.content["substrate"]} if "substrate" in paint else {}
-    return copy.deepcopy({**rest, "particles": kinds, "layer": layers, **base})
+    layers = [{"host_index": binder, "volume_fractions": fractions, "thickness_um": thickness, "packing": packing}]
+    surface = paint.content.get("surface", SMOOTH)
+    if isinstance(surface, dict):
+        paint.table("surface", tuple(INTERFACE))
+    elif surface not in (SMOOTH, BARE):
+        raise paint.wrong("surface", f'must be "{SMOOTH}", "{BARE}" or a table with {", ".join(INTERFACE)}')
+    if surface != BARE:
+        facets = surface if isinstance(surface, dict) else {}
+        layers.insert(0, {"interface": {"above": 1.0, "below": binder, **facets}})
+    found = {key: value for key, value in content.items() if key != "paint"} | {"particles": kinds, "layer": layers}
+    return copy.deepcopy(found | ({"base": paint.content["substrate"]} if "substrate" in paint else {}))
 
 
 def _read_pigments(paint: Table) -> dict[str, Any]:
@@ -200,44 +158,31 @@ def _make_grains(paint: Table, name: str, own: dict[str, Any] | None) -> dict[st
     return {key: value for key, value in known.items() if key not in replaced} | (own or {})
 
 
-def _read_surface(paint: Table) -> dict[str, Any] | None:
-    """How rough the paint's surface is: {} where it is smooth, None where there is none."""
-    given = paint.content.get("surface", SMOOTH)
-    if isinstance(given, dict):
-        return paint.table("surface", tuple(INTERFACE)).content
-    if given not in (SMOOTH, BARE):
-        raise paint.wrong("surface", f"must be {SURFACE}")
-    return {} if given == SMOOTH else None
-
-
 def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
     """Where what a paint says stands once it is expanded: places in [paint], with those in particles, layers, base."""
-    paint = content["paint"]
-    film, pigment = (0 if paint.get("surface") == BARE else 1), paint.get("pigment")
+    paint = content.get("paint")
+    if not isinstance(paint, dict):
+        return []
+    film = 0 if paint.get("surface") == BARE else 1
     shares: Place = ("layer", film, "volume_fractions")
-    found: list[tuple[Place, Place]] = [
-        (("volume_fraction",), (*shares, str(pigment))),
-        (("pigment",), shares),
-        (("particles",), ("particles",)),
-        (("binder",), ("layer", film, "host_index")),
-        (("binder",), ("layer", 0, "interface", "below")),
-        (("thickness_um",), ("layer", film, "thickness_um")),
-        (("packing",), ("layer", film, "packing")),
-        (("substrate",), ("base",)),
-        (("surface",), ("layer", 0, "interface")),
+    found: list[tuple[str, Place]] = [
+        ("volume_fraction", (*shares, str(paint.get("pigment")))),
+        ("pigment", shares),
+        ("particles", ("particles",)),
+        ("binder", ("layer", film, "host_index")),
+        ("binder", ("layer", 0, "interface", "below")),
+        ("thickness_um", ("layer", film, "thickness_um")),
+        ("packing", ("layer", film, "packing")),
+        ("substrate", ("base",)),
+        ("surface", ("layer", 0, "interface")),
     ]
-    return [(("paint", *ours), theirs) for ours, theirs in found]
+    return [(("paint", ours), theirs) for ours, theirs in found]
 
 
 def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
     """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint. Raises
-    SceneError for facets of a paint that has none.
-
-    >>> paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
-    >>> find_expanded_place({"paint": paint}, ("paint", "thickness_um"))
-    ('layer', 1, 'thickness_um')
-    """
-    for ours, theirs in list_places(content) if isinstance(content.get("paint"), dict) else ():
+    SceneError for facets of a paint that has none."""
+    for ours, theirs in list_places(content):
         if place[: len(ours)] == ours:
             if ours[-1] == "surface" and not isinstance(content["paint"].get("surface"), dict):
                 words = "changes facets, and the paint has none: give it a surface = { roughness = 0.1 } to begin with"
@@ -247,21 +192,19 @@ def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
 
 
 @contextmanager
-def locate_paint_errors(content: Mapping[str, Any]) -> Iterator[None]:
-    """Complaints about particles, layers or base of a paint, as ones about its keys.
-
-    >>> with locate_paint_errors({"paint": {"pigment": "rutile"}}):
-    ...     raise SceneError("base.albedo = 2: must be below 1", "base", "albedo")
-    Traceback (most recent call last):
-    vrte.SceneError: paint.substrate.albedo = 2: must be below 1
-    """
+def locate_expanded_errors(content: Mapping[str, Any]) -> Iterator[None]:
+    """Complaints about particles, layers or base of a paint or a material, as ones about what the file says of it."""
     try:
         yield
     except SceneError as error:
-        for ours, theirs in list_places(content) if "paint" in content else ():
-            if error.place[: len(theirs)] == theirs:
+        place, words = error.place, str(error)
+        for ours, theirs in list_places(content):
+            if place[: len(theirs)] == theirs:
                 there, here = show_place(theirs), show_place(ours)
-                words = str(error)
                 words = here + words.removeprefix(there) if words.startswith(there) else f"{here}: {words}"
-                raise SceneError(words, *ours, *error.place[len(theirs) :]) from error
+                raise SceneError(words, *ours, *place[len(theirs) :]) from error
+        for number, layer in list_named(content) if place[:1] == ("particles",) and len(place) > 1 else ():
+            if str(place[1]).startswith(name_kind(layer["material"], "")):
+                here = f"layer[{number + 1}].material = {show_toml(layer['material'])}"
+                raise SceneError(f"{here}: {words}", "layer", number, "material") from error
         raise

@@ -15,6 +15,7 @@ from vrte.formats.keys import (
     Reading,
     Row,
     Whole,
+    join_rows,
     read_beside,
     read_keys,
 )
@@ -92,8 +93,12 @@ def make_once(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, 
     return found
 
 
-class Phase(Key):
+class Phase(FilePath):
     """The phase matrix of a layer: a row of `PHASES`, or a table of coefficients."""
+
+    @property
+    def inside(self) -> dict[str, Key]:
+        return join_rows(PHASES)
 
     def read(self, table: Table, name: str, reading: Reading) -> PhaseMatrix | None:
         value = table.content[name]
@@ -107,7 +112,7 @@ class Phase(Key):
         inner = Table((*table.place, name), {}, ())
         found = [value] if isinstance(value, str) and value in list_bare() else []
         if isinstance(value, dict):
-            inner = table.table(name, tuple(dict.fromkeys(key for row in PHASES.values() for key in row.keys)))
+            inner = table.table(name, tuple(self.inside))
             found = [own for own in PHASES if own in inner and {*value} <= {*PHASES[own].keys}]
         if len(found) != 1:
             raise table.wrong(name, f"must be {describe_phases()}{suggest_nearest(value, PHASES)}")

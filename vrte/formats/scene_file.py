@@ -18,8 +18,8 @@ from vrte.formats.atomic import read_text
 from vrte.formats.bases import read_base
 from vrte.formats.keys import WAVE_KEYS, Choice, Flag, Key, Numbers, Other, Reading, find_said, list_names, read_keys
 from vrte.formats.layers import make_layer, read_layer_tables
-from vrte.formats.materials import WORDS, locate_material_errors, read_words
-from vrte.formats.paints import expand_content, locate_paint_errors
+from vrte.formats.materials import WORDS, read_words
+from vrte.formats.paints import expand_content, locate_expanded_errors
 from vrte.formats.particle_sources import Compute, Kinds, make_particles
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
 from vrte.optics.particles import Particles
@@ -165,7 +165,7 @@ def make_scene_file(
     asked = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     request = read_keys(REQUESTS[kind], asked, reading)
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
-    with locate_paint_errors(content), locate_material_errors(content):
+    with locate_expanded_errors(content):
         kinds = Kinds(compute, reading)
         layers = read_layer_tables(reading)  # all are checked before one is made
         base = read_base(reading)

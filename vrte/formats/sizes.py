@@ -44,6 +44,10 @@ ONE: dict[str, Key] = {"radius_um": Number("radius [µm]", 0.3), "diameter_um": 
 class Size(Key):
     """One of `SIZES`."""
 
+    @property
+    def inside(self) -> dict[str, Key]:
+        return {name: row.keys[name] for name, row in SIZES.items() if name in row.keys}
+
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         size = table.table(name, tuple(SIZES))
         if len(size.content) != 1:

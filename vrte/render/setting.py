@@ -10,7 +10,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.named import find_known_wavelengths, list_materials
+from vrte.formats.named import find_known_wavelengths, list_substances
 from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content, read_listed_wavelengths
@@ -93,7 +93,7 @@ class Material:
     @property
     def coloured(self) -> bool:
         """Whether anything in it depends on the wavelength."""
-        return "particles" in self.content or any(True for _ in list_materials(self.content))
+        return "particles" in self.content or any(True for _ in list_substances(self.content))
 
 
 def read(
