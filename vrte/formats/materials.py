@@ -77,13 +77,14 @@ def list_ready(folder: str, read: Callable[[Path, str], Ready]) -> dict[str, Rea
     return {name: read(paths[name], name) for name in sorted(paths)}
 
 
-def read_ready_file(path: Path, name: str, *keys: str) -> tuple[Table, tuple[Any, ...]]:
+def read_ready_file(path: Path, name: str, *keys: str) -> tuple[Table, dict[str, Any]]:
     """A file of a ready material or paint with those tables, and the fields of a `ReadyFile`. Raises SceneError."""
     file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, *keys))
     for key in keys:
         file.right(key, f"a table [{key}]", lambda value: isinstance(value, dict))
-    title, description, approximations, sources = (read_words(file, key) for key in WORDS)
-    return file, (name, " ".join(title) or name, " ".join(description), approximations, sources)
+    words = {key: read_words(file, key) for key in WORDS}
+    title, description = (" ".join(words[key]) for key in WORDS[:2])
+    return file, {**words, "name": name, "title": title or name, "description": description}
 
 
 def read_words(file: Table, key: str) -> tuple[str, ...]:
@@ -108,7 +109,7 @@ def read_material_file(path: Path, name: str) -> ReadyMaterial:
                 raise place.wrong(key, "a material names no other files; such particles go into the scene file")
     if "material" in layer:
         raise Table(("layer",), layer, tuple(layer)).wrong("material", "a material is not made of another")
-    return ReadyMaterial(*words, particles=particles, layer=layer)
+    return ReadyMaterial(**words, particles=particles, layer=layer)
 
 
 def find_material(name: str) -> ReadyMaterial | None:

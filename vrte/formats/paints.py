@@ -78,7 +78,7 @@ def list_paints() -> dict[str, ReadyPaint]:
 def read_paint_file(path: Path, name: str) -> ReadyPaint:
     """What a paint's file says."""
     file, words = read_ready_file(path, name, "paint")
-    return ReadyPaint(*words, paint=file.content["paint"])
+    return ReadyPaint(**words, paint=file.content["paint"])
 
 
 def find_pigment(name: str) -> dict[str, Any] | None:
