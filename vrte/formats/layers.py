@@ -5,6 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import ALBEDO, INTERFACE
 from vrte.formats.keys import Choice, Key, Medium, Number, Reading, Share, Substance, find_said, read_keys
@@ -172,42 +175,53 @@ def read_layer(layer: Table, reading: Reading) -> tuple[str, dict[str, Any]]:
     return kind, read_keys(keys, layer, reading)
 
 
-class FillingKeys(NamedTuple):
-    """What a layer of particles says of itself: how much of each kind, by number or ``by_volume``; how thick it is and
-    how densely filled, as keywords of `Layer.of`; and how it is packed."""
+class FilledLayer(NamedTuple):
+    """A layer of particles: its place in the file; how much of each kind, by number or ``by_volume``; how thick it is
+    and how densely filled, as keywords of `Layer.of`; how it is packed; and its kinds, in the order they are made."""
 
-    shares: dict[str, float]
+    place: int
+    shares: list[float]
     by_volume: bool
-    how: dict[str, Any]
+    how: dict[str, float]
     packing: str
+    kinds: list[int]
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it says how thick it is in micrometres."""
+        return "thickness_um" in self.how
+
+    @property
+    def amounts(self) -> Array:
+        """Shares of its kinds, the part of its volume that they fill (0 where it does not matter), how thick it is."""
+        fraction = sum(self.shares) if self.by_volume else self.how.get("volume_fraction", 0.0)
+        return np.array([*self.shares, fraction, self.how["thickness_um" if self.is_length else "thickness"]])
 
 
-def read_filling(kind: str, values: Mapping[str, Any]) -> FillingKeys:
-    """Of a layer that `read_layer` has read."""
-    how = {key: values[key] for key in THICKNESS_KEYS if key in values}
-    return FillingKeys(values[kind], kind == "volume_fractions", how, values.get("packing", INDEPENDENT))
-
-
-def make_layer(layer: Table, kinds: Kinds, reading: Reading) -> Layer | Interface:
-    """The layer or the interface of a table. Raises SceneError."""
+def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[FilledLayer]) -> Layer | Interface:
+    """The layer or the interface of a table; one of particles is added to those that are ``filled``. Raises
+    SceneError."""
     kind, values = read_layer(layer, reading)
     if kind == "interface":
         interface: Interface = values["interface"]
         return interface
-    if kind in FILLINGS[:2]:
-        shares, by_volume, how, packing = read_filling(kind, values)
-        parts = [(kinds.find(name, layer), share) for name, share in shares.items()]
-        if by_volume:  # how many of them make such a part of the volume
-            parts = [(part, share / part.volume_um3) for part, share in parts]
-        with locate_errors(layer.place, LAYER_KEYS):
-            held = mixture(parts) if len(parts) > 1 else parts[0][0]
-            if by_volume and ("thickness_um" in how or is_fraction_needed(held, packing)):
-                how["volume_fraction"] = math.fsum(shares.values())
-            return Layer.of(held, **how, packing=packing)
     host: Any = values.get("host_index")
-    wavelength = reading.wavelength if kind == "host_index" else 0.0
+    if kind in FILLINGS[:2]:
+        shares, by_volume = [*values[kind].values()], kind == "volume_fractions"
+        how = {key: values[key] for key in THICKNESS_KEYS if key in values}
+        packing = values.get("packing", INDEPENDENT)
+        numbers, parts = zip(*(kinds.find(name, layer) for name in values[kind]), strict=True)
+        filled.append(FilledLayer(int(layer.place[1]), shares, by_volume, dict(how), packing, [*numbers]))
+        if by_volume:  # how many of them make such a part of the volume
+            shares = [share / part.volume_um3 for part, share in zip(parts, shares, strict=True)]
+        with locate_errors(layer.place, LAYER_KEYS):
+            held = mixture([*zip(parts, shares, strict=True)]) if len(parts) > 1 else parts[0]
+            if by_volume and ("thickness_um" in how or is_fraction_needed(held, packing)):
+                how["volume_fraction"] = math.fsum(values[kind].values())
+            return Layer.of(held, **how, packing=packing)
     if kind == "phase" and host is not None and host.imag > CLEAR:
         raise layer.wrong("host_index", "absorbs; with phase, count that in albedo and thickness, and give n")
+    wavelength = reading.wavelength if kind == "host_index" else 0.0
     with locate_errors(layer.place, LAYER_KEYS):
         if kind == "host_index":
             return Layer.clear(values["thickness_um"], host, wavelength)

@@ -85,7 +85,7 @@ class Kinds:
         self.compute, self.reading = compute, reading
         self.tables = {name: self.check(("particles", name), kind) for name, kind in content.items()}
         self.computed: dict[str, Particles] = {}
-        self.in_hosts: dict[tuple[str, str], Particles] = {}
+        self.in_hosts: dict[tuple[str, str], tuple[int, Particles]] = {}
 
     def check(self, place: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
         """The table of a kind, its source and its size, all checked. Raises SceneError."""
@@ -101,12 +101,13 @@ class Kinds:
             read_keys(HOST, around, form)
         return table, source, read_keys(SIZED, table, self.reading) if row.sized else {}
 
-    def find(self, name: str, layer: Table) -> Particles:
-        """Particles of a name in the medium of a layer, computed once."""
+    def find(self, name: str, layer: Table) -> tuple[int, Particles]:
+        """Particles of a name in the medium of a layer, computed once, and how many were computed before them."""
         place = (name, repr(layer.content.get("host_index")))
         if place not in self.in_hosts:
-            self.in_hosts[place] = self.make(*self.tables[name], layer)
-            self.computed.setdefault(name, self.in_hosts[place])
+            found = self.make(*self.tables[name], layer)
+            self.in_hosts[place] = len(self.in_hosts), found
+            self.computed.setdefault(name, found)
         return self.in_hosts[place]
 
     def make(self, table: Table, source: str, size: dict[str, Any], layer: Table) -> Particles:

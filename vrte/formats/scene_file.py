@@ -17,7 +17,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.atomic import read_text
 from vrte.formats.bases import read_base
 from vrte.formats.keys import WAVE_KEYS, Choice, Flag, Key, Numbers, Other, Reading, find_said, list_names, read_keys
-from vrte.formats.layers import make_layer, read_layer_tables
+from vrte.formats.layers import FilledLayer, make_layer, read_layer_tables
 from vrte.formats.materials import WORDS, read_words
 from vrte.formats.paints import expand_content, locate_expanded_errors
 from vrte.formats.particle_sources import Compute, Kinds, make_particles
@@ -95,7 +95,8 @@ class SceneFile:
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
     those of them that say how to solve, OPTION_KEYS, as far as they are given; ``particles`` the kinds that the layers
-    hold, by name; ``text`` the file as it is, "" where there was none; ``asked`` the table of the request."""
+    hold, by name; ``text`` the file as it is, "" where there was none; ``asked`` the table of the request; ``filled``
+    the layers that hold particles."""
 
     scene: Scene
     kind: str
@@ -104,6 +105,7 @@ class SceneFile:
     particles: dict[str, Particles]
     text: str = ""
     asked: Table = field(default_factory=lambda: Table((), {}, ()))
+    filled: list[FilledLayer] = field(default_factory=list)
 
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's;
@@ -165,12 +167,13 @@ def make_scene_file(
     asked = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     request = read_keys(REQUESTS[kind], asked, reading)
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
+    filled: list[FilledLayer] = []
     with locate_expanded_errors(content):
         kinds = Kinds(compute, reading)
         layers = read_layer_tables(reading)  # all are checked before one is made
         base = read_base(reading)
-        made: list[Any] = [make_layer(layer, kinds, reading) for layer in layers]
-    return SceneFile(Scene(made, base), kind, request, options, kinds.computed, asked=asked)
+        made: list[Any] = [make_layer(layer, kinds, reading, filled) for layer in layers]
+    return SceneFile(Scene(made, base), kind, request, options, kinds.computed, asked=asked, filled=filled)
 
 
 def _choose_kind(file: Table, kind: str | None) -> str:
