@@ -17,9 +17,9 @@ from vrte.cl.matrices import STRIP, Stack, download_stack, make_stack, multiply_
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
-DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
+DIRECTIONS_A_PIECE = 10  # directions per work-item on a processor, some microseconds of work; 1 elsewhere
 DEGREES_A_PIECE = 20
-STRIPS_TOGETHER = 10  # of a product: they share what is read of the other factor
+STRIPS_TOGETHER = 10  # strips of a product per work-item: they share reads of the other factor
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ LISTS = re.compile(r"^#define ([A-Z_]+)(?:\(x\))? +((?:__global|IN|INTS|OUT|int|
 MACRO = re.compile(r"\b([A-Z_]+)\b(\(\w+\))?")
 NUMBERS = {"int": np.int32, "long": np.int64}
 COMPLAINT = re.compile(r"\berror\b")
-LONGEST = 300  # characters of a compiler's log in a message
+LONGEST = 300  # characters of a compiler's log quoted in a message
 
 
 def parse_argument_types(text: str, real: Any = np.float64) -> dict[str, list[Any]]:

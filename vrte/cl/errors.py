@@ -8,7 +8,7 @@ from vrte.basics.errors import DeviceError
 from vrte.basics.memory import write_gigabytes
 from vrte.cl.session import Session
 
-SHARE = 0.9  # of what there is
+SHARE = 0.9  # fraction of the device memory that may be allocated
 MEMORY = ("MEM_OBJECT_ALLOCATION_FAILURE", "OUT_OF_RESOURCES", "OUT_OF_HOST_MEMORY", "INVALID_BUFFER_SIZE")
 LOST = (
     "DEVICE_NOT_AVAILABLE",

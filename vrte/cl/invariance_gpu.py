@@ -22,7 +22,7 @@ FIRST_LOOK, FEWEST, GROWTH = (
     4,
     4,
 )  # steps before the first look, and before another: those done over GROWTH or FEWEST
-LEFT = 1  # the state of an item that takes no more steps
+LEFT = 1  # state of an item whose iteration has ended
 
 
 @dataclass(frozen=True, eq=False)

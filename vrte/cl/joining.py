@@ -16,7 +16,7 @@ from vrte.cl.matrices import Stack, make_stack, upload_stack
 from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
 
-MOST_KEPT = 1 << 23  # doubles of what was brought from the slabs of every place
+MOST_KEPT = 1 << 23  # doubles kept of the slabs' matrices copied to every item
 IntArray = NDArray[np.int32]
 
 

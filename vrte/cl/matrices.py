@@ -9,12 +9,12 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.cl.session import Placed, Session
 
-STRIP = 8  # rows that a product is made by
-PANEL = 16  # columns that are eliminated at once
+STRIP = 8  # rows of a product per step
+PANEL = 16  # columns eliminated per step
 GROUP, TILE = 16, 64  # of `product_gpu`: work-items, and elements of the product, along each side
 TILED = {64: "product_gpu", 40: "product_gpu_40", 32: "product_gpu_32"}  # kernels by their tile
-CREW = 256  # work-items that invert a matrix together in `invert_gpu`
-LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory that it has other uses for, and some to spare
+CREW = 256  # work-items that invert one matrix in `invert_gpu`
+LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory beside the matrix, some to spare
 
 
 def pad_to_strips(rows: int) -> int:

@@ -22,10 +22,10 @@ from vrte.cl.invariance import (
 from vrte.cl.matrices import STRIP, Stack, make_stack, multiply_stacks, stack_in
 from vrte.cl.session import Session
 
-ROUGH = 2e-6  # what fixed points in floats are to miss of R, estimated: they reach it, and its square is rounding
-PROPER = 1e-5  # what a correction is to miss of itself
-MOST_ROUNDS = 3  # corrections; an item that is still in doubt is solved in doubles
-STEPS_A_LOOK = 4  # steps between two looks at what has converged, each of which waits
+ROUGH = 2e-6  # estimated error of R at which fixed-point iterations in floats stop: its square is rounding
+PROPER = 1e-5  # relative error at which a correction stops
+MOST_ROUNDS = 3  # corrections at most; an item still in doubt is solved in doubles
+STEPS_A_LOOK = 4  # iterations between two checks of convergence, each of which waits for the device
 
 
 def upload_all(session: Session, given: Sequence[Any]) -> list[Any]:

@@ -11,8 +11,8 @@ from vrte.cl.device import Device
 from vrte.cl.session import OPTIONS_OF, REALS, Session
 from vrte.request.how import OF_SINGLE
 
-SLOW = 4.0  # doubles that take so many times as long as floats: mixed precision makes up for its steps
-TIMED = 1 << 16, 64  # work-items, and work-items a group, of what is timed
+SLOW = 4.0  # time of doubles over that of floats from which mixed precision pays
+TIMED = 1 << 16, 64  # work-items, and work-items of a group, in the timed kernel
 # Multiply-adds from register to register, four chains a work-item.
 CHAINS = """
 #ifdef SINGLE

@@ -21,7 +21,7 @@ from vrte.cl.errors import name_of
 from vrte.cl.session import OPTIONS_OF, REALS
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
-LONGEST_WAIT = 120  # seconds for another process
+LONGEST_WAIT = 120  # seconds to wait for the process that probes a device
 TRY_ONE = "from vrte.cl import device, probe; print(probe.try_here(device.devices()[{}].handle, {!r}))"
 
 

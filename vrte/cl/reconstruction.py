@@ -11,7 +11,7 @@ from vrte.cl.matrices import STRIP, pad_to_strips
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
-MOST_DOUBLES = 1 << 26  # of what a group of orders takes besides the caller's arrays
+MOST_DOUBLES = 1 << 26  # doubles of scratch memory for a group of orders, beside the caller's arrays
 OF_ORDERS = (
     "G_E",
     "G_F",

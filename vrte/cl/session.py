@@ -40,9 +40,9 @@ SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how man
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
 OPTIONS_OF = {"double": OPTIONS, "single": (*OPTIONS, "-D", "SINGLE", "-cl-single-precision-constant")}
-LANES = {"cpu": 1, "gpu": 64}  # work-items that share a piece of work, by form
+LANES = {"cpu": 1, "gpu": 64}  # work-items that share one item of a batch, by form of the kernels
 FORMS = tuple(LANES)
-WORK_GROUP = 256  # work-items of a group in the form for a GPU
+WORK_GROUP = 256  # work-items of a group in the kernels' form for GPUs
 FORKED = (
     "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
     'multiprocessing.get_context("spawn"), or use OpenCL after the fork only'

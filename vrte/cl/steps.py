@@ -16,12 +16,12 @@ from vrte.cl.session import DeviceArray, Session
 
 KINDS = ("product", "straight", "combine", "invert", "prepare", "largest", "blend", "mirror", "go", "lead", "divide")
 SIZE, OF_OPERANDS, OF_OPERAND = 40, 16, 8  # numbers of a step, those before its operands, those of each
-TILES = 16 * (64 + 65)  # numbers of both factors of a product in local memory
-LAUNCH = {"cpu": 25e-6, "gpu": 20e-6}  # seconds of a launch, the host's included, by form
-RATE = {"cpu": 3.5e10, "gpu": 1e11}  # operations a second of a unit of the device, at most
-SHARE = 0.4  # of what a unit of a GPU says it could do in doubles
-LONGEST = 0.2  # seconds of a launch, so that a stop is soon obeyed
-LAUNCHES = 19  # of a doubling by a launch a step
+TILES = 16 * (64 + 65)  # numbers of both factors of a product held in local memory
+LAUNCH = {"cpu": 25e-6, "gpu": 20e-6}  # seconds per launch, host time included, by form of the kernels
+RATE = {"cpu": 3.5e10, "gpu": 1e11}  # largest operations per second of a compute unit, by form of the kernels
+SHARE = 0.4  # fraction of its peak rate in doubles that a GPU unit reaches
+LONGEST = 0.2  # seconds of a launch at most, so that an interrupt is obeyed soon
+LAUNCHES = 19  # launches of a doubling where each of its operations is a launch of its own
 
 
 def is_quicker_fused(session: Session, items: int, work: float) -> bool:

@@ -14,7 +14,7 @@ from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
-PIECES = 64  # of a launch on a processor, so that its cores end together
+PIECES = 64  # pieces of a launch on a processor, so that its cores finish together
 LANES = 64  # work-items of a work-group on a GPU
 
 

@@ -42,7 +42,7 @@ from vrte.scene.boundary import BLACK
 from vrte.scene.variation import Variation
 
 Prepared = tuple[list[list[Response]], list[Assembled], list[Modes | None]]
-MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # Q of reciprocity
+MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # diagonal of Q in the reciprocity relation
 
 
 @dataclass(frozen=True, eq=False)

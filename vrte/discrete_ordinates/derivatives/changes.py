@@ -13,8 +13,8 @@ from vrte.scene.beams import Passing
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
-STEP = 1e-40  # of thicknesses, into the imaginary: no difference is taken, so none loses digits
-FAR = 1e300  # stands for a semi-infinite layer there
+STEP = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
+FAR = 1e300  # optical thickness that stands for a semi-infinite layer
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,8 @@ from vrte.scene.boundary import BLACK
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 
-LONGER = 10.0  # tails of coefficients, over those of the phase matrix, that want all orders
-ALLOWED = 1e-7  # gap between R + T by modes and by doubling, beyond which modes are not trusted
+LONGER = 10.0  # all orders are kept where tails of coefficient derivatives exceed the phase matrix's by this factor
+ALLOWED = 1e-7  # largest difference of R + T, modes against doubling, for which derivatives by modes are used
 
 
 def find_gap(plan: Plan, variation: Variation) -> str | None:

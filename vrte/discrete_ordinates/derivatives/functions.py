@@ -7,8 +7,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 
-NEAR = 0.1  # of the larger point: f[a, b] is an integral of f' from here on
-THIN = 0.5  # of h^2 lambda: f[a, b] is a series below
+NEAR = 0.1  # points closer than this fraction of the larger one: f[a, b] is an integral of f'
+THIN = 0.5  # h^2 lambda below which f[a, b] is summed as a series
 POINTS, WEIGHTS = (part / 2.0 for part in np.polynomial.legendre.leggauss(7))
 
 

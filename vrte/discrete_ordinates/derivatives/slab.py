@@ -28,10 +28,10 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.derivatives.functions import Decay
 
-APART = 7e-4  # of an eigenvalue: closer to one of a direction's it is stepped around
-STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # of the rate, tried in turn
-FLAT = 0.02  # change of thickness times rate within a step: what is interpolated is right to 1e-11 there
-LOST = 40.0  # e^-40 of what gets through is lost in rounding
+APART = 7e-4  # relative distance of an eigenvalue to a direction's rate below which interpolation replaces it
+STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # relative steps of the rate for that interpolation, tried in turn
+FLAT = 0.02  # largest change of thickness times rate over a step: the interpolation is right to 1e-11 there
+LOST = 40.0  # attenuation exponent: exp(-40) of the transmitted light is below rounding
 ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
 
 

@@ -14,11 +14,11 @@ from vrte.discrete_ordinates.orders.rough import reflect_off_facets
 from vrte.scene.azimuths import ConvergenceError
 from vrte.scene.boundary import Boundary
 
-SHARE = 0.1  # of the accuracy asked for, that the Fourier integrals of a base may use up
-UNTOLD = 1e-9  # accuracy of methods that are not asked for one
-FINEST = 1e-12  # relative error that is always allowed
-ROUNDING = 1e-13  # of R^m itself
-LARGEST_ERROR = 1e-3  # of light, by what integrals do not converge to, beyond which there is no answer
+SHARE = 0.1  # fraction of the requested accuracy for the Fourier integrals of a base
+UNTOLD = 1e-9  # accuracy of these integrals under methods without an accuracy of their own
+FINEST = 1e-12  # relative error of a base's Fourier integrals that is always allowed
+ROUNDING = 1e-13  # rounding error of R^m, relative
+LARGEST_ERROR = 1e-3  # error of light by integrals that do not converge, beyond which the solve is refused
 
 
 @dataclass(frozen=True, eq=False)

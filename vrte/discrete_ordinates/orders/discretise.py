@@ -13,9 +13,9 @@ from vrte.scene.beams import locate_depths
 from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
 
-LOBE = 6.0  # orders of a lobe, times its width
+LOBE = 6.0  # Fourier orders of a lobe times its width [rad]
 MOST_SURFACE_ORDERS = 256
-LAST_PLACES = 4.0  # what sums of thicknesses may be off by
+LAST_PLACES = 4.0  # rounding errors of a sum of thicknesses, in units in the last place
 
 
 def discretise_scene(

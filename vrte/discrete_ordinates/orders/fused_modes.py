@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes
 from vrte.discrete_ordinates.orders.solved import Orders
 
-NOTHING = np.zeros(0)  # what no later stage reads
+NOTHING = np.zeros(0)  # stands for arrays that no later stage reads
 NO_PIVOTS = np.zeros(0, np.int32)
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 

@@ -11,7 +11,7 @@ from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 
-ALL = (0, 1, 2, 3)  # places of I, Q, U, V
+ALL = (0, 1, 2, 3)  # indices of I, Q, U, V
 
 
 class PhaseArguments(TypedDict):

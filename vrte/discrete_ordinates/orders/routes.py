@@ -39,8 +39,8 @@ from vrte.discrete_ordinates.orders.tanh_poles import (
 )
 from vrte.scene.boundary import Boundary
 
-QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
-TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
+QUICK = 3e-12  # accuracy of the symmetric eigensolver on 16 nodes: ten times the largest error measured
+TIGHTER = 0.5  # iterations stop at this fraction of the requested accuracy
 
 
 def is_quick(problem: Problem, accuracy: float) -> bool:
@@ -208,7 +208,7 @@ def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accura
     return ROUTES[name](problem, base, n_order, accuracy)
 
 
-SETTLES = 80.0  # optical thickness: half of it passes less than the rounding of 1
+SETTLES = 80.0  # optical thickness whose half transmits less than the rounding of 1
 
 
 def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[str, str]]:

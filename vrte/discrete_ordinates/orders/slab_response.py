@@ -25,7 +25,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import reconstruct
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 
-INVARIANCE = 1e-13  # what iterations converge to: interfaces with surfaces make more of what is left
+INVARIANCE = 1e-13  # convergence limit of the iterations: surfaces amplify what error is left
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,9 +33,9 @@ from vrte.optics.truncation import expand_peak
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
-NEARLY_EQUAL = 1e-7  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
-STEP = 1e-6  # of the derivative: rounding of 1e-10, and as much times (tau/mu0)^2
-TOGETHER = 30_000  # degrees of so many directions at once: their matrices take some 30 MB
+NEARLY_EQUAL = 1e-7  # difference of eigenvalues of S_l (at most 1) below which the derivative is used
+STEP = 1e-6  # step of that derivative: rounding 1e-10, truncation as much times (tau/mu0)^2
+TOGETHER = 30_000  # degrees times directions per batch: matrices of about 30 MB
 ComplexArray = NDArray[np.complex128]
 
 

@@ -15,14 +15,14 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 
-STEEPEST = 8192.0  # half a thickness over the lowest mu, up to which fractions are found to FINEST in doubles
-STEEPEST_INSIDE = 1024.0  # the same of light inside: little of a grazing beam gets to depths
-FINEST = 1e-9  # accuracy that they are taken for; they are right to a tenth of it
-PLACES_A_FACTOR = 60  # places a factor of two in x, where the fractions are fitted
-LOWEST = 1e-2  # of them
+STEEPEST = 8192.0  # largest half thickness over the lowest cosine for which fractions reach FINEST in doubles
+STEEPEST_INSIDE = 1024.0  # the same limit for light inside: little of a grazing beam reaches the depths
+FINEST = 1e-9  # smallest accuracy for which fractions are used; they are right to a tenth of it
+PLACES_A_FACTOR = 60  # fit points of the fractions for each factor of two in x
+LOWEST = 1e-2  # smallest x of the fit points
 EXACT = ((np.arange(2) + 0.5) * np.pi) ** 2  # the lowest poles, which are those of tanh itself
 PLACES_INSIDE, LOW, LADDER = 20, 10, 0.17  # of poles for all depths: places a factor of two, exact ones, their ladder
-SETTLED = 1e-3  # of the accuracy asked for: what moments of the light of an order may be off by
+SETTLED = 1e-3  # error of an order's moments, as a fraction of the requested accuracy, at which GMRES stops
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
 Sets = tuple[tuple[tuple[int, ...], ...], ...]  # of Stokes parameters that each order keeps apart
-FADES = 0.8  # of 1 - q, as in `count_layers_reached`
+FADES = 0.8  # decay rate of an order as a fraction of 1 - q, as in `count_layers_reached`
 
 
 class BatchKey(NamedTuple):

@@ -18,8 +18,8 @@ from vrte.discrete_ordinates.planning.order_bounds import (
 )
 from vrte.scene.boundary import BLACK, Boundary
 
-TRAPPED = 30.0  # times as much light comes back from a depth, at most, where a surface keeps it
-STEPS = 10  # numbers of nodes that orders are sorted into
+TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light returned from a depth
+STEPS = 10  # classes of node counts into which orders are sorted
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,13 @@ from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_FRACTIONS
 from vrte.discrete_ordinates.orders.tanh_poles import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.request.how import BY_RULE
 
-THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
-ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
-STRONGEST = 0.98  # q of orders whose iterations converge
-THICKEST = 4.0  # slab whose light partial fractions find: what passes is a difference
+THIN = 1e-5  # scattering thickness below which fluxes by modes, right to 1e-16 over it, are too inaccurate
+ONE_LAYER = 16.0  # thickness over the lowest node cosine from which doubling takes five steps or more
+STRONGEST = 0.98  # largest q (scattered fraction) of an order for which invariance iterations converge in time
+THICKEST = 4.0  # largest optical thickness of a slab solved by partial fractions: T is a difference of them
 STEEP_LOSS = 6e-18  # error of light by modes times the square of the lowest node's cosine, at most, with grading 2
-SHARE_OF_STEEP = 0.1  # of the accuracy: what that may be
-FINEST = 1e-13  # accuracy that iterations are taken for
+SHARE_OF_STEEP = 0.1  # fraction of the requested accuracy that this error of steep nodes may use
+FINEST = 1e-13  # smallest requested accuracy for which iterations are used
 
 
 @dataclass(frozen=True)

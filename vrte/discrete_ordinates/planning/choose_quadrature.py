@@ -18,14 +18,14 @@ from vrte.scene.scene import Scene
 
 SERIES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # nodes a hemisphere
 FEWEST, MOST = SERIES[0], SERIES[-1]
-LOWEST = 0.02  # |mu| below which estimates are those of this one
+LOWEST = 0.02  # smallest |mu| of estimates: lower directions take this one's
 AIM, DISCRETE = 0.65, 0.35  # of the accuracy: what the nodes may miss, what the discrete problem is solved to
-CAREFUL = 0.3  # of the accuracy: what an estimate aims at that no second count checks
-TERM = 0.3  # what a degree that the nodes do not carry changes at most, over its strength
-BELIEF = 0.8  # in that most: its power in the first number of nodes
-WORTH_GRADING = 0.9  # of the nodes with grading 1: as few graded ones are taken
-MOST_GRADED = 64  # nodes with grading 2: the lowest of them lies at 3e-8
-OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where the nodes themselves are asked for
+CAREFUL = 0.3  # fraction of the accuracy aimed at by an estimate that no second count of nodes checks
+TERM = 0.3  # largest error of a degree that the nodes do not carry, over the degree's strength
+BELIEF = 0.8  # power of that largest error in the first number of nodes
+WORTH_GRADING = 0.9  # graded nodes are taken where they are at most this fraction of the ungraded ones
+MOST_GRADED = 64  # largest number of nodes with grading 2: their lowest cosine is 3e-8
+OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where light along the nodes is requested
 
 
 @dataclass(frozen=True)

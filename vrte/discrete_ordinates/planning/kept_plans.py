@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan
 
 MOST_PLANS = 32
-MOST_NUMBERS = 50_000  # of a plan, roughly
+MOST_NUMBERS = 50_000  # largest plan that is kept, in numbers, roughly
 TOLD = (  # of a request, beside its scene and numbers
     "kind",
     "fluxes_only",

@@ -15,18 +15,18 @@ from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
-ORDERS = 0.4  # of the accuracy asked for: orders left out
-SHARE = 0.1  # of it: nodes left out; layers left out
-SAMPLES = 5  # directions of each kind that singly scattered light is looked at
-DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may decay with
-LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
-TOGETHER = 4  # orders between two looks, so that threads have work; the same for any number of threads
-ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never decays
-CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
-SAFETY = 3.0  # times what was found: orders to come are bounded by no less
-STEEPER = 5.0  # fall from one order to the next, over the one seen, that a bound is not trusted with
-LARGEST_BOUND = 1e150  # as good as infinite, and products and sums of such bounds are numbers
-LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
+ORDERS = 0.4  # fraction of the requested accuracy for Fourier orders left out
+SHARE = 0.1  # fraction of the requested accuracy for nodes left out, and again for layers left out
+SAMPLES = 5  # directions of each kind in which single scattering is evaluated for the bounds
+DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # trial decay rates of an order's light, as fractions of 1 - q
+LARGEST_GAIN = 1e4  # upper limit of 1/(1 - q)^2, the gain by multiple scattering: such orders need every node
+TOGETHER = 4  # orders solved between two evaluations of the bounds, for any number of threads
+ALMOST_ONE = 1.0 - 1e-12  # q from which the light of an order is taken not to decay
+CAREFUL = (1000.0, 30.0)  # trial factors by which bounds may be too large, where they are compared with the orders found
+SAFETY = 3.0  # bounds of later orders are at least this many times the orders found
+STEEPER = 5.0  # a bound may not fall faster, order to order, than this many times the fall observed
+LARGEST_BOUND = 1e150  # upper limit of bounds, so that their products and sums stay finite
+LOOKED_AT = 3  # orders, from order 1 on, that bounds are compared with
 
 
 @dataclass(frozen=True, eq=False)

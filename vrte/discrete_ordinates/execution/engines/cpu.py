@@ -39,7 +39,7 @@ from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
 
-SHARES = 3  # of the incident directions, that each thread adds up
+SHARES = 3  # parts of the incident directions per thread, for summation
 
 
 @dataclass(frozen=True)

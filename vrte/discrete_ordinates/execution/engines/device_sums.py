@@ -18,8 +18,8 @@ from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Share, Sum, Target, split_into_pieces, weigh_scatterers
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin
 
-TOGETHER = 32e6  # bytes of results that are added up at once, while those before them come down
-ORDERS = 32  # waves are made for a multiple of so many orders, so that most scenes share them
+TOGETHER = 32e6  # bytes of results per batch of sums, while the batch before is downloaded
+ORDERS = 32  # cosines and sines are made for a multiple of this many orders, so that scenes reuse them
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,15 +39,15 @@ from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
 from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan
 
-STACKS = 14  # extended matrices that an item needs at once, R and T included
-SHARE = 0.5  # of the device's memory
-LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
-IN_DOUBLES = "doubling in doubles"  # of what is in doubt in floats
+STACKS = 14  # extended matrices in memory per item, R and T included
+SHARE = 0.5  # fraction of the device memory that a batch may use
+LARGEST_SHARE = 0.5  # fraction of the largest allocation that a part of the result may use
+IN_DOUBLES = "doubling in doubles"  # algorithm of items whose answer in floats is in doubt
 BY_SLABS = ("doubling", IN_DOUBLES)  # algorithms that work slab by slab
 # Residuals up to which an answer in floats counts: a tenth of its accuracy of 1e-4, as 1e-9 is of doubles' 1e-8; that
 # of transmission is nine times the error that rounding makes of T, and more (docs/how_to/opencl.md).
 ALLOWED_OF_FLOATS = {"residual_of_reflection": 1e-5, "residual_of_transmission": 5e-4, "residual_of_joints": 1e-5}
-CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
+CACHED = 256e6  # bytes of matrices per batch on a processor: larger batches are not faster
 
 
 def open_stages() -> Any:
