@@ -19,10 +19,10 @@ import numpy as np
 from bench import cases
 from bench.study import (
     COLOURS,
+    MARKERS,
     Study,
     add_study,
     carry_out,
-    finish_panel,
     list_run_facts,
     make_command,
     make_markdown_list,
@@ -40,7 +40,8 @@ from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import make_option_reader
-from vrte.pictures.figures import FAINT, require_pictures, save
+from vrte.pictures.describe import Axis, Curve, Picture, PlotPanel
+from vrte.pictures.figures import FAINT, draw_picture, require_pictures, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -270,7 +271,6 @@ CSV_COLUMNS = (
 )
 OTHERS = ("#666666", "#00a0a8", "#c05a8f", "#8a7a00", "#4a90e2", "#9b9b9b")  # steps of our own, in their order
 CONFIGURATIONS = ("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3")
-MARKERS = "osD^vP"
 
 
 def write_page(rows: Sequence[Measurement], folder: Path, settings: str) -> list[Path]:
@@ -355,31 +355,24 @@ def describe_exponents(rows: Sequence[Measurement]) -> str:
 
 def draw_total_times(axis: str, found: Lines) -> "Figure":
     """Total time, a line a configuration, each with its fit. Raises MissingExtraError."""
-    figure = make_figure(6.4, 4.2)
-    panel = figure.subplots()
-    for place, (name, steps) in enumerate(found.items()):
-        draw_series(panel, steps[TOTAL], CONFIGURATIONS[place], place, f"{name}: exponent {steps[TOTAL].exponent()}")
-    name_axes(panel, axis, steps[TOTAL].x, f"Total time. Exponent in the paper: {find_claims(axis)[TOTAL]}")
-    panel.set_ylabel("seconds")
-    panel.legend(fontsize=9, frameon=False)
-    return figure
+    parts = list[Curve]()
+    for colour, (name, steps) in zip(CONFIGURATIONS, found.items(), strict=False):
+        parts += describe_series(steps[TOTAL], colour, len(parts), f"{name}: exponent {steps[TOTAL].exponent()}")
+    title = f"Total time. Exponent in the paper: {find_claims(axis)[TOTAL]}"
+    return draw_picture(Picture([[describe_panel(axis, parts, title, legend="best", letters=9)]], 6.4, 4.2))
 
 
 def draw_step_times(axis: str, found: Lines) -> "Figure":
     """Time of each step, a panel a configuration. Raises MissingExtraError."""
-    figure, claims = make_figure(1.2 + 4.2 * len(found), 5.4), find_claims(axis)
-    panels: Any = figure.subplots(1, len(found), sharey=True, squeeze=False)
-    for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
+    claims, panels = find_claims(axis), []
+    for name, lines in found.items():
         steps = {step: line for step, line in lines.items() if step != TOTAL and line.seconds.any()}
-        colours = choose_colours(list(steps))
-        for place, (step, line) in enumerate(steps.items()):
+        parts, colours = list[Curve](), choose_colours(list(steps))
+        for step, line in steps.items():
             stated = f" (paper: {claims[step]})" if step in claims else ""
-            draw_series(panel, line, colours[step], place, f"{step}: {line.exponent()}{stated}")
-        name_axes(panel, axis, lines[TOTAL].x, name)
-        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
-        panel.legend(fontsize=8, frameon=False, title="step: exponent", title_fontsize=8, **below)
-    panels[0, 0].set_ylabel("seconds")
-    return figure
+            parts += describe_series(line, colours[step], len(parts), f"{step}: exponent {line.exponent()}{stated}")
+        panels.append(describe_panel(axis, parts, name, legend="below", letters=8))
+    return draw_picture(Picture([panels], 1.2 + 4.2 * len(found), 5.4, share_y=True))
 
 
 def choose_colours(steps: Sequence[str]) -> dict[str, str]:
@@ -388,32 +381,23 @@ def choose_colours(steps: Sequence[str]) -> dict[str, str]:
     return COLOURS | {step: OTHERS[place % len(OTHERS)] for place, step in enumerate(ours)} | {REST: FAINT}
 
 
-def draw_series(panel: Any, line: Series, colour: str, place: int, label: str) -> None:
-    """Medians with a bar from the least to the greatest, and the fitted power law dashed."""
+def describe_series(line: Series, colour: str, count: int, label: str) -> list[Curve]:
+    """Medians with a bar from the least to the greatest, and the fitted power law dashed; ``count`` curves before it
+    say which marker is the next."""
     ran = line.seconds > 0.0
     x, median = line.x[ran], line.seconds[ran]
-    spread = [median - line.least[ran], line.greatest[ran] - median]
-    style = {"color": colour, "marker": MARKERS[place % len(MARKERS)], "markersize": 4}
-    panel.errorbar(x, median, yerr=spread, label=label, linewidth=1.3, elinewidth=0.8, capsize=2, **style)
+    bars = np.array([median - line.least[ran], line.greatest[ran] - median])
+    found = [Curve(x, median, label, colour, marker=MARKERS[count // 2 % len(MARKERS)], width=1.3, sigma=bars)]
     fit = fit_exponent(x, median)
-    if fit is not None:
-        panel.plot(x, fit.factor * x**fit.exponent, color=colour, linewidth=0.9, linestyle="--", alpha=0.7)
+    law = np.full(x.size, np.nan) if fit is None else fit.factor * x**fit.exponent
+    return [*found, Curve(x, law, colour=colour, dash="--", width=0.9, opacity=0.7)]
 
 
-def name_axes(panel: Any, axis: str, values: Array, title: str) -> None:
-    """With ticks at the points themselves."""
-    finish_panel(panel, title, str(AXES[axis][0]))
-    panel.set_xticks(values, [f"{value:g}" for value in values])
-    panel.minorticks_off()
-    panel.tick_params(labelsize=8)
-
-
-def make_figure(width: float, height: float) -> Any:
-    """An empty figure [inches]. Raises MissingExtraError without matplotlib."""
-    require_pictures()
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
+def describe_panel(axis: str, parts: Sequence[Curve], title: str, **legend: Any) -> PlotPanel:
+    """Seconds over what is varied, ticks at the points themselves."""
+    values = sorted({float(x) for part in parts for x in part.x})
+    along = Axis(str(AXES[axis][0]), log=10.0, ticks=values, words=[f"{value:g}" for value in values])
+    return PlotPanel(parts, along, Axis("seconds", log=10.0), title, **legend)
 
 
 def measure_costs(options: Any) -> None:

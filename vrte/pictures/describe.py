@@ -107,7 +107,7 @@ class PlotPanel:
     y: Axis = Axis()
     title: str = ""
     polar: str = ""  # "half" or "whole": polar, over the upper half or all around
-    legend: str = "best"  # where it stands; "" for none
+    legend: str = "best"  # where it stands, "below" the panel too; "" for none
     columns: int = 1  # of the legend
     letters: float = 7.0  # size of the legend's letters
     bare: bool = False

@@ -115,7 +115,9 @@ def draw_panel(axes: Any, panel: PlotPanel) -> None:
     axes.grid(**GRID) if panel.grid else None
     handles, names = axes.get_legend_handles_labels()
     if panel.legend and handles:
-        where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1)} if panel.polar else {"loc": panel.legend}
+        where: dict[str, Any] = {"loc": panel.legend}
+        if panel.polar or panel.legend == "below":
+            where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1 if panel.polar else -0.15)}
         axes.legend(handles, names, fontsize=panel.letters, frameon=False, ncols=panel.columns, **where)
 
 
