@@ -115,10 +115,10 @@ def draw_panel(axes: Any, panel: PlotPanel) -> None:
     axes.grid(**GRID) if panel.grid else None
     handles, names = axes.get_legend_handles_labels()
     if panel.legend and handles:
-        where: dict[str, Any] = {"loc": panel.legend}
+        spot: dict[str, Any] = {"loc": panel.legend}
         if panel.polar or panel.legend == "below":
-            where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1 if panel.polar else -0.15)}
-        axes.legend(handles, names, fontsize=panel.letters, frameon=False, ncols=panel.columns, **where)
+            spot = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.1 if panel.polar else -0.15)}
+        axes.legend(handles, names, fontsize=panel.letters, frameon=False, ncols=panel.columns, **spot)
 
 
 def draw_curve(axes: Any, curve: Curve, polar: bool) -> None:

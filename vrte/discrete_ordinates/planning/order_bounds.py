@@ -22,10 +22,7 @@ DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # trial decay rates of an order'
 LARGEST_GAIN = 1e4  # upper limit of 1/(1 - q)^2, the gain by multiple scattering: such orders need every node
 TOGETHER = 4  # orders solved between two evaluations of the bounds, for any number of threads
 ALMOST_ONE = 1.0 - 1e-12  # q from which the light of an order is taken not to decay
-CAREFUL = (
-    1000.0,
-    30.0,
-)  # trial factors by which bounds may be too large, where they are compared with the orders found
+CAREFUL = (1000.0, 30.0)  # trial factors by which bounds may exceed the light that is found
 SAFETY = 3.0  # bounds of later orders are at least this many times the orders found
 STEEPER = 5.0  # a bound may not fall faster, order to order, than this many times the fall observed
 LARGEST_BOUND = 1e150  # upper limit of bounds, so that their products and sums stay finite
