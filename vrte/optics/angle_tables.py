@@ -39,10 +39,7 @@ EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
 
 @dataclass(frozen=True, eq=False)
 class ScatteringTable:
-    """A scattering matrix over the scattering angle, in vrte's signs; the mean of F11 over the sphere is 1.
-
-    Angles [degrees] and elements are arrays (angles,).
-    """
+    """A scattering matrix over scattering angles [degrees] (angles,), in vrte's signs; the mean of F11 is 1."""
 
     angle_deg: Array
     F11: Array
@@ -93,25 +90,19 @@ def describe_expansion(matrix: PhaseMatrix) -> dict[str, str]:
     """What was found in the table that a phase matrix came from, in words: integral, peak, terms, error, coherency."""
     found = matrix.expansion
     assert found is not None  # it is from a table
-    zero, half = find_peak(matrix)
-    reach = "nowhere half as large" if half is None else f"half of that at {half:.3g} degrees"
+    angles = np.concatenate([[0.0], np.geomspace(1e-3, 180.0, 2000)])
+    f11 = matrix.to_angles(angles).F11
+    below = np.flatnonzero(f11 <= 0.5 * f11[0])
+    reach = f"half of that at {angles[below[0]]:.3g} degrees" if below.size else "nowhere half as large"
     rows = {
         "integral": f"{found.integral:.6g} (F11's mean over the sphere, over the convention's)",
-        "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
+        "peak": f"F11 is {f11[0]:.5g} at 0 degrees, {reach}",
         "asymmetry": f"{round(matrix.asymmetry, 9) + 0.0:.6g}",
         "terms": f"{matrix.terms}",
         "error": f"{found.largest_error:.2g} of F11 at most, at {found.largest_error_angle_deg:g} degrees",
         "coherency": f"lowest eigenvalue {found.lowest_eigenvalue:.2g} of F11, at {found.lowest_angle_deg:g} degrees",
     }
     return rows if found.albedo is None else rows | {"albedo": f"{found.albedo:.6g}"}
-
-
-def find_peak(matrix: PhaseMatrix) -> tuple[float, float | None]:
-    """F11 at 0 degrees, and the first angle [degrees] where it is half as large; None where it nowhere is."""
-    angles = np.concatenate([[0.0], np.geomspace(1e-3, 180.0, 2000)])
-    f11 = matrix.to_angles(angles).F11
-    below = np.flatnonzero(f11 <= 0.5 * f11[0])
-    return float(f11[0]), float(angles[below[0]]) if below.size else None
 
 
 def tabulate_phase_matrix(phase_matrix: PhaseMatrix, angle_deg: Any) -> ScatteringTable:
@@ -133,7 +124,6 @@ def tabulate_phase_matrix(phase_matrix: PhaseMatrix, angle_deg: Any) -> Scatteri
 def expand_table(
     angle_deg: Any,
     columns: Sequence[Any],
-    *,
     convention: str,
     normalise: bool,
     spheres: bool,
@@ -152,12 +142,12 @@ def expand_table(
     elements = read_elements(angles, columns, about, spheres)
     sums = integrate_exactly(angles, elements)
     way, spline = f"exact quadrature over {angles.size} angles", None
+    if ends is not None and (sums is not None or (angles[0] == 0.0 and angles[-1] == 180.0)):
+        raise SceneError.of("ends", "fills what a table leaves out, and this one leaves out nothing")
     if sums is None:
         whole_angles, whole, way = fill_ends(angles, elements, ends)
         spline = ElementSpline(whole_angles, whole)
         sums = spline.integrate(1)
-    elif ends is not None:
-        raise SceneError.of("ends", "fills what a table leaves out, and this one leaves out nothing")
     mean = 0.5 * float(sums[0, 0])
     integral = check_integral(mean, about, convention, normalise)
     table = ScatteringTable(angles, *(freeze_copy(row) for row in elements / mean))
@@ -191,26 +181,30 @@ def check_angles(angle_deg: Any) -> Array:
     return angles
 
 
-def read_elements(angles: Array, columns: Sequence[Any], about: Convention, spheres: bool) -> Array:
-    """vrte's elements (6, angles), not normalised, from six columns in the order of ELEMENTS, None where missing."""
-    found = [
-        None if column is None else check_vector(name, column) for name, column in zip(ELEMENTS, columns, strict=True)
-    ]
+def check_columns(angles: Array, columns: Sequence[Any]) -> list[Array | None]:
+    """Six columns (angles,) in the order of ELEMENTS, None where one is missing. Raises SceneError."""
+    pairs = zip(ELEMENTS, columns, strict=True)
+    found = [None if column is None else check_vector(name, column) for name, column in pairs]
     for name, column in zip(ELEMENTS, found, strict=True):
         if column is not None and column.size != angles.size:
             raise SceneError.of(name, f"must have a value for each of {angles.size} angles, not {column.size}")
-    given = [name for name, column in zip(ELEMENTS, found, strict=True) if column is not None]
-    if spheres:
-        if len(given) == len(ELEMENTS):
-            raise SceneError.of("spheres", "fills columns that are missing, and none is")
-        if len(given) > 1:
-            found = about.fill_in_spheres(found)
+    return found
+
+
+def read_elements(angles: Array, columns: Sequence[Any], about: Convention, spheres: bool) -> Array:
+    """vrte's elements (6, angles), not normalised, from six columns in the order of ELEMENTS, None where missing."""
+    found = check_columns(angles, columns)
     missing = [name for name, column in zip(ELEMENTS, found, strict=True) if column is None]
-    if missing and (len(given) > 1 or spheres):
+    is_scalar = len(missing) >= len(ELEMENTS) - 1
+    if spheres and not missing:
+        raise SceneError.of("spheres", "fills columns that are missing, and none is")
+    if spheres and not is_scalar:
+        found = about.fill_in_spheres(found)
+        missing = [name for name, column in zip(ELEMENTS, found, strict=True) if column is None]
+    if missing and (spheres or not is_scalar):
         cure = "" if spheres else "; of spheres F22 = F11 and F44 = F33, which spheres=True takes for granted"
-        raise SceneError.of(
-            missing[0], f"is missing: all six elements are needed, or F11 alone (a scalar phase function){cure}"
-        )
+        words = f"is missing: all six elements are needed, or F11 alone (a scalar phase function){cure}"
+        raise SceneError.of(missing[0], words)
     if missing and about.columns[0] != "F11":
         raise SceneError.of("F12", "is missing: in the convention F11 alone is not the intensity")
     elements = about.read(np.stack([np.zeros_like(angles) if column is None else column for column in found]))
@@ -228,8 +222,6 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
     gaps = [name for name, gap in ((FORWARD, angles[0] > 0.0), (BACKWARD, angles[-1] < 180.0)) if gap]
     way = f"a spline over {angles.size} angles"
     if not gaps:
-        if ends is not None:
-            raise SceneError.of("ends", "fills what a table leaves out, and this one reaches from 0 to 180 degrees")
         return angles, elements, way
     if ends is None:
         raise SceneError.of(
@@ -251,15 +243,13 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
 def extend_to_end(theta: Array, elements: Array, forward: bool) -> Array:
     """Elements (6, 1) in the exact forward or backward direction, ``theta`` (n,) [radians] away from it, ascending.
 
-    log F11 and the ratios of the diagonal are even functions of theta, here parabolas through what lies within twice
-    the first angle; F12 and F34 vanish, F22 = +-F33, and F44 = +-(2 F22) -+ F11 as for any mirror-symmetric collection.
-    Source: Hovenier and Mackowski, JQSRT 60, 483 (1998).
+    log F11 and the ratios of the diagonal are even in theta: parabolas within twice the first angle; F12 and F34
+    vanish, F22 = +-F33, F44 = +-(2 F22) -+ F11. Source: Hovenier and Mackowski, JQSRT 60, 483 (1998).
     """
     near = theta <= max(2.0 * theta[0], theta[2])
     shape = np.vstack([np.log(elements[:1, near]), elements[[2, 3], :][:, near] / elements[0, near]])
-    log_f11, f22, f33 = np.linalg.lstsq(np.stack([np.ones(near.sum()), theta[near] ** 2], axis=1), shape.T, rcond=None)[
-        0
-    ][0]
+    parabola = np.stack([np.ones(near.sum()), theta[near] ** 2], axis=1)
+    log_f11, f22, f33 = np.linalg.lstsq(parabola, shape.T, rcond=None)[0][0]
     sign = 1.0 if forward else -1.0
     ratio = float(np.clip(0.5 * (f22 + sign * f33), 0.0, 1.0))
     scalar = not elements[1:].any()
@@ -269,16 +259,15 @@ def extend_to_end(theta: Array, elements: Array, forward: bool) -> Array:
 
 def check_integral(mean: float, about: Convention, name: str, normalise: bool) -> float:
     """The mean of F11 over what it should be. Raises SceneError where that is too far from 1, or nothing is known."""
+    integral = mean / (about.mean or 1.0)
+    if normalise:
+        return integral
     if about.mean is None:
-        if normalise:
-            return mean
-        raise SceneError.of(
-            "normalise",
-            f'must be True for the convention "{name}", which leaves the mean of F11 over the sphere open; here it is '
-            f"{mean:.6g}",
+        words = (
+            f'must be True for the convention "{name}", which leaves the mean of F11 over the sphere open; here it is'
         )
-    integral = mean / about.mean
-    if abs(integral - 1.0) > MEAN_ALLOWED and not normalise:
+        raise SceneError.of("normalise", f"{words} {mean:.6g}")
+    if abs(integral - 1.0) > MEAN_ALLOWED:
         raise SceneError.of(
             "F11",
             f"has a mean over the sphere of {integral:.6g} times what it should be in the convention "

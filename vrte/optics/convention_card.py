@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_vector
+from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.optics.angle_tables import check_angles
-from vrte.optics.conventions import CONVENTIONS, ELEMENTS, Convention
+from vrte.optics.angle_tables import check_angles, check_columns
+from vrte.optics.conventions import CONVENTIONS, Convention
 from vrte.optics.particles import Particles
 from vrte.optics.spheres import spheres
 
@@ -26,18 +26,16 @@ def make_reference_sphere() -> Particles:
 def tabulate_card(convention: Convention, angle_deg: Any = CARD_DEG) -> Array:
     """What a code of this convention gives for the reference sphere: its six columns (6, angles)."""
     sphere = make_reference_sphere()
-    angles = np.atleast_1d(np.asarray(angle_deg, dtype=float))
-    f11_at = sphere.phase_matrix.to_angles([0.0, 30.0]).F11
-    wavenumber = 2.0 * np.pi / WAVELENGTH_UM
-    scale = {
-        "mean": 1.0,
-        "solid-angle": 0.25 / np.pi,
-        "amplitudes": sphere.scattering_um2 * wavenumber**2 / (4.0 * np.pi),
-        "forward": 1.0 / f11_at[0],
-        "30-degrees": 1.0 / f11_at[1],
-        "cross-section": sphere.scattering_um2 / (4.0 * np.pi),
-    }[convention.scale]
-    return convention.write(scale * sphere.phase_matrix.to_angles(angles).elements)
+    ahead, aside = sphere.phase_matrix.to_angles([0.0, 30.0]).F11
+    cross_section = sphere.scattering_um2 / (4.0 * np.pi)
+    scales = {
+        "amplitudes": cross_section * (2.0 * np.pi / WAVELENGTH_UM) ** 2,
+        "forward": 1.0 / ahead,
+        "30-degrees": 1.0 / aside,
+        "cross-section": cross_section,
+    }
+    scale = convention.mean or scales[convention.scale]
+    return convention.write(scale * sphere.phase_matrix.to_angles(angle_deg).elements)
 
 
 def recognise_convention(
@@ -75,13 +73,8 @@ def recognise_convention(
     ('vrte',)
     """
     angles = check_angles(angle_deg)
-    columns = (F11, F12, F22, F33, F34, F44)
-    given = {place: check_vector(ELEMENTS[place], column) for place, column in enumerate(columns) if column is not None}
-    for place, column in given.items():
-        if column.size != angles.size:
-            raise SceneError.of(
-                ELEMENTS[place], f"must have a value for each of {angles.size} angles, not {column.size}"
-            )
+    columns = enumerate(check_columns(angles, (F11, F12, F22, F33, F34, F44)))
+    given = {place: column for place, column in columns if column is not None}
     found = {name: _compare(given, tabulate_card(about, angles), about) for name, about in CONVENTIONS.items()}
     fitting = tuple(name for name, (off, _, _) in found.items() if off <= ALIKE)
     if fitting:

@@ -57,9 +57,8 @@ class Convention:
         found = columns.copy()
         if self.columns[0] == "Pll":
             along, exchanged, across = columns[:3]
-            found[:3] = 0.5 * np.stack(
-                [along + across + 2.0 * exchanged, along - across, along + across - 2 * exchanged]
-            )
+            both, twice = along + across, 2.0 * exchanged
+            found[:3] = 0.5 * np.stack([both + twice, along - across, both - twice])
         for place, name in enumerate(self.columns):
             found[place] *= -1.0 if name.startswith("-") else 1.0
             found[place] *= found[0] if name.endswith("/F11") else 1.0
@@ -80,14 +79,12 @@ class Convention:
 
     def fill_in_spheres(self, columns: Sequence[Array | None]) -> list[Array | None]:
         """The columns with what spheres leave out: F22 = F11 and F44 = F33, or Plr = 0 and F44 = F33."""
-        found = list(columns)
-        f11 = found[0]
-        if self.columns[0] == "Pll" and found[1] is None and f11 is not None:
-            found[1] = np.zeros_like(f11)
-        elif found[2] is None and f11 is not None:
-            found[2] = np.ones_like(f11) if self.columns[2].endswith("/F11") else f11
-        found[5] = found[3] if found[5] is None else found[5]
-        return found
+        f11, f12, f22, f33, f34, f44 = columns
+        if self.columns[0] == "Pll" and f12 is None and f11 is not None:
+            f12 = np.zeros_like(f11)
+        elif f22 is None and f11 is not None:
+            f22 = np.ones_like(f11) if self.columns[2].endswith("/F11") else f11
+        return [f11, f12, f22, f33, f34, f33 if f44 is None else f44]
 
 
 CONVENTIONS = {

@@ -10,12 +10,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError, warn_user
-from vrte.optics.effective_medium import (
-    Kinds,
-    find_coherent_potential_index,
-    find_maxwell_garnett_index,
-    list_sizes,
-)
+from vrte.optics.effective_medium import Kinds, find_coherent_potential_index, find_maxwell_garnett_index, list_sizes
 from vrte.optics.hard_spheres import join_amplitudes
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
@@ -58,11 +53,8 @@ class IndependentScatteringWarning(PackingWarning):
 def check_hard_spheres(particles: Particles, volume_fraction: float) -> None:
     """Warns above an |m - 1| of 0.35. Raises SceneError above random close packing."""
     if volume_fraction > RANDOM_CLOSE_PACKING:
-        raise SceneError.of(
-            "layer: volume_fraction",
-            f'must be at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}: hard '
-            "spheres fill no more at random",
-        )
+        words = f'at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}'
+        raise SceneError.of("layer: volume_fraction", f"must be {words}: hard spheres fill no more at random")
     if particles.balls:
         contrast = float(np.abs(np.sqrt(list_sizes(particles.balls)[2]) / particles.balls[0][0].host - 1.0).max())
         if contrast > SOFT:
@@ -87,12 +79,8 @@ def check_effective_medium(particles: Particles, volume_fraction: float) -> None
 
 
 def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Particles:
-    """Percus-Yevick's hard spheres in the host: amplitudes of all sizes interfere, absorption stays each one's own.
-
-    F11 = 1/2 sum over pairs of sqrt(n_i n_j) (S1_i S1_j* + S2_i S2_j*) S_ij(q), with q = 2 k sin(theta/2) in the host
-    and diameters of the spheres, the other elements likewise; of one size it is S(q) F. Expanded anew, with twice as
-    many nodes until the terms left out are below 1e-12, or what rounding leaves of them.
-    """
+    """Percus-Yevick's hard spheres in the host: amplitudes of all sizes interfere, F11 = 1/2 sum over pairs of sqrt(n_i
+    n_j) (S1_i S1_j* + S2_i S2_j*) S_ij(q), q = 2 k sin(theta/2); absorption stays each one's own."""
     kinds = _normalise_shares(particles)
     populations = [average_population(ball)[0] for ball, _ in kinds]
     factor = 2.0 * math.pi / kinds[0][0].wavenumber ** 2
@@ -101,7 +89,7 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
         extinction, scattering, _, _ = sum_bulk(population)
         absorbed += share * factor * max(0.0, extinction - scattering) if ball.absorbs else 0.0
     everything = _join_populations(populations, [share for _, share in kinds])
-    phase_matrix, integral = _expand_until_settled(everything, volume_fraction)
+    phase_matrix, integral = _expand_until_converged(everything, volume_fraction)
     scattering = factor * integral
     return replace(
         particles,
@@ -115,10 +103,19 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
     )
 
 
-def _expand_until_settled(population: Population, volume_fraction: float) -> tuple[PhaseMatrix, float]:
-    """The six sequences and the integral of F11, with as many nodes as S(q), which is no polynomial, takes."""
-    find_elements = partial(_compute_joined_elements, population, volume_fraction)
-    orders = population.a.shape[1]
+def _expand_until_converged(population: Population, volume_fraction: float) -> tuple[PhaseMatrix, float]:
+    """The phase matrix and the integral of F11, with twice as many nodes until the terms left out are below 1e-12, or
+    what rounding leaves of them: S(q) is no polynomial."""
+    orders, root = population.a.shape[1], np.sqrt(population.weights)[:, None]
+    wavenumber, one_each = float(population.sizes[0] / population.radii[0]), np.ones(population.radii.size)
+
+    def find_elements(cosine: Array) -> Array:
+        alone = find_amplitudes(population.a, population.b, compute_angular_functions(orders, cosine))
+        q = wavenumber * np.sqrt(2.0 * (1.0 - cosine))  # 2 k sin(theta/2)
+        crowd = q, population.radii, population.weights, volume_fraction
+        total, difference = join_amplitudes(np.stack(alone) * root, *crowd)
+        return sum_amplitudes(total, difference, one_each)
+
     terms = MORE_TERMS * (2 * orders + 1)
     while terms <= MOST_TERMS:
         sums, integral = expand_elements(find_elements, terms)
@@ -126,36 +123,20 @@ def _expand_until_settled(population: Population, volume_fraction: float) -> tup
         if kept <= 3 * terms // 4:
             return make_phase_matrix(sums[:kept]), integral
         terms *= 2
-    raise SceneError(
-        f'layer: packing="{PERCUS_YEVICK}" would take more than {MOST_TERMS} terms for spheres so large and so close',
-        "packing",
-    )
-
-
-def _compute_joined_elements(population: Population, volume_fraction: float, cosine: Array) -> Array:
-    """As `compute_scattering_elements`, of spheres whose light interferes."""
-    wavenumber = float(population.sizes[0] / population.radii[0])
-    functions = compute_angular_functions(population.a.shape[1], cosine)
-    alone = np.stack(find_amplitudes(population.a, population.b, functions)) * np.sqrt(population.weights)[:, None]
-    q = wavenumber * np.sqrt(2.0 * (1.0 - cosine))  # 2 k sin(theta/2)
-    total, difference = join_amplitudes(alone, q, population.radii, population.weights, volume_fraction)
-    return sum_amplitudes(total, difference, np.ones(population.radii.size))
+    words = f"would take more than {MOST_TERMS} terms for spheres so large and so close"
+    raise SceneError(f'layer: packing="{PERCUS_YEVICK}" {words}', "packing")
 
 
 def _join_populations(populations: Sequence[Population], shares: Sequence[float]) -> Population:
     """Spheres of several kinds as one population; the sum of shares is 1."""
     orders = max(one.a.shape[1] for one in populations)
-
-    def join(name: str) -> Any:
-        return np.concatenate([getattr(one, name) for one in populations])
-
-    def pad(name: str) -> Any:
-        return np.concatenate(
-            [np.pad(getattr(one, name), ((0, 0), (0, orders - one.a.shape[1]))) for one in populations]
-        )
-
     weights = np.concatenate([share * one.weights for one, share in zip(populations, shares, strict=True)])
-    return Population(join("radii"), join("sizes"), weights, pad("a"), pad("b"))
+    radii, sizes = (np.concatenate([getattr(one, name) for one in populations]) for name in ("radii", "sizes"))
+    a, b = (
+        np.concatenate([np.pad(table, ((0, 0), (0, orders - table.shape[1]))) for table in tables])
+        for tables in ([one.a for one in populations], [one.b for one in populations])
+    )
+    return Population(radii, sizes, weights, a, b)
 
 
 def scatter_in_medium(

@@ -22,21 +22,17 @@ STEP, STEP_OF_PHASE, FURTHEST = 0.01, 0.1, 2.0  # of the host's index, in search
 
 def list_sizes(kinds: Kinds) -> tuple[Array, Array, Array]:
     """Radii [um] of spheres of all kinds, their number shares, and the permittivity of each: all (sizes,)."""
-    radii, weights, permittivities = [], [], []
+    rows = []
     for ball, share in kinds:
-        some, counts = ball.read_quadrature(FEWEST_RADII, 6)
-        radii.append(some)
-        weights.append(share * counts)
-        permittivities.append([ball.find_permittivity(float(radius)) for radius in some])
-    return np.concatenate(radii), np.concatenate(weights), np.concatenate(permittivities)
+        radii, weights = ball.read_quadrature(FEWEST_RADII, 6)
+        rows.append((radii, share * weights, [ball.find_permittivity(float(radius)) for radius in radii]))
+    radii, weights, permittivities = map(np.concatenate, zip(*rows, strict=True))
+    return radii, weights, permittivities
 
 
 def find_maxwell_garnett_index(kinds: Kinds, volume_fraction: float) -> float:
-    """Maxwell Garnett's index of a host with spheres much smaller than the wavelength.
-
-    (e - e_h)/(e + 2 e_h) = sum over kinds of f_k (e_k - e_h)/(e_k + 2 e_h). Source: Bohren and Huffman (1983), section
-    8.5.
-    """
+    """Maxwell Garnett's index of a host with spheres much smaller than the wavelength: (e - e_h)/(e + 2 e_h) = sum over
+    kinds of f_k (e_k - e_h)/(e_k + 2 e_h). Source: Bohren and Huffman (1983), section 8.5."""
     radii, weights, permittivities = list_sizes(kinds)
     host = kinds[0][0].host ** 2
     volumes = weights * radii**3
@@ -83,7 +79,5 @@ def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float
         if sign * advance(before + step) <= 0.0:
             return float(brentq(advance, before, before + step, xtol=1e-12, rtol=1e-12))
         before += step
-    raise SceneError.of(
-        "layer: packing",
-        '"coherent-potential" has no solution for these spheres at this volume fraction; "effective-medium" always has',
-    )
+    words = "has no solution for these spheres at this volume fraction"
+    raise SceneError.of("layer: packing", f'"coherent-potential" {words}; "effective-medium" always has')

@@ -31,10 +31,8 @@ def compute_structure_factor(q_um: ArrayLike, radius_um: float, volume_fraction:
 
 
 def join_amplitudes(amplitudes: Complex, q: Array, radii: Array, weights: Array, volume_fraction: float) -> Complex:
-    """Q^-H F of amplitudes F (kinds, sizes, angles), each times the root of its size's number share ``weights``.
-
-    Sums over sizes of products F F'* become the sums over pairs, F_i S_ij F'_j*, that neighbours make of them.
-    """
+    """Q^-H F of amplitudes F (kinds, sizes, angles), each times the root of its size's number share ``weights``: sums
+    over sizes of products F F'* become sums over pairs, F_i S_ij F'_j*."""
     start, end = find_factors(q, radii, weights, volume_fraction)
     # Woodbury: (1 - v* u^H)^-1 = 1 + v* (1 - u^H v*)^-1 u^H, with matrices of rank 2
     inner = np.eye(2) - np.einsum("kis,lis->skl", start.conj(), end.conj())

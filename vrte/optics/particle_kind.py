@@ -47,6 +47,11 @@ class ParticleKind:
         return self.medium.n
 
     @property
+    def host_absorption(self) -> float:
+        """What the medium absorbs, 4 pi k/wavelength [1/um]."""
+        return find_absorption(self.medium, self.wavelength_um)
+
+    @property
     def relative_indices(self) -> tuple[complex, ...]:
         """Complex indices of the substances over that of the host."""
         return tuple(one.value / self.host for one in self.substances)
@@ -88,12 +93,9 @@ class ParticleKind:
         counts: tuple[int, int],
         converged: Array,
     ) -> tuple[Average, int, float]:
-        """An average over sizes, over how many radii, and the last relative change of cross sections.
-
-        ``average(count, moment)`` gives it, its extinction, scattering, asymmetry x scattering and backscattering (4,),
-        and its number of radii; their number is doubled, from the first to the last of ``counts``, until these change
-        by no more than ``converged`` (4,). A held distribution has as many radii as it once took.
-        """
+        """An average over sizes, over how many radii, and the last relative change of cross sections: of what
+        ``average(count, moment)`` gives, with its sums (4,) and its number of radii, which is doubled, from the first
+        to the last of ``counts``, until the sums change by no more than ``converged`` (4,)."""
         held = self.size if isinstance(self.size, Held) else None
         if held and (counts_taken := held.find(self.host)):
             found, _, used = average(*counts_taken)
@@ -108,7 +110,7 @@ class ParticleKind:
             if np.all(changes <= converged):
                 break
         if held:
-            held.keep(count, moment)
+            held.settled.append((count, moment))
         return found, used, float(changes[:2].max())
 
     def make_particles(
@@ -124,30 +126,17 @@ class ParticleKind:
         hundredth."""
         if change > DOUBTFUL:
             warn_user(f"{self.words}: not converged; {description}", SizeAverageWarning)
-        if not self.absorbs:
-            extinction_um2 = (
-                scattering_um2  # the two sums differ by rounding, and an albedo of 1 should be exactly that
-            )
-        return Particles(
-            phase_matrix,
-            min(1.0, scattering_um2 / extinction_um2),
-            phase_matrix.asymmetry,
-            extinction_um2,
-            scattering_um2,
-            volume_um3,
-            description,
-            self.host,
-            find_absorption(self.medium, self.wavelength_um),
-            self.list_balls(),
-        )
+        if not self.absorbs:  # the two sums differ by rounding, and an albedo of 1 should be exactly that
+            extinction_um2 = scattering_um2
+        albedo, g = min(1.0, scattering_um2 / extinction_um2), phase_matrix.asymmetry
+        bulk = albedo, g, extinction_um2, scattering_um2, volume_um3
+        return Particles(phase_matrix, *bulk, description, self.host, self.host_absorption, self.list_balls())
 
     def make_stand_in(self) -> Particles:
         """Particles to go on with while a scene is only checked: Rayleigh's, of extinction and volume 1."""
-        absorption = find_absorption(self.medium, self.wavelength_um)
-        balls = self.list_balls()
-        return Particles(
-            make_stand_in_matrix(), 1.0, 0.0, 1.0, 1.0, 1.0, "", self.host, absorption, balls, stands_in=bool(balls)
-        )
+        matrix, balls = make_stand_in_matrix(), self.list_balls()
+        medium = self.host, self.host_absorption
+        return Particles(matrix, 1.0, 0.0, 1.0, 1.0, 1.0, "", *medium, balls, stands_in=bool(balls))
 
     def list_balls(self) -> tuple[tuple["ParticleKind", float], ...]:
         """Itself with the number share 1, where a packing can take it: spheres."""
@@ -158,9 +147,9 @@ def check_kind(
     words: str,
     materials: Mapping[str, Material],
     wavelength_um: Any,
-    host_index: Material,
-    radius_um: Any,
-    size: SizeDistribution | None,
+    host_index: Material = 1.0,
+    radius_um: Any = None,
+    size: SizeDistribution | None = None,
 ) -> tuple[tuple[RefractiveIndex, ...], float, RefractiveIndex, SizeDistribution]:
     """What every `ParticleKind` begins with: indices of the materials by their names, the wavelength [um], the medium,
     the sizes. Raises SceneError."""
@@ -169,17 +158,14 @@ def check_kind(
     medium = find_host_index(host_index, wavelength)
     if all(abs(one.value / medium.n - 1.0) < SAME_INDEX for one in substances):
         what = "the particles" if len(substances) == 1 else " and ".join(materials)
-        raise SceneError(
-            f"{words}: {what} have the refractive index of their host, {medium.n:g}, so they scatter nothing"
-        )
+        why = f"have the refractive index of their host, {medium.n:g}, so they scatter nothing"
+        raise SceneError(f"{words}: {what} {why}")
     if (radius_um is None) == (size is None):
         raise SceneError(f"{words}: give either radius_um or size")
-    if size is None:
-        return substances, wavelength, medium, Monodisperse(radius_um)
+    size = Monodisperse(radius_um) if size is None else size
     if isinstance(size, type) or not callable(getattr(size, "quadrature", None)):
-        raise SceneError(
-            f"{words}: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
-        )
+        allowed = "a Lognormal, Gamma, Monodisperse or Tabulated"
+        raise SceneError(f"{words}: size must be {allowed}, not {type(size).__name__}")
     return substances, wavelength, medium, size
 
 
@@ -231,3 +217,9 @@ def describe_convergence(count: int, change: float, up_to: str = "") -> str:
 def make_check(make: Callable[..., ParticleKind]) -> Callable[..., Particles]:
     """All that makes a kind of particle checked, without its work: Rayleigh's particles to go on with."""
     return lambda *given, **named: make(*given, **named).make_stand_in()
+
+
+def refuse_size(what: str, most: float, size: float, radius_um: float) -> SceneError:
+    """The error of particles that are too large, which asks about nanometres."""
+    shown = f"a radius of {radius_um:.4g} um: did you mean nanometres, {radius_um / 1e3:.4g} um?"
+    return SceneError(f"{what} must be at most {most:g}, not {size:.4g} ({shown})")

@@ -44,6 +44,7 @@ CUT_SHORT = 0.1  # -(coherency eigenvalue) over the mean of F11 that comes from 
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
 ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
 SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
+PLACES = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (2, 3), (1, 0), (3, 2))  # of a1, a2, a3, a4, b1, b2, b1, -b2 in F
 PAIRS = ((0, 0), (0, 2), (2, 2), (2, -2))  # (m, n) of the Wigner functions that the six sequences multiply
 
 
@@ -154,16 +155,8 @@ class PhaseMatrix:
         """
         from vrte.optics.angle_tables import expand_table
 
-        return expand_table(
-            angle_deg,
-            (F11, F12, F22, F33, F34, F44),
-            convention=convention,
-            normalise=normalise,
-            spheres=spheres,
-            ends=ends,
-            accuracy=accuracy,
-            tolerance=tolerance,
-        )
+        columns = (F11, F12, F22, F33, F34, F44)
+        return expand_table(angle_deg, columns, convention, normalise, spheres, ends, accuracy, tolerance)
 
     def to_angles(self, angle_deg: Any = None) -> "ScatteringTable":
         """The six elements over scattering angles [degrees] (angles,), by default so many even steps that the way back
@@ -199,11 +192,10 @@ class PhaseMatrix:
             raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
         cosine = np.cos(np.radians(angles.ravel()))
         ascending = np.argsort(cosine)
-        a1, a2, a3, a4, b1, b2 = self.compute_elements(cosine[ascending])
+        elements = self.compute_elements(cosine[ascending])
         matrix = np.zeros((angles.size, 4, 4))
-        elements = [[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]]
-        for row, column in np.ndindex(4, 4):
-            matrix[ascending, row, column] = elements[row][column]
+        for (row, column), values in zip(PLACES, (*elements, elements[4], -elements[5]), strict=True):
+            matrix[ascending, row, column] = values
         return matrix.reshape(*angles.shape, 4, 4)
 
     def __repr__(self) -> str:
@@ -226,21 +218,18 @@ class PhaseMatrix:
     def compute_elements(self, cosine: Array, gap: Array | None = None) -> Array:
         """F11, F22, F33, F44, F12, F34 (6, n) at ascending cosines of the scattering angle (n,); ``gap`` is 1 - cosine,
         where that has more digits."""
-        pieces = np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE)
-        return np.concatenate(
-            [self._elements_at_once(cosine[here], None if gap is None else gap[here]) for here in pieces], axis=1
-        )
-
-    def _elements_at_once(self, cosine: Array, gap: Array | None) -> Array:
         plain, crossed = np.stack([self.a1, self.a4]), -np.stack([self.b1, self.b2])  # P^l_02 = -d^l_02
         total, difference = self.a2 + self.a3, self.a2 - self.a3
         sums = np.zeros((6, cosine.size))
-        for first, block in compute_wigner_functions(PAIRS, self.terms, cosine, gap):
-            part = slice(first, first + len(block))
-            sums[:2] += plain[:, part] @ block[:, 0]
-            sums[2:4] += crossed[:, part] @ block[:, 1]
-            sums[4] += total[part] @ block[:, 2]
-            sums[5] += difference[part] @ block[:, 3]
+        for here in np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE):
+            some = slice(here[0], here[-1] + 1) if here.size else slice(0)
+            found, gaps = sums[:, some], None if gap is None else gap[some]
+            for first, block in compute_wigner_functions(PAIRS, self.terms, cosine[some], gaps):
+                part = slice(first, first + len(block))
+                found[:2] += plain[:, part] @ block[:, 0]
+                found[2:4] += crossed[:, part] @ block[:, 1]
+                found[4] += total[part] @ block[:, 2]
+                found[5] += difference[part] @ block[:, 3]
         a1, a4, b1, b2, plus, minus = sums
         return np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
 
@@ -259,19 +248,17 @@ class PhaseMatrix:
         off = 0.0 if self.expansion is None else 2.0 * self.expansion.largest_error
         excused = (lowest >= floor - off * np.abs(a1)).all()  # the table itself has passed the test
         if enough > 1.1 * self.tolerance and not excused:
-            cure = (
-                f"; if it was cut short, tolerance={enough:.2g} takes it with a warning" if enough < CUT_SHORT else ""
-            )
+            cure = f"; if it was cut short, tolerance={enough:.2g} takes it with a warning" * (enough < CUT_SHORT)
             raise SceneError(
                 f"the phase matrix is not physical: {fault}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the "
                 f"signs, the order and the number of terms{cure})"
             )
         if excused:  # what is made of it, a mixture, is allowed as much
             object.__setattr__(self, "tolerance", max(self.tolerance, enough))
+        why = f"its expansion is off by {off / 2.0:.2g}" if excused else f"tolerance {self.tolerance:g} allows"
         warn_user(
-            f"the phase matrix is not quite physical: {fault}; taken, as "
-            f"{f'its expansion is off by {off / 2.0:.2g}' if excused else f'tolerance {self.tolerance:g} allows'}, but "
-            "light may come out negative or too polarized",
+            f"the phase matrix is not quite physical: {fault}; taken, as {why}, but light may come out negative or too "
+            "polarized",
             NegativeScatteringWarning,
         )
 
@@ -281,11 +268,8 @@ class PhaseMatrix:
 
 
 def project_elements(cosine: Array, combined: Array, terms: int, gap: Array | None = None) -> Array:
-    """Integrals over the cosine (terms, 6, ...) of six combinations of a scattering matrix times their functions.
-
-    ``combined`` (6, n, ...), on nodes ``cosine`` (n,), ascending, times their weights: F11 and F44 with d^l_00, -F12
-    and -F34 with d^l_02, F22 + F33 with d^l_22, F22 - F33 with d^l_2,-2. ``gap`` as in `compute_wigner_functions`.
-    """
+    """Integrals over the cosine (terms, 6, ...) of ``combined`` (6, n, ...), on ascending nodes (n,), weighted:
+    F11 and F44 with d^l_00, -F12 and -F34 with d^l_02, F22 + F33 with d^l_22, F22 - F33 with d^l_2,-2."""
     more = combined.shape[2:]
     plain, crossed = (np.stack((combined[k], combined[k + 1]), axis=1).reshape(cosine.size, -1) for k in (0, 2))
     sums = np.empty((terms, 6, *more))
@@ -305,11 +289,8 @@ def arrange_coefficients(sums: Array) -> tuple[Array, ...]:
 
 
 def find_lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
-    """The lowest eigenvalue of the coherency matrix of F, which no real particle makes negative.
-
-    H = sum_ij F_ij (sigma_i x sigma_j^*)/4 falls into two 2x2 blocks for an F of this form; its trace is F11.
-    Source: Hovenier and van der Mee, JQSRT 55, 649 (1996).
-    """
+    """The lowest eigenvalue of the coherency matrix H = sum_ij F_ij (sigma_i x sigma_j^*)/4, here of two 2x2 blocks,
+    which no real particle makes negative. Source: Hovenier and van der Mee, JQSRT 55, 649 (1996)."""
     outer = a1 + a2 - np.sqrt((a3 + a4) ** 2 + 4.0 * (b1**2 + b2**2))
     inner = a1 - a2 - np.abs(a3 - a4)
     return 0.25 * np.minimum(outer, inner)
@@ -362,12 +343,9 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     """
     rho = check_number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
     r = (1.0 - rho) / (1.0 + rho / 2.0)
-    return PhaseMatrix(
-        a1=np.array([1.0, 0.0, r / 2.0]),
-        a2=np.array([0.0, 0.0, 3.0 * r]),
-        a4=np.array([0.0, 3.0 * (1.0 - 2.0 * rho) / (2.0 + rho), 0.0]),
-        b1=np.array([0.0, 0.0, np.sqrt(6.0) * r / 2.0]),
-    )
+    a4 = 3.0 * (1.0 - 2.0 * rho) / (2.0 + rho)
+    rows = [1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, a4, 0.0], [r / 2.0, 3.0 * r, 0.0, 0.0, np.sqrt(6.0) * r / 2.0]
+    return PhaseMatrix(*np.array(rows).T)
 
 
 def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
@@ -410,12 +388,10 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
     try:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
-        advice = (
-            f"{enough} are enough" if enough <= MOST_TERMS else f"{enough} would be, at most {MOST_TERMS} are allowed"
-        )
+        advice = "are enough" if enough <= MOST_TERMS else f"would be, at most {MOST_TERMS} are allowed"
         raise SceneError(
             f"henyey_greenstein: {degrees.size} terms are too few for g = {value!r} (the phase function turns "
-            f"negative somewhere); {advice}"
+            f"negative somewhere); {enough} {advice}"
         ) from None
 
 

@@ -80,10 +80,8 @@ def make_population(
 
 
 def sum_bulk(population: Population) -> Array:
-    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi).
-
-    Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5 (asymmetry and backscattering).
-    """
+    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi). Source:
+    Bohren and Huffman (1983), (4.61), (4.62), section 4.5."""
     a, b = population.a, population.b
     order = np.arange(1.0, a.shape[1] + 1.0)
     twice = 2.0 * order + 1.0
@@ -97,36 +95,31 @@ def sum_bulk(population: Population) -> Array:
 
 
 def expand_population(population: Population) -> PhaseMatrix:
-    """The six sequences of spheres that scatter independently.
-
-    The elements of F are polynomials of degree 2 n in the cosine (n orders), so 2 n + 1 nodes and as many terms
-    are exact.
-    """
+    """The phase matrix of spheres that scatter independently: with n orders the elements of F are polynomials of degree
+    2 n in the cosine, so 2 n + 1 nodes and as many terms are exact."""
     terms = 2 * population.a.shape[1] + 1
     return make_phase_matrix(expand_elements(partial(compute_scattering_elements, population), terms)[0])
 
 
 def expand_elements(find_elements: Callable[[Array], Array], terms: int) -> tuple[Array, float]:
-    """a1, a4, b1, b2, a2 + a3 and a2 - a3 (terms, 6), by Gauss-Legendre quadrature, and the integral of F11.
-
-    ``find_elements`` gives F11 + F33, F11 - F33, F12 and F34 (4, angles) at ascending cosines of the scattering angle.
-    Source: de Rooij and van der Stap (1984), section 3.
-    """
-    why, change = (
-        f", most of it for a phase matrix of {terms} terms",
-        "smaller particles, or a smaller host_index, take less",
-    )
+    """a1, a4, b1, b2, a2 + a3 and a2 - a3 (terms, 6), by Gauss-Legendre quadrature, and the integral of F11, from F11 +
+    F33, F11 - F33, F12, F34 (4, angles) at ascending cosines. Source: de Rooij and van der Stap (1984), section 3."""
+    why = f", most of it for a phase matrix of {terms} terms"
     change = "smaller particles, or a smaller host_index, take less"
     cost.warn_runtime(cost.SECONDS_OF_TERMS * terms**2, math.inf, why, change)
     cosine, weights = find_gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)
     elements = [find_elements(cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
     plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
-    combined = np.stack([0.5 * (plus + minus), 0.5 * (plus - minus), -f12, -f34, plus, minus])
-    sums = project_elements(cosine, combined, terms)
+    sums = project_elements(cosine, combine_sphere_elements(plus, minus, f12, f34), terms)
     integral = float(sums[0, 0])
     sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / integral
     return sums, integral
+
+
+def combine_sphere_elements(plus: Array, minus: Array, f12: Array, f34: Array) -> Array:
+    """What `project_elements` takes, (6, ...), of F11 + F33, F11 - F33, F12, F34 of spheres: F22 = F11, F44 = F33."""
+    return np.stack([0.5 * (plus + minus), 0.5 * (plus - minus), -f12, -f34, plus, minus])
 
 
 def make_phase_matrix(sums: Array) -> PhaseMatrix:
@@ -140,10 +133,7 @@ def count_terms(sums: Array, left_out: float | Array) -> int:
 
 
 def compute_scattering_elements(population: Population, cosine: Array) -> Array:
-    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
-
-    Times k^2.
-    """
+    """k^2 times F11 + F33, F11 - F33, F12 and F34, averaged over sizes, at ascending cosines (angles,): (4, angles)."""
     functions = compute_angular_functions(population.a.shape[1], cosine)
     elements = np.zeros((4, cosine.size))
     for start in range(0, population.sizes.size, SIZES_AT_ONCE):
@@ -160,12 +150,17 @@ def compute_angular_functions(orders: int, cosine: Array) -> Array:
 
 
 def find_amplitudes(a: Complex, b: Complex, functions: Array) -> tuple[Complex, Complex]:
-    """S1 + S2 and S1 - S2 of spheres (sizes, orders), both (sizes, angles).
+    """S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, both (sizes, angles): Bohren
+    and Huffman (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1."""
 
-    S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are Bohren and Huffman
-    (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1.
-    """
-    return _multiply_real(a + b, functions[:, 0]), _multiply_real(a - b, functions[:, 1])
+    def multiply(coefficients: Complex, real: Array) -> Complex:
+        """(sizes, orders) complex times (orders, angles) real, as one product of real matrices."""
+        both = np.concatenate([coefficients.real, coefficients.imag]) @ real
+        result = np.empty((len(coefficients), real.shape[1]), dtype=np.complex128)
+        result.real, result.imag = both[: len(coefficients)], both[len(coefficients) :]
+        return result
+
+    return multiply(a + b, functions[:, 0]), multiply(a - b, functions[:, 1])
 
 
 def sum_amplitudes(total: Complex, difference: Complex, weights: Array) -> Array:
@@ -173,11 +168,3 @@ def sum_amplitudes(total: Complex, difference: Complex, weights: Array) -> Array
     cross = weights @ (total * difference.conj())
     both = np.stack([weights @ np.abs(total) ** 2, weights @ np.abs(difference) ** 2])
     return 0.5 * np.concatenate([both, [-cross.real, cross.imag]])
-
-
-def _multiply_real(coefficients: Complex, functions: Array) -> Complex:
-    """(sizes, orders) complex times (orders, angles) real, as one product of real matrices."""
-    both = np.concatenate([coefficients.real, coefficients.imag]) @ functions
-    result = np.empty((len(coefficients), functions.shape[1]), dtype=np.complex128)
-    result.real, result.imag = both[: len(coefficients)], both[len(coefficients) :]
-    return result

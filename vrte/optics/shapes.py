@@ -11,7 +11,14 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.running import count_usable_cpus
-from vrte.optics.particle_kind import ParticleKind, check_kind, describe_convergence, describe_index, make_check
+from vrte.optics.particle_kind import (
+    ParticleKind,
+    check_kind,
+    describe_convergence,
+    describe_index,
+    make_check,
+    refuse_size,
+)
 from vrte.optics.particles import Particles
 from vrte.optics.populations import make_phase_matrix
 from vrte.optics.refractive_index import Material
@@ -72,10 +79,8 @@ def spheroids(
 
     Parameters
     ----------
-    material : str, complex, pair, IndexTable or RefractiveIndex
-        All that `refractive_index` takes: a name, a database path, n + i k or (n, k).
-    wavelength_um : float
-        In vacuum [um]; inside the host it is shorter by ``host_index``.
+    material, wavelength_um, host_index
+        As of `spheres`.
     aspect_ratio : float
         Width across the axis of rotation over length along it, from 0.1 to 10: above 1 flat (oblate), below 1 long
         (prolate), 1 a sphere.
@@ -83,8 +88,6 @@ def spheroids(
         Of the sphere of equal volume, the same for all, or
     size : Lognormal, Gamma, Monodisperse or Tabulated, optional
         The distribution of these radii; all sizes have the same aspect ratio.
-    host_index : str, complex, pair, IndexTable or RefractiveIndex
-        Of the medium around them, as for `spheres`.
 
     Returns
     -------
@@ -122,8 +125,8 @@ def spheroids(
     >>> dust.albedo, dust.phase_matrix.a2[2] > dust.phase_matrix.a3[2]
     (1.0, np.True_)
     """
-    how = {"aspect_ratio": aspect_ratio, "radius_um": radius_um, "size": size, "host_index": host_index}
-    return average_shape(make_shape(SPHEROID, material, wavelength_um=wavelength_um, **how))
+    how = {"wavelength_um": wavelength_um, "radius_um": radius_um, "size": size, "host_index": host_index}
+    return average_shape(make_shape(SPHEROID, material, aspect_ratio, **how))
 
 
 def cylinders(
@@ -139,18 +142,12 @@ def cylinders(
 
     Parameters
     ----------
-    material : str, complex, pair, IndexTable or RefractiveIndex
-        All that `refractive_index` takes: a name, a database path, n + i k or (n, k).
-    wavelength_um : float
-        In vacuum [um]; inside the host it is shorter by ``host_index``.
+    material, wavelength_um, host_index
+        As of `spheres`.
     aspect_ratio : float
         Diameter over length, from 0.1 to 10: above 1 discs, below 1 rods.
-    radius_um : float, optional
-        Of the sphere of equal volume, the same for all, or
-    size : Lognormal, Gamma, Monodisperse or Tabulated, optional
-        The distribution of these radii; all sizes have the same aspect ratio.
-    host_index : str, complex, pair, IndexTable or RefractiveIndex
-        Of the medium around them, as for `spheres`.
+    radius_um, size
+        As of `spheroids`.
 
     Returns
     -------
@@ -164,15 +161,6 @@ def cylinders(
     MissingExtraError
         Without the extra "shapes".
 
-    Warns
-    -----
-    LongSolveWarning
-        Where it will take more than 20 s: time grows with the sixth power of the size.
-
-    References
-    ----------
-    As of `spheroids`.
-
     Examples
     --------
     >>> import vrte
@@ -180,22 +168,13 @@ def cylinders(
     >>> f"{crystals.volume_um3:.6f}"  # that of the sphere
     '0.004189'
     """
-    how = {"aspect_ratio": aspect_ratio, "radius_um": radius_um, "size": size, "host_index": host_index}
-    return average_shape(make_shape(CYLINDER, material, wavelength_um=wavelength_um, **how))
+    how = {"wavelength_um": wavelength_um, "radius_um": radius_um, "size": size, "host_index": host_index}
+    return average_shape(make_shape(CYLINDER, material, aspect_ratio, **how))
 
 
-def make_shape(
-    shape: int,
-    material: Material,
-    *,
-    wavelength_um: Any,
-    aspect_ratio: Any,
-    radius_um: Any = None,
-    size: Any = None,
-    host_index: Any = 1.0,
-) -> Shape:
+def make_shape(shape: int, material: Material, aspect_ratio: Any, **how: Any) -> Shape:
     """What `spheroids` and `cylinders` average over, checked, and the solver's presence."""
-    common = check_kind(WORDS[shape], {"index": material}, wavelength_um, host_index, radius_um, size)
+    common = check_kind(WORDS[shape], {"index": material}, **how)
     found = Shape(*common, shape, check_number("aspect_ratio", aspect_ratio, *ASPECT_ALLOWED))
     find_largest_radius(found)
     import_solver()
@@ -219,11 +198,8 @@ def find_largest_radius(shape: Shape) -> float:
     largest = float(radii[np.argmax(beyond <= TAIL * section.sum())])
     around = shape.reach * largest
     if around > LARGEST_SIZE:
-        raise SceneError(
-            f"{shape.words}: the size parameter 2 pi r/wavelength of the sphere around the largest must be at most "
-            f"{LARGEST_SIZE:g}, not {around:.4g} (a radius of {largest:.4g} um: did you mean nanometres, "
-            f"{largest / 1e3:.4g} um?)"
-        )
+        what = f"{shape.words}: the size parameter 2 pi r/wavelength of the sphere around the largest"
+        raise refuse_size(what, LARGEST_SIZE, around, largest)
     return largest
 
 

@@ -1,10 +1,8 @@
 """How many particles there are of each radius, and the radii that average over them.
 
-``quadrature(count)`` of each distribution gives radii [um] and weights with sum(weights * f(radii)) close to
-the mean of f over all particles. The radii go from where smaller ones hold 1e-10 of the sum of r^2 up to
-where larger ones hold 1e-10 of the sum of r^moment: r^6 for particles much smaller than the wavelength, whose
-scattering grows so, r^4 (the forward peak) for large ones. The weights count all particles, those left out
-too.
+``quadrature(count)`` of each distribution gives radii [um] and weights with sum(weights * f(radii)) close to the mean
+of f over all particles, those left out too: smaller ones that hold 1e-10 of the sum of r^2, and larger ones that hold
+as much of the sum of r^moment, r^6 where particles are much smaller than the wavelength, r^4 (the forward peak) else.
 """
 
 import math
@@ -127,8 +125,7 @@ class Gamma:
         object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius, which is
-        exponentially accurate up to the mean of radius^moment."""
+        """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius."""
         from scipy.special import gammainccinv, gammaincinv, gammaln
 
         shape, scale = (1.0 - 2.0 * self.v_eff) / self.v_eff, self.r_eff_um * self.v_eff
@@ -168,15 +165,11 @@ class Tabulated:
     density: Sequence[float] | Array
 
     def __post_init__(self) -> None:
-        radii, density = (
-            check_vector("tabulated: radius_um", self.radius_um),
-            check_vector("tabulated: density", self.density),
-        )
+        radii = check_vector("tabulated: radius_um", self.radius_um)
+        density = check_vector("tabulated: density", self.density)
         if radii.size < 2 or radii.size != density.size:
-            raise SceneError(
-                f"tabulated: radius_um and density must be equally long, at least 2, not {radii.size} and "
-                f"{density.size}"
-            )
+            words = f"must be equally long, at least 2, not {radii.size} and {density.size}"
+            raise SceneError(f"tabulated: radius_um and density {words}")
         if not np.all(np.diff(radii) > 0.0):
             raise SceneError.of("tabulated: radius_um", "must increase from each to the next")
         for end in (radii[0], radii[-1]):
@@ -194,9 +187,7 @@ class Tabulated:
         inside = np.arange(parts) / parts
         radii = np.append((knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel(), knots[-1])
         gaps = np.diff(radii, prepend=radii[0], append=radii[-1])
-        density = np.asarray(self.density) / np.max(
-            self.density
-        )  # in any unit, so as large or small as a double may be
+        density = np.asarray(self.density) / np.max(self.density)  # it may be as large or small as a double may be
         weights = np.interp(radii, knots, density) * 0.5 * (gaps[:-1] + gaps[1:])
         return radii, weights / weights.sum()
 
@@ -212,11 +203,8 @@ class Tabulated:
 @dataclass(eq=False)
 class Held:
     """A distribution that is averaged over as many radii as it once took, so that an average does not jump as a number
-    of the particles is changed a little.
-
-    ``settled`` is shared by all that are held together: how many radii, and up to which moment, it took in each medium,
-    in the order in which they are asked for; ``hosts`` are those media.
-    """
+    of the particles is changed a little: ``settled``, shared by all that are held together, is how many radii, up to
+    which moment, it took in each of the ``hosts``, in the order in which they are asked for."""
 
     distribution: SizeDistribution
     settled: list[tuple[int, int]]
@@ -232,10 +220,6 @@ class Held:
             self.hosts.append(host)
         place = self.hosts.index(host)
         return self.settled[place] if place < len(self.settled) else None
-
-    def keep(self, count: int, moment: int) -> None:
-        """How many it took in the medium that was asked for last."""
-        self.settled.append((count, moment))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Held) and self.settled is other.settled and self.distribution == other.distribution

@@ -15,6 +15,7 @@ from vrte.optics.particle_kind import (
     describe_convergence,
     describe_index,
     make_check,
+    refuse_size,
 )
 from vrte.optics.particles import Particles
 from vrte.optics.populations import (
@@ -65,10 +66,7 @@ class Ball(ParticleKind):
         """Raises SceneError where the smallest of ascending radii [um] is too small, or the largest too large."""
         size = float(self.wavenumber * radii[-1])
         if size > LARGEST_SIZE:
-            raise SceneError(
-                f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, not {size:.4g} "
-                f"(a radius of {radii[-1]:.4g} um: did you mean nanometres, {radii[-1] / 1e3:.4g} um?)"
-            )
+            raise refuse_size(f"{self.words}: the size parameter 2 pi r/wavelength", LARGEST_SIZE, size, radii[-1])
         if self.find_core_radius(float(radii[0])) <= 0.0:
             raise SceneError.of(
                 "shell_um",
@@ -100,10 +98,8 @@ class Ball(ParticleKind):
         return found
 
     def find_permittivity(self, radius_um: float) -> complex:
-        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius [um].
-
-        Source: Bohren and Huffman (1983), (5.36), solved for one substance.
-        """
+        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius [um]. Source:
+        Bohren and Huffman (1983), (5.36), solved for one substance."""
         core, shell = self.substances[0].value ** 2, self.substances[-1].value ** 2
         if len(self.substances) == 1:
             return shell
@@ -169,21 +165,13 @@ def spheres(
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """
-    return average_ball(
-        make_ball(material, wavelength_um=wavelength_um, radius_um=radius_um, size=size, host_index=host_index)
-    )
+    sizes = {"radius_um": radius_um, "size": size}
+    return average_ball(make_ball(material, wavelength_um=wavelength_um, host_index=host_index, **sizes))
 
 
-def make_ball(
-    material: Material,
-    *,
-    wavelength_um: Any,
-    radius_um: Any = None,
-    size: SizeDistribution | None = None,
-    host_index: Material = 1.0,
-) -> Ball:
-    """What `spheres` averages over, checked: arguments and errors as there."""
-    return Ball(*check_kind("spheres", {"index": material}, wavelength_um, host_index, radius_um, size))
+def make_ball(material: Material, **how: Any) -> Ball:
+    """What `spheres` averages over, checked."""
+    return Ball(*check_kind("spheres", {"index": material}, **how))
 
 
 def coated_spheres(
@@ -206,8 +194,8 @@ def coated_spheres(
     ----------
     core, shell : str, complex, pair, IndexTable or RefractiveIndex
         What they consist of, all that `refractive_index` takes: a name, a database path, n + i k or (n, k).
-    wavelength_um : float
-        In vacuum [um]; inside the host it is shorter by ``host_index``.
+    wavelength_um, host_index
+        Of the light in vacuum [um], and of the medium around them, as in `spheres`.
     core_radius_um : float, optional
         Of the core [um], less than ``radius_um`` and only with it, or
     shell_um : float, optional
@@ -218,8 +206,6 @@ def coated_spheres(
         Of all of them, the shell included [um], or
     size : Lognormal, Gamma, Monodisperse or Tabulated, optional
         the distribution of their radii, shells included.
-    host_index : str, complex, pair, IndexTable or RefractiveIndex
-        Of the medium around them, as in `spheres`.
 
     Returns
     -------
@@ -243,38 +229,31 @@ def coated_spheres(
     >>> f"{hollow.scattering_um2 / hollow.volume_um3:.3f} 1/um"
     '0.715 1/um'
     """
+    how = {"wavelength_um": wavelength_um, "host_index": host_index, "radius_um": radius_um, "size": size}
     thickness = {"core_radius_um": core_radius_um, "shell_um": shell_um, "core_ratio": core_ratio}
-    sizes = {"radius_um": radius_um, "size": size}
-    return average_ball(
-        make_coated_ball(core, shell, wavelength_um=wavelength_um, host_index=host_index, **thickness, **sizes)
-    )
+    return average_ball(make_coated_ball(core, shell, **thickness, **how))
 
 
 def make_coated_ball(
     core: Material,
     shell: Material,
-    *,
-    wavelength_um: Any,
     core_radius_um: Any = None,
     shell_um: Any = None,
     core_ratio: Any = None,
-    radius_um: Any = None,
-    size: Any = None,
-    host_index: Material = 1.0,
+    **how: Any,
 ) -> Ball:
-    """What `coated_spheres` averages over, checked: arguments and errors as there."""
-    words = "coated_spheres"
+    """What `coated_spheres` averages over, checked."""
     if sum(given is not None for given in (core_radius_um, shell_um, core_ratio)) != 1:
-        raise SceneError(f"{words}: give exactly one of core_radius_um, shell_um and core_ratio")
-    common = check_kind(words, {"core": core, "shell": shell}, wavelength_um, host_index, radius_um, size)
+        raise SceneError("coated_spheres: give exactly one of core_radius_um, shell_um and core_ratio")
+    common = check_kind("coated_spheres", {"core": core, "shell": shell}, **how)
     if shell_um is not None:
         return Ball(*common, shell_um=check_length("shell_um", shell_um))
     if core_ratio is not None:
         allowed = f"a ratio of radii from {SMALLEST_RATIO:g} to below 1"
         return Ball(*common, check_number("core_ratio", core_ratio, SMALLEST_RATIO, BELOW_ONE, allowed))
-    if radius_um is None:
+    if how.get("radius_um") is None:
         raise SceneError.of("core_radius_um", "goes with radius_um; spheres of many sizes need shell_um or core_ratio")
-    radius = float(radius_um)
+    radius = float(how["radius_um"])
     allowed = f"above 0 and less than radius_um, {radius:g} um"
     inner = check_number("core_radius_um", core_radius_um, SMALLEST_RATIO * radius, radius, allowed)
     if inner == radius:
@@ -291,16 +270,13 @@ def average_ball(ball: Ball) -> Particles:
     description = f"spheres, {ball.size}, {ball.where}, {ball.in_words}{describe_convergence(count, change)}"
     extinction, scattering, _, _ = sum_bulk(population) * (2.0 * math.pi / ball.wavenumber**2)
     volume = population.weights @ (4.0 / 3.0 * math.pi * (population.sizes / ball.wavenumber) ** 3)
-    areas = float(extinction), float(scattering), float(volume)
-    return ball.make_particles(expand_population(population), *areas, description, change)
+    bulk = float(extinction), float(scattering), float(volume)
+    return ball.make_particles(expand_population(population), *bulk, description, change)
 
 
 def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
-    """a_n and b_n from n = 1 of a sphere: of its index relative to the host and its size parameter, or of the indices
-    of core and shell and the size parameters of core and whole.
-
-    Source: Bohren and Huffman (1983), (4.53) and section 8.1.
-    """
+    """a_n and b_n from n = 1 of a sphere's index relative to the host and its size parameter, or of the indices of core
+    and shell and the size parameters of core and whole. Source: Bohren and Huffman (1983), (4.53) and section 8.1."""
     half = len(numbers) // 2
     indices, sizes = map(complex, numbers[:half]), numbers[half:]
     find: Any = sphere_coefficients if half == 1 else coated_sphere_coefficients

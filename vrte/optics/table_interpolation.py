@@ -31,13 +31,9 @@ def integrate_elements(theta: Array, weights: Array, elements: Array, terms: int
 
 
 def integrate_exactly(angles: Array, elements: Array) -> Array | None:
-    """Integrals for as many terms as there are angles, where these are a quadrature and the spectrum has decayed.
-
-    The angles are Gauss-Legendre nodes, or evenly spaced from 0 to 180 degrees or over the middles of even steps.
-    Decayed: what the coefficients of F11 in the last quarter add up to is below 1e-4 of the least F11, and so is what
-    goes on beyond them. None where it is not so. Source: Clenshaw and Curtis, Numer. Math. 2, 197 (1960), for even
-    steps.
-    """
+    """Integrals for as many terms as there are angles, where these are a quadrature (Gauss-Legendre nodes, or even
+    steps from 0 to 180 degrees or over their middles) and the spectrum has decayed; else None. Source: Clenshaw and
+    Curtis, Numer. Math. 2, 197 (1960), for even steps."""
     from scipy.fft import dct
 
     count = angles.size
@@ -58,8 +54,7 @@ def integrate_exactly(angles: Array, elements: Array) -> Array | None:
         theta = np.radians(angles[::-1])
         return check_decay(integrate_elements(theta, weights, elements[:, ::-1], count), elements[0])
     finer = 2 * count  # steps: products of two series of cosines need twice as many
-    padded = np.zeros((6, finer + 1))
-    padded[:, :count] = 0.5 * series
+    padded = np.pad(0.5 * series, ((0, 0), (0, finer + 1 - count)))
     padded[:, 0] *= 2.0
     order = np.arange(finer + 1)
     of_cosines = np.where(order % 2, 0.0, 2.0 / (1.0 - np.where(order % 2, 0, order) ** 2.0))
@@ -71,18 +66,15 @@ def integrate_exactly(angles: Array, elements: Array) -> Array | None:
 
 
 def check_decay(sums: Array, f11: Array) -> Array | None:
-    """The integrals, where those of F11 have decayed."""
+    """The integrals, where the last quarter of those of F11 adds up to less than 1e-4 of the least F11."""
     tail = (np.arange(len(sums)) + 0.5) * np.abs(sums[:, 0])
     least = max(float(f11.min()), FLOOR * 0.5 * sums[0, 0])
     return sums if tail[3 * len(sums) // 4 :].sum() <= DECAYED * least else None
 
 
 def limit_polarization(ratios: Array) -> Array:
-    """F12, F22, F33, F34, F44 over F11 (5, angles), less polarizing where no particles are so.
-
-    A spline through matrices of spheres, which polarize as much as they can, does so a little more between them; half
-    of what a phase matrix may be below 0 is left alone, so that no corners are made for nothing.
-    """
+    """F12, F22, F33, F34, F44 over F11 (5, angles), less polarizing where no particles are so, as between matrices of
+    spheres; half of what a phase matrix may be below 0 is left alone, so that no corners are made for nothing."""
     f12, f22, f33, f34, f44 = ratios
     wanted = -0.5 * NEGATIVE_ALLOWED
     lowest = np.minimum(find_lowest_coherency_eigenvalue(np.ones_like(f12), f22, f33, f44, f12, f34), wanted)
@@ -127,10 +119,7 @@ class ElementSpline:
 
 def follow_errors(coefficients: Array, angles: Array, elements: Array) -> tuple[Array, Array]:
     """The largest error of an expansion cut after each of its terms (terms,), and that of all, angle by angle
-    (angles,).
-
-    An error is the largest |difference| of an element over F11, or over 1e-3 of its mean where that is more.
-    """
+    (angles,): the largest |difference| of an element over F11, or over 1e-3 of its mean where that is more."""
     combined = combine_elements(elements)[:, ::-1]
     theta = np.radians(angles)[::-1]
     cosine, gap = np.cos(theta), find_gap(theta)

@@ -56,11 +56,8 @@ class Average(NamedTuple):
 
 
 def average_orientations(shape: int, aspect_ratio: float, size: float, index: complex) -> Average | None:
-    """A particle's scattering in random orientation; None where the solver does not converge.
-
-    ``shape``: SPHEROID or CYLINDER; ``aspect_ratio``: its width across the axis over its length along it; ``size``: the
-    size parameter of the sphere of equal volume; ``index``: n + ik relative to the medium.
-    """
+    """Scattering of a SPHEROID or CYLINDER in random orientation, from its width over its length, the size parameter of
+    the sphere of equal volume and the relative index; None where the solver does not converge."""
     solver = import_solver()
     found = choose_matrix(solver, shape, aspect_ratio, size, index)
     if found is None:
@@ -88,18 +85,18 @@ def count_orders(size: float) -> int:
 def choose_matrix(
     solver: Any, shape: int, aspect_ratio: float, size: float, index: complex
 ) -> tuple[Any, float] | None:
-    """The most reciprocal of the matrices by ever finer tolerances, and how far it is from that; None without any.
-
-    Matrices of long or flat particles lose digits with every order, so that beyond some tolerance nothing converges;
-    what is cut off or lost breaks reciprocity, which each matrix is judged by.
-    """
+    """The most reciprocal of the matrices by ever finer tolerances, and how far it is from that; None without any. Long
+    or flat particles lose digits with every order: beyond some tolerance nothing converges."""
     nodes_an_order = max(2, min(8, MOST_NODES // (count_orders(find_reach(shape, aspect_ratio) * size) + SPARE_ORDERS)))
     best: tuple[Any, float] | None = None
     before = (0, 0)
     for tolerance in TOLERANCES:
         arguments = (size, 1.0, 2.0 * math.pi, index.real, index.imag, aspect_ratio, shape, tolerance, nodes_an_order)
         handle = build_matrix(solver, arguments)
-        if handle is None or (best is not None and best[1] < FAIR and is_dear(handle.nmax, best[0].nmax)):
+        if handle is None:
+            break
+        is_dear = cost.SECONDS_OF_ORDERS * handle.nmax**6 > 0.2  # a few digits more would take five times as long
+        if is_dear and best is not None and best[1] < FAIR and handle.nmax > 1.3 * best[0].nmax:
             break
         if (handle.nmax, handle.ngauss) == before:
             continue
@@ -110,11 +107,6 @@ def choose_matrix(
         if error < ENOUGH:
             break
     return best
-
-
-def is_dear(orders: int, enough: int) -> bool:
-    """Whether a few digits more would take five times as long, and more than a moment."""
-    return orders > 1.3 * enough and cost.SECONDS_OF_ORDERS * orders**6 > 0.2
 
 
 def find_reach(shape: int, aspect_ratio: float) -> float:
@@ -160,15 +152,14 @@ def measure_reciprocity(solver: Any, handle: Any) -> float:
     polar, incident = np.degrees(np.arccos(1.0 - 2.0 * steps[:, :2])).T
     azimuth = 180.0 * steps[:, 2]
     there, back = (
-        np.array([solver.calcampl_py(handle, 0.0, *angles, 0.0, 0.0)[0] for angles in zip(*given, strict=True)])
-        for given in (
-            (incident, polar, np.zeros(TRIALS), azimuth),
-            (polar, incident, np.zeros(TRIALS), azimuth),
-        )
+        np.array([solver.calcampl_py(handle, 0.0, *pair, 0.0, phi, 0.0, 0.0)[0] for *pair, phi in given])
+        for given in (np.stack(ways, axis=1) for ways in ((incident, polar, azimuth), (polar, incident, azimuth)))
     )
-    gap = there - turn_around(back)
-    error = float(np.linalg.norm(gap) / np.linalg.norm(there))
+    error = float(np.linalg.norm(there - turn_around(back)) / np.linalg.norm(there))
     return error if math.isfinite(error) else math.inf
+
+
+OPPOSITE = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a mirror turns over the amplitudes between the polarizations
 
 
 def turn_around(amplitudes: Complex) -> Complex:
@@ -176,14 +167,9 @@ def turn_around(amplitudes: Complex) -> Complex:
     return amplitudes.swapaxes(-1, -2) * OPPOSITE
 
 
-OPPOSITE = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a mirror turns over the amplitudes between the polarizations
-
-
 def sample_amplitudes(solver: Any, handle: Any) -> Complex:
-    """S of both polarizations at nodes theta, theta' (ascending cosines) and azimuths: (n, n, azimuths, 2, 2).
-
-    The particle is its own mirror image at the equator, and light goes back the way it came: a quarter is asked for.
-    """
+    """S of both polarizations at nodes theta, theta' (ascending cosines) and azimuths, (n, n, azimuths, 2, 2): a
+    quarter is asked for, as the particle is its own mirror image at the equator and light goes back the way it came."""
     orders = handle.nmax
     cosines, _ = find_nodes(orders)
     angles = np.arccos(cosines)
@@ -220,10 +206,8 @@ def find_azimuths(orders: int) -> Array:
 
 
 def project_amplitudes(amplitudes: Complex) -> Complex:
-    """c^m_(n s, n' t) of s = 1 and t = 1, -1, n and n' from 1, m from -orders: (2, 2 orders + 1, orders, orders).
-
-    Those of s = -1 are c^-m_(n -s, n' -t): the particle is its own mirror image at planes through its axis.
-    """
+    """c^m_(n s, n' t) of s = 1 and t = 1, -1, n and n' from 1, m from -orders, (2, 2 orders + 1, orders, orders); those
+    of s = -1 are c^-m_(n -s, n' -t), as the particle is its own mirror image at planes through its axis."""
     orders = amplitudes.shape[2] - 1
     cosines, weights = find_nodes(orders)
     phases = np.outer(find_azimuths(orders), np.arange(orders + 1))
@@ -239,10 +223,8 @@ def project_amplitudes(amplitudes: Complex) -> Complex:
     axes = [find_rotation(degree) for degree in range(1, orders + 1)]
     factors = weights * (np.arange(1, orders + 1) + 0.5)[:, None]
     up, down = (stack_functions(axes, helicity, -np.arccos(cosines)) * factors for helicity in (1, -1))
-    parts = [
-        up @ modes.transpose(2, 0, 1) @ incident.swapaxes(-1, -2) for modes, incident in ((same, up), (turned, down))
-    ]
-    return 0.5 * np.stack(parts)
+    pairs = (same, up), (turned, down)
+    return 0.5 * np.stack([up @ modes.transpose(2, 0, 1) @ light.swapaxes(-1, -2) for modes, light in pairs])
 
 
 @lru_cache(maxsize=128)
@@ -265,12 +247,9 @@ def stack_functions(axes: list[tuple[Array, Complex]], row: int, angles: Array) 
 
 
 def expand_average(matrix: Complex) -> Array:
-    """Integrals as `project_elements` has them of k^2 F, averaged over all orientations.
-
-    The mean over the angle around the incident light leaves products of G^M and G^M', M - t = M' - t', with
-    G^M_st(Theta, beta) = sum d^n_Ms(Theta) d^n_Mm(beta) c^m_(n s, n' t) d^n'_tm(beta); the mean over beta is Gauss and
-    Legendre's over half the cosines, as beta and 180 degrees - beta are mirror images.
-    """
+    """Integrals as `project_elements` has them of k^2 F, averaged over all orientations: products of G^M and G^M', M -
+    t = M' - t', G^M_st(Theta, beta) = sum d^n_Ms(Theta) d^n_Mm(beta) c^m_(n s, n' t) d^n'_tm(beta), over half of the
+    cosines of beta, whose other half is their mirror image."""
     orders = matrix.shape[-1]
     axes = [find_rotation(degree) for degree in range(1, orders + 1)]
     cosines, weights = find_gauss_legendre(2 * orders + 2)

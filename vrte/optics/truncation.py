@@ -23,12 +23,9 @@ CHOICES = ("auto", *TRUNCATIONS)
 
 @dataclass(frozen=True, eq=False)
 class Truncated:
-    """A layer as multiple scattering sees it.
-
-    ``coefficients`` (terms, 6): columns a1, a2, a3, a4, b1, b2; ``albedo``; optical ``thickness``; ``fraction`` f of
-    the scattered light that goes into the peak; ``stretch`` = 1 - albedo f, a depth here over that in the layer itself;
-    ``gain`` = albedo/(1 - albedo f), what stands for the albedo where light is scattered by the whole phase matrix.
-    """
+    """A layer as multiple scattering sees it: ``coefficients`` (terms, 6), albedo, optical thickness; the ``fraction``
+    f of scattered light in the peak; ``stretch`` = 1 - albedo f, a depth here over that in the layer; ``gain`` =
+    albedo/stretch, for the albedo where the whole phase matrix scatters."""
 
     coefficients: Array
     albedo: float
@@ -46,10 +43,8 @@ def truncate_layer(name: str, phase_matrix: PhaseMatrix, albedo: float, thicknes
 
 
 def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
-    """The layer without its forward peak, ``terms`` >= 1 coefficients at most.
-
-    With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
-    """
+    """The layer without its forward peak, ``terms`` >= 1 coefficients at most; with no more it stays as it is, to the
+    last bit. An albedo of 1 stays exactly 1."""
     f = find_peak_fraction(phase_matrix, terms)
     if f == 0.0:
         return truncate_layer("none", phase_matrix, albedo, thickness, terms)
@@ -59,10 +54,8 @@ def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: flo
 
 
 def find_peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
-    """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak.
-
-    The coefficients of a peak straight back change their sign from one to the next: that is no light unscattered.
-    """
+    """f, the first a1 left out over its 2 l + 1; 0 where none is left out, and where the signs of coefficients change
+    from one to the next, as those of a peak straight back."""
     left_out = phase_matrix.a1[terms : terms + 2]
     if left_out.size == 0 or (left_out < 0.0).any():
         return 0.0

@@ -18,6 +18,7 @@ from vrte.optics.populations import (
     ANGLES_AT_ONCE,
     SIZES_AT_ONCE,
     Complex,
+    combine_sphere_elements,
     compute_angular_functions,
     drop_negligible,
     find_amplitudes,
@@ -72,13 +73,8 @@ def vary_spheres(
     twice = 2.0 * np.arange(1, orders + 1) + 1.0
     # extinction and scattering, and their derivatives with each argument, which a real and an imaginary step share
     sums = np.stack([values.sum(axis=1).real @ twice, (np.abs(values) ** 2).sum(axis=1) @ twice])
-    turns = np.stack(
-        [
-            np.einsum("aspn,n->as", slopes, twice),
-            2.0
-            * np.einsum("spn,aspn,n->as", values.conj(), slopes, twice),  # no array between: there may be much of it
-        ]
-    )
+    scattered = 2.0 * np.einsum("spn,aspn,n->as", values.conj(), slopes, twice)  # no array between: it would be large
+    turns = np.stack([np.einsum("aspn,n->as", slopes, twice), scattered])
     more = np.einsum("kas,qas,s->qk", arguments, turns, weights).real
     areas = sums @ weight_slopes.T + more - np.outer(sums @ weights, stretch)
     areas *= 2.0 * math.pi / float(numbers.wavenumber) ** 2
@@ -120,8 +116,5 @@ def _differentiate_integrals(
                 for square, one, more in zip(squares, both, moved, strict=True):
                     square[:, angles] += 2.0 * (share @ (one.conj() * more)).real
                 cross[:, angles] += share @ (moved[0] * both[1].conj()) + (share @ (both[0].conj() * moved[1])).conj()
-    plus, minus, f12, f34 = (
-        (0.5 * gauss * part).T for part in (*squares, -cross.real, cross.imag)
-    )  # as sum_amplitudes
-    combined = np.stack([0.5 * (plus + minus), 0.5 * (plus - minus), -f12, -f34, plus, minus])
+    combined = combine_sphere_elements(*((0.5 * gauss * part).T for part in (*squares, -cross.real, cross.imag)))
     return np.moveaxis(project_elements(cosine, combined, terms), 2, 0)
