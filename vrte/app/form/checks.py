@@ -40,12 +40,7 @@ class PartRead:
 
 
 def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:
-    """The parts that are made from files of such names.
-
-    >>> layers = [{"phase": "isotropic"}, {"phase": "fog.csv", "albedo": 1.0, "thickness": 1.0}]
-    >>> list(list_parts({"layer": layers}, {"fog.csv"}))
-    [('layer', 1, 'phase')]
-    """
+    """The parts that are made from files of such names: a base, or the phase function of a layer."""
     for place, key, value in list_keys(content):
         aside = place[0] == "base" or place[2:3] == ("phase",)
         if aside and isinstance(key, FilePath) and isinstance(value, str) and value in names:
@@ -99,10 +94,6 @@ def find_problems(
 
     A field that is wrong is replaced in a copy by what is right, and the check goes on. ``parts_read``: the known
     parts that are made from files, by `name_part`; None: they are read here.
-
-    >>> from vrte.app.form.content import START
-    >>> list(find_problems(START | {"nodes": 10**6, "wavelength_um": -1}))
-    [('nodes',), ('wavelength_um',)]
     """
     parts = list(dict.fromkeys(list_parts(content, tables))) if parts_read is not None else []
     waits = {place: PartRead(message=f"{show_place(place)}: {WAITS}", place=place) for place in parts}

@@ -53,6 +53,12 @@ def put(content: Content, place: Place, value: Any) -> None:
         table[step] = value
 
 
+def remove(table: Content, *keys: str) -> None:
+    """Takes keys out of a table, where they are."""
+    for key in keys:
+        table.pop(key, None)
+
+
 def is_interface(layer: Content) -> bool:
     """Whether there is nothing but an interface between two media."""
     return "interface" in layer
@@ -70,8 +76,8 @@ def set_base(content: Content, kind: str) -> None:
     """What lies beneath; what both kinds know of stays."""
     before = content.get("base", {})
     known = BASES[before["kind"]].keys if before.get("kind") in BASES else {}
-    row = BASES[kind]
-    content["base"] = {"kind": kind} | make_start(row.keys) | keep_values(before, known, row.keys)
+    keys = BASES[kind].keys
+    content["base"] = {"kind": kind} | make_start(keys) | keep_values(before, known, keys)
 
 
 def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key]) -> Content:
@@ -83,10 +89,9 @@ def set_degrees(content: Content, degrees: bool) -> None:
     """Directions in degrees from the normal, or as cosines; a range keeps its ends and its number."""
     new = ANGLES if degrees else {key: name for name, key in ANGLES.items()}
     for kind in REQUEST_KEYS:
-        if isinstance(content.get(kind), dict):
+        if isinstance(table := content.get(kind), dict):
             content[kind] = {
-                new.get(key, key): convert_angles(value, degrees) if key in new else value
-                for key, value in content[kind].items()
+                new.get(key, key): convert_angles(one, degrees) if key in new else one for key, one in table.items()
             }
 
 
@@ -118,11 +123,10 @@ def list_page_wavelengths(content: Content) -> list[float]:
     value: Any = content.get("wavelength_um")
     if not isinstance(value, (list, dict)):
         return [value] if is_number(value) else [math.nan]
+    if (count := count_of(value)) > MOST_WAVELENGTHS:
+        words = f"the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count}"
+        raise SceneError(f"wavelength_um: {words}", "wavelength_um")
     try:
-        if count_of(value) > MOST_WAVELENGTHS:
-            raise SceneError(
-                f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count_of(value)}"
-            )
         listed = value if isinstance(value, list) else read_listed_wavelengths(content)
         return [float(one) for one in check_ascending(listed)]
     except SceneError as error:
@@ -151,8 +155,8 @@ NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # name
 
 def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
     """How a size can be given: in words, and what it begins with."""
-    yield "radius", ("one radius", {"radius_um": ONE["radius_um"].start})
-    yield "diameter", ("one diameter", {"diameter_um": ONE["diameter_um"].start})
+    for name in ("radius", "diameter"):
+        yield name, (f"one {name}", {f"{name}_um": ONE[f"{name}_um"].start})
     for name, row in SIZES.items():
         start = make_start(row.keys)
         if name in row.keys:
@@ -196,15 +200,11 @@ def rename_kind(content: Content, old: str, new: str) -> None:
     write_toml({new: 1})
     if new in content["particles"]:
         raise SceneError(f"particles.{show_key(new)}: there is another kind of that name")
-
-    def renamed(held: Any) -> Any:
-        if isinstance(held, dict):
-            return {new if name == old else name: value for name, value in held.items()}
-        return new if held == old else held
-
-    content["particles"] = renamed(content["particles"])
-    for layer in content["layer"]:
-        layer.update({key: renamed(layer[key]) for key in ("particles", "volume_fractions") if key in layer})
+    for table in (content, *content["layer"]):
+        for key in {"particles", "volume_fractions"} & table.keys():
+            held = table[key]
+            many = isinstance(held, dict) and {new if name == old else name: value for name, value in held.items()}
+            table[key] = many or (new if held == old else held)
 
 
 def get_substance(kind: Content) -> Any:
@@ -257,11 +257,7 @@ def get_size_mode(kind: Content) -> str:
 
 
 def list_size_places(mode: str) -> list[tuple[str, ...]]:
-    """Where a kind of particle has its size, given in one of SIZE_MODES.
-
-    >>> list_size_places("gamma, diameters"), list_size_places("radius")
-    ([('size', 'gamma', 'd_eff_um'), ('size', 'gamma', 'v_eff')], [('radius_um',)])
-    """
+    """Where a kind of particle has its size, given in one of SIZE_MODES."""
     name, _, diameters = mode.partition(", ")
     if name not in SIZES:
         return [(f"{name}_um",)]
@@ -335,9 +331,8 @@ def set_rough(table: Content, surface: str) -> None:
     """One of SURFACES: facets, or a smooth surface, which has no distribution of slopes."""
     if surface == "rough":
         table.setdefault("roughness", ROUGHNESS)
-        return
-    for key in FACETS:
-        table.pop(key, None)
+    else:
+        remove(table, *FACETS)
 
 
 def remove_layer(content: Content, place: int) -> None:
@@ -368,34 +363,31 @@ def get_medium(layer: Content) -> str:
 
 def set_medium(content: Content, place: int, medium: str) -> None:
     """Fills a layer with something else; its thickness stays where it can."""
-    layer = content["layer"][place]
+    layer, kinds = content["layer"][place], content.get("particles", {})
     if medium == get_medium(layer):
         return
     geometric, phase = is_geometric(layer), MEDIA[medium][1]
     if get_medium(layer) == "clear":
-        layer.pop("host_index", None)  # which it consisted of
-    for key in (*FILLINGS, "tolerance"):
-        layer.pop(key, None)
+        remove(layer, "host_index")  # which it consisted of
+    remove(layer, *FILLINGS, "tolerance")
     if medium not in HELD:
-        layer.pop("packing", None)
+        remove(layer, "packing")
         set_geometric(layer, medium == "clear")
     if phase is not None:
         layer["phase"] = copy.deepcopy(phase)
         layer.setdefault("albedo", 0.99)
         return
-    layer.pop("albedo", None)
-    if medium == "clear":
-        layer.pop("volume_fraction", None)
-        # the index of the medium in which it lies: below the last interface above it, or the file's
+    remove(layer, "albedo")
+    names = list(kinds) or ([add_kind(content)] if medium in HELD else [])
+    if medium == "clear":  # the index of the medium in which it lies: below the last interface above it, or the file's
+        remove(layer, "volume_fraction")
         above = [one["interface"].get("below") for one in content["layer"][:place] if is_interface(one)]
         layer.setdefault("host_index", copy.deepcopy((above or [content.get("host_index", 1.0)])[-1]))
-        return
-    kinds = list(content.get("particles", {})) or [add_kind(content)]
-    if medium == "volumes":
-        layer["volume_fractions"] = dict.fromkeys(kinds[:2], FRACTION)
-        layer.pop("volume_fraction", None)
+    elif medium == "volumes":
+        layer["volume_fractions"] = dict.fromkeys(names[:2], FRACTION)
+        remove(layer, "volume_fraction")
     else:
-        layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
+        layer["particles"] = names[0] if medium == "particles" else dict.fromkeys(names[:2], 1.0)
         if geometric or is_fraction_needed(layer):
             layer.setdefault("volume_fraction", FRACTION)
 
@@ -409,8 +401,7 @@ def set_geometric(layer: Content, geometric: bool) -> None:
     """Thickness in micrometres with a volume fraction, or optical."""
     if geometric == is_geometric(layer):
         return
-    for key in THICKNESS_KEYS:
-        layer.pop(key, None)
+    remove(layer, *THICKNESS_KEYS)
     layer.update({"thickness_um": LENGTH} if geometric else {"thickness": OPTICAL})
     if "volume_fractions" not in layer and (geometric or is_fraction_needed(layer)):
         layer["volume_fraction"] = FRACTION
@@ -426,17 +417,14 @@ def is_fraction_asked(content: Content, place: int) -> bool:
     layer, kinds = content["layer"][place], content.get("particles", {})
     held = layer.get("particles", ())
     around = [kinds.get(name, {}) for name in ((held,) if isinstance(held, str) else held)]
-    media = [one.get("host_index", 1.0) for one in (content, layer, *around)]
-    clear = all(isinstance(one, (int, float)) for one in media)
+    clear = all(isinstance(one.get("host_index", 1.0), (int, float)) for one in (content, layer, *around))
     return is_fraction_needed(layer) or "volume_fraction" in layer or not clear
 
 
 def set_packing(layer: Content, packing: str) -> None:
     """The packing of particles that are close to each other; a layer that needs a volume fraction for it gets one."""
     if packing == INDEPENDENT:
-        layer.pop("packing", None)
-        if not is_geometric(layer):
-            layer.pop("volume_fraction", None)
+        remove(layer, "packing", *([] if is_geometric(layer) else ["volume_fraction"]))
         return
     layer["packing"] = packing
     if "volume_fractions" not in layer:

@@ -19,8 +19,6 @@ from vrte.formats.toml_table import RANGE_KEYS
 LONGEST_TEXT = 4000  # characters of a field
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf|nan")
 WHOLE = re.compile(r"[+-]?\d{1,300}")
-
-
 SHARE = "5 % or 0.05"
 FIELDS = {  # by place, * being any layer or kind of particle: label, and what no check objects to in its place
     "wavelength_um": Key("wavelengths in vacuum [µm]", hint="one, several with commas, or start:stop:count", start=0.5),
@@ -61,13 +59,7 @@ FIELDS = {  # by place, * being any layer or kind of particle: label, and what n
 
 def find_field(place: Place, content: dict[str, Any]) -> Key:
     """What is declared of a place in a content: the key of a registry, with what FIELDS has besides; a key without a
-    label where there is no field.
-
-    >>> find_field(("layer", 3, "particles", "gold"), {}).label
-    '{}: number fraction'
-    >>> find_field(("base", "albedo"), {"base": {"kind": "lambertian"}}).label
-    'albedo of the base'
-    """
+    label where there is no field."""
     steps = [str(step) for step in place]
     if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])
@@ -122,11 +114,7 @@ def get_value(content: dict[str, Any], place: Place) -> Any:
 
 
 def list_places(table: Any, *place: str) -> Iterator[Place]:
-    """The places of all that is in a table and in the tables below it.
-
-    >>> list(list_places({"size": {"gamma": {"r_eff_um": 1.0, "v_eff": 0.1}}}))
-    [('size', 'gamma', 'r_eff_um'), ('size', 'gamma', 'v_eff')]
-    """
+    """The places of all that is in a table and in the tables below it."""
     if not isinstance(table, dict):
         yield place
         return
@@ -168,14 +156,7 @@ WAVELENGTHS = "wavelengths [µm]: one, several with commas, or start:stop:count"
 
 
 def translate_message(message: str, content: dict[str, Any]) -> str:
-    """A message with the form's words for the keys of a scene file.
-
-    >>> content = {"particles": {"fool's gold": {"diameter_um": 0.2}}, "layer": [{"thickness": -1}]}
-    >>> translate_message("layer[1].thickness = -1: must be above 0", content)
-    'layer 1: optical thickness = -1: must be above 0'
-    >>> translate_message('particles."fool\\'s gold".diameter_um: half of it', content)
-    "fool's gold: diameter [µm]: half of it"
-    """
+    """A message with the form's words for the keys of a scene file."""
     first = FIRST.match(message)
     if first:
         message = name_place((first[0],), content) + message[first.end() :]

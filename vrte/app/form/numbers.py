@@ -32,12 +32,7 @@ CHOOSE = "begin with a paint here, or with a material in the Gallery"
 @dataclass(frozen=True)
 class FormNumber:
     """A number at a place of the form: its ``label``, its value at the ``start``, and from where to where it may go; a
-    slider goes by equal factors.
-
-    >>> slider = FormNumber(("layer", 0, "thickness_um"), "thickness [µm]", 50.0, 1.0, 100.0)
-    >>> slider.key, slider.find_value(100), slider.find_step(10.0)
-    ('layer[1].thickness_um', 10.0, 100)
-    """
+    slider goes by equal factors."""
 
     place: Place
     label: str
@@ -96,11 +91,7 @@ def drop_part(place: Place) -> Place:
 
 
 def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
-    """The name of a number: of which layer or kind of particles, and as its field says.
-
-    >>> name_number({"layer": [{"phase": "rayleigh"}]}, ("layer", 0, "thickness"))
-    'layer 1: optical thickness'
-    """
+    """The name of a number: of which layer or kind of particles, and as its field says."""
     field = drop_part(place)
     label = find_field(field, content).label.format(field[-1])
     label = "refractive index" if label == SUBSTANCE else label
@@ -113,11 +104,7 @@ def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
 
 
 def suggest_limits(place: Place, value: float) -> tuple[float, float]:
-    """From where to where a number may go unless somebody says otherwise; the start lies between.
-
-    >>> suggest_limits(("layer", 0, "albedo"), 0.9), suggest_limits(("layer", 0, "thickness"), 5.0)
-    ((0.0, 1.0), (0.5, 50.0))
-    """
+    """From where to where a number may go unless somebody says otherwise; the start lies between."""
     names = [step for step in place if isinstance(step, str)]
     if place[-1] == 1:  # k of an index
         return 0.0, max(LEAST_ABSORPTION, 10.0 * value)
