@@ -11,32 +11,22 @@ from nicegui import ui
 from vrte.app.form import content as form
 from vrte.app.form.checks import name_part
 from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
-from vrte.app.page.controls import (
-    OUTLINED,
-    QUIET,
-    add_button,
-    add_menu_item,
-    add_message,
-    make_icon,
-    make_menu,
-    report_errors,
-)
-from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE
+from vrte.app.page import controls
+from vrte.app.page.controls import OUTLINED, add_message, add_note, make_icon, report_errors
+from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, check_size
 from vrte.app.solving.tab_session import TabSession
-from vrte.basics.errors import Place, SceneError
+from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, FACETS
 from vrte.formats.keys import TABLE, Choice, FilePath, Flag, Numbers, Substance
 from vrte.formats.named import find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import ANGLES, REQUEST_KEYS
-from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import INDEPENDENT, PACKINGS
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
 LIST_HINT = "one number, several with commas, or start:stop:count"
-CARD_HEAD = "w-full items-center no-wrap gap-1"  # the name of a card, and its buttons
 SHORT = 24  # characters of a label in half of the form
 LONG = 42  # of a choice, for which there is no room
 
@@ -73,9 +63,9 @@ class FormPanel:
         at_fields: dict[Place, str] = {}
         rest = []
         for place, message in session.find_problems().items():
-            around = [place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields]
+            around = next((place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields), None)
             if around:
-                at_fields.setdefault(around[0], message)
+                at_fields.setdefault(around, message)
             else:
                 rest.append(message)
         for place, (field, section) in self.fields.items():
@@ -91,8 +81,8 @@ class FormPanel:
             read = session.parts_read.get(name_part(session.content, part))
             label.set_text(read.words if read else "")
         self.general.set_text("; ".join(rest))
-        found: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
-        session.wrong = next(iter([*found, *((message, ()) for message in rest)]), None)
+        found = [*((message, place) for place, message in at_fields.items()), *((message, ()) for message in rest)]
+        session.wrong = found[0] if found else None
         self.changed()
 
     def jump(self) -> None:
@@ -124,6 +114,13 @@ class FormPanel:
         with part, ui.column().classes("w-full gap-2 px-1 pb-2"):
             yield
 
+    @contextmanager
+    def card(self, *place: str | int) -> Iterator[Any]:
+        """A box for one of several alike, with a row for its name and its buttons; messages about all of it below."""
+        with ui.column().classes("vrte-card"):
+            yield ui.row().classes("w-full items-center no-wrap gap-1")
+            self.complaint(*place)
+
     def keys(self, places: Iterable[Place], chosen: Callable[[], None] = lambda: None) -> None:
         """What the keys of a registry are entered by, numbers with short names two in a row."""
         waiting: Any = None  # a row that has room for one more field
@@ -136,7 +133,7 @@ class FormPanel:
                 row = make_row() if waiting is None else waiting
                 waiting = row if waiting is None else None
                 with row:
-                    self.field(*place)
+                    self.key(*place)
 
     def key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """What a registry's key is entered by; ``chosen`` is called once there is a substance."""
@@ -152,9 +149,8 @@ class FormPanel:
             now = value or next(iter(names))
             long = max(map(len, names.values())) > LONG
             shown = {name: name or key.empty for name in names} if long else names
-            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None))
+            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None), *place)
             found.props.update({"hint": names.get(now, "")} if long else {})
-            self.enter(place, found)
         elif isinstance(key, Flag):
             usual = key.usual(get_value(content, place[:-1]))
             now = usual if value is None else value is True
@@ -176,12 +172,11 @@ class FormPanel:
 
         label, value = about.label.format(place[-1]), write_field_text(get_value(content, place))
         found = ui.input(label, value=value, on_change=typed)
-        found.props(f"{OUTLINED} debounce=120 autocomplete=off spellcheck=false")
+        found.props(f"{OUTLINED} debounce=120 autocomplete=off spellcheck=false maxlength={LONGEST_TEXT}")
         found.without_auto_validation()  # it would wipe out the message that `typed` has brought
-        found.props(f"maxlength={LONGEST_TEXT}").classes(f"vrte-field {classes}")
+        found.classes(f"vrte-field {classes}")
         found.props.update({name: text for name, text in (("placeholder", about.empty), ("hint", about.hint)) if text})
-        self.enter(place, found)
-        return found
+        return self.enter(place, found)
 
     def substance(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """A field for a substance, with a menu of those that have names, and of a table of one's own."""
@@ -192,10 +187,11 @@ class FormPanel:
             chosen()
 
         index.on("change", chosen)
-        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), make_menu():
-            self.ask_for_file(add_menu_item(f"a table of n, k ({TABLE}) ..."), place, (TABLE,), LARGEST_LIST)
+        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), controls.make_menu():
+            own = controls.add_menu_item(f"a table of n, k ({TABLE}) ...")
+            self.ask_for_file(own, place, (TABLE,), LARGEST_LIST)
             for material in MATERIALS:
-                add_menu_item(material, partial(choose, material))
+                controls.add_menu_item(material, partial(choose, material))
 
     def file(self, *place: str | int, key: FilePath) -> None:
         """A file that somebody chooses, and what was read from it."""
@@ -203,31 +199,30 @@ class FormPanel:
         found = ui.input(key.label, value=name).without_auto_validation().classes("vrte-field")
         found.props(f"{OUTLINED} readonly")
         found.props.update({"placeholder": key.empty or "no file yet", "hint": key.hint or " or ".join(key.suffixes)})
-        most = LARGEST_LIST if place[0] == "particles" else LARGEST_TABLE
         with found.add_slot("append"):
             if name and not key.needed:
                 make_icon("close", "without a file", partial(self.change, form.put, self.session.content, place, None))
+            most = LARGEST_LIST if place[0] == "particles" else LARGEST_TABLE
             self.ask_for_file(make_icon("upload_file", "choose a file"), place, key.suffixes, most)
         self.enter(place, found)
-        self.words[place] = add_message("vrte-note")
+        self.words[place] = add_message()
 
-    def ask_for_file(self, button: Any, place: Place, suffixes: tuple[str, ...], most: int) -> None:
-        """A click on the button lets somebody choose a file for a place."""
+    def ask_for_file(self, button: Any, *asked: Any) -> None:
+        """A click on the button lets somebody choose a file for a place, of some suffixes, and so large at most."""
 
         def ask() -> None:
-            self.asked = place, suffixes, most
+            self.asked = asked[0], asked[1], asked[2]
 
-        script = f"() => {{ emit(); vrte.pick({self.upload.id}, '{','.join(suffixes)}'); }}"
+        script = f"() => {{ emit(); vrte.pick({self.upload.id}, '{','.join(asked[1])}'); }}"
         button.on("click", ask, js_handler=script, args=[])
 
     async def take_file(self, event: Any) -> None:
         """A file that somebody has chosen."""
         place, suffixes, most = self.asked
         self.upload.reset()
-        name, size = str(event.file.name), int(event.file.size())
+        name = str(event.file.name)
         with report_errors(self.refuse):
-            if size > most:
-                raise SceneError(f"{show_toml(name)} has {size / 1e6:.3g} MB, and at most {most / 1e6:g} MB are taken")
+            check_size(name, int(event.file.size()), most)
             named = frozenset(find_named_tables(self.session.content).values())
             kept = self.session.uploads.add(name, await event.file.read(), suffixes, most, named)
             self.refused.pop(place, None)
@@ -239,12 +234,12 @@ class FormPanel:
         self.refused[self.asked[0]] = why
         self.check()
 
-    def choice(self, names: list[str] | dict[str, str], value: Any, label: str, act: Callable[[Any], None]) -> Any:
-        """One of several; the rest of the form may depend on it."""
+    def choice(self, names: Any, value: Any, label: str, act: Callable[[Any], None], *place: str | int) -> Any:
+        """One of several; the rest of the form may depend on it, and messages about a place be at it."""
         found = ui.select(names, value=value, label=label)
         found.on_value_change(lambda event: self.change(act, event.value))
-        found.without_auto_validation()
-        return found.props(f"{OUTLINED} options-dense").classes("w-full vrte-field")
+        found.without_auto_validation().props(f"{OUTLINED} options-dense").classes("w-full vrte-field")
+        return self.enter(place, found) if place else found
 
     def switch(self, text: str, value: bool, act: Callable[[bool], Any]) -> None:
         """A box that is ticked or not; the rest of the form depends on it."""
@@ -253,15 +248,16 @@ class FormPanel:
 
     def adder(self, text: str, add: Callable[[form.Content], Any]) -> None:
         """A button that adds something."""
-        add_button(text, "add", lambda: self.change(add, self.session.content), QUIET)
+        controls.add_button(text, "add", lambda: self.change(add, self.session.content), controls.QUIET)
 
     def complaint(self, *place: str | int) -> None:
         """Where messages about a whole table are shown."""
         self.enter(place, add_message("vrte-error"))
 
-    def enter(self, place: Place, field: Any) -> None:
+    def enter(self, place: Place, field: Any) -> Any:
         """A field, or what stands for one, where messages about it find it."""
         self.fields[place] = field, self.section_now
+        return field
 
     # the form
 
@@ -272,15 +268,15 @@ class FormPanel:
             self.key("host_index")
         with self.section("Particles", "grain"):
             if not content.get("particles"):
-                ui.label("None: the layers name their phase functions.").classes("vrte-note")
+                add_note().set_text("None: the layers name their phase functions.")
             for name in content.get("particles", {}):
-                with ui.column().classes("vrte-card"):
-                    self._kind(name)
+                with self.card("particles", name) as head:
+                    self._kind(head, name)
             self.adder("add a kind of particle", form.add_kind)
         with self.section("Layers, top first", "layers"):
             for place in range(len(content["layer"])):
-                with ui.column().classes("vrte-card"):
-                    self._layer(place)
+                with self.card("layer", place) as head:
+                    self._layer(head, place)
             with make_row():
                 self.adder("add a layer", form.add_layer)
                 self.adder("add a surface or interface", form.add_interface)
@@ -291,20 +287,17 @@ class FormPanel:
             self.keys(("base", key) for key in (BASES[kind].keys if kind in BASES else ()))
             self.complaint("base")
         with self.section("Directions of the BRDF", "explore", opened=False):
-            ui.label(LIST_HINT).classes("vrte-note")
+            add_note().set_text(LIST_HINT)
             degrees = any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
             self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
             for key in ("mu_i", "mu_o", "phi_deg"):
                 self.field("brdf", ANGLES.get(key, key) if degrees else key)
         with self.section("Inside the layers", "vertical_align_center", opened=False):
-            put_field = partial(form.put, content, ("field",))
-            start = copy.deepcopy(form.START["field"])
-            text = "the radiance field, too"
-            self.switch(text, "field" in content, lambda wanted: put_field(start if wanted else None))
-            if "field" in content:
-                beam = ANGLES["mu0"] if ANGLES["mu0"] in content["field"] else "mu0"
-                for key in (beam, "tau", "phi_deg", "stokes", "mu"):
-                    self.field("field", key)
+            put, start = partial(form.put, content, ("field",)), copy.deepcopy(form.START["field"])
+            self.switch("the radiance field, too", "field" in content, lambda wanted: put(start if wanted else None))
+            beam = ANGLES["mu0"] if ANGLES["mu0"] in content.get("field", {}) else "mu0"
+            for key in (beam, "tau", "phi_deg", "stokes", "mu") if "field" in content else ():
+                self.field("field", key)
         with self.section("Accuracy", "tune", opened=False):
             with make_row():
                 self.field("accuracy")
@@ -312,10 +305,10 @@ class FormPanel:
             truncate = partial(form.put, content, ("truncation",))
             self.choice(list(CHOICES), content.get("truncation", "auto"), "truncation of forward peaks", truncate)
 
-    def _kind(self, name: str) -> None:
+    def _kind(self, head: Any, name: str) -> None:
         content = self.session.content
         kind = content["particles"][name]
-        with ui.row().classes(CARD_HEAD):
+        with head:
             label = ui.input(value=name).props(f"dense borderless maxlength={form.LONGEST_NAME}")
             label.props('aria-label="name of the kind"').classes("vrte-name grow").tooltip("the name of this kind")
             label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
@@ -328,64 +321,58 @@ class FormPanel:
             if name not in content["particles"]:
                 self.draw()
 
-        source = form.get_source(kind)
+        source, mode = form.get_source(kind), form.get_size_mode(kind)
         names = {one: row.words for one, row in SOURCES.items()}
-        self.enter(("particles", name, "source"), self.choice(names, source, "what", partial(form.set_source, kind)))
+        self.choice(names, source, "what", partial(form.set_source, kind), "particles", name, "source")
         self.keys((("particles", name, key) for key in SOURCES[source].keys), name_after)
         if SOURCES[source].sized:
-            mode = form.get_size_mode(kind)
             names = {one: words for one, (words, _) in form.SIZE_MODES.items()}
             self.choice(names, mode, "size", partial(form.set_size_mode, kind))
             self.keys(("particles", name, *below) for below in form.list_size_places(mode))
         if "host_index" in kind or any(map(form.is_interface, content["layer"])):
             self.key("particles", name, "host_index")
-        self.complaint("particles", name)
 
-    def _layer(self, place: int) -> None:
+    def _layer(self, head: Any, place: int) -> None:
         content = self.session.content
         layer, last = content["layer"][place], len(content["layer"]) - 1
-        with ui.row().classes(CARD_HEAD):
+        with head:
             ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
-            for symbol, tip, act, possible in (
-                ("arrow_upward", "up", partial(form.move_layer, content, place, -1), place > 0),
-                ("arrow_downward", "down", partial(form.move_layer, content, place, 1), place < last),
-                ("close", "remove this layer", partial(form.remove_layer, content, place), last > 0),
+            for symbol, tip, possible, act in (
+                ("arrow_upward", "up", place > 0, partial(form.move_layer, content, place, -1)),
+                ("arrow_downward", "down", place < last, partial(form.move_layer, content, place, 1)),
+                ("close", "remove this layer", last > 0, partial(form.remove_layer, content, place)),
             ):
                 make_icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
         if form.is_interface(layer):
+            surface = layer["interface"]
             with make_row():
                 for key in ("above", "below"):
                     self.key("layer", place, "interface", key)
-            rough, put = layer["interface"].get("roughness", 0) != 0, partial(form.set_rough, layer["interface"])
-            self.choice(form.SURFACES, "rough" if rough else "smooth", "surface", put)
+            rough = surface.get("roughness", 0) != 0
+            self.choice(form.SURFACES, "rough" if rough else "smooth", "surface", partial(form.set_rough, surface))
             self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
-        else:
-            medium = form.get_medium(layer)
-            names = {name: words for name, (words, _) in form.MEDIA.items()}
-            self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
-            self._medium(place, layer, medium)
-            geometric, held = form.is_geometric(layer), medium in form.HELD
-            with make_row():
-                self.field("layer", place, "thickness_um" if geometric else "thickness")
-                if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, place)):
-                    self.field("layer", place, "volume_fraction")
-            if held:
-                self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
-                packing = layer.get("packing", INDEPENDENT)
-                found = self.choice(
-                    list(PACKINGS), packing, "close particles scatter", partial(form.set_packing, layer)
-                )
-                self.enter(("layer", place, "packing"), found)
-            if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
-                self.key("layer", place, "host_index")
-        self.complaint("layer", place)
+            return
+        medium = form.get_medium(layer)
+        names = {name: words for name, (words, _) in form.MEDIA.items()}
+        self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
+        self._medium(place, layer, medium)
+        geometric, held = form.is_geometric(layer), medium in form.HELD
+        with make_row():
+            self.field("layer", place, "thickness_um" if geometric else "thickness")
+            if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, place)):
+                self.field("layer", place, "volume_fraction")
+        if held:
+            self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
+            packing, pack = layer.get("packing", INDEPENDENT), partial(form.set_packing, layer)
+            self.choice(list(PACKINGS), packing, "close particles scatter", pack, "layer", place, "packing")
+        if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
+            self.key("layer", place, "host_index")
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
         known = list(self.session.content.get("particles", {}))
         if medium == "particles":
-            value = layer["particles"] if layer["particles"] in known else None
-            put = partial(form.put, layer, ("particles",))
-            self.enter(("layer", place, "particles"), self.choice(known, value, "kind", put))
+            value, put = layer["particles"], partial(form.put, layer, ("particles",))
+            self.choice(known, value if value in known else None, "kind", put, "layer", place, "particles")
         elif medium in ("mixture", "volumes"):
             with make_row(""):
                 for name in known:
