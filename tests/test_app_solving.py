@@ -19,7 +19,7 @@ import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_with_notes, write_link
 from vrte.app.solving import page_files as downloads
-from vrte.app.solving.messages import Adopted, Outcome, Progress, Refused, Task
+from vrte.app.solving.messages import EMPTY, Adopted, Outcome, Progress, Refused, Task
 from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
 from vrte.app.solving.worker import Exchange, take_newest
@@ -163,7 +163,7 @@ def test_a_tensor_is_solved_at_five_wavelengths_and_what_cannot_be_downloaded_is
         downloads.choose_tensor_wavelengths({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65005]})
     for kind in ("BRDF", "field"):
         with pytest.raises(vrte.SceneError, match=f"there is no {kind}"):
-            downloads.make_result_download(kind.lower(), None, ".nc")
+            downloads.make_result_download(kind.lower(), EMPTY, ".nc")
 
 
 def test_a_solve_is_cancelled_at_once_and_one_that_dies_is_a_sentence() -> None:

@@ -88,8 +88,8 @@ class MeasurementPanel:
                             field = ui.input(value=write_field_text(given.get(side))).classes("vrte-end")
                             field.on_value_change(partial(self.set_free, one.key, side)).without_auto_validation()
                             field.props("outlined dense hide-bottom-space debounce=120 maxlength=40")
-                            field.props["placeholder"] = write_digits(getattr(one, side))
-                            field.props["aria-label"] = f"{one.label}, {words}"
+                            texts = write_digits(getattr(one, side)), f"{one.label}, {words}"
+                            field.props.update(zip(("placeholder", "aria-label"), texts, strict=True))
 
     # what somebody does
 
@@ -243,25 +243,20 @@ class MeasurementPanel:
         """What the fit found, once."""
         fitted = self.session.fitted
         if self.back is not None:
-            self.back.set_visibility("before_fit" in self.view)
+            show("before_fit" in self.view, self.back)
         if fitted is self.written:
             return
-        self.written = fitted
-        self.back = None
-        for part in (self.result, self.details):
-            part.clear()
+        self.written, self.back = fitted, None
+        self.result.clear()
+        self.details.clear()
         if fitted is None:
             return
         known = {one.key: one for one in list_free_numbers(fitted.content)}
         names = {name: known[name].label for name in fitted.names}
+        found = zip(fitted.names, fitted.values, fitted.errors, strict=True)
         rows = [
-            [
-                names[name],
-                write_digits(known[name].start),
-                f"{value:.6g}",
-                f"{error:.2g}" if np.isfinite(error) else "–",
-            ]
-            for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True)
+            [names[name], write_digits(known[name].start), f"{value:.6g}", f"{error:.2g}" if error < np.inf else "–"]
+            for name, value, error in found
         ]
         with self.result:
             add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
@@ -274,8 +269,7 @@ class MeasurementPanel:
                 files = {"Page of the fit": ("fit.html", fitted.page), "Fitted scene, TOML": ("fitted.toml", scene)}
                 for text, (name, data) in files.items():
                     if data:
-                        hand_out = partial(ui.download.content, data, name)
-                        add_button(text, "download", hand_out, "flat dense")
+                        add_button(text, "download", partial(ui.download.content, data, name), "flat dense")
         with self.details:
             if len(names) > 1 and np.isfinite(fitted.correlations).any():
                 add_heading("Correlations")

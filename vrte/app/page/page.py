@@ -18,7 +18,7 @@ from vrte.app.form.fields import translate_message, write_field_text
 from vrte.app.page import controls
 from vrte.app.page.controls import notify, report_errors, show
 from vrte.app.page.form_panel import FormPanel
-from vrte.app.page.result_panel import ResultPanel
+from vrte.app.page.result_panel import OF_BRDF, ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import page_files
 from vrte.app.solving.measuring import is_measurement
@@ -68,7 +68,7 @@ class Page:
                 self.results = ResultPanel(session, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
-        if session.outcome is None and session.solves.task is None and session.content == START:  # something to turn
+        if not session.outcome.count and session.solves.task is None and session.content == START:  # something to turn
             if Page.start_outcome is None:
                 session.start()
             else:
@@ -194,7 +194,7 @@ class Page:
             if answer.opened and answer.content is not None:
                 self.session.content = copy.deepcopy(answer.content)
                 self._draw_form()
-            if not answer.brdfs and self.session.view["tab"] in ("lobe", "cuts", "reflectance"):
+            if not answer.brdfs and self.session.view["tab"] in OF_BRDF:
                 self.results.tabs.set_value("inside")
             self.results.refresh()
             if answer.brdfs:

@@ -80,6 +80,7 @@ SELECTS = {  # of each tab: what is chosen, in words, among what
     "cuts": (("cut", "quantity", QUANTITIES),),
     "inside": (("inside", "quantity", FIELD_QUANTITIES),),
 }
+OF_BRDF = ("lobe", "cuts", "reflectance")  # tabs that show a BRDF
 LIVE = ("appearance", "measurement")  # tabs of the form's scene, whether it is solved or not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
@@ -107,7 +108,7 @@ class ResultPanel:
         self.texts: dict[str, Any] = {}  # below each figure
         self.live: dict[str, Any] = {}  # panels of the tabs that show the form's scene
         self.captions: dict[str, tuple[Any, Any]] = {}  # of each figure: its title, and the line below it
-        ui.label("Result").classes("vrte-hidden").props("role=heading aria-level=2")
+        add_heading("Result", 2, "vrte-hidden")
         with ui.tabs(value=self.view["tab"], on_change=lambda event: self.set("tab", event.value)) as self.tabs:
             for name, (title, symbol) in TABS.items():
                 ui.tab(name, title, icon=symbol)
@@ -169,8 +170,7 @@ class ResultPanel:
 
     def add_plot(self, name: str) -> Any:
         """An empty figure below its title: there it can be as long as it likes."""
-        title = ui.label().classes("vrte-caption").props("role=heading aria-level=3")
-        self.captions[name] = title, ui.label().classes("vrte-under")
+        self.captions[name] = add_heading("", 3, "vrte-caption"), ui.label().classes("vrte-under")
         self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=figure")
         return self.plots[name]
 
@@ -181,7 +181,7 @@ class ResultPanel:
         value = int(value) if key in self.sliders else value
         if value != self.view.get(key):
             self.view[key] = value
-            if key == "place" and self.session.outcome and self.session.outcome.brdfs:
+            if key == "place" and self.session.outcome.brdfs:
                 self.view["mu_i"] = float(self.session.outcome.brdfs[0].mu_i[value])
             self.draw()
 
@@ -199,30 +199,21 @@ class ResultPanel:
             self.named.set_value("other")
         self.stokes.error = None
         try:
-            self._read_stokes()
+            read_stokes(self.view["stokes"])
             self.draw()
         except SceneError as error:
             self.stokes.error = str(error)
-
-    def _read_stokes(self) -> Any:
-        """The Stokes vector of the incident light (4,). Raises SceneError."""
-        found = parse_field_text(self.view["stokes"])
-        if isinstance(found, str):
-            raise SceneError("stokes must be four numbers I, Q, U, V")
-        incident_for(REFLECTANCE_FACTOR, found)
-        return found
 
     # drawing
 
     def refresh(self) -> None:
         """After a new outcome: the sliders' ends, then the figure."""
         outcome, view = self.session.outcome, self.view
-        angles = outcome.brdfs[0].mu_i if outcome and outcome.brdfs else np.empty(0)
+        angles = outcome.brdfs[0].mu_i if outcome.brdfs else np.empty(0)
         if angles.size:  # light from where it came from before, as nearly as there is
             view["place"] = int(np.abs(angles - view.get("mu_i", angles[angles.size // 2])).argmin())
-        inside = tuple(outcome.inside[0]) if outcome and outcome.inside else ()
-        count = outcome.count if outcome else 0
-        for key, size in (("place", angles.size), ("wavelength", count), ("layer", len(inside))):
+        inside = [*outcome.inside[0]] if outcome.inside else []
+        for key, size in (("place", angles.size), ("wavelength", outcome.count), ("layer", len(inside))):
             view[key] = min(view[key], max(size - 1, 0))
             if key in self.sliders:
                 bar = self.sliders[key][2].props(f"max={max(size - 1, 1)}")
@@ -234,45 +225,46 @@ class ResultPanel:
     def draw(self) -> None:
         """The open tab."""
         tab, outcome = self.view["tab"], self.session.outcome
-        live = tab in LIVE
+        live, solved = tab in LIVE, outcome.count > 0
         for name, area in self.areas.items():
-            area.set_visibility(name == tab and (live or outcome is not None))
+            show(name == tab and (live or solved), area)
         self._describe(outcome)
-        text = "" if outcome or live else NOTHING
+        text = "" if solved or live else NOTHING
         try:
             if live:
                 self.live[tab].refresh()
-            elif outcome is not None:
+            elif solved:
                 self._show(tab, outcome)
         except (SceneError, IndexError) as error:
-            self.areas[tab].set_visibility(False)
+            show(False, self.areas[tab])
             text = str(error)
         self.message.set_text(text)
 
-    def _describe(self, outcome: Outcome | None) -> None:
+    def _describe(self, outcome: Outcome) -> None:
         """The notes, the sliders that there are, and what stands beside them."""
-        tab = self.view["tab"]
+        tab, place = self.view["tab"], self.view["place"]
         live = tab in LIVE
         self.mark_stale()
-        notes = "; ".join(outcome.notes) if outcome and not live else ""
-        self.notes.set_text(translate_message(notes, self.session.content))
-        with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
-        several = bool(outcome and outcome.count > 1) and not live
+        self.notes.set_text("" if live else translate_message("; ".join(outcome.notes), self.session.content))
+        with_angle = bool(outcome.brdfs) and tab in OF_BRDF
+        several = outcome.count > 1 and not live
         (incidence, beside, _), (wavelength, above, _) = self.sliders.values()
         show(with_angle, incidence)
         show(with_angle and tab != "reflectance", self.light)
         show(several, wavelength)
         show(with_angle or several, self.controls)
-        if outcome and outcome.brdfs:
-            mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
+        if outcome.brdfs:
+            mu = float(outcome.brdfs[0].mu_i[place])
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
             beside.set_text(f"{where}; {self.describe_reflectance(outcome)}")
-        if outcome and outcome.wavelength_um:
+        if outcome.wavelength_um:
             above.set_text(f"wavelength {write_wavelength(outcome, self.view['wavelength'])}")
 
     def _show(self, tab: str, outcome: Outcome) -> None:
         """The figure of a tab. Raises SceneError where the outcome has none."""
         view, which, place = self.view, self.view["wavelength"], self.view["place"]
+        if tab in OF_BRDF and not outcome.brdfs:
+            raise SceneError(NO_BRDF)
         if tab == "plan":
             self._write_plan(outcome)
         elif tab == "scattering":
@@ -284,21 +276,19 @@ class ResultPanel:
         elif tab == "inside":
             if not outcome.fields:
                 raise SceneError(NO_FIELD)
-            over_largest = view["over_largest"] and view["inside"] == "I"
-            self.draw_figure(
-                tab, figures.field_polar(outcome.fields[which], view["inside"], over_largest, bool(view.get("dark")))
-            )
-        elif not outcome.brdfs:
-            raise SceneError(NO_BRDF)
+            how = view["inside"], view["over_largest"] and view["inside"] == "I", bool(view.get("dark"))
+            self.draw_figure(tab, figures.field_polar(outcome.fields[which], *how))
         elif tab == "reflectance":
             assert outcome.reflectances is not None  # wherever there is a BRDF
             self._write_reflectances(outcome, outcome.reflectances)
             self.draw_figure(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
-        elif tab == "lobe":
-            brdf, stokes = outcome.brdfs[which], self._read_stokes()
-            self.draw_figure(tab, lobe(brdf, place, view["height"], view["colour"], stokes))
         else:
-            self.draw_figure(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._read_stokes()))
+            brdf, stokes = outcome.brdfs[which], read_stokes(view["stokes"])
+            if tab == "lobe":
+                figure = lobe(brdf, place, view["height"], view["colour"], stokes)
+            else:
+                figure = figures.cuts(brdf, place, view["cut"], stokes)
+            self.draw_figure(tab, figure)
 
     def draw_figure(self, name: str, figure: "Figure") -> None:
         """A figure in its place, its title above it."""
@@ -325,12 +315,11 @@ class ResultPanel:
 
     def mark_stale(self) -> bool:
         """Says where the figure shows another scene than the form; whether it does."""
-        outcome = self.session.outcome
-        changed = outcome is not None and outcome.content != self.session.content
-        solves = self.session.solves
+        outcome, solves = self.session.outcome, self.session.solves
+        changed = outcome.count > 0 and outcome.content != self.session.content
         solving = solves.waits and solves.task is not None and solves.task.call == "solve.solve"
-        self.stale.set_text(SOLVING if solving else CHANGED if outcome and outcome.content else OF_FILE)
-        self.stale.set_visibility(changed and self.view["tab"] not in LIVE)
+        self.stale.set_text(SOLVING if solving else CHANGED if outcome.content else OF_FILE)
+        show(changed and self.view["tab"] not in LIVE, self.stale)
         return changed
 
     def follow_form(self) -> None:
@@ -374,6 +363,15 @@ class ResultPanel:
                 ui.label(outcome.plan.text).classes("vrte-text")
             add_heading("How it was made")
             ui.label("\n".join(f"{name}: {value}" for name, value in made.items())).classes("vrte-text")
+
+
+def read_stokes(text: str) -> Any:
+    """The Stokes vector of the incident light (4,). Raises SceneError."""
+    found = parse_field_text(text)
+    if isinstance(found, str):
+        raise SceneError("stokes must be four numbers I, Q, U, V")
+    incident_for(REFLECTANCE_FACTOR, found)
+    return found
 
 
 def write_wavelength(outcome: Outcome, which: int) -> str:

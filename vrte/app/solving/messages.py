@@ -145,3 +145,6 @@ class Outcome(Message):
         """Bytes of the large arrays."""
         matrices = sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs)
         return matrices + sum(field.stokes.nbytes for field in self.fields)
+
+
+EMPTY = Outcome(None)

@@ -135,15 +135,15 @@ def read_bytes(data: bytes, suffix: str, read: Callable[[Path], Found]) -> Found
             raise SceneError(str(error).replace(str(path), "the file")) from error
 
 
-def make_result_download(kind: str, outcome: Outcome | None, suffix: str, which: int = 0) -> tuple[str, bytes]:
+def make_result_download(kind: str, outcome: Outcome, suffix: str, which: int = 0) -> tuple[str, bytes]:
     """Name and bytes of the "brdf" at all wavelengths or the "field" at one, ``suffix`` ".nc" or ".csv". Raises
     SceneError without one."""
-    found: Any = () if outcome is None else outcome.brdfs if kind == "brdf" else outcome.fields[which : which + 1]
+    found: Any = outcome.brdfs if kind == "brdf" else outcome.fields[which : which + 1]
     if not found and kind == "brdf":
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")
     if not found:
         raise SceneError('there is no field to download: turn on "Inside the layers" and solve')
-    found = Spectrum(np.array(outcome.wavelength_um), found) if outcome and len(found) > 1 else found[0]
+    found = Spectrum(np.array(outcome.wavelength_um), found) if len(found) > 1 else found[0]
     return f"{kind}{suffix}", collect_bytes(f"{kind}{suffix}", lambda path: save(found, path))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
-from vrte.app.solving.messages import Fitted, Outcome, Refused, Task
+from vrte.app.solving.messages import EMPTY, Fitted, Outcome, Refused, Task
 from vrte.app.solving.page_files import Uploads
 from vrte.app.solving.worker_process import Query
 from vrte.basics.errors import Place
@@ -31,7 +31,7 @@ class TabSession:
 
     content: Content
     uploads: Uploads = field(default_factory=Uploads)
-    outcome: Outcome | None = None
+    outcome: Outcome = EMPTY
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
     wrong: tuple[str, Place] | None = None
@@ -122,7 +122,7 @@ def replace_query(before: Query, task: Task) -> Query:
 class TabSessions:
     """All tabs. ``content`` and ``outcome`` are what a new one begins with; tables lie in ``folder``."""
 
-    def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome | None = None) -> None:
+    def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome = EMPTY) -> None:
         self._first = content or START
         self._folder, self._outcome = folder, outcome
         self._tables = frozenset(find_named_tables(self._first).values())
@@ -136,7 +136,7 @@ class TabSessions:
                 copy.deepcopy(self._first), Uploads(self._folder, self._tables), self._outcome
             )
             self._sessions[tab] = session  # the last used is the last
-            sizes = {name: one.outcome.size for name, one in self._sessions.items() if one.outcome is not None}
+            sizes = {name: one.outcome.size for name, one in self._sessions.items()}
             while len(self._sessions) > 1 and (len(self._sessions) > MOST_TABS or sum(sizes.values()) > MOST_BYTES):
                 oldest = next(iter(self._sessions))
                 self._sessions.pop(oldest).close()
