@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,11 +82,12 @@ def test_what_it_does_not_take(told: dict[str, object]) -> None:
 
 def test_brdf_and_light_from_below() -> None:
     asked_for = {"mu_i": [0.4, 0.8], "mu_o": [0.3, 0.9], "phi": 30.0, "illuminate": "bottom"}
-    found = vrte.brdf(MIDDLE, **asked_for, accuracy=1e-3, method="auto")
-    right = vrte.brdf(MIDDLE, **asked_for, accuracy=1e-8).mueller
+    found, right = (
+        vrte.brdf(MIDDLE, **asked_for, **how) for how in ({"accuracy": 1e-3, "method": "auto"}, {"accuracy": 1e-8})
+    )
     assert "rule 2" in found.diagnostics["method_rule"]
-    largest = right[..., 0, 0].max(axis=(1, 2))[:, None, None, None, None]
-    assert (np.abs(found.mueller - right) / largest).max() < 1e-3
+    largest = right.mueller[..., 0, 0].max(axis=(1, 2))
+    assert (np.abs(found.mueller - right.mueller).max(axis=(1, 2, 3, 4)) < 1e-3 * largest).all()
 
 
 def test_the_table() -> None:
@@ -129,20 +131,17 @@ def test_light_caught_again_is_bounded_closely() -> None:
     assert bound_caught_share(0.0) == 0.0
 
 
-def error_of_single_scattering(one: Asked) -> tuple[float, float]:
-    """What light scattered again adds, and the bound on it."""
-    wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": 1e-15})
-    bound = 0.1 * bound_multiple_scattering(replace(wanted, accuracy=0.1))
-    right = one.solved(nodes=32, accuracy=1e-12)
-    return one.solved(method="single-scattering").error(right), bound
-
-
 def test_light_scattered_again_is_less_than_its_bound() -> None:
-    found = np.array([error_of_single_scattering(asked(seed, faint)) for seed in range(10, 25)])
-    error, bound = found[np.isfinite(found[:, 1])].T
-    assert bound.size > 5
-    assert (error <= bound).all()
-    assert (error > 0.2 * bound).sum() >= 3  # it is not an empty one
+    """And the bound is not an empty one."""
+    close = 0
+    for one in (asked(seed, faint) for seed in range(10, 25)):
+        wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": 1e-15})
+        bound = 0.1 * bound_multiple_scattering(replace(wanted, accuracy=0.1))
+        if np.isfinite(bound):
+            error = one.solved(method="single-scattering").error(one.solved(nodes=32, accuracy=1e-12))
+            assert error <= bound
+            close += error > 0.2 * bound
+    assert close >= 3
 
 
 def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
@@ -162,24 +161,24 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
     return places
 
 
-def test_random_scenes_get_the_accuracy_asked_for() -> None:
-    places = [place for seed in range(9000, 9003) for place in check_promise(asked(seed), (1e-1, 1e-3))]
-    assert places.count(1) >= 4
-
-
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
-@pytest.mark.parametrize("first", [0, 30, 60])
-def test_many_random_scenes_get_the_accuracy_asked_for(first: int) -> None:
-    accuracies = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
-    places = [place for seed in range(first, first + 30) for place in check_promise(asked(seed), accuracies)]
-    assert places.count(1) > 60
-
-
-@pytest.mark.slow
-def test_many_thin_and_dark_scenes_get_the_accuracy_asked_for() -> None:
-    places = [place for seed in range(40) for place in check_promise(asked(seed, faint), (1e-1, 1e-2, 1e-3))]
-    assert places.count(0) > 20
+@pytest.mark.parametrize(
+    ("seeds", "drawn", "accuracies", "rule", "most"),
+    [
+        (range(9000, 9003), (), (1e-1, 1e-3), 1, 3),
+        *(
+            pytest.param(range(first, first + 30), (), (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), 1, 60, marks=pytest.mark.slow)
+            for first in (0, 30, 60)
+        ),
+        pytest.param(range(40), (faint,), (1e-1, 1e-2, 1e-3), 0, 20, marks=pytest.mark.slow),
+    ],
+)
+def test_random_scenes_get_the_accuracy_asked_for(
+    seeds: range, drawn: tuple[Any, ...], accuracies: tuple[float, ...], rule: int, most: int
+) -> None:
+    """And some of them by that rule."""
+    places = [place for seed in seeds for place in check_promise(asked(seed, *drawn), accuracies)]
+    assert places.count(rule) > most
 
 
 @pytest.fixture(scope="module")
@@ -209,25 +208,22 @@ def test_disagreements_are_found(rows: list[Row]) -> None:
 
 
 def test_score() -> None:
-    def row(scene: str, curve: str, method: str, setting: str, seconds: float, error: float) -> Row:
-        return Row(
-            scene, curve, method, setting, "measured", seconds, i_max=error, q_max=0.0, u_max=0.0, v_max=0.0,
-            reference_within=1e-9,
-        )  # fmt: skip
-
-    rows = [
-        row("a", "auto", EXACT, "accuracy 1e-3", 2.0, 1e-4),
-        row("a", "x", EXACT, "8 nodes", 1.0, 9e-4),
-        row("a", "y", "two-stream", "no knob", 0.5, 9e-2),  # quicker, and not good enough
-        row("b", "auto", EXACT, "accuracy 1e-3", 3.0, 2e-3),
-        row("b", "y", "two-stream", "no knob", 1.0, 1e-4),
-        row("c", "auto", EXACT, "accuracy 1e-3", 4.0, 1e-4),
-        row("c", "peer", "somebody else's", "8 nodes", 1.0, 1e-4),  # no method of this package
-        row("c", "x", EXACT, "8 nodes", 5.0, 1e-4),
+    """Of auto: how often it is good enough, and how its time stands to that of the quickest method that is."""
+    exact = "discrete-ordinates"
+    told = [
+        ("a", "auto", exact, "accuracy 1e-3", 2.0, 1e-4),
+        ("a", "x", exact, "8 nodes", 1.0, 9e-4),
+        ("a", "y", "two-stream", "no knob", 0.5, 9e-2),  # quicker, and not good enough
+        ("b", "auto", exact, "accuracy 1e-3", 3.0, 2e-3),
+        ("b", "y", "two-stream", "no knob", 1.0, 1e-4),
+        ("c", "auto", exact, "accuracy 1e-3", 4.0, 1e-4),
+        ("c", "peer", "somebody else's", "8 nodes", 1.0, 1e-4),  # no method of this package
+        ("c", "x", exact, "8 nodes", 5.0, 1e-4),
     ]
+    nothing = {"q_max": 0.0, "u_max": 0.0, "v_max": 0.0, "reference_within": 1e-9}
+    rows = [Row(*names, "measured", seconds, i_max=error, **nothing) for *names, seconds, error in told]
     assert make_score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
-    others = [each for each in rows if each.curve != "auto"]
-    assert make_score_rows(others) == []
+    assert make_score_rows([each for each in rows if each.curve != "auto"]) == []
 
 
 def test_nodes_of_a_scene_file_are_left_out() -> None:

@@ -1,6 +1,8 @@
-"""Many small scenes solved together: each as by itself, to the last bit."""
+"""Many scenes in one call, each as by itself to the last bit; fields of many beams, lists of geometries; light that is
+light."""
 
 import math
+import pickle
 import warnings
 
 import numpy as np
@@ -8,12 +10,18 @@ import pytest
 
 import vrte
 from vrte import _core
+from vrte.basics.errors import SceneError
 from vrte.basics.running import ThreadTeam
 from vrte.calls import alike
+from vrte.cli import main
+from vrte.formats import load
+
+from .helpers import assert_close
 
 MU = np.array([0.1, 0.45, 1.0])
 PHI = np.array([0.0, 30.0, 180.0, 300.0])
 GREY = vrte.henyey_greenstein(0.4, 16)
+HOW = {"nodes": 8, "threads": 1}
 
 
 def layer(phase=GREY, albedo=0.9, thickness=0.7):
@@ -21,9 +29,9 @@ def layer(phase=GREY, albedo=0.9, thickness=0.7):
     return vrte.Layer(phase, albedo, thickness)
 
 
-def make_scenes(seed=3, count=14):
-    """Scalar and polarizing ones of one to three layers, over black and even bases."""
-    draw = np.random.default_rng(seed)
+def make_scenes(count=14):
+    """Scalar and polarizing ones of one to three layers, over black and Lambertian bases."""
+    draw = np.random.default_rng(3)
     found = []
     for k in range(count):
         phases = [
@@ -36,7 +44,7 @@ def make_scenes(seed=3, count=14):
 
 
 def assert_same(found, alone):
-    """Every array, to the last bit."""
+    """Every array, to the last bit, and all diagnostics but those of the run."""
     for name in ("mueller", "reflectance", "transmission", "direct_transmittance", "specular", "mu_i", "phi"):
         one, other = getattr(found, name), getattr(alone, name)
         assert (one is None) == (other is None)
@@ -48,34 +56,13 @@ def assert_same(found, alone):
             assert found.diagnostics[name] == value, name
 
 
-@pytest.mark.parametrize("transmission", [False, True])
-def test_each_is_as_by_itself(transmission):
-    scenes, asked = make_scenes(), {"nodes": 8, "threads": 1, "transmission": transmission}
-    together = vrte.brdfs(scenes, MU, MU, PHI, **asked)
-    assert all("_tell" in vars(one) for one in together)
-    for scene, found in zip(scenes, together, strict=True):
-        assert_same(found, vrte.brdf(scene, MU, MU, PHI, **asked))
-        assert found.diagnostics["solved_together"] > 1
+def count_together(results):
+    """How many were solved in a batch."""
+    return sum("_tell" in vars(one) for one in results)
 
 
-@pytest.mark.parametrize("truncation", ["auto", "delta-m", "none"])
-def test_peaks_are_cut_as_by_itself(truncation):
-    peaked = [vrte.henyey_greenstein(g) for g in (0.5, 0.6, 0.7, 0.75)]
-    scenes = [vrte.Scene([layer(one, 0.8, 0.9), layer(two)]) for one, two in zip(peaked, reversed(peaked), strict=True)]
-    scenes += [vrte.Scene([layer(GREY), layer(vrte.henyey_greenstein(0.2, 16))])]
-    asked = {"nodes": 8, "threads": 1, "truncation": truncation}
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        together = vrte.brdfs(scenes, MU, MU, PHI, **asked)
-    assert all("_tell" in vars(one) for one in together)
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        for scene, found in zip(scenes, together, strict=True):
-            assert_same(found, vrte.brdf(scene, MU, MU, PHI, **asked))
-    assert sorted(str(one.message) for one in told) == sorted(str(one.message) for one in said)
-
-
-def test_what_cannot_be_shared_is_solved_by_itself():
+def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
+    """Among scenes that cannot be shared: semi-infinite, thin, thick, empty, of more terms than columns, refracting."""
     odd = [
         vrte.Scene([layer(thickness=math.inf)]),
         vrte.Scene([layer(thickness=1e-6)]),
@@ -84,26 +71,41 @@ def test_what_cannot_be_shared_is_solved_by_itself():
         vrte.Scene([layer(vrte.henyey_greenstein(0.6, 40)), layer(vrte.rayleigh())]),
         vrte.Scene([layer()], vrte.Mirror(1.5)),
         vrte.Scene([vrte.Interface(1.0, 1.3), layer()]),
+        vrte.Scene([layer(albedo=0.0)]),
     ]
-    plain = [vrte.Scene([layer(albedo=albedo)]) for albedo in (0.5, 0.0, 1.0)]
-    shared = vrte.Scene([layer(thickness=0.8), layer(vrte.isotropic()), layer(thickness=0.9)])
-    scenes = [*odd, *plain, shared, shared]
-    together = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=1)
-    assert sum("_tell" in vars(one) for one in together) == 4  # without scattering nothing is left to share
-    for scene, found in zip(scenes, together, strict=True):
-        assert_same(found, vrte.brdf(scene, MU, MU, PHI, nodes=8, threads=1))
-
-
-def test_threads_and_batches_change_no_bit(monkeypatch):
     scenes = make_scenes()
-    first = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=1)
+    together = vrte.brdfs([*scenes, *odd], MU, MU, PHI, **HOW)
+    assert count_together(together) == len(scenes)
+    for scene, found in zip([*scenes, *odd], together, strict=True):
+        assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW))
+    assert all(found.diagnostics["solved_together"] > 1 for found in together[: len(scenes)])
+    through = vrte.brdfs(scenes, MU, MU, PHI, **HOW, transmission=True)
+    for scene, found in zip(scenes, through, strict=True):
+        assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW, transmission=True))
     monkeypatch.setattr(alike, "BATCH_BYTES", 1.0)
     told = []
     again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2, progress=lambda *at: told.append(at))
     assert told == sorted(told)
     assert told[-1] == (1400, 1400)
-    for one, other in zip(first, again, strict=True):
+    for one, other in zip(together, again, strict=False):
         assert np.array_equal(one.mueller, other.mueller)
+
+
+@pytest.mark.parametrize("truncation", ["auto", "delta-m", "none"])
+def test_peaks_are_cut_as_by_itself(truncation):
+    peaked = [vrte.henyey_greenstein(g) for g in (0.5, 0.6, 0.7, 0.75)]
+    scenes = [vrte.Scene([layer(one, 0.8, 0.9), layer(two)]) for one, two in zip(peaked, reversed(peaked), strict=True)]
+    scenes += [vrte.Scene([layer(GREY), layer(vrte.henyey_greenstein(0.2, 16))])]
+    asked = HOW | {"truncation": truncation}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        together = vrte.brdfs(scenes, MU, MU, PHI, **asked)
+    assert count_together(together) == len(scenes)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for scene, found in zip(scenes, together, strict=True):
+            assert_same(found, vrte.brdf(scene, MU, MU, PHI, **asked))
+    assert sorted(str(one.message) for one in told) == sorted(str(one.message) for one in said)
 
 
 def test_an_interruption_stops_them(monkeypatch):
@@ -115,14 +117,12 @@ def test_an_interruption_stops_them(monkeypatch):
 
     monkeypatch.setattr(alike, "solve_batch", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        vrte.brdfs(make_scenes(), MU, MU, PHI, nodes=8, threads=1)
+        vrte.brdfs(make_scenes(), MU, MU, PHI, **HOW)
     assert len(calls) == 1
 
 
-def test_results_are_read_only_and_go_through_pickles():
-    import pickle
-
-    found = vrte.brdfs(make_scenes(count=6), MU, MU, PHI, nodes=8)[0]
+def test_results_are_read_only_and_go_through_pickles_and_bad_scenes_are_named():
+    found = vrte.brdfs(make_scenes(6), MU, MU, PHI, nodes=8)[0]
     with pytest.raises(ValueError, match="read-only"):
         found.mueller[0] = 1.0
     again = pickle.loads(pickle.dumps(found))
@@ -130,11 +130,9 @@ def test_results_are_read_only_and_go_through_pickles():
     assert again.diagnostics == found.diagnostics
     with pytest.raises(AttributeError, match="nothing"):
         _ = found.nothing
-
-
-def test_a_bad_scene_is_named():
-    with pytest.raises(vrte.SceneError, match="scene 2"):
-        vrte.brdfs([make_scenes()[0], "none"], MU, MU, nodes=8)
+    assert vrte.brdfs([], MU, MU) == []
+    with pytest.raises(SceneError, match=r"scene 2 of 2: scene must be a vrte\.Scene, not str"):
+        vrte.brdfs([make_scenes(1)[0], "gold"], MU, MU)
 
 
 def test_loops_over_stacks_are_those_of_each_scene():
@@ -173,3 +171,125 @@ def test_loops_over_stacks_are_those_of_each_scene():
     apart = zip(bound(np.arange(2), 1), bound(np.arange(2, 4), 1), strict=True)
     for whole, halves in zip(both, apart, strict=True):
         assert np.array_equal(whole, np.concatenate(halves))
+
+
+MU0, SEEN, TURNS, TAU = [0.3, 0.6, 1.0], [0.2, 0.7, -0.4], [0.0, 60.0, 190.0], [0.0, 0.4, 1.5]
+LIGHT = [1.0, 0.3, -0.4, 0.2]
+SCENE = vrte.Scene(
+    [vrte.Layer(vrte.rayleigh(0.05), 0.99, 1.0), vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.8, 0.5)],
+    vrte.Lambertian(0.2),
+)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"nodes": 8},
+        {"accuracy": 1e-3},
+        {"nodes": 3, "method": "adding-doubling"},
+        {"method": "single-scattering"},
+        {"nodes": 6, "illuminate": "bottom"},
+    ],
+    ids=str,
+)
+def test_many_beams_are_what_single_calls_give(how):
+    scene = vrte.Scene(SCENE.layers) if "illuminate" in how else SCENE
+    asked = {"stokes": LIGHT, "mu": SEEN, "phi": TURNS, "tau": TAU, **how}
+    many = vrte.radiance(scene, MU0, **asked)
+    assert many.stokes.shape == (3, 3, 3, 3, 4)
+    assert many.flux_up.shape == many.direct.shape == (3, 3)
+    # nodes that are chosen are chosen for all beams together
+    right = 2e-3 if "accuracy" in how else 1e-12
+    for place, mu0 in enumerate(MU0):
+        one = vrte.radiance(scene, mu0, **asked)
+        assert one.mu0 == mu0
+        assert one.stokes.shape == (3, 3, 3, 4)
+        for found in (many.beam(place), one):
+            np.testing.assert_array_equal(found.tau, TAU)
+        for name in ("stokes", "flux_up", "flux_down", "direct"):
+            expected = getattr(one, name)
+            assert_close(getattr(many, name)[place], expected, rtol=0.0, atol=right * expected.max())
+            np.testing.assert_array_equal(getattr(many.beam(place), name), getattr(many, name)[place])
+
+
+def test_a_list_of_one_beam_keeps_its_axis():
+    field = vrte.radiance(SCENE, [0.6], mu=[], nodes=4)
+    assert field.stokes.shape == (1, 1, 0, 1, 4)
+    assert repr(field.beam(0)) == repr(vrte.radiance(SCENE, 0.6, mu=[], nodes=4))
+    assert "1 mu0" in repr(field)
+    with pytest.raises(SceneError, match="place must be one of 1 beams, from 0 on, not 1"):
+        field.beam(1)
+    with pytest.raises(SceneError, match="field of one beam"):
+        field.beam(0).beam(0)
+
+
+@pytest.mark.parametrize("name", ["field.csv", "field.nc"])
+def test_many_beams_are_written_and_read(tmp_path, name):
+    field = vrte.radiance(SCENE, MU0, LIGHT, SEEN, TURNS, TAU, nodes=4)
+    field.save(tmp_path / name)
+    again = load(tmp_path / name)
+    for part in ("stokes", "flux_up", "direct", "mu0", "tau", "mu", "phi", "incident_stokes"):
+        np.testing.assert_array_equal(getattr(again, part), getattr(field, part))
+    assert again.diagnostics == field.diagnostics
+
+
+def test_many_beams_are_labelled_and_drawn_beside_each_other():
+    field = vrte.radiance(SCENE, MU0, LIGHT, SEEN, TURNS, TAU, nodes=4)
+    data = field.to_xarray()
+    assert data["stokes"].dims == ("mu0", "tau", "mu", "phi_deg", "stokes_parameter")
+    np.testing.assert_array_equal(data["flux_up"].sel(mu0=0.6), field.flux_up[1])
+    assert "3 from" not in field._repr_html_()
+    assert "0.3, 0.6, 1" in field._repr_html_()
+    assert [axes.get_title() for axes in field.plot().axes[:3]] == [f"μ₀ = {mu0:g}" for mu0 in MU0]
+    assert field.beam(1).plot().get_suptitle().endswith("μ₀ = 0.6")
+
+
+def test_scene_files_list_beams(tmp_path):
+    scene = tmp_path / "scene.toml"
+    layer = '[[layer]]\nphase = "rayleigh"\nalbedo = 1\nthickness = 0.5\n'
+    scene.write_text(f"nodes = 4\n{layer}[field]\nmu0 = [0.3, 0.6]\nmu = 0.5\n")
+    assert main(["field", str(scene), "-o", str(tmp_path / "out.nc")]) == 0
+    assert load(tmp_path / "out.nc").stokes.shape == (2, 1, 1, 1, 4)
+
+
+def test_light_is_light():
+    """Polarized to rounding, or none at all; what is not is refused, and so is what is too bright for sums."""
+    brdf = vrte.brdf(SCENE, vrte.hemisphere(2)[0], 0.5, phi=[0.0, 180.0], nodes=4)
+    for stokes in ((1, 2, 0, 0), (-1, 0, 0, 0), (0, 0, 0, 1e-3), (1, 0.8, 0.5, 0.4)):
+        with pytest.raises(SceneError, match=r"stokes must be light, I >= 0 and I\^2 >= Q\^2 \+ U\^2 \+ V\^2: \["):
+            vrte.radiance(SCENE, 0.5, stokes, nodes=4)
+        with pytest.raises(SceneError, match="the incident light must be light"):
+            brdf.under(stokes)
+    with pytest.raises(SceneError, match=r"the incident light must be numbers of at most 1e\+100 in size, not 1e\+308"):
+        brdf.under([1e308] * 4)
+    assert np.isfinite(vrte.radiance(SCENE, 0.5, np.float32([1.0, 0.6, 0.0, 0.8]), nodes=4).stokes).all()
+    assert not vrte.radiance(SCENE, 0.5, (0, 0, 0, 0), nodes=4).stokes.any()
+
+
+def test_a_list_of_geometries_is_a_row_each(monkeypatch):
+    """Of one solve and of several, what single calls give."""
+    rng = np.random.default_rng(5)
+    mu0, mu, phi = rng.uniform(0.2, 1.0, 12), rng.uniform(0.1, 1.0, 12), rng.uniform(0.0, 360.0, 12)
+    mu0[3:9] = mu0[3]
+    found = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
+    assert len(found.diagnostics["solves"]) == 1
+    monkeypatch.setattr("vrte.calls.views.LARGEST_GRID", 60.0)
+    again = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
+    assert len(again.diagnostics["solves"]) > 2
+    assert_close(again.stokes, found.stokes, rtol=0.0, atol=1e-13)
+    for row in range(12):
+        one = vrte.radiance(SCENE, mu0[row], LIGHT, mu[row], phi[row], nodes=6, accuracy=1e-14)
+        assert_close(found.stokes[row], one.stokes[0, 0, 0], rtol=0.0, atol=1e-13)
+    data = found.to_xarray()
+    assert data["stokes"].sel(stokes_parameter="Q")[3] == found.stokes[3, 1]
+    assert data["mu0"].dims == ("geometry",)
+
+
+def test_geometries_broadcast_or_are_refused():
+    found = vrte.views(SCENE, 0.5, [-0.2, -0.7], 30.0, tau=1.5, nodes=4)
+    assert found.stokes.shape == (2, 4)
+    assert repr(found) == "Views(2 geometries, tau=1.5, incident_stokes=[1.0, 0.0, 0.0, 0.0])"
+    with pytest.raises(SceneError, match="mu0, mu and phi must be of one length, a geometry each, not of 3, 2, 1"):
+        vrte.views(SCENE, MU0, [0.5, 0.6], nodes=4)
+    with pytest.raises(SceneError, match="mu0 must satisfy"):
+        vrte.views(SCENE, [0.5, -0.5], [0.5, 0.6], nodes=4)

@@ -1,6 +1,8 @@
-"""The plan: what it leaves out changes nothing, what it says is what is done."""
+"""The plan: what it leaves out changes nothing, what it says is what is done; it is kept for a request seen again."""
 
+import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -9,13 +11,18 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.basics.running import start_run
+from vrte.basics.running import Run, start_run
 from vrte.calls.plan import make_request
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import cpu
+from vrte.discrete_ordinates.orders import routes
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
+from vrte.discrete_ordinates.planning import kept_plans
+from vrte.discrete_ordinates.planning import plan as planning
+from vrte.discrete_ordinates.planning.kept_plans import MOST_PLANS, TOLD, name_request
 from vrte.discrete_ordinates.planning.order_bounds import OrderBounds, count_nodes_seen
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
+from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.solution import Solution
 
 from .samples import spheroids
@@ -56,7 +63,7 @@ def beam(**keywords: Any) -> dict[str, Any]:
 TWICE = vrte.Scene([layer(), layer(GREY, 0.5), layer(thickness=0.5)], LAMBERTIAN)
 CLEAR = vrte.Scene([layer(), layer(GREY, 0.0, 0.8), layer(vrte.rayleigh(), 1.0)], LAMBERTIAN)
 ONE = vrte.Scene([layer()], LAMBERTIAN)
-ENDLESS = vrte.Scene([layer(thickness=np.inf)])
+SEMI_INFINITE = vrte.Scene([layer(thickness=np.inf)])
 FAR = [0.0, 400.0, 1000.0]
 
 CASES = [
@@ -107,17 +114,17 @@ CASES = [
     Case("azimuths", "brdf", ONE, table(phi=[0.0, 30.0, 330.0, 180.0, 390.0]), "2 of 5 azimuths"),
     Case("symmetric", "brdf", vrte.Scene([layer(vrte.rayleigh())]), table(), "general eigensolver", 1e-8),
     Case("symmetric", "radiance", ONE, beam(), "for order 0", 1e-8),
-    Case("halves", "brdf", ENDLESS, table(algorithm="invariance"), "half of each symmetric product"),
+    Case("halves", "brdf", SEMI_INFINITE, table(algorithm="invariance"), "half of each symmetric product"),
 ]
 
 
-def planned(case: Case, skip_flags: SkipFlags = EVERYTHING, **changes: Any) -> Plan:
+def plan_of(case: Case, skip_flags: SkipFlags = EVERYTHING, **changes: Any) -> Plan:
     request = make_request(case.kind, case.scene, **case.keywords | changes)
     return make_plan(request, start_run(1), skip_flags)
 
 
 def solved(case: Case, skip_flags: SkipFlags = EVERYTHING) -> tuple[Plan, Solution]:
-    plan = planned(case, skip_flags)
+    plan = plan_of(case, skip_flags)
     return plan, carry_out([plan], cpu.PROCESSOR, start_run(1))[0]
 
 
@@ -216,47 +223,28 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
 
 
 def test_no_work_is_done_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    import vrte.discrete_ordinates.orders.routes as routes
-
     for name in ("assemble", "find_modes", "double_slabs", "reflect_semi_infinite"):
         monkeypatch.setattr(routes, name, None)
-    for scene in (ONE, TWICE, ENDLESS):
+    for scene in (ONE, TWICE, SEMI_INFINITE):
         assert "Predicted" in str(vrte.plan("brdf", scene, **table()))
         assert "Predicted" in str(vrte.plan("radiance", scene, **beam()))
 
 
-def test_the_printed_plan() -> None:
+def test_what_is_printed_and_what_is_for_programs() -> None:
     text = str(vrte.plan("brdf", TWICE, **table(threads=2, nodes=24, verify=True)))
     lines = text.splitlines()
-    assert lines[0] == ("Plan of brdf: 3 layers, base Lambertian; accuracy 1e-08 of the largest I, 24 nodes, 2 threads")
+    assert lines[0] == "Plan of brdf: 3 layers, base Lambertian; accuracy 1e-08 of the largest I, 24 nodes, 2 threads"
     assert lines[1] == "2 mu_i, 3 mu_o, 3 phi, no transmission"
-    header = lines[3].split("  ")
-    assert [cell.strip() for cell in header if cell] == [
-        "orders",
-        "Stokes",
-        "nodes",
-        "layers",
-        "unknowns",
-        "right-hand sides",
-        "algorithm",
-        "operations",
-    ]
+    titles = "orders, Stokes, nodes, layers, unknowns, right-hand sides, algorithm, operations"
+    assert [cell.strip() for cell in lines[3].split("  ") if cell] == titles.split(", ")
     assert lines[4].split()[:7] == ["0", "I", "Q", "24", "3", "48", "4"]
     assert max(map(len, lines)) <= 120
     for word in ("Left out:", "Shared:", "- 1 layer like another", "auto: ", "verify: every block", "MB of memory"):
         assert word in text
-
-
-def test_a_plan_of_fluxes_and_of_nodes() -> None:
-    text = str(vrte.plan("radiance", ONE, 0.6, mu=[], tau=[0.0, 1.0], nodes=8))
-    assert "fluxes alone, 2 depths" in text
-    assert "multiple scattering" not in text
+    fluxes = str(vrte.plan("radiance", ONE, 0.6, mu=[], tau=[0.0, 1.0], nodes=8))
+    assert "fluxes alone, 2 depths" in fluxes
+    assert "multiple scattering" not in fluxes
     assert "1 beam, 1 depth, 16 mu, 1 phi" in str(vrte.plan("radiance", ONE, 0.6, nodes=8))
-
-
-def test_as_dict_is_for_programs() -> None:
-    import json
-
     facts = json.loads(json.dumps(vrte.plan("brdf", TWICE, **table(nodes=16)).as_dict()))
     assert facts["orders"] == list(range(len(facts["orders"])))
     assert facts["operations"] > sum(block["operations"] for block in facts["blocks"]) > 0.0
@@ -270,33 +258,30 @@ def test_predicted_operations_grow_with_the_work() -> None:
     scene = vrte.Scene([layer(), layer(GREY), layer()])
     for algorithm in ("modes", "doubling"):
         with_all, without = (
-            planned(Case("repeats", "brdf", scene, table(algorithm=algorithm), ""), skip_flags).as_dict()["operations"]
+            plan_of(Case("repeats", "brdf", scene, table(algorithm=algorithm), ""), skip_flags).as_dict()["operations"]
             for skip_flags in (all_but("repeats"), EVERYTHING)
         )
         assert without < with_all
+
+
+@pytest.mark.parametrize(("kind", "keywords"), [("brdf", table()), ("radiance", beam())])
+def test_plan_refuses_what_the_functions_refuse(kind: str, keywords: dict[str, Any]) -> None:
+    """In the same words."""
+    for wrong in ({"nodes": 0}, {"accuracy": 2.0}, {"algorithm": "best"}, {"verify": 3}, {"phi": "x"}, {"threads": 0}):
+        with pytest.raises(SceneError) as said:
+            vrte.plan(kind, ONE, **keywords | wrong)
+        function: Callable[..., Any] = getattr(vrte, kind)
+        with pytest.raises(SceneError) as expected:
+            function(ONE, **keywords | wrong)
+        assert str(said.value) == str(expected.value)
+    with pytest.raises(TypeError, match="colour"):
+        vrte.plan(kind, ONE, **keywords, colour=1)
 
 
 def test_plan_takes_what_the_functions_take() -> None:
     by_position = vrte.plan("brdf", ONE, [0.3, 0.8], [0.2, 0.55, 1.0], [0.0, 50.0, 310.0], nodes=8, threads=1)
     assert str(by_position) == str(vrte.plan("brdf", ONE, **table(threads=1)))
     assert vrte.plan("brdf", ONE, 0.5, 0.5, progress=print).request.mu0.tolist() == [0.5]
-    for kind, keywords in (("brdf", table()), ("radiance", beam())):
-        for wrong in (
-            {"nodes": 0},
-            {"accuracy": 2.0},
-            {"algorithm": "best"},
-            {"verify": 3},
-            {"phi": "x"},
-            {"threads": 0},
-        ):
-            with pytest.raises(SceneError) as said:
-                vrte.plan(kind, ONE, **keywords | wrong)
-            function: Callable[..., Any] = getattr(vrte, kind)
-            with pytest.raises(SceneError) as expected:
-                function(ONE, **keywords | wrong)
-            assert str(said.value) == str(expected.value)
-        with pytest.raises(TypeError, match="colour"):
-            vrte.plan(kind, ONE, **keywords, colour=1)
     with pytest.raises(TypeError, match="mu_i"):
         vrte.plan("brdf", ONE)
     with pytest.raises(SceneError, match="scene must be"):
@@ -319,3 +304,122 @@ def test_a_plan_in_two_parts() -> None:
         assert said["truncation"] == part.truncation.name
         assert said["orders"] <= part.orders
         assert said["algorithm"] == part.diagnostics()["algorithm"]
+
+
+BY_NUMBERS = {"scene", "mu0", "columns", "mu", "phi", "tau", "wanted", "under"}
+OF_THE_ANSWER = {"asked_tau", "incident"}  # what the result repeats, from the request itself
+OF_THE_RUN = {"threads"}
+NO_PLAN = {"settings"}  # a request with settings is planned anew
+
+
+def make_scene(thickness: float = 1.0) -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)])
+
+
+@pytest.fixture
+def planned(monkeypatch: pytest.MonkeyPatch) -> list[Request]:
+    """The requests that were planned, and none kept at the beginning."""
+    seen: list[Request] = []
+    whole = planning.make_plan
+
+    def make_plan(request: Request, *more: Any, **told: Any) -> planning.Plan:
+        seen.append(request)
+        return whole(request, *more, **told)
+
+    monkeypatch.setattr(planning, "make_plan", make_plan)
+    monkeypatch.setattr(kept_plans, "_plans", type(kept_plans._plans)())
+    return seen
+
+
+def test_every_field_of_a_request_is_told_or_known_not_to_matter() -> None:
+    assert {each.name for each in fields(Request)} == {*TOLD, *BY_NUMBERS, *OF_THE_ANSWER, *OF_THE_RUN, *NO_PLAN}
+
+
+def test_the_same_request_is_planned_once(planned: list[Request]) -> None:
+    scene = make_scene()
+    first, second = (vrte.radiance(scene, 0.6, mu=[0.5], nodes=4) for _ in range(2))
+    assert len(planned) == 1
+    np.testing.assert_array_equal(first.stokes, second.stokes)
+    vrte.radiance(make_scene(), 0.6, mu=[0.5], nodes=4)
+    assert len(planned) == 2, "another scene, though with the same numbers"
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"mu0": 0.7},
+        {"stokes": (1.0, 0.1, 0.0, 0.0)},
+        {"stokes": (1.0, 0.0, 0.1, 0.0)},
+        {"mu": [0.25]},
+        {"mu": [-0.5]},
+        {"mu": []},
+        {"phi": 30.0},
+        {"tau": 0.5},
+        {"nodes": 6},
+        {"accuracy": 1e-5},
+        {"algorithm": "doubling"},
+        {"verify": True},
+        {"truncation": "none"},
+        {"illuminate": "bottom"},
+        {"time_limit_s": 1e6},
+    ],
+    ids=str,
+)
+def test_what_differs_is_planned_anew(planned: list[Request], other: dict[str, Any]) -> None:
+    scene, asked = make_scene(), {"mu0": 0.6, "mu": [0.5], "nodes": 4}
+    vrte.radiance(scene, **asked)
+    before = len(planned)
+    found = vrte.radiance(scene, **(asked | other))
+    assert len(planned) > before
+    alone = vrte.radiance(make_scene(), **(asked | other))
+    np.testing.assert_array_equal(found.stokes, alone.stokes)
+    np.testing.assert_array_equal(found.flux_up, alone.flux_up)
+
+
+def test_what_is_not_kept() -> None:
+    run, scene, many = Run(1), make_scene(), np.linspace(0.1, 1.0, kept_plans.MOST_NUMBERS)
+    uneven = vrte.Scene(scene.layers, vrte.MuellerBase(lambda i, o, phi: np.eye(4) / np.pi))
+    assert name_request(make_radiance_request(scene, 0.6, mu=[0.5], nodes=4), run) is not None
+    for request, why in (
+        (make_radiance_request(scene, 0.6, mu=[0.5]), "nodes are to be found"),
+        (make_radiance_request(scene, 0.6, nodes=4), "directions are the nodes"),
+        (make_brdf_request(scene, [0.5], many, nodes=4), "too many numbers"),
+        (make_brdf_request(uneven, [0.5], [0.5], nodes=4), "a function of the user's"),
+    ):
+        assert name_request(request, run) is None, why
+
+
+def test_the_plan_not_asked_for_the_longest_goes(planned: list[Request]) -> None:
+    scenes = [make_scene(1.0 + 0.1 * k) for k in range(MOST_PLANS + 1)]
+    for scene in scenes[:-1]:
+        vrte.radiance(scene, 0.6, mu=[0.5], nodes=2)
+    vrte.radiance(scenes[0], 0.6, mu=[0.5], nodes=2)
+    vrte.radiance(scenes[-1], 0.6, mu=[0.5], nodes=2)
+    assert (len(planned), len(kept_plans._plans)) == (MOST_PLANS + 1, MOST_PLANS)
+    vrte.radiance(scenes[0], 0.6, mu=[0.5], nodes=2)
+    assert len(planned) == MOST_PLANS + 1, "asked for again, it stayed"
+    vrte.radiance(scenes[1], 0.6, mu=[0.5], nodes=2)
+    assert len(planned) == MOST_PLANS + 2
+
+
+def test_a_scene_lit_from_below_is_planned_once(planned: list[Request]) -> None:
+    layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)]
+    scene = vrte.Scene(layers)
+    asked: dict[str, Any] = {"mu_i": 0.6, "mu_o": 0.5, "nodes": 4}
+    first, second = (vrte.brdf(scene, **asked, illuminate="bottom").mueller for _ in range(2))
+    assert len(planned) == 1
+    np.testing.assert_array_equal(first, second)
+    assert (vrte.brdf(scene, **asked).mueller != first).any(), "the plan of the other side is not taken"
+    assert len(planned) == 2
+
+
+def test_threads_that_call_at_once_get_their_own_answers(planned: list[Request]) -> None:
+    scenes = [make_scene(0.5 + 0.1 * k) for k in range(4)]
+    alone = [vrte.radiance(make_scene(0.5 + 0.1 * k), 0.6, mu=[0.5], nodes=2).stokes for k in range(4)]
+
+    def is_right(k: int) -> bool:
+        found = vrte.radiance(scenes[k % 4], 0.6, mu=[0.5], nodes=2, threads=1)
+        return np.array_equal(found.stokes, alone[k % 4])
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(is_right, range(80)))
