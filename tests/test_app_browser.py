@@ -22,10 +22,9 @@ from vrte.app.solving.page_files import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
-from vrte.formats.particle_sources import SOURCES
+from vrte.formats.particle_sources import SIZES, SOURCES
 from vrte.formats.phases import PHASES
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.sizes import SIZES
+from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to
 

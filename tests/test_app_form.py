@@ -21,11 +21,10 @@ from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS
 from vrte.formats.materials import list_materials
-from vrte.formats.particle_sources import SOURCES, check_particles
+from vrte.formats.particle_sources import SIZES, SOURCES, check_particles
 from vrte.formats.phases import PHASES
 from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content
-from vrte.formats.sizes import SIZES
 from vrte.formats.toml_table import show_place
 from vrte.optics.crowding import PACKINGS
 

@@ -24,7 +24,7 @@ from vrte.app.solving.solve import make_outcome, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
 from vrte.app.solving.worker import Exchange, take_newest
 from vrte.app.solving.worker_process import Query, explain_end
-from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to, wait_until
 from .viewer_server import ROOT, ask, get_process

@@ -15,10 +15,9 @@ from vrte.formats import materials, paints
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import Choice, FilePath, Key
 from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS
-from vrte.formats.particle_sources import SOURCES
+from vrte.formats.particle_sources import DIAMETERS, SIZE_KEYS, SIZES, SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
-from vrte.formats.sizes import DIAMETERS, SIZE_KEYS, SIZES
 from vrte.formats.toml_table import RANGE_KEYS, write_value
 from vrte.optics.crowding import PACKINGS
 from vrte.render.setting import OBJECTS, OWN, RANGES, PictureSetting

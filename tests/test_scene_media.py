@@ -11,8 +11,7 @@ import vrte
 from vrte.basics.errors import Place
 from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.scene_file import make_scene_file
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import show_place
+from vrte.formats.toml_table import show_place, write_toml
 from vrte.optics.refractive_index import refractive_index
 from vrte.scene.scene import Scene
 from vrte.sweep.optics import KeptOptics

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import vrte
 from vrte.formats.scene_file import make_scene_file, read_content
-from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import write_toml
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 VALUE = st.recursive(

@@ -14,7 +14,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables, list_substances
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import make_scene_file, parse_toml, read_scene
-from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import write_toml
 from vrte.sweep.optics import make_file_name
 from vrte.sweep.template import read_sweep
 

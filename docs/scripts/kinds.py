@@ -8,9 +8,8 @@ from vrte.appearance.quantities import QUANTITIES
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Key
 from vrte.formats.paints import PIGMENTS
-from vrte.formats.particle_sources import SOURCES
+from vrte.formats.particle_sources import DIAMETERS, SIZES, SOURCES
 from vrte.formats.phases import PHASES
-from vrte.formats.sizes import DIAMETERS, SIZES
 from vrte.formats.toml_table import write_value
 from vrte.optics.crowding import PACKINGS
 

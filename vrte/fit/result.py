@@ -12,7 +12,7 @@ from vrte.basics.running import Progress
 from vrte.basics.views import view
 from vrte.fit.measurement import Measurement
 from vrte.fit.verdict import find_correlations
-from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import write_toml
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:

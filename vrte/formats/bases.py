@@ -1,13 +1,12 @@
 """Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/how_to/extending.md)."""
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from vrte.formats.base_file import TENSORS, read_base_once
 from vrte.formats.keys import (
-    SUBSTANCE_HINT,
     Choice,
     FilePath,
     Flag,
@@ -48,7 +47,7 @@ FACETS: dict[str, Key] = {  # how rough a surface is, of a base or an interface
     ),
 }
 AVERAGED = "average_mirrored"
-SUBSTANCE = Index("substance", [1.5, 0.0], hint=SUBSTANCE_HINT)
+SUBSTANCE = Index("substance", [1.5, 0.0])
 
 
 class BaseFile(FilePath):
@@ -61,12 +60,13 @@ class BaseFile(FilePath):
         return read_beside(table, name, read, reading.folder)
 
 
-def limit(
-    make: type[Boundary], name: str, label: str, start: float | None = None, hint: str = "", **more: Any
-) -> Number:
-    """The key of a number that a base limits."""
+def limit(make: type[Boundary], name: str, label: str, start: float | None = None, hint: str = "") -> Number:
+    """The key of a number that a base limits, and may have a default for."""
     low, high = make.LIMITS[name]
-    return Number(label, start, hint="; ".join(filter(None, (f"{low:g} to {high:g}", hint))), **more)
+    default = inspect.signature(make).parameters[name].default
+    empty = f"{default:g}" if isinstance(default, float) and start is None else ""
+    words = "; ".join(filter(None, (f"{low:g} to {high:g}", hint)))
+    return Number(label, start, hint=words, empty=empty, needed=default is inspect.Parameter.empty)
 
 
 BASES: dict[str, Row] = {
@@ -81,7 +81,7 @@ BASES: dict[str, Row] = {
         cox_munk,
         {
             "wind": Number("wind", 7.0, hint=f"m/s, 0 to {MOST_WIND:g}; measured up to {MEASURED:g}"),
-            "index": Index("water", [1.34, 0.0], hint=SUBSTANCE_HINT, empty="1.34", needed=False),
+            "index": Index("water", [1.34, 0.0], empty="1.34", needed=False),
             "shadowing": Flag("waves hide each other (Smith)", needed=False),
         },
     ),
@@ -91,8 +91,8 @@ BASES: dict[str, Row] = {
         {
             "rho_0": limit(RPV, "rho_0", "amplitude ρ0", 0.1),
             "k": limit(RPV, "k", "bowl or bell k", 0.7, "below 1 brighter to the horizon"),
-            "asymmetry": limit(RPV, "asymmetry", "asymmetry Θ", -0.1, "below 0 sends light back", needed=False),
-            "rho_c": limit(RPV, "rho_c", "hot spot ρc", None, "1: none", empty="as ρ0", needed=False),
+            "asymmetry": limit(RPV, "asymmetry", "asymmetry Θ", -0.1, "below 0 sends light back"),
+            "rho_c": replace(limit(RPV, "rho_c", "hot spot ρc", None, "1: none"), empty="as ρ0"),
         },
     ),
     "ross-li": Row(
@@ -102,8 +102,8 @@ BASES: dict[str, Row] = {
             "f_iso": limit(RossLi, "f_iso", "even f_iso", 0.2),
             "f_vol": limit(RossLi, "f_vol", "leaves f_vol", 0.1),
             "f_geo": limit(RossLi, "f_geo", "crowns f_geo", 0.0, "above 0 negative f at the horizon is cut"),
-            "crown_height": limit(RossLi, "crown_height", "crown height h/b", empty="2", needed=False),
-            "crown_shape": limit(RossLi, "crown_shape", "crown shape b/r", empty="1", needed=False),
+            "crown_height": limit(RossLi, "crown_height", "crown height h/b"),
+            "crown_shape": limit(RossLi, "crown_shape", "crown shape b/r"),
             "hot_spot": Flag("hot spot of leaves (Maignan)", needed=False),
         },
     ),
@@ -112,13 +112,11 @@ BASES: dict[str, Row] = {
         Hapke,
         {
             "albedo": Share("albedo of a grain", 0.6, allowed=ALBEDO),
-            "opposition": limit(Hapke, "opposition", "opposition effect B0", empty="1", needed=False),
-            "width": limit(Hapke, "width", "its width h", empty="0.06", needed=False),
-            "linear": limit(Hapke, "linear", "phase function: cos g", empty="0", needed=False),
-            "quadratic": limit(Hapke, "quadratic", "phase function: (3 cos² g - 1)/2", empty="0", needed=False),
-            "asymmetry": limit(
-                Hapke, "asymmetry", "or its asymmetry", None, "below 0 sends light back", empty="0", needed=False
-            ),
+            "opposition": limit(Hapke, "opposition", "opposition effect B0"),
+            "width": limit(Hapke, "width", "its width h"),
+            "linear": limit(Hapke, "linear", "phase function: cos g"),
+            "quadratic": limit(Hapke, "quadratic", "phase function: (3 cos² g - 1)/2"),
+            "asymmetry": limit(Hapke, "asymmetry", "or its asymmetry", None, "below 0 sends light back"),
             "h_function": Choice("formula for H", names=H_WORDS, empty="2002", needed=False),
         },
     ),

@@ -7,7 +7,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from vrte.basics.errors import SceneError
 from vrte.formats.columns import read_index
@@ -66,9 +66,12 @@ class Key:
     argument: str = ""
     other: Other | None = None
 
+    takes: ClassVar[tuple[Any, ...]] = ()  # what reads it from a table, and the names of its further arguments
+
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         """The value at a key. Raises SceneError."""
-        raise NotImplementedError
+        read, *arguments = self.takes
+        return read(table, name, *(getattr(self, argument) for argument in arguments))
 
     @property
     def inside(self) -> Mapping[str, "Key"]:
@@ -79,22 +82,29 @@ class Key:
 class Number(Key):
     """A real number."""
 
-    def read(self, table: Table, name: str, reading: Reading) -> float:
-        return table.number(name, self.allowed or "a number")
+    takes = (Table.number, "allowed")
 
 
 class Share(Key):
     """A number, or per cent in quotes."""
 
-    def read(self, table: Table, name: str, reading: Reading) -> float:
-        return table.share(name, self.allowed)
+    takes = (Table.share, "allowed")
 
 
+@dataclass(frozen=True)
 class Numbers(Key):
-    """A number, a list of numbers, or a range."""
+    """A number, a list of numbers, or a range; ``count`` of them, or an empty list where ``may_be_empty``."""
+
+    count: int | None = field(default=None, kw_only=True)
+    may_be_empty: bool = field(default=False, kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
-        return table.numbers(name)
+        if self.may_be_empty and table.content.get(name) == []:
+            return []
+        found = table.numbers(name)
+        if self.count not in (None, len(found)):
+            raise table.wrong(name, f"must be {self.allowed}")
+        return found
 
 
 @dataclass(frozen=True)
@@ -112,9 +122,7 @@ class Flag(Key):
     """True or false; ``usual``: what it is where a table leaves it out."""
 
     usual: Callable[[Mapping[str, Any]], bool] = field(default=lambda table: False, kw_only=True)
-
-    def read(self, table: Table, name: str, reading: Reading) -> bool:
-        return table.flag(name)
+    takes = (Table.flag,)
 
 
 @dataclass(frozen=True)
@@ -122,13 +130,14 @@ class Choice(Key):
     """One of several words, by ``names``: what each means."""
 
     names: Mapping[str, str] = field(kw_only=True)
-
-    def read(self, table: Table, name: str, reading: Reading) -> str:
-        return table.choice(name, tuple(self.names))
+    takes = (Table.choice, "names")
 
 
+@dataclass(frozen=True)
 class Substance(Key):
     """What something consists of, as `vrte.refractive_index` takes it: a name, a database path, a table, n and k."""
+
+    hint: str = field(default=SUBSTANCE_HINT, kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         value = table.required(name, INDEX)
@@ -146,8 +155,10 @@ class Index(Substance):
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         material = super().read(table, name, reading)
-        if isinstance(material, tuple) or reading.form_only:
-            return complex(*material) if isinstance(material, tuple) else material
+        if isinstance(material, tuple):
+            return complex(*material)
+        if reading.form_only:
+            return material
         wavelength = reading.wavelength
         with locate_errors(table.place, table.allowed, WAVE_KEYS, {"index": (name, None)}):
             return refractive_index(material, wavelength).value

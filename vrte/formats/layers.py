@@ -27,7 +27,7 @@ CLEAR = 1e-6  # k of a medium up to which it counts as clear: what is reflected 
 PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
 OPTICAL = Number(allowed="an optical thickness >= 0 (inf is allowed)")
 LENGTH = Number(allowed="a length in micrometres >= 0")
-SIDES: dict[str, Key] = {"above": Medium(argument="index_above"), "below": Medium(argument="index_below")}
+SIDES: dict[str, Key] = {side: Medium(argument=f"index_{side}", hint="") for side in ("above", "below")}
 INTERFACE_KEYS = (*SIDES, *INTERFACE)
 
 
@@ -176,26 +176,16 @@ def read_layer(layer: Table, reading: Reading) -> tuple[str, dict[str, Any]]:
 
 
 class FilledLayer(NamedTuple):
-    """A layer of particles: its place in the file; how much of each kind, by number or ``by_volume``; how thick it is
-    and how densely filled, as keywords of `Layer.of`; how it is packed; and its kinds, in the order they are made."""
+    """A layer of particles: its place in the file; its kinds, in the order they are made; ``amounts``: how much of
+    each, by number or ``by_volume``, the part of the volume that they fill (0 where it does not matter), and how thick
+    it is, optically or, ``is_length``, in micrometres; and how it is packed."""
 
     place: int
-    shares: list[float]
-    by_volume: bool
-    how: dict[str, float]
-    packing: str
     kinds: list[int]
-
-    @property
-    def is_length(self) -> bool:
-        """Whether it says how thick it is in micrometres."""
-        return "thickness_um" in self.how
-
-    @property
-    def amounts(self) -> Array:
-        """Shares of its kinds, the part of its volume that they fill (0 where it does not matter), how thick it is."""
-        fraction = sum(self.shares) if self.by_volume else self.how.get("volume_fraction", 0.0)
-        return np.array([*self.shares, fraction, self.how["thickness_um" if self.is_length else "thickness"]])
+    amounts: Array
+    by_volume: bool
+    is_length: bool
+    packing: str
 
 
 def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[FilledLayer]) -> Layer | Interface:
@@ -211,12 +201,14 @@ def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[Filled
         how = {key: values[key] for key in THICKNESS_KEYS if key in values}
         packing = values.get("packing", INDEPENDENT)
         numbers, parts = zip(*(kinds.find(name, layer) for name in values[kind]), strict=True)
-        filled.append(FilledLayer(int(layer.place[1]), shares, by_volume, dict(how), packing, [*numbers]))
+        fraction, is_length = sum(shares) if by_volume else how.get("volume_fraction", 0.0), "thickness_um" in how
+        amounts = np.array([*shares, fraction, how["thickness_um" if is_length else "thickness"]])
+        filled.append(FilledLayer(int(layer.place[1]), [*numbers], amounts, by_volume, is_length, packing))
         if by_volume:  # how many of them make such a part of the volume
             shares = [share / part.volume_um3 for part, share in zip(parts, shares, strict=True)]
         with locate_errors(layer.place, LAYER_KEYS):
             held = mixture([*zip(parts, shares, strict=True)]) if len(parts) > 1 else parts[0]
-            if by_volume and ("thickness_um" in how or is_fraction_needed(held, packing)):
+            if by_volume and (is_length or is_fraction_needed(held, packing)):
                 how["volume_fraction"] = math.fsum(values[kind].values())
             return Layer.of(held, **how, packing=packing)
     if kind == "phase" and host is not None and host.imag > CLEAR:

@@ -1,14 +1,5 @@
 """Paints in the words of who makes them: a table [paint] of pigments, binder, dry film, surface and substrate.
 
-    [paint]
-    pigment = "rutile"            # or { rutile = 0.14, hematite = 0.01 }: volume fractions of the dry film
-    volume_fraction = 0.15        # beside one pigment
-    binder = "alkyd"              # a substance or [n, k]
-    thickness_um = 60.0           # of the dry film; inf: semi-infinite
-    surface = "smooth"            # or { roughness = 0.2, distribution = "ggx" }, or "none"
-    substrate = { kind = "lambertian", albedo = 0.8 }    # any [base]; black without
-    particles.rutile = { diameter_um = 0.25 }            # where the pigment's own grains are not wanted
-
 Before anything else is read, ordinary particles, layers and a base are put in its place.
 """
 
@@ -31,8 +22,7 @@ from vrte.formats.materials import (
     name_kind,
     read_ready_file,
 )
-from vrte.formats.particle_sources import COATED, SPHERES
-from vrte.formats.sizes import SIZE_KEYS
+from vrte.formats.particle_sources import COATED, SIZE_KEYS, SPHERES
 from vrte.formats.toml_table import Table, show_place, show_toml, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS

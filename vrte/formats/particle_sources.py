@@ -1,7 +1,7 @@
-"""Sources of particles, by the name that a table [particles.NAME] of a scene file gives in ``source``.
+"""Particles of a scene file: sources by the name that a table [particles.NAME] gives in ``source``, and their sizes.
 
-A new source is two functions, of which one makes particles and the other only checks, and a row in `SOURCES`
-(docs/how_to/extending.md); scene files, sweeps, spectra and the viewer then know it.
+A new source is two functions, of which one makes particles and the other only checks, and a row in `SOURCES`; a new
+distribution of sizes is a class with a ``quadrature``, and a row in `SIZES` (docs/how_to/extending.md).
 """
 
 import dataclasses
@@ -11,19 +11,87 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.keys import SUBSTANCE_HINT, WAVE_KEYS, Key, Number, Reading, Row, Substance, find_said, read_keys
-from vrte.formats.sizes import SIZE_KEYS, SIZED
+from vrte.formats.columns import read_sizes
+from vrte.formats.keys import (
+    WAVE_KEYS,
+    FilePath,
+    Key,
+    Number,
+    Numbers,
+    Other,
+    Reading,
+    Row,
+    Substance,
+    find_said,
+    list_names,
+    make_of_keys,
+    read_keys,
+)
 from vrte.formats.toml_table import Table, locate_errors, show_place
 from vrte.optics.particles import Particles
 from vrte.optics.shapes import check_cylinders, check_spheroids, cylinders, spheroids
+from vrte.optics.size_distribution import Gamma, Lognormal, Tabulated
 from vrte.optics.spheres import check_coated_spheres, check_spheres, coated_spheres, spheres
 
+SIZE_KEYS = ("radius_um", "diameter_um", "size")
+DIAMETERS = {"radius_um": "diameter_um", "median_um": "median_diameter_um", "r_eff_um": "d_eff_um"}
+DIAMETER_LABELS = {"radius_um": "diameters [µm]", "median_um": "median diameter [µm]", "r_eff_um": "d_eff [µm]"}
+
+
+def halve(value: Any) -> Any:
+    """Half of a number, or of each of a list: radii of diameters."""
+    return [0.5 * one for one in value] if isinstance(value, list) else 0.5 * value
+
+
+MEDIAN, R_EFF, RADIUS = (Other(DIAMETERS[key], halve, "half of it, ") for key in ("median_um", "r_eff_um", "radius_um"))
+SIZES: dict[str, Row] = {  # one with a key of its own name is written size = { name = value }
+    "lognormal": Row(
+        "lognormal",
+        Lognormal,
+        {"median_um": Number("median radius [µm]", 0.2, other=MEDIAN), "sigma": Number("sigma", 1.4)},
+    ),
+    "gamma": Row("gamma", Gamma, {"r_eff_um": Number("r_eff [µm]", 0.2, other=R_EFF), "v_eff": Number("v_eff", 0.07)}),
+    "tabulated": Row(
+        "tabulated",
+        Tabulated,
+        {
+            "radius_um": Numbers("radii [µm]", [0.1, 0.2, 0.4], other=RADIUS),
+            "density": Numbers("number density", [0.0, 1.0, 0.0]),
+        },
+    ),
+    "table": Row("a table of sizes", lambda table: table, {"table": FilePath("file", open=read_sizes)}),
+}
+ONE: dict[str, Key] = {"radius_um": Number("radius [µm]", 0.3), "diameter_um": Number("diameter [µm]", 0.6)}
+
+
+class Size(Key):
+    """One of `SIZES`."""
+
+    @property
+    def inside(self) -> dict[str, Key]:
+        return {name: row.keys[name] for name, row in SIZES.items() if name in row.keys}
+
+    def read(self, table: Table, name: str, reading: Reading) -> Any:
+        size = table.table(name, tuple(SIZES))
+        if len(size.content) != 1:
+            raise table.wrong(name, f"must be exactly one of {', '.join(SIZES)}")
+        (kind,) = size.content
+        row = SIZES[kind]
+        return make_of_keys(row, size if kind in row.keys else size.table(kind, list_names(row.keys)), reading)
+
+
+SIZED: dict[str, Key] = {  # the keys of particles that say how large they are
+    "radius_um": Number(allowed="a length in micrometres > 0", other=RADIUS, needed=False),
+    "size": Size(needed=False),
+}
+
+
 SPHERES = "spheres"  # where a table names no source
-INDEX = Substance("substance", "rutile", hint=SUBSTANCE_HINT)
-HOST: dict[str, Key] = {"host_index": Substance(needed=False)}
+INDEX = Substance("substance", "rutile")
+HOST: dict[str, Key] = {"host_index": Substance(needed=False, hint="")}
 COATED: dict[str, Key] = {
-    "core": Substance("substance of the core", "rutile", hint=SUBSTANCE_HINT),
-    "shell": Substance("substance of the shell", "silica", hint=SUBSTANCE_HINT),
+    "core": Substance("substance of the core", "rutile"),
+    "shell": Substance("substance of the shell", "silica"),
     "shell_um": Number("thickness of the shell [µm]", hint="this, or one of the next two", needed=False),
     "core_ratio": Number("radius of the core over the whole", 0.8, needed=False),  # which goes with every size
     "core_radius_um": Number("radius of the core [µm]", needed=False),

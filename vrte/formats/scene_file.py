@@ -7,8 +7,8 @@ looked for beside the scene file.
 
 import math
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from vrte.formats.layers import FilledLayer, make_layer, read_layer_tables
 from vrte.formats.materials import WORDS, read_words
 from vrte.formats.paints import expand_content, locate_expanded_errors
 from vrte.formats.particle_sources import Compute, Kinds, make_particles
-from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
+from vrte.formats.toml_table import LARGEST_FILE, Table, locate_errors, parse_toml
 from vrte.optics.particles import Particles
 from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
@@ -38,24 +38,20 @@ class Beams(Numbers):
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         if isinstance(table.content.get(name), (list, dict)):
             return table.numbers(name)
-        return table.number(name, "a cosine above 0, up to 1, or a list of them" if name in ANGLES else ANGLE)
+        return table.number(name, self.allowed if name in ANGLES else ANGLE)
 
 
-class Directions(Numbers):
-    """Signed cosines; an empty list asks for fluxes alone."""
-
-    def read(self, table: Table, name: str, reading: Reading) -> Any:
-        return [] if table.content[name] == [] else table.numbers(name)
-
-
-class Stokes(Numbers):
-    """Four numbers."""
+class Option(Key):
+    """How to solve, checked as the calls check it."""
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
-        found = table.numbers(name)
-        if len(found) != 4:
-            raise table.wrong(name, "must be four numbers I, Q, U, V")
-        return found
+        known, value = OPTIONS[name], table.content[name]
+        if known.choices:
+            return table.choice(name, known.choices)
+        if type(value) is known.of or (known.of is float and type(value) is int):
+            with suppress(SceneError):
+                return known.check(name, value)
+        raise table.wrong(name, f"must be {known.allowed}")
 
 
 def find_cosines(degrees: Any) -> Any:
@@ -78,9 +74,9 @@ REQUESTS: dict[str, dict[str, Key]] = {  # what is asked for: the keys of [brdf]
         "transmission": Flag(needed=False),
     },
     "field": {
-        "mu0": Beams(other=BEAM),
-        "stokes": Stokes(needed=False),
-        "mu": Directions(needed=False),
+        "mu0": Beams(other=BEAM, allowed="a cosine above 0, up to 1, or a list of them"),
+        "stokes": Numbers(needed=False, count=4, allowed="four numbers I, Q, U, V"),
+        "mu": Numbers(needed=False, may_be_empty=True),
         "phi_deg": AZIMUTHS,
         "tau": Numbers(needed=False),
         "side": Choice(names=dict.fromkeys(SIDES, ""), needed=False),
@@ -119,17 +115,10 @@ class SceneFile:
             found["settings"] = of_file | asked.get("settings", {})
         return found
 
-    @contextmanager
-    def located(self) -> Iterator[None]:
+    def located(self) -> AbstractContextManager[None]:
         """Puts the dotted key of the file in front of the library's complaints about the request."""
-        try:
-            yield
-        except SceneError as error:
-            said = find_said(REQUESTS[self.kind], self.asked)
-            found = translate_error(error, (self.kind,), REQUEST_KEYS[self.kind], said)
-            if found is None:
-                raise
-            raise found from error
+        said = find_said(REQUESTS[self.kind], self.asked)
+        return locate_errors((self.kind,), REQUEST_KEYS[self.kind], said=said, keys_only=True)
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
@@ -166,7 +155,7 @@ def make_scene_file(
     reading, kind = Reading(file, folder), _choose_kind(file, kind)
     asked = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     request = read_keys(REQUESTS[kind], asked, reading)
-    options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
+    options = read_keys(dict.fromkeys(OPTION_KEYS, Option(needed=False)), file, reading)
     filled: list[FilledLayer] = []
     with locate_expanded_errors(content):
         kinds = Kinds(compute, reading)
@@ -185,14 +174,3 @@ def _choose_kind(file: Table, kind: str | None) -> str:
     if kind is None and len(there) != 1:
         raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
     return kind or there[0]
-
-
-def _read_option(file: Table, name: str) -> Any:
-    """How to solve, checked as the calls check it."""
-    known, value = OPTIONS[name], file.content[name]
-    if known.choices:
-        return file.choice(name, known.choices)
-    if type(value) is known.of or (known.of is float and type(value) is int):
-        with suppress(SceneError):
-            return known.check(name, value)
-    raise file.wrong(name, f"must be {known.allowed}")

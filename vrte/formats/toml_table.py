@@ -6,7 +6,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -128,6 +128,34 @@ def show_key(key: str) -> str:
     return write_key(key, SHOWN)
 
 
+def write_toml(content: dict[str, Any]) -> str:
+    """The content of a scene file as TOML: values first, then tables under headings of their own, particles under
+    [particles.kind]. Raises SceneError for what no scene file holds: dates, and what is no TOML at all."""
+    headed = {key: value for key, value in content.items() if are_tables(value if isinstance(value, list) else [value])}
+    lines = write_lines({key: value for key, value in content.items() if key not in headed})
+    for key, value in headed.items():
+        name = write_key(key)
+        if isinstance(value, list):
+            tables = [(f"[[{name}]]", table) for table in value]
+        elif key == "particles" and are_tables([*value.values()]):
+            tables = [(f"[{name}.{write_key(kind)}]", table) for kind, table in value.items()]
+        else:
+            tables = [(f"[{name}]", value)]
+        for heading, table in tables:
+            lines += ["", heading, *write_lines(table)]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def write_lines(table: dict[str, Any]) -> list[str]:
+    """The lines of a table below its heading."""
+    return [f"{write_key(key)} = {write_value(value)}" for key, value in table.items()]
+
+
+def are_tables(values: list[Any]) -> bool:
+    """Whether values of the file are tables, at least one."""
+    return bool(values) and all(isinstance(value, dict) for value in values)
+
+
 def read_share(value: Any) -> float | None:
     """A number, also one in per cent as a text, "5 %", or None."""
     if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
@@ -188,11 +216,11 @@ class Table:
             raise self.wrong(key, f"must be {allowed}")
         return value
 
-    def number(self, key: str, allowed: str = "a number") -> float:
+    def number(self, key: str, allowed: str = "") -> float:
         """The real number at ``key``; inf passes, NaN does not."""
-        return float(self.right(key, allowed, lambda value: is_number(value) and not math.isnan(value)))
+        return float(self.right(key, allowed or "a number", lambda value: is_number(value) and not math.isnan(value)))
 
-    def share(self, key: str, allowed: str) -> float:
+    def share(self, key: str, allowed: str = "") -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
         found = read_share(self.content.get(key))
         return self.number(key, allowed) if found is None or math.isnan(found) else found
@@ -206,7 +234,7 @@ class Table:
         """The truth value at ``key``."""
         return bool(self.right(key, "true or false", lambda value: isinstance(value, bool)))
 
-    def choice(self, key: str, choices: tuple[str, ...]) -> str:
+    def choice(self, key: str, choices: Collection[str]) -> str:
         """The word at ``key``, one of ``choices``."""
         given = self.content.get(key)
         allowed = " or ".join(f'"{word}"' for word in choices) + (
@@ -241,36 +269,31 @@ def show_place(place: Place, most: int | None = SHOWN) -> str:
     return "".join(steps).removeprefix(".")
 
 
-def translate_error(error: SceneError, place: Place, keys: Iterable[str], said: Said) -> SceneError | None:
-    """The library's error about an argument, as one about the key of a table that gave it; None where no key did.
-    ``said``: arguments that the table gives by another key."""
-    name = str(error.place[0]) if error.place else ""
-    key, words = said.get(name, (name, None))
-    if key not in {*keys}:
-        return None
-    message = drop_owner(error, place)
-    message = message.removeprefix(name) if words is None else f": {words}{message}"
-    return SceneError(f"{show_place((*place, key))}{message}", *place, key)
-
-
-def drop_owner(error: SceneError, place: Place) -> str:
-    """The sentence of an error without whose argument it is about where the place says so: "layer: " of a layer."""
-    owner = next((step for step in reversed(place) if isinstance(step, str)), "")
-    return str(error).removeprefix(f"{owner}: ")
-
-
 @contextmanager
 def locate_errors(
-    place: Place, keys: Iterable[str] = (), outside: Iterable[str] = (), said: Said = MappingProxyType({})
+    place: Place,
+    keys: Iterable[str] = (),
+    outside: Iterable[str] = (),
+    said: Said = MappingProxyType({}),
+    keys_only: bool = False,
 ) -> Iterator[None]:
-    """Puts the dotted key of a table, or of one of its ``keys`` as `translate_error` finds it, in front of a SceneError
-    of the library; one of the names ``outside`` stays the place of the error."""
+    """Puts the dotted key of a table, or of that of its ``keys`` that gave the argument it is about, in front of a
+    SceneError of the library. ``said``: arguments that the table gives by another key; one of the names ``outside``
+    stays the place of the error; ``keys_only``: an error about none of the keys stays as it is."""
     try:
         yield
     except SceneError as error:
+        name = str(error.place[0]) if error.place else ""
+        key, words = said.get(name, (name, None))
+        owner = next((step for step in reversed(place) if isinstance(step, str)), "")
+        sentence = str(error).removeprefix(f"{owner}: ")  # whose argument it is, where the place says so
+        if key in {*keys}:
+            sentence = sentence.removeprefix(name) if words is None else f": {words}{sentence}"
+            raise SceneError(f"{show_place((*place, key))}{sentence}", *place, key) from error
+        if keys_only:
+            raise
         elsewhere = error.place if error.place[:1] in {(name,) for name in outside} else place
-        whole = SceneError(f"{show_place(place)}: {drop_owner(error, place)}", *elsewhere)
-        raise translate_error(error, place, keys, said) or whole from error
+        raise SceneError(f"{show_place(place)}: {sentence}", *elsewhere) from error
 
 
 def is_number(value: Any) -> bool:

@@ -13,12 +13,10 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS, ROUGHNESS
 from vrte.formats.keys import Key, Substance, make_start
 from vrte.formats.layers import FILLINGS, THICKNESS_KEYS
-from vrte.formats.particle_sources import SOURCES, SPHERES
+from vrte.formats.particle_sources import DIAMETERS, ONE, SIZE_KEYS, SIZES, SOURCES, SPHERES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed_wavelengths
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.sizes import DIAMETERS, ONE, SIZE_KEYS, SIZES
-from vrte.formats.toml_table import is_number, show_key
+from vrte.formats.toml_table import is_number, show_key, write_toml
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS
 from vrte.results.spectrum import check_ascending

@@ -18,8 +18,7 @@ from vrte.formats.materials import ReadyMaterial, expand_materials, list_materia
 from vrte.formats.named import find_named_tables
 from vrte.formats.paints import ReadyPaint, expand_paint, list_paints
 from vrte.formats.phases import PHASES
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
+from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml, write_toml
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
 VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments

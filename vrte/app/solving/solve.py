@@ -26,8 +26,7 @@ from vrte.formats import load
 from vrte.formats.layers import describe_filling
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import SceneFile, make_scene_file
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import parse_toml
+from vrte.formats.toml_table import parse_toml, write_toml
 from vrte.optics.angle_tables import describe_expansion
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import AUTO, EXACT
