@@ -94,7 +94,7 @@ ORDINATES = list_faults(
      "(1.0 - layer.albedo * f) * mu0", "(1.0 + layer.albedo * f) * mu0",
      "sign in the depth of layers without their forward peak", "truncation"),
     ("divided-thin", "discrete_ordinates/derivatives/functions.py", "\nTHIN = 0.5", "\nTHIN = 0.0",
-     "differences of nearly equal numbers are divided", "derivative_algebra"),
+     "differences of nearly equal numbers are divided", "derivatives"),
     ("derivative-net", "discrete_ordinates/derivatives/differentiate.py", "\nALLOWED = 1e-7", "\nALLOWED = 1e7",
      "derivatives by modes that disagree with doubling are taken", "derivatives_api"),
 )  # fmt: skip
