@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from typing import Any
 
 _lock = threading.Lock()
-_state: dict[str, Any] = {"libraries": None, "setters": [], "before": [], "inside": 0}
+_before: list[tuple[Callable[[int], Any], int]] = []  # setters of threads of each BLAS, and how many it had
+_state: dict[str, Any] = {"libraries": None, "inside": 0}
 SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for end in ("64_", "_64", "")]
 FORKED = (
     "this process was forked while another thread of its parent was solving, and would wait for that thread for ever: "
@@ -44,13 +45,10 @@ def keep_to_one_thread() -> Iterator[None]:
     with count_solve():
         with _lock:
             if _state["libraries"] is None:
-                libraries = find_blas_libraries()
-                _state.update(libraries=libraries, setters=[find_setter(library) for library in libraries])
+                _state["libraries"] = [(find_setter(library), library) for library in find_blas_libraries()]
             if _state["inside"] == 0:
-                _state["before"] = [library.get_num_threads() for library in _state["libraries"]]
-                for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
-                    if threads != 1:
-                        set_threads(1)
+                _before[:] = [(change, library.get_num_threads()) for change, library in _state["libraries"]]
+                _set_threads(lambda threads: 1)
             _state["inside"] += 1
         try:
             yield
@@ -58,25 +56,22 @@ def keep_to_one_thread() -> Iterator[None]:
             with _lock:
                 _state["inside"] -= 1
                 if _state["inside"] == 0:
-                    for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
-                        if threads is not None and threads != 1:
-                            set_threads(threads)
+                    _set_threads(lambda threads: threads)
+
+
+def _set_threads(choose: Callable[[int], int]) -> None:
+    """Sets each BLAS that had other than one thread."""
+    for change, threads in _before:
+        if threads is not None and threads != 1:
+            change(choose(threads))
 
 
 def find_setter(library: Any) -> Callable[[int], Any]:
-    """What sets the number of threads of a BLAS, whichever thread calls it.
-
-    threadpoolctl from 3.6 on leaves OpenBLAS to the first thread that has set it, for as long as that one lives, and
-    does nothing for others. A solve has a thread of its own, and this module's lock keeps threads apart.
-    """
-    if library.internal_api == "openblas":
-        loaded = ctypes.CDLL(library.filepath)
-        for name in SETTERS:
-            if hasattr(loaded, name):
-                function: Callable[[int], Any] = getattr(loaded, name)
-                return function
+    """What sets the number of threads of a BLAS, whichever thread calls it: threadpoolctl from 3.6 on leaves OpenBLAS
+    to the first thread that has set it, for as long as that one lives, and does nothing for others."""
+    loaded = ctypes.CDLL(library.filepath) if library.internal_api == "openblas" else None
     found: Callable[[int], Any] = library.set_num_threads
-    return found
+    return next((getattr(loaded, name) for name in SETTERS if hasattr(loaded, name)), found)
 
 
 def find_blas_libraries() -> list[Any]:

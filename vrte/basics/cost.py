@@ -89,11 +89,7 @@ def warn_runtime(seconds: float, limit: float, why: str, change: str, told: bool
 
 
 def say_time(seconds: float) -> str:
-    """A time that is only roughly known.
-
-    >>> say_time(24.0), say_time(200.0), say_time(7200.0), say_time(1e6)
-    ('24 s', '3 min', '2.0 h', '11.6 days')
-    """
+    """A time that is only roughly known, in s, min, h or days."""
     if seconds < 100.0 or not math.isfinite(seconds):
         return f"{seconds:.0f} s"
     if seconds < 6000.0:

@@ -73,24 +73,20 @@ def round_step(step: float) -> float:
 class _Tableau:
     """Extrapolations of one array's slopes, and the best one found so far with what it may be off."""
 
-    both_sides: bool
+    gain: float  # by which half a step lessens an error: 4 on both sides, 2 on one
     row: list[Array]
     best: Array
     error: float = np.inf
 
-    def add(self, slope: Array) -> None:
-        """One more step, half of the last one: errors go with the square of the step, or with the step on one side."""
+    def add(self, slope: Array) -> bool:
+        """One more step, half of the last one; whether the best slope has converged."""
         row = [slope]
         for column, coarse in enumerate(self.row, 1):
-            gain = (4.0 if self.both_sides else 2.0) ** column - 1.0
-            row.append(row[-1] + (row[-1] - coarse) / gain)
+            row.append(row[-1] + (row[-1] - coarse) / (self.gain**column - 1.0))
             error = float(max(np.abs(row[-1] - row[-2]).max(initial=0.0), np.abs(row[-1] - coarse).max(initial=0.0)))
             if error < self.error:
                 self.best, self.error = row[-1], error
         self.row = row
-
-    @property
-    def has_converged(self) -> bool:
         return self.error <= CONVERGED * float(np.abs(self.best).max(initial=0.0))
 
 
@@ -99,9 +95,9 @@ def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: 
     gives at the value itself.
 
     Central differences, or one-sided ones where ``at`` raises a SceneError on the other side, at steps that are halved
-    from ``step`` on until no array's slopes change any more; extrapolated to no step. Each array takes the step that
-    fits it best. An array that is the same on both sides, infinity included, has the slope 0. Raises the SceneError of
-    ``at`` where neither side is allowed. Source: C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
+    from ``step`` on until no array's slopes change any more; extrapolated to no step. An array that is the same on both
+    sides, infinity included, has the slope 0. Raises the SceneError of ``at`` where neither side is allowed. Source:
+    C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
     """
     step = round_step(step)
     first: dict[int, Arrays] = {}
@@ -117,30 +113,22 @@ def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: 
         step /= 4.0
     else:
         raise refused if refused is not None else AssertionError
-    both_sides = len(first) == 2
-    if not both_sides:
+    gain = 4.0 if len(first) == 2 else 2.0
+    if len(first) == 1:
         first[0] = at(value) if here is None else here
     upper, lower = max(first), min(first)
-    tableaus: list[_Tableau] = []
-    for level in range(LEVELS):
+
+    def divide(up: Arrays, down: Arrays, size: float) -> list[Array]:
+        run, slopes = (value + upper * size) - (value + lower * size), []
+        for a, b in zip(up, down, strict=True):
+            same = a == b
+            slopes.append(np.where(same, 0.0, np.where(same, 0.0, a) - np.where(same, 0.0, b)) / run)
+        return slopes
+
+    tableaus = [_Tableau(gain, [slope], slope) for slope in divide(first[upper], first[lower], step)]
+    for level in range(1, LEVELS):
         size = step / 2.0**level
-        up, down = first[upper], first[lower]
-        if level:
-            up = at(value + upper * size) if upper else up
-            down = at(value + lower * size) if lower else down
-        run = (value + upper * size) - (value + lower * size)
-        slopes = [_divide(a, b, run) for a, b in zip(up, down, strict=True)]
-        if not level:
-            tableaus = [_Tableau(both_sides, [slope], slope) for slope in slopes]
-            continue
-        for tableau, slope in zip(tableaus, slopes, strict=True):
-            tableau.add(slope)
-        if all(tableau.has_converged for tableau in tableaus):
+        up, down = (at(value + side * size) if side else first[0] for side in (upper, lower))
+        if all([tableau.add(slope) for tableau, slope in zip(tableaus, divide(up, down, size), strict=True)]):
             break
     return [tableau.best for tableau in tableaus]
-
-
-def _divide(up: Array, down: Array, run: float) -> Array:
-    """The slope between two values, 0 where they are the same."""
-    same = up == down
-    return np.where(same, 0.0, np.where(same, 0.0, up) - np.where(same, 0.0, down)) / run

@@ -46,8 +46,7 @@ class SceneError(ValueError):
         return cls(f"{name} {words}", name.rpartition(": ")[2])
 
     def behind(self, words: object) -> "SceneError":
-        """The same error, of the same place, behind words that say what it is about: the name of a file, a
-        wavelength."""
+        """The same error, of the same place, behind words: the name of a file, a wavelength."""
         return SceneError(f"{words}: {self}", *self.place)
 
 

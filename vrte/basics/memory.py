@@ -34,10 +34,8 @@ def check_bytes(needed: float, what: str, change: str) -> None:
         return
     available = find_available_bytes()
     if needed > LARGEST_SHARE * available:
-        raise SceneError(
-            f"{what} need about {write_gigabytes(needed)} of memory and {write_gigabytes(available)} are available: "
-            f"{change}"
-        )
+        sizes = f"about {write_gigabytes(needed)} of memory and {write_gigabytes(available)} are available"
+        raise SceneError(f"{what} need {sizes}: {change}")
 
 
 def write_gigabytes(size: float) -> str:
@@ -47,28 +45,23 @@ def write_gigabytes(size: float) -> str:
 
 def find_address_bytes() -> float:
     """What `ulimit -v` leaves, infinite without it."""
-    try:
+    with suppress(ImportError, OSError, ValueError):
         import resource  # on Unix only
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit == resource.RLIM_INFINITY:
-            return float("inf")
-        return limit - resource.getpagesize() * float(Path("/proc/self/statm").read_text().split()[0])
-    except (ImportError, OSError, ValueError):
-        return float("inf")
+        if limit != resource.RLIM_INFINITY:
+            return limit - resource.getpagesize() * float(Path("/proc/self/statm").read_text().split()[0])
+    return math.inf
 
 
 def find_machine_bytes() -> float:
     """Memory of the machine that can be had, infinite where it does not tell."""
-    try:
+    with suppress(OSError, KeyError, ValueError):
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
         return 1024.0 * float(lines["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError):
-        pass
-    try:
+    with suppress(AttributeError, OSError, ValueError):
         return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
-        return float("inf")
+    return math.inf
 
 
 def read_groups(controller: str, *names: str) -> Iterator[list[float]]:
@@ -113,21 +106,18 @@ def limit_memory(size: float) -> None:
         import resource
 
         taken = resource.getpagesize() * int(Path("/proc/self/statm").read_text().split()[0])
-        reduce_limit(resource.RLIMIT_AS, taken + int(size))
+        reduce_limit("RLIMIT_AS", taken + int(size))
 
 
 def limit_time(seconds: float) -> None:
     """So many seconds of work from now on, where the system has such a limit: it ends also what nobody waits for."""
     with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        spent = resource.getrusage(resource.RUSAGE_SELF)
-        reduce_limit(resource.RLIMIT_CPU, int(spent.ru_utime + spent.ru_stime + seconds) + 1)
+        reduce_limit("RLIMIT_CPU", int(sum(os.times()[:2]) + seconds) + 1)
 
 
-def reduce_limit(kind: int, limit: int) -> None:
+def reduce_limit(kind: str, limit: int) -> None:
     """Sets the soft limit of a resource, never above its hard one."""
     import resource
 
-    hard = resource.getrlimit(kind)[1]
-    resource.setrlimit(kind, (limit if hard < 0 else min(limit, hard), hard))
+    hard = resource.getrlimit(getattr(resource, kind))[1]
+    resource.setrlimit(getattr(resource, kind), (limit if hard < 0 else min(limit, hard), hard))

@@ -15,11 +15,8 @@ kept = lru_cache(maxsize=16)(find_gauss_legendre)
 
 
 def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:
-    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15) with grading 1.
-
-    Graded nodes are mu = x^grading of Gauss's x: nodes crowd at the horizon mu = 0, where light varies as e^(-tau/mu)
-    and mu log(mu); they integrate polynomials in mu of about 2 nodes/grading degrees.
-    """
+    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15); graded ones, mu =
+    x^grading of Gauss's x, crowd at the horizon, where light varies as e^(-tau/mu) and mu log(mu)."""
     x, weights = kept(nodes)
     x, weights = 0.5 * (x + 1.0), 0.5 * weights
     return (x, weights) if grading == 1 else (x**grading, weights * grading * x ** (grading - 1))
@@ -28,8 +25,7 @@ def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class Panel:
     """Directions n sin(theta) = s from low to high as a variable x from 1 to 0 in which light is smooth; ``above``: the
-    next higher index of a medium, or infinity; ``grading``: x is that power of the variable which Gauss's nodes are
-    in, so that they crowd at the horizon. See `make_refracted_nodes`."""
+    next higher index of a medium, or infinity; ``grading``: x is that power of the variable of Gauss's nodes."""
 
     low: float
     high: float
@@ -75,12 +71,10 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class RefractedNodes:
-    """Directions that belong together by Snell's law, n sin(theta) = s, as nodes of several media at once.
-
-    highest (N,): the index b that bounds the panel of s a node lies in from above; depth (N,): b^2 - s^2; measure (N,):
-    its weight in s ds = n^2 mu dmu; all in the order of ascending cosines: a medium has the last of them, where s < n.
-    panels: first and last + 1 node of each.
-    """
+    """Directions that belong together by Snell's law, n sin(theta) = s, as nodes of several media, by ascending
+    cosines: ``highest`` (N,), the index b that bounds a node's panel from above; ``depth`` (N,), b^2 - s^2; ``measure``
+    (N,), the weight in s ds = n^2 mu dmu; a medium has the last nodes, where s < n. ``panels``: first and last + 1 node
+    of each."""
 
     highest: Array
     depth: Array
@@ -114,28 +108,21 @@ def make_refracted_nodes(
 ) -> RefractedNodes:
     """Nodes of media of these refractive indices, ``nodes`` in the densest of them, at least two a panel.
 
-    Panels of s lie between the indices, where the light of one medium is reflected totally: from a to b, s^2 = a^2 +
-    (b^2 - a^2) cos^2 t with Gauss in t from 0 to pi/2, in which sqrt(b^2 - s^2) and sqrt(s^2 - a^2) are both smooth;
-    from 0 to the lowest, b, Gauss in the cosine, sqrt(b^2 - s^2)/b. Where there is a medium c beyond, both are the
-    hyperbolic sine of what Gauss is in: then sqrt(c^2 - s^2) is smooth as well, however little c differs from b. With a
-    ``grading`` the variable of a panel that ends at the horizon of ``layers``, the indices of media that scatter (None:
-    all), is that power of what Gauss is in.
+    Panels of s lie between the indices: from a to b, s^2 = a^2 + (b^2 - a^2) cos^2 t with Gauss in t from 0 to pi/2, in
+    which sqrt(b^2 - s^2) and sqrt(s^2 - a^2) are both smooth; from 0 to the lowest, b, Gauss in the cosine. Where there
+    is a medium c beyond, both are the hyperbolic sine of what Gauss is in: then sqrt(c^2 - s^2) is smooth as well. A
+    ``grading`` is for panels that end at the horizon of ``layers``, the indices of media that scatter (None: all).
     """
     indices = list(indices)
     edges, counts = sorted(set(indices)), count_panel_nodes(indices, nodes)
-    highest: list[Array] = []
-    depth: list[Array] = []
-    measure: list[Array] = []
-    panels: list[tuple[int, int, Panel]] = []
-    beyond = [*edges[1:], math.inf]
-    parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], beyond, counts, strict=True)
+    rows, panels, first = [], [], 0
+    parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], [*edges[1:], math.inf], counts, strict=True)
     for (low, high), above, count in reversed(list(parts)):
         x, weights = make_double_gauss(count)
         panel = Panel(low, high, above, grading if layers is None or high in layers else 1)
-        below, rate = panel.spread(x)
-        first = sum(part.size for part in highest)
+        depth, rate = panel.spread(x)
+        rows.append((np.full(count, high), depth, weights * rate))
         panels.append((first, first + count, panel))
-        highest.append(np.full(count, high))
-        depth.append(below)
-        measure.append(weights * rate)
-    return RefractedNodes(np.concatenate(highest), np.concatenate(depth), np.concatenate(measure), tuple(panels))
+        first += count
+    highest, depths, measure = map(np.concatenate, zip(*rows, strict=True))
+    return RefractedNodes(highest, depths, measure, tuple(panels))

@@ -3,7 +3,6 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Any
 
 from vrte.basics.arrays import Array
 
@@ -28,7 +27,7 @@ class Remembered:
         made = make()
         for part in made:
             part.flags.writeable = False
-        size = count_bytes(made)
+        size = sum(part.nbytes for part in made)
         if size > LARGEST_SHARE * self.most_bytes:
             return made
         with self._lock:
@@ -36,10 +35,5 @@ class Remembered:
                 self.bytes += size
             self._entries[key] = made
             while self.bytes > self.most_bytes:
-                self.bytes -= count_bytes(self._entries.popitem(last=False)[1])
+                self.bytes -= sum(part.nbytes for part in self._entries.popitem(last=False)[1])
         return made
-
-
-def count_bytes(arrays: tuple[Any, ...]) -> int:
-    """Of all of them."""
-    return sum(part.nbytes for part in arrays)

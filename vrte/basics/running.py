@@ -36,9 +36,8 @@ class ThreadTeam(NamedTuple):
 
 @dataclass(eq=False)
 class Run:
-    """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
-    over in some milliseconds, on one thread; ``kernels``: the stages' loops, those of `_core` or others with the same
-    arguments; ``runtime_warned``: how long it takes was said, with others."""
+    """One solve's threads, stop flag (1,) and ``stages``, wall and thread seconds by name; ``brief``: it takes some
+    milliseconds, on one thread; ``kernels``: the stages' loops; ``runtime_warned``: its time was warned of already."""
 
     threads: int
     brief: bool = False
@@ -59,7 +58,7 @@ class Run:
             helpers.shutdown()
 
     def timed(self, name: str) -> "Timed":
-        """A crew for one loop of `_core`, timed under `name`; KeyboardInterrupt where it was stopped."""
+        """Threads for one loop of `_core`, timed under `name`; KeyboardInterrupt where it was stopped."""
         return Timed(self, name)
 
     def record(self, name: str, wall: float, busy: float | None = None) -> None:
@@ -82,21 +81,21 @@ class Run:
 
 
 class Timed:
-    """The timed loop of a run: begun, it hands out the crew, and ended, it takes its seconds."""
+    """The timed loop of a run: begun, it hands out the threads, and ended, it takes their seconds."""
 
-    __slots__ = ("begin", "crew", "name", "run")
+    __slots__ = ("begin", "name", "run", "team")
 
     def __init__(self, run: Run, name: str) -> None:
         self.run, self.name, self.begin = run, name, 0.0
-        self.crew = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
+        self.team = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
 
     def __enter__(self) -> ThreadTeam:
         self.begin = time.perf_counter()
-        return self.crew
+        return self.team
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         if kind is None:
-            self.run.record(self.name, time.perf_counter() - self.begin, sum(self.crew.seconds.tolist()))
+            self.run.record(self.name, time.perf_counter() - self.begin, sum(self.team.seconds.tolist()))
             if self.run.stop[0]:
                 raise KeyboardInterrupt
 
@@ -115,11 +114,8 @@ def start_run(threads: int | None, operations: float = math.inf) -> Run:
 
 
 def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
-    """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
-
-    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
-    goes without: its loops are over before anyone waits for them, and start no threads.
-    """
+    """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops, and a child forked
+    later starts OpenMP threads of its own. A brief call goes without: its loops start no threads."""
     with count_solve():
         return call() if run.brief else _run_in_thread(run, call)
 
@@ -165,9 +161,7 @@ def run_jobs(
     run: Run, jobs: Sequence[Callable[[Run], Result]], told: Callable[[int], None] = lambda done: None
 ) -> list[Result]:
     """What each job finds: done side by side by the threads of a run, each of them on one, the first ones first.
-
-    told(k) is called in this thread when k jobs are done. Idle threads sleep: those of OpenMP spin for a while.
-    """
+    told(k) is called in this thread when k jobs are done."""
     workers = min(run.threads, len(jobs))
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}
@@ -212,11 +206,8 @@ def wait_for(done: threading.Event, seconds: float) -> bool:
 
 
 def share_progress(progress: Progress | None, place: int, count: int, steps: int = 100) -> Progress | None:
-    """Progress of one of ``count`` equal parts of the work, told in ``steps`` of each, whatever the part itself counts.
-
-    >>> share_progress(lambda done, total: print(done, total), 1, 2)(3, 4)
-    175 200
-    """
+    """Progress of one of ``count`` equal parts of the work, told in ``steps`` of each, whatever the part itself
+    counts."""
     if progress is None:
         return None
     return lambda done, total: progress(steps * place + steps * done // max(total, 1), steps * count)

@@ -18,12 +18,9 @@ DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
 def compute_wigner_functions(
     pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, gap: Array | None = None
 ) -> Iterator[tuple[int, Array]]:
-    """d^l_mn at ``cosine`` (n,), ascending, for each (m, n) of ``pairs``, l < ``terms``, by blocks of degrees.
-
-    ``gap`` is 1 - |cosine|, of which a cosine near 1 has few digits, for who knows it better (`find_gap`). Yields
-    (first l, (l, pair, n)). A pair is (0, n), or (m, m) and (m, -m) next to each other. Source: Hovenier and van der
-    Mee, Astron. Astrophys. 128, 1 (1983).
-    """
+    """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees. ``gap``
+    is 1 - |cosine|, for who knows it better (`find_gap`). A pair is (0, n), or (m, m) and (m, -m) next to each other.
+    Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
     gap, behind = 1.0 - np.abs(cosine) if gap is None else gap, int(np.searchsorted(cosine, 0.0))
     gain, shift, memory = _find_recurrence(pairs, terms)
     step, change = np.zeros((2, len(pairs), cosine.size))
@@ -40,7 +37,9 @@ def compute_wigner_functions(
             now = np.add(now, step, out=block[row])
             for place, (m, n) in enumerate(pairs if degree <= 2 else ()):
                 if degree == max(m, abs(n)):
-                    now[place] = _find_lowest_degree(m, n, gap)
+                    minus, plus = abs(m - n), abs(m + n)
+                    count = math.factorial(minus + plus) / (math.factorial(minus) * math.factorial(plus))
+                    now[place] = math.sqrt(count) * (0.5 * gap) ** (minus / 2) * (1.0 - 0.5 * gap) ** (plus / 2)
         now = now.copy()
         _turn_back(block[:, :, :behind], pairs, degrees)
         yield first, block
@@ -52,11 +51,8 @@ def find_gap(angle: Array) -> Array:
 
 
 def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Array, Array]:
-    """Factors of the step to degree l, zero up to the lowest degree: each (terms, pair, 1).
-
-    With x = 1 - gap: d^l - d^(l-1) = memory (d^(l-1) - d^(l-2)) + (shift - gain gap) d^(l-1). ``shift`` is
-    written without the differences of nearly equal numbers that it stands for; it vanishes for m = n.
-    """
+    """gain, shift and memory of the step to degree l, zero up to the lowest degree, (terms, pair, 1) each: d^l -
+    d^(l-1) = memory (d^(l-1) - d^(l-2)) + (shift - gain gap) d^(l-1), without differences of nearly equal numbers."""
     m, n = np.array(pairs, dtype=np.float64).T[:, None, :, None]
     new = np.arange(float(terms))[:, None, None]
     old = np.maximum(new - 1.0, 0.0)
@@ -75,13 +71,6 @@ def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Arra
     return gain * under_way, shift * under_way, memory * under_way
 
 
-def _find_lowest_degree(m: int, n: int, gap: Array) -> Array:
-    """d^l_mn at x = 1 - gap for l = max(m, |n|)."""
-    minus, plus = abs(m - n), abs(m + n)
-    count = math.factorial(minus + plus) / (math.factorial(minus) * math.factorial(plus))
-    return math.sqrt(count) * (0.5 * gap) ** (minus / 2) * (1.0 - 0.5 * gap) ** (plus / 2)
-
-
 def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[np.int64]) -> None:
     """Makes d^l_mn(x) into d^l_mn(-x) = (-1)^(l+m) d^l_m,-n(x), in place."""
     partners = [place if m == 0 else list(pairs).index((m, -n)) for place, (m, n) in enumerate(pairs)]
@@ -90,11 +79,9 @@ def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[
 
 
 def find_gauss_legendre(count: int) -> tuple[Array, Array]:
-    """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit.
-
-    Newton's method in the angle, from Tricomi's estimate; general-purpose routines lose up to 1e-9 of the outermost
-    weights, where a forward peak sits. Source: Abramowitz and Stegun (1964), 22.7.10, 22.16.6 and 25.4.29.
-    """
+    """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit: Newton's method
+    in the angle; general-purpose routines lose up to 1e-9 of the outermost weights, where a forward peak sits. Source:
+    Abramowitz and Stegun (1964), 22.7.10, 22.16.6 and 25.4.29."""
     half = (count + 1) // 2
     guess = (4.0 * np.arange(1, half + 1) - 1.0) / (4.0 * count + 2.0) * math.pi
     angle = guess + (count - 1.0) / (8.0 * count**3) / np.tan(guess)

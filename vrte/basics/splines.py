@@ -1,9 +1,8 @@
 """The one spline of a BRDF, in angles from the normal and azimuth: for pictures, tables, renderers and bases.
 
-Directions do not depend on the wavelength, values do: a spline is its coefficients, and a sparse matrix that takes them
-to directions; `compute_weights` is both in one, for few points. Grids go on beyond the data: `repeat_grid` periodically
-in azimuth, `extend_over_pole` along great circles, `extend_over_horizon` as the mirror image that a function of the
-cosine is in the variable of `stretch_cosines`.
+A spline is its coefficients, and a sparse matrix that takes them to directions; `compute_weights` is both in one, for
+few points. Grids go on beyond the data: periodically in azimuth, along great circles over the pole, mirrored at the
+horizon.
 """
 
 from typing import Any
@@ -33,10 +32,8 @@ def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = 
 
 
 def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degree: int = DEGREE) -> Any:
-    """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid.
-
-    Points beyond a grid are taken at its end.
-    """
+    """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid;
+    points beyond a grid are taken at its end."""
     from scipy.interpolate import BSpline, make_interp_spline
     from scipy.sparse import csr_array
 
@@ -92,10 +89,8 @@ def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
 def extend_azimuths(
     phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0, margin: int = MARGIN
 ) -> tuple[Array, Array]:
-    """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there.
-
-    ``matrices`` (..., n, 4, 4) are those at ``phi`` (n,) [degrees]; missing azimuths are mirror images.
-    """
+    """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there, of
+    those (..., n, 4, 4) at ``phi`` (n,) [degrees]; missing azimuths are mirror images."""
     azimuths, places = mirror_azimuths(phi)
     grid, turn = repeat_grid(azimuths, 360.0, low, high, margin)
     sign = np.where((places[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
@@ -105,10 +100,8 @@ def extend_azimuths(
 def extend_over_pole(
     theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN
 ) -> tuple[Array, Array]:
-    """Angles from the normal (m,) and values along great circles: half a turn away the angle is negative.
-
-    ``theta`` (n,) ascends from 0 or above; ``here`` and ``opposite``, half a turn away, have it as their ``axis``.
-    """
+    """Angles from the normal (m,) and values along great circles: half a turn away, where values are ``opposite``, the
+    angle is negative. ``theta`` (n,) ascends; values have it as their ``axis``."""
     behind = np.flatnonzero(theta > POLE)[:margin][::-1]  # the pole itself counts once
     return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
 

@@ -28,11 +28,7 @@ def wait_passively() -> Iterator[None]:
 
 
 def is_command() -> bool:
-    """Whether this process is the command `vrte`, and none that it has started.
-
-    >>> is_command()
-    False
-    """
+    """Whether this process is the command `vrte`, and none that it has started."""
     begun = sys.argv[0] if sys.argv else ""
     if begun == "-m":
         return "vrte.cli" in sys.orig_argv

@@ -31,15 +31,8 @@ VIEWS: dict[tuple[str, str], str] = {
 
 
 def view(shown: Any, verb: str, *arguments: Any) -> Any:
-    """What the row of an object's class, or of one that it is made from, makes of it.
-
-    A row for a class of one's own, or another function in the place of a row: ``VIEWS["Brdf", "plot"] =
-    "my_module:my_figure"``, which is called with the BRDF. Raises LookupError where there is no row.
-
-    >>> import vrte
-    >>> view(vrte.isotropic(), "_repr_html_")[:5]
-    '<div>'
-    """
+    """What the row of an object's class, or of one that it is made from, makes of it; a row may be changed or added,
+    ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError where there is none."""
     for kind in type(shown).__mro__:
         if row := VIEWS.get((kind.__name__, verb)):
             module, name = row.split(":")
