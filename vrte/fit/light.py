@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,11 @@ from vrte.scene.vary import move_scene, turn_variation
 MOST_TOGETHER = 200_000  # pairs of directions of a solve; where there are more, each incidence has a solve of its own
 
 Triple = tuple[bool, float, float, float]  # whether through, cosines of incidence and exit, azimuth
-Solved = tuple[Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
 
 
 @dataclass(eq=False)
 class Sight:
-    """What is looked at in one scene: pairs of directions and beams, each with its place, as rows ask for them."""
+    """Pairs of directions and beams that rows look at in one scene, each with its place in what is `Seen`."""
 
     triples: dict[Triple, int] = field(default_factory=dict)
     beams: dict[float, int] = field(default_factory=dict)
@@ -40,69 +39,60 @@ class Sight:
         return self.triples.setdefault((through, mu_i, mu_o, azimuth), len(self.triples))
 
     def add_beam(self, mu: float, through: bool) -> int:
-        """Which of the incident directions a beam comes along."""
+        """The place of an incident direction."""
         self.through |= through
         return self.beams.setdefault(mu, len(self.beams))
 
-    @cached_property
-    def groups(self) -> list["SightGroup"]:
-        """The solves: all directions together where they are not too many, else one for each incidence."""
-        incident = {mu for _, mu, _, _ in self.triples} | {*self.beams}
-        out, turned = ({one[place] for one in self.triples} for place in (2, 3))
-        if len(incident) * len(out) * len(turned) <= MOST_TOGETHER:  # none, of beams alone
-            return [SightGroup(tuple(self.triples), tuple(self.beams), self.through)]
-        groups = []
-        for mu in sorted(incident):
-            triples = tuple(one for one in self.triples if one[1] == mu)
-            groups.append(SightGroup(triples, (mu,) if mu in self.beams else (), self.through))
-        return groups
-
-
-@dataclass(frozen=True, eq=False)
-class SightGroup:
-    """The directions of one solve."""
-
-    triples: tuple[Triple, ...]
-    beams: tuple[float, ...]
-    through: bool
-
-    @cached_property
+    @property
     def axes(self) -> tuple[Array, ...]:
         """Cosines of incidence and of exit and azimuths [degrees] of the solve, each ascending."""
         incident, out, turned = ({one[place] for one in self.triples} for place in (1, 2, 3))
         return tuple(np.array(sorted(one)) for one in (incident | {*self.beams}, out, turned))
 
+    def split(self) -> list["Sight"]:
+        """The sights of one solve each: this one, or one for each incidence where there are too many directions."""
+        if np.prod([axis.size for axis in self.axes]) <= MOST_TOGETHER:  # none, of beams alone
+            return [self]
+        return [
+            Sight(
+                {one: place for one, place in self.triples.items() if one[1] == mu},
+                {one: place for one, place in self.beams.items() if one == mu},
+                self.through,
+            )
+            for mu in self.axes[0].tolist()
+        ]
+
     def ask(self, scene: Scene, options: dict[str, Any]) -> Request:
         """The request that a scene is solved by. Raises SceneError."""
         if self.through and not np.isfinite(scene.thickness):
             raise SceneError("transmittance was measured, and nothing comes out below a semi-infinite layer")
+        mu_i, mu_o, phi = self.axes
         if self.triples:
-            mu_i, mu_o, phi = self.axes
             return make_brdf_request(scene, mu_i, mu_o, phi, transmission=self.through, **options)
-        request = make_radiance_request(scene, self.axes[0], mu=[], **options)
+        request = make_radiance_request(scene, mu_i, mu=[], **options)
         levels = np.array([0.0, request.scene.thickness] if self.through else [0.0])
         return replace(request, tau=settle_array(levels), asked_tau=None, under=np.arange(levels.size) > 0)
 
     def read(self, request: Request, found: Solution) -> tuple[Array, Array, Array]:
         """Mueller matrices (triple, 4, 4), and shares (beam,) of scattered light that come back and get through, of a
         solution or a derivative of one."""
-        matrices = np.zeros((len(self.triples), 4, 4))
+        axes, matrices = self.axes, np.zeros((len(self.triples), 4, 4))
         if self.triples:
             faces = [part[0] for part in found.parts]
             if request.illuminate == "bottom":
                 faces = [mirror_mueller(part) for part in faces]
             for place, (through, *where) in enumerate(self.triples):
-                at = tuple(int(np.searchsorted(axis, one)) for axis, one in zip(self.axes, where, strict=True))
+                at = tuple(int(np.searchsorted(axis, one)) for axis, one in zip(axes, where, strict=True))
                 matrices[place] = faces[through][at]
-        places = np.searchsorted(self.axes[0], np.array(self.beams))
-        mu = self.axes[0][places]
+        places = np.searchsorted(axes[0], np.array([*self.beams]))
+        mu = axes[0][places]
         up = found.flux_up[0, places, 0] / mu
         down = found.flux_down[1, places, 0] / mu if self.through else np.zeros_like(up)
         return matrices, up, down
 
     def follow_beams(self, scene: Scene) -> Array:
         """Shares (2, beam) that are mirrored, and get through, as beams; ``scene`` as it is lit from above."""
-        mu, found = np.array(self.beams), np.zeros((2, len(self.beams)))
+        mu, found = np.array([*self.beams]), np.zeros((2, len(self.beams)))
         if mu.size and not scene.keeps_beams:
             found[1] = np.exp(-scene.thickness / mu)
         elif mu.size:
@@ -110,6 +100,9 @@ class SightGroup:
             direct = find_direct_light(scene, mu, locate_depths(scene, ends, np.arange(ends.size) > 0))
             found[: ends.size] = [direct[side, :, side, 0, 0] for side in range(ends.size)]
         return found
+
+
+Solved = tuple[Sight, Request, Solution, list[Solution], list[Variation]]  # with derivatives, one a variation
 
 
 def make_scene_jet(
@@ -146,16 +139,16 @@ class Seen:
 
 def read_sight(sight: Sight, solved: Sequence[Solved]) -> Seen:
     """What the solves of a sight's groups found, as jets at the places that rows know."""
-    request, _, slopes, variations = solved[0]
+    _, request, _, slopes, variations = solved[0]
     turned = [turn_variation(one) for one in variations] if request.illuminate == "bottom" else variations
     matrices = np.zeros((1 + len(slopes), len(sight.triples), 4, 4))
     shares = BeamShares(*np.zeros((4, 1 + len(slopes), len(sight.beams))))
-    for group, (asked, value, changes, _) in zip(sight.groups, solved, strict=True):
-        parts = [group.read(asked, one) for one in (value, *changes)]
-        places = [sight.beams[one] for one in group.beams]
-        matrices[:, [sight.triples[one] for one in group.triples]] = [part[0] for part in parts]
-        beams = make_scene_jet(group.follow_beams, asked.scene, turned, group.axes[0].min())
-        up, down = (np.stack([part[side] for part in parts]) for side in (1, 2))
+    for part, asked, value, changes, _ in solved:
+        found, up, down = (
+            np.stack(some) for some in zip(*(part.read(asked, one) for one in (value, *changes)), strict=True)
+        )
+        matrices[:, [*part.triples.values()]] = found
+        beams = make_scene_jet(part.follow_beams, asked.scene, turned, part.axes[0].min())
         for whole, one in zip(shares, (up, down, beams[:, 0], beams[:, 1]), strict=True):
-            whole[:, places] = one
+            whole[:, [*part.beams.values()]] = one
     return Seen(matrices, shares, request.scene, turned)

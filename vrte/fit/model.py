@@ -28,7 +28,7 @@ from vrte.basics.running import run_interruptible
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.side_by_side import run_side_by_side
 from vrte.calls.spectrum import name_wavelength
-from vrte.fit.light import Seen, Sight, SightGroup, Solved, make_scene_jet, read_sight
+from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight
 from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import BEAM, DIRECTIONS, LOOK, QUANTITIES, BeamShares, find_tristimulus
 from vrte.formats.scene_family import SceneFamily
@@ -151,7 +151,7 @@ class Model:
         options = {key: one for key, one in self.options.items() if key != "nodes"}
         plain = {"grading": 1} if options.get("method", EXACT) == EXACT else {}  # the nodes are kept by their number
         found = self._solve(values, looked_at, {"accuracy": ACCURACY} | options | plain, False)
-        most = max(int(one.diagnostics.get("nodes", 0)) for some in found.values() for _, one, *_ in some)
+        most = max(int(one.diagnostics.get("nodes", 0)) for some in found.values() for _, _, one, *_ in some)
         return most or None
 
     def _find_jets(self, values: Array, with_slopes: bool) -> Array:
@@ -164,7 +164,7 @@ class Model:
         self, values: Array, wavelengths: Sequence[Wavelength], options: dict[str, Any], with_slopes: bool
     ) -> dict[Wavelength, list[Solved]]:
         """The solves of some wavelengths at these numbers, side by side where there are several."""
-        places = [(one, group) for one in wavelengths for group in self.sights[one].groups]
+        places = [(one, part) for one in wavelengths for part in self.sights[one].split()]
         alone = len(places) == 1
         how = options if alone else options | {"threads": 1}
 
@@ -174,10 +174,10 @@ class Model:
                 scene = family.at(values)
                 return scene, read_derivatives(scene, family.variations(values)) if with_slopes else []
 
-        def solve(wavelength: Wavelength, group: SightGroup) -> Solved:
+        def solve(wavelength: Wavelength, sight: Sight) -> Solved:
             scene, variations = scenes[wavelength]
             with name_wavelength(wavelength):
-                request = choose_method(group.ask(scene, how))
+                request = choose_method(sight.ask(scene, how))
                 run = make_run(request)
                 run.runtime_warned = True
 
@@ -185,7 +185,7 @@ class Model:
                     return solve_with_derivatives(request, variations, run)
 
                 _, solution, found = run_interruptible(run, work) if alone else work()
-            return request, solution, [one.solution for one in found], variations
+            return sight, request, solution, [one.solution for one in found], variations
 
         self.solves += len(places)
         scenes = dict(zip(wavelengths, run_side_by_side([partial(make, one) for one in wavelengths]), strict=True))

@@ -52,23 +52,16 @@ def count_runs(signs: Array) -> tuple[int, float]:
     >>> runs, round(chance, 3)
     (2, 0.1)
     """
-    from scipy.special import gammaln
+    from scipy.stats import hypergeom
 
     runs, many = 1 + int((signs[1:] != signs[:-1]).sum()), [int((signs == one).sum()) for one in (1, -1)]
-    if min(many) == 0:
+    if min(many) == 0 or signs.size == 2:
         return runs, 1.0  # all of one sign: their sum says more of it than their order
-
-    up, down = (float(one - 1) for one in many)
-    whole = 0.5 * (gammaln(up + down + 3.0) - gammaln(up + 2.0) - gammaln(down + 2.0))  # log of the root of all orders
-
-    def choose(n: float, k: Array) -> Array:
-        log = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0) - whole
-        found: Array = np.where(k <= n, np.exp(np.where(k <= n, log, 0.0)), 0.0)
-        return found
-
-    even, odd = (np.arange(1.0, 1.0 + count) for count in (runs // 2, (runs - 1) // 2))  # pairs of runs
-    chance = 2.0 * (choose(up, even - 1.0) * choose(down, even - 1.0)).sum()
-    chance += (choose(up, odd) * choose(down, odd - 1.0) + choose(up, odd - 1.0) * choose(down, odd)).sum()
+    (up, down), pairs = many, signs.size * (signs.size - 1.0)
+    chance = 2.0 * up * down / pairs * hypergeom.cdf(runs // 2 - 1, signs.size - 2, up - 1, down - 1)  # ends differ
+    for one, other in ((up, down), (down, up)):  # both ends of one sign
+        if one > 1:
+            chance += one * (one - 1.0) / pairs * hypergeom.cdf((runs - 1) // 2, signs.size - 2, one - 1, other)
     return runs, float(chance)
 
 
