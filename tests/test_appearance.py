@@ -84,26 +84,6 @@ def test_a_laboratorys_name_is_taken_wherever_a_geometry_is_named(name: str, cie
     assert [row.value for row in rows if row.quantity == "L"] == [look.colour(name).L]
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("45/5a", "must be a geometry such as '45:0'.*'d/8', '8/d', 'SCI', 'SCE', '45/0', '45a:0', '45x:0'"),
-        ("d/0", "must be a geometry"),  # with a gloss trap or without: who means it says SCI or SCE
-        ("d", "must be a geometry"),
-        ("", "must be a geometry"),
-        (45, "must be a geometry such as '45:0'"),
-        ("8:8", "looks along the mirrored beam.*ask for gloss"),
-        ("45:as0", "looks along the mirrored beam"),
-        ("90:0", "has an angle of 90 degrees: must be below 90"),
-        ("45:as150", "has an angle of -105 degrees"),
-        ("di:de", "must be a geometry"),
-    ],
-)
-def test_other_names_are_refused(name: Any, message: str) -> None:
-    with pytest.raises(vrte.SceneError, match=message):
-        read_geometry(name)
-
-
 def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
     """Of a surface over black all that comes back is its lobe: a port as wide as the hemisphere around it takes what
     the brute-force sum over a fine grid of directions does."""

@@ -153,30 +153,6 @@ def test_what_lies_beyond_the_wavelengths_is_told() -> None:
     assert_close(find_colour(wide, np.where(wide < 0.9, 0.5, 0.1)).Y, 50.0, rtol=0.0, atol=0.05)
 
 
-@pytest.mark.parametrize(
-    ("wavelengths", "given", "words"),
-    [
-        (np.linspace(0.45, 0.70, 20), {}, "47 % of Z .* below 0.45 µm, where at most 20 % may; begin at 0.434 µm or "),
-        (np.linspace(0.40, 0.60, 20), {}, "32 % of X .* above 0.6 µm, where at most 5 % may; end at 0.642 µm or more"),
-        (np.linspace(0.40, 0.70, 6), {}, "at most 0.04 µm apart from 0.4 to 0.7 µm, not 0.06 as between 0.64 and 0.7"),
-        (np.linspace(400.0, 700.0, 31), {}, "100 % of X .* below 400 µm"),
-        ([0.55], {}, "must cover the visible"),
-        (np.linspace(0.70, 0.40, 31), {}, "must rise from each to the next"),
-        ([0.4, np.nan], {}, "must be finite"),
-        (BROAD, {"illuminant": "F11"}, "illuminant must be one of A, B, C, D50, .*, not 'F11'; did you mean 'FL11'"),
-        (BROAD, {"illuminant": "ISO 7589 Sensitometric Printer"}, "illuminant must be one of"),  # known to 560 nm
-        (BROAD, {"illuminant": ["D65"]}, "illuminant must be a name"),
-        (BROAD, {"observer": 5}, "observer must be 2 or 10"),
-        (BROAD, {"observer": "two"}, "observer must be a whole number"),
-        (BROAD, {"reflectance": np.full(34, 0.5)}, "one number a wavelength, 35, not 34"),
-        (BROAD, {"reflectance": np.linspace(-0.1, 0.5, 35)}, "reflectance must be numbers >= 0, not -0.1"),
-    ],
-)
-def test_what_makes_no_colour_is_one_sentence(wavelengths: Any, given: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        find_colour(wavelengths, **{"reflectance": np.full(np.size(wavelengths), 0.5), **given})
-
-
 def test_weights_are_kept_and_need_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     weights = weigh_wavelengths(BROAD)
     assert weigh_wavelengths(BROAD.tolist()) is weights

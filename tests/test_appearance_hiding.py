@@ -208,20 +208,3 @@ def test_a_paint_hides_at_the_same_thickness_whatever_it_was_drawn_down_at() -> 
     )
     assert thin.hiding_length_um == close_to(thick.hiding_length_um, rtol=2e-3, atol=0.0)
     assert thin.contrast_ratio == close_to(float(thick.interpolate(1.0 / 6.0)[0][0]), rtol=0.0, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("asked", "film", "words"),
-    [
-        ({"black": 0.8}, GREY, "black must be darker than the white, not 0.8 beside 0.8"),
-        ({"white": 1.1}, GREY, "white must be an albedo from 0 to 1"),
-        ({"target": 1.0}, GREY, "target must be a contrast ratio above 0 and below 1"),
-        ({"geometry": "45:45"}, GREY, "mirrored beam"),
-        ({"observer": 3}, GREY, "observer"),
-        ({}, {**GREY, "thickness": math.inf}, "the film is semi-infinite"),
-        ({}, {**GREY, "thickness": 0.0}, "the film is without thickness"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(asked: dict[str, Any], film: dict[str, Any], words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        find_hiding(prepare(film, layer=1), Conditions(**asked))

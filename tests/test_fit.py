@@ -135,46 +135,6 @@ def test_the_best_of_several_starts_is_kept_and_all_are_told() -> None:
     assert again.values.tolist() == found.values.tolist()
 
 
-DEEP = vrte.Scene([vrte.Layer(RAYLEIGH, 0.95, np.inf)], vrte.Lambertian(0.3))
-BEAMS = vrte.Measurement("specular_reflectance", 0.1, 0.01, theta_i_deg=[0.0, 60.0])
-THROUGH = vrte.Measurement("total_transmittance", 0.1, 0.01, theta_i_deg=[0.0, 60.0])
-AT_WAVELENGTHS = vrte.Measurement("reflectance", 0.1, geometry="8:di", wavelength_um=[0.5, 0.6])
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"scene": DEEP, "free": ["base.albedo"]}, "base.albedo"),
-        ({"scene": DEEP, "rows": THROUGH, "free": ["layer[1].albedo"]}, "nothing comes out below a semi-infinite "),
-        ({"rows": BEAMS}, "free: base.albedo does nothing to these data"),
-        ({"rows": AT_WAVELENGTHS}, "knows no wavelength"),
-        ({"free": {"base.albedo": {"start": 0.5, "high": 0.4}}}, "starts at 0.5, outside its bounds 0 and 0.4"),
-        ({"free": {"base.albedo": {"low": 0.5, "high": 0.4}}}, "needs low below high"),
-        ({"free": {"base.albedo": {"strat": 0.5}}}, "takes a table of start, low, high, spacing"),
-        ({"free": {"base.albedo": {"spacing": "even"}}}, "has spacing 'linear' or 'log', not 'even'"),
-        ({"free": {"base.albedo": {"start": np.inf}}}, "needs a number as start"),
-        ({"free": {"base.albedo": {"low": -1.0, "spacing": "log"}}}, "with spacing 'log' needs a start above 0"),
-        ({"free": {"base.albedo": {"low": 0.0}}, "bounds": {"base.albedo": (0.0, 1.0)}}, "has bounds twice"),
-        ({"bounds": {"base.albedo": 0.5}}, "needs two numbers, low and high"),
-        ({"free": ["layer[1].thickness", "layer[1].albedo", "base.albedo"], "rows": ROWS.pick([0, 1])}, "too few"),
-        ({"free": []}, "free must be one or more names"),
-        ({"free": ["layer[3].thickness"]}, "free: layer[3].thickness: there is no such layer"),
-        ({"priors": {"base.albedo": (0.3, 0.0)}}, "a standard deviation above 0"),
-        ({"priors": {"base.albedo": 0.3}}, "needs a mean and a standard deviation"),
-        ({"priors": {"base": (0.3, 0.1)}}, "priors: base is not free"),
-        ({"bounds": {"base": (0.3, 0.5)}}, "bounds: base is not free"),
-        ({"free": ["layer[1].thickness"], "starts": 3}, "needs finite bounds"),
-        ({"loss": "huber"}, "loss must be"),
-        ({"wavelengths_um": [0.5]}, "wavelengths_um are of colours"),
-    ],
-)
-def test_what_makes_no_fit_is_refused_in_one_sentence(given: dict[str, Any], words: str) -> None:
-    given = {"rows": ROWS, "scene": SCENE, "free": ["base.albedo"], **given}
-    with pytest.raises(vrte.SceneError, match=re.escape(words)) as caught:
-        vrte.fit(given.pop("rows").measure(0.1, 0.01), given.pop("scene"), nodes=4, **given)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.slow
 def test_a_profile_of_a_linear_problem_is_a_parabola_as_wide_as_the_error() -> None:
     found = vrte.fit(measure(SCENE, noise=0.001), SCENE, BOTH, nodes=4)
@@ -392,8 +352,6 @@ def test_other_units_are_guessed(wrong: dict[str, Any], words: str, has_sigma: b
     assert any(words in note for note in found.notes)
     assert any(one.category is vrte.UnitsWarning and words in str(one.message) for one in told)
     assert any(one.category is vrte.MisfitWarning for one in told) or not has_sigma
-    with pytest.raises(vrte.SceneError, match=r"52 is above 1, .* by more than 5 sigma; it looks like per cent"):
-        vrte.Measurement("total_reflectance", 52.0, 0.5, theta_i_deg=8.0)
 
 
 def test_errors_grow_by_what_sigma_is_too_small(tmp_path: Path) -> None:

@@ -73,45 +73,6 @@ def test_limits_are_exact() -> None:
             assert found == close_to(coefficients, rtol=rtol, atol=0.0)
 
 
-CLEAR, FILM = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.1}, {"phase": "isotropic", "albedo": 0.9}
-STACK = [CLEAR, {**FILM, "thickness": 2.0}]
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: km.find_coefficients(0.5, 0.5, 0.8, 1.0), "over_base must be above over_black"),
-        (lambda: km.find_coefficients(0.5, [0.6, 0.4], 0.8, 1.0), r"not 0\.4 \(at place 1\)"),
-        (lambda: km.find_coefficients(0.1, 0.9, 0.8, 1.0), "keeps no light"),
-        (lambda: km.find_coefficients(0.1, 0.2, 0.0, 1.0), "base must be above 0"),
-        (lambda: km.find_coefficients(-0.1, 0.2, 0.8, 1.0), "over_black must be a share of light"),
-        (lambda: km.find_coefficients(0.1, np.nan, 0.8, 1.0), "over_base must be a share of light"),
-        (lambda: km.find_coefficients(0.1, 0.2, 0.8, 0.0), "length must be above 0"),
-        (lambda: km.find_slab_coefficients(0.6, 0.5, 1.0), "must be 1 together at most, not 1.1"),
-        (lambda: km.find_slab_coefficients(0.6, 0.0, 1.0), "K/S alone"),
-        (lambda: km.reflect_film(-1.0, 1.0, 1.0), "K must be from 0"),
-        (lambda: km.reflect_film(1.0, np.inf, 1.0), "S must be from 0"),
-        (lambda: km.reflect_film(1.0, 1.0, -1.0), "length must be 0 or above"),
-        (lambda: km.remove_surface(0.03, 0.04, 0.6), "measured must not be below k1"),
-        (lambda: km.add_surface(0.5, 0.04, 1.0), "k2 must be below 1"),
-        (lambda: find_kubelka_munk(make_film(), geometry="45:0"), "must collect all light"),
-        (lambda: find_kubelka_munk(make_film(), geometry="8:de"), "must collect all light"),
-        (lambda: find_kubelka_munk(make_film(), white=0.0), "white must be an albedo above 0"),
-        (lambda: find_kubelka_munk(make_film(), k2=[0.6, 0.6]), "k2 must be one number, or one a wavelength"),
-        (lambda: find_kubelka_munk(make_film(), geometry="inside", k2=0.6), "are of a surface, and here is none"),
-        (lambda: find_kubelka_munk(make_film(), k1=0.5), "no film of two fluxes reads so: measured must not be below"),
-        (lambda: find_kubelka_munk(make_film(1.0), geometry="di:di"), "must not be above what a film that keeps"),
-        (lambda: find_kubelka_munk(make_film(0.5, 30.0)), r"hides its base at 0\.55 um"),
-        (lambda: find_kubelka_munk(make_film(0.5, np.inf)), "one film that ends"),
-        (lambda: find_kubelka_munk(make_panel({"layer": STACK}, [0.5])), "no other layer"),
-        (lambda: find_kubelka_munk(make_film()).compare([0.0]), "lengths must be above 0"),
-    ],
-)
-def test_what_k_and_s_are_not_of_is_refused(call, words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        call()
-
-
 def make_film(albedo: float = 0.99, thickness: float = 4.0, *, g: float = 0.0, index: float = 1.5, **more) -> Panel:
     """One film under a surface, of no geometrical thickness, at one wavelength."""
     nodes = more.pop("nodes", 16)

@@ -3,13 +3,11 @@
 import csv
 import math
 import re
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import vrte
@@ -41,7 +39,6 @@ thickness_um = 3.0
 """
 
 
-RUTILE = {"paint": {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 40.0}}
 TOLD: list[float] = []  # of the progress of grey
 
 
@@ -142,28 +139,6 @@ def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(
         found.save(tmp_path / "deep.html")
     assert (tmp_path / "deep.html").read_text(encoding="utf-8") == before
     assert sorted(tmp_path.iterdir()) == names
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"scene": RUTILE, "wavelengths_um": [0.5, 0.55, 0.6]}, "wavelengths_um must cover the visible"),
-        ({"scene": RUTILE, "wavelengths_um": [0.4, 0.5, 0.6, 0.7]}, "must be at most .* apart"),
-        ({"scene": RUTILE, "wavelengths_um": np.linspace(0.43, 0.79, 10)}, "a wavelength of 0.79 um is outside"),
-        ({"scene": RUTILE, "white": 2.0}, "white must be an albedo from 0 to 1"),
-        ({"scene": RUTILE, "binder": "alkyd"}, "give either a scene file, or pigment, binder"),
-        ({}, "give either a scene file"),
-    ],
-)
-def test_bad_input_is_refused_before_particles_are_made(
-    given: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def work(*_: Any) -> None:
-        raise AssertionError("particles were made")
-
-    monkeypatch.setattr(sys.modules[make_panel.__module__], "run_side_by_side", work)
-    with pytest.raises(vrte.SceneError, match=words):
-        vrte.paint(**given)
 
 
 def test_a_film_that_nothing_hides_says_why(grey: vrte.Paint) -> None:

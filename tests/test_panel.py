@@ -2,7 +2,6 @@
 
 import math
 import threading
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,27 +52,6 @@ def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
     assert panel.lengths_um == (math.inf,)
     alone = make_panel({"layer": [FILM]}, TWO, nodes=4).scale_film(math.inf)
     assert np.array_equal(panel.solve(0.5).reflectance, alone.solve(0.5).reflectance)
-
-
-@pytest.mark.parametrize(
-    ("find", "message"),
-    [
-        (lambda: make_panel({"layer": [FILM, FILM]}, TWO).film, "which layer is the film.*Say layer=1 to 2"),
-        (lambda: make_panel({"layer": [FILM]}, TWO, layer=2), "layer must be"),
-        (lambda: make_panel({"layer": [FILM], "illuminate": "bottom"}, TWO), "a panel is looked at from above"),
-        (lambda: make_panel({"layer": [FILM]}, TWO, mu_i=0.5), "mu_i is not asked for here"),
-        (lambda: make_panel({"layer": [FILM | {"thickness": -1.0}]}, TWO), r"at 0.5 um: layer\[1\].thickness"),
-        (lambda: make_panel(make_panel({"layer": [FILM]}, TWO), TWO), "a panel has its own"),
-        (lambda: make_panel({"layer": [FILM]}, TWO).make_as_thick(3.0), "is given by its optical thickness: give it a"),
-        (
-            lambda: make_panel({"layer": [FILM | {"thickness": math.inf}]}, TWO).scale_film(2.0),
-            "semi-infinite, and can be made no thicker",
-        ),
-    ],
-)
-def test_bad_input_ends_in_a_sentence(find: Any, message: str) -> None:
-    with pytest.raises(vrte.SceneError, match=message):
-        find()
 
 
 def test_wavelengths_are_the_files_or_the_visible_as_far_as_it_is_known() -> None:

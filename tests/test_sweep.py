@@ -548,7 +548,7 @@ def test_clusters_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     ):
         vrte.sweep(given, engine="dask", scheduler=empty.scheduler_address)
     with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
-        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.SceneChunk(0))
+        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", 0)
 
 
 def listening() -> set[Any]:

@@ -171,6 +171,13 @@ def list_spectrum(
         yield InstrumentReading(quantity, geometry, wavelength, value, *words)
 
 
+def list_gloss_readings(glosses: Mapping[float, float]) -> Iterator[InstrumentReading]:
+    """Specular glosses [gloss units] by the angle [degrees]."""
+    words = "specular gloss, 100 of polished black glass of index 1.567", "ISO 2813; ASTM D523"
+    for angle, gloss in glosses.items():
+        yield InstrumentReading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", *words)
+
+
 def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterator[InstrumentReading]:
     """X, Y, Z, L*, a*, b*, C* and h of a colour that is read in a geometry, ``of`` something."""
     light = f"{colour.illuminant}, {colour.observer} degree observer"

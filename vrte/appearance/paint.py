@@ -17,6 +17,7 @@ from vrte.appearance.appearance import (
     InstrumentReading,
     appearance,
     list_colour_readings,
+    list_gloss_readings,
     list_spectrum,
 )
 from vrte.appearance.colours import Colour, find_colour
@@ -124,11 +125,7 @@ class Paint:
     def list_readings(self) -> Iterator[InstrumentReading]:
         """Every number of the page, one a row, as the table in .csv has them."""
         yield from self.look.list_readings()
-        for angle, gloss in self.glosses.items():
-            definition = "specular gloss, 100 of polished black glass of index 1.567"
-            yield InstrumentReading(
-                "gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523"
-            )
+        yield from list_gloss_readings(self.glosses)
         if self.hiding is not None:
             yield from list_hiding_readings(self.hiding)
             for name, colour in self.colours.items():

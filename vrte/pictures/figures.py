@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # what tells the hour
-SHARP_DPI = 160  # of a picture by itself, and of what is made of pixels in a drawing
-DPI = 100
+SHARP_DPI, DPI = 160, 100  # of a picture by itself or what is made of pixels in a drawing, and of a small one
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
 GRID: dict[str, Any] = {"color": FAINT, "linewidth": 0.5, "alpha": 0.7}
 
@@ -153,14 +152,21 @@ def set_axis(axes: Any, which: str, axis: Axis) -> None:
         own.get_major_locator().set_params(integer=True)
 
 
-def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
-    """Writes a PNG, SVG or PDF by the suffix, all of it or nothing, always the same bytes. Raises SceneError,
-    OSError."""
+def make_bytes(figure: "Figure", suffix: str = ".png", dpi: int = SHARP_DPI) -> bytes:
+    """A figure as a PNG, SVG or PDF, by one of SUFFIXES: the same figure makes the same bytes."""
     from matplotlib import rc_context
 
-    suffix = plot_suffix(path)
-    with write_atomically(path) as part, rc_context({"svg.hashsalt": "vrte"}):
-        figure.savefig(part, format=suffix[1:], dpi=SHARP_DPI, metadata=SUFFIXES[suffix])
+    drawn = BytesIO()
+    with rc_context({"svg.hashsalt": "vrte"}):
+        figure.savefig(drawn, format=suffix[1:], dpi=dpi, metadata=SUFFIXES[suffix])
+    return drawn.getvalue()
+
+
+def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
+    """Writes a PNG, SVG or PDF by the suffix, all of it or nothing. Raises SceneError, OSError."""
+    drawn = make_bytes(figure, plot_suffix(path))
+    with write_atomically(path) as part:
+        part.write_bytes(drawn)
 
 
 def plot_suffix(path: str | os.PathLike[str]) -> str:
@@ -179,8 +185,7 @@ def save(figure: "Figure", path: str | os.PathLike[str], few_colours: bool = Tru
     """Writes a small PNG, all of it or nothing, in few colours or in all. Raises OSError."""
     from PIL import Image  # matplotlib needs it too
 
-    drawn = BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI)
+    drawn = BytesIO(make_bytes(figure, dpi=DPI))
     with write_atomically(path) as part, Image.open(drawn) as whole:
         image = whole.convert("RGB")
         if few_colours:  # an octree keeps the colours of thin lines; median cut makes them those of others

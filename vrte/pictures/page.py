@@ -2,13 +2,13 @@
 
 import base64
 import html
-import io
 import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import write_atomically
+from vrte.pictures.figures import make_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,12 +84,7 @@ def make_table(head: Iterable[str], rows: Iterable[Iterable[str | float]], digit
 
 def make_image(figure: "Figure", words: str) -> str:
     """A figure as a drawing within the page; ``words`` say what it shows. The same figure makes the same text."""
-    from matplotlib import rc_context
-
-    drawn = io.BytesIO()
-    with rc_context({"svg.hashsalt": "vrte"}):
-        figure.savefig(drawn, format="svg", metadata={"Date": None})
-    return f'<img src="{make_data_address(drawn.getvalue(), "svg+xml")}" alt="{html.escape(words)}">'
+    return f'<img src="{make_data_address(make_bytes(figure, ".svg"), "svg+xml")}" alt="{html.escape(words)}">'
 
 
 def make_data_address(image: bytes, kind: str) -> str:
@@ -97,9 +92,9 @@ def make_data_address(image: bytes, kind: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 
 
-def save_page(text: str, path: str | os.PathLike[str]) -> None:
-    """Writes a page, all of it or nothing. Raises SceneError where the path does not end in .html, OSError."""
-    if not os.fspath(path).lower().endswith(".html"):
-        raise SceneError(f"the page {os.fspath(path)} must end in .html")
+def save_page(text: str, path: str | os.PathLike[str], suffix: str = ".html") -> None:
+    """Writes a page, or another text, all of it or nothing. Raises SceneError for another suffix, OSError."""
+    if not os.fspath(path).lower().endswith(suffix):
+        raise SceneError(f"the page {os.fspath(path)} must end in {suffix}")
     with write_atomically(path) as part:
         part.write_text(text, encoding="utf-8", newline="")

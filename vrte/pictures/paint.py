@@ -15,11 +15,10 @@ from vrte.appearance.appearance import COLOURS, VISUAL, InstrumentReading
 from vrte.appearance.geometries import MULTI_ANGLE, read_geometry
 from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import write_atomically
 from vrte.pictures.appearance import describe_coefficients, describe_hiding
 from vrte.pictures.describe import BLUE, GREEN, INCIDENT, INK, ORANGE, Axis, Curve, Picture, PlotPanel, Swatch, Words
 from vrte.pictures.figures import draw_picture, save_figure
-from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table
+from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table, save_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 CARDS = "#1b1b1b", "#e6e6e6"  # black, and Y of a card of 0.8 in sRGB
 WAVELENGTH = Axis("wavelength [µm]")
 SUFFIXES = ".html", ".png", ".csv"
+MISSING = PlotPanel([Words("none: see the notes")], bare=True)
 
 
 def describe_card(paint: Paint) -> PlotPanel:
@@ -60,8 +60,7 @@ def describe_reflectance(paint: Paint) -> PlotPanel:
 
 def describe_film(paint: Paint) -> PlotPanel:
     """Contrast ratio against thickness, with what counts as hidden."""
-    missing = PlotPanel([Words("no hiding curve: see the notes")], bare=True)
-    found = missing if paint.hiding is None else describe_hiding(paint.hiding)[0]
+    found = MISSING if paint.hiding is None else describe_hiding(paint.hiding)[0]
     return replace(found, title="Hiding power", letters=7.0)
 
 
@@ -102,8 +101,7 @@ def describe_polarization(paint: Paint) -> PlotPanel:
 
 def describe_two_fluxes(paint: Paint) -> PlotPanel:
     """K and S against wavelength."""
-    missing = PlotPanel([Words("no K and S: see the notes")], bare=True)
-    found = missing if paint.two_fluxes is None else describe_coefficients(paint.two_fluxes)
+    found = MISSING if paint.two_fluxes is None else describe_coefficients(paint.two_fluxes)
     return replace(found, title="Kubelka-Munk inside the film")
 
 
@@ -126,15 +124,14 @@ def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
     """Writes a page, a sheet of pictures or a table by the suffix, all of it or nothing. Raises SceneError for another
     suffix, MissingExtraError without matplotlib, OSError."""
     suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise SceneError(f"the page {path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
     if suffix == ".png":
         save_figure(draw_sheet(paint), path)
-        return
-    page = suffix == ".html"
-    text = make_page(paint.title, make_paint_body(paint)) if page else write_table(paint.list_readings())
-    with write_atomically(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    elif suffix in SUFFIXES:
+        page = suffix == ".html"
+        text = make_page(paint.title, make_paint_body(paint)) if page else write_table(paint.list_readings())
+        save_page(text, path, suffix)
+    else:
+        raise SceneError(f"the page {path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
 def write_table(readings: Iterable[InstrumentReading]) -> str:
@@ -168,26 +165,28 @@ def make_paint_body(paint: Paint) -> str:
         paint.made_of,
         f"<div class='numbers'>{''.join(cells)}</div>",
         make_section("Pictures", f"<div class='figures'>{''.join(images)}</div>"),
-        make_section("Colours", make_colours(paint)),
+        make_section("Colours", make_colours(paint, readings)),
         make_section("Numbers and what they mean", make_table(head, rows)),
         f"<details><summary>Spectra, number by number</summary>{make_spectra(paint, readings)}</details>",
         make_section("What to know of these numbers", f"<ul>{make_items(paint.notes)}</ul>"),
     )
 
 
-def make_colours(paint: Paint) -> str:
+def make_colours(paint: Paint, readings: Iterable[InstrumentReading]) -> str:
     """X, Y, Z, L*, a*, b*, C, h of the panel in every geometry, and of the film over the cards."""
-    named = [(name, paint.look.colour(name), "") for name in paint.look.reflectances]
-    if paint.hiding is not None:
-        named += [(paint.hiding.conditions.geometry, one, f"film {name}, ") for name, one in paint.colours.items()]
+    rows: dict[tuple[str, str], list[float]] = {}
+    for one in readings:
+        quantity, _, film = one.quantity.partition(" ")
+        if quantity in COLOURS:
+            rows.setdefault((one.geometry, f"film {film}, " if film else ""), []).append(one.value)
     head = ("geometry", *"XYZ", "L*", "a*", "b*", "C*", "h°", "what is read", "standard")
-    rows = []
-    for name, colour, which in named:
+    table: list[tuple[str | float, ...]] = []
+    for (name, film), values in rows.items():
         known = read_geometry(name)
-        rows.append((name, *(getattr(colour, key) for key in COLOURS), which + known.definition, known.standard))
+        table.append((name, *values, film + known.definition, known.standard))
     words = "X, Y, Z by ISO/CIE 11664-3, Y of the perfect white is 100; L*, a*, b*, C*, h by ISO/CIE 11664-4; "
     words += f"illuminant {paint.look.illuminant}, {paint.look.observer} degree observer."
-    return f"{make_table(head, rows, '.2f')}<p>{words}</p>"
+    return f"{make_table(head, table, '.2f')}<p>{words}</p>"
 
 
 def make_spectra(paint: Paint, readings: Iterable[InstrumentReading]) -> str:

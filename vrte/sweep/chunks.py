@@ -47,13 +47,6 @@ Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 
 @dataclass(frozen=True)
-class SceneChunk:
-    """A chunk of scenes by its number."""
-
-    number: int
-
-
-@dataclass(frozen=True)
 class Shared:
     """One kind of particle that scenes share, the place in the grid of one such scene, and the index of the wavelength
     of an appearance."""
@@ -63,7 +56,7 @@ class Shared:
     wavelength: int = 0
 
 
-Job = SceneChunk | Shared
+Job = int | Shared  # a chunk of scenes by its number
 
 
 def perform(work: Work, job: Job, solve: Solve, backend: str = "openmp") -> int:
@@ -72,7 +65,7 @@ def perform(work: Work, job: Job, solve: Solve, backend: str = "openmp") -> int:
         if isinstance(job, Shared):
             prepare(work, job)
             return 0
-        return compute(work, job.number, solve, backend)
+        return compute(work, job, solve, backend)
 
 
 @lru_cache(maxsize=4)

@@ -160,8 +160,8 @@ def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterat
                 raise error or SweepError(LOST)
     if lost:
         raise SweepError(
-            f"{len(lost)} tasks brought their workers down again and again, the first of them {lost[0]}; all others "
-            "are done"
+            f"{len(lost)} tasks brought their workers down again and again, the first of them that of chunk {lost[0]}; "
+            "all others are done"
         )
 
 

@@ -22,7 +22,7 @@ from vrte.formats.atomic import check_file_name
 from vrte.request.how import PRECISIONS
 from vrte.request.request import Request
 from vrte.sweep import store
-from vrte.sweep.chunks import SceneChunk, Shared, collect_warnings, prepare
+from vrte.sweep.chunks import Shared, collect_warnings, prepare
 from vrte.sweep.engines import ENGINES, perform_on_device, perform_on_threads
 from vrte.sweep.results import TABLE, Sample, make_scene_request
 from vrte.sweep.store import Work
@@ -267,7 +267,7 @@ def compute(work: Work, engine_of: Callable[[Work, set[int]], Iterator[int]], pr
 def run_engine(work: Work, done: set[int], engine: str, scheduler: str | None, workers: int) -> Iterator[int]:
     """Number of scenes of each piece of work, as it is finished: first the particles that scenes share, then chunks."""
     particles = (Shared(*which) for which in list_particle_places(work.sweep))
-    chunks = (SceneChunk(chunk) for chunk in range(work.grid.chunks) if chunk not in done)
+    chunks = (chunk for chunk in range(work.grid.chunks) if chunk not in done)
     if engine == "dask":
         from vrte.sweep.dask_engine import perform_on_cluster
 

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.app.form.content import Content
 from vrte.app.solving.messages import Message
 from vrte.app.solving.worker import MOST_NOTES, Exchange
-from vrte.appearance.appearance import COLOURS, InstrumentReading
+from vrte.appearance.appearance import COLOURS, InstrumentReading, list_gloss_readings
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
@@ -195,9 +195,7 @@ def read_off(
     bare = panel.put_over(None)
 
     def read_gloss() -> Iterator[InstrumentReading]:
-        words = "specular gloss, 100 of polished black glass of index 1.567", "ISO 2813; ASTM D523"
-        for angle, value in find_glosses(bare, progress=progress).items():
-            yield InstrumentReading("gloss", f"{angle:g}:{angle:g}", None, value, "GU", *words)
+        yield from list_gloss_readings(find_glosses(bare, progress=progress))
 
     def read_hiding() -> Iterator[InstrumentReading]:
         length = panel.length_um
