@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.viewer_server import viewer
 from vrte.app.form.content import START
 from vrte.app.form.files import write_link
 from vrte.app.solving.page_files import LARGEST_TABLE
@@ -27,17 +26,21 @@ from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to
+from .viewer_server import ROOT, viewer
 
-ROOT = Path(__file__).parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = os.environ.get("VRTE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
 GRAPHICS = "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
 FLAGS = f"--no-sandbox --disable-background-networking {GRAPHICS}".split()
 TABLE = {"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}  # a file of the machine
 PATIENCE = 30_000  # milliseconds
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
-)
+READY = "!document.querySelector('.vrte-go').disabled"
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
+    ),
+]
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,16 @@ def tab(open_tab: Callable[..., "Tab"]) -> "Tab":
     return open_tab()
 
 
+FIGURE = """place => { const plots = [...document.querySelectorAll('.js-plotly-plot')].filter(p => p.offsetParent);
+    const plot = plots[place]; if (!plot || !plot._fullData) return null;
+    const traces = plot._fullData.map(trace => Array.from(trace.x || trace.r || []));
+    traces.sort((a, b) => b.length - a.length);
+    return {title: plot.getAttribute('aria-label') || '', points: traces[0] || []}; }"""
+DROP = """([text, name]) => { const transfer = new DataTransfer(); transfer.items.add(new File([text], name));
+    for (const type of ['dragover', 'drop']) document.body.dispatchEvent(
+        new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true})); }"""
+
+
 class Tab:
     """A tab of somebody's own; what it asks of other machines, and what goes wrong in it, is written down."""
 
@@ -88,6 +101,7 @@ class Tab:
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
         self.page.on("request", lambda request: self.check(request.url))
         self.page.on("websocket", lambda channel: self.check(channel.url.replace("ws:", "http:")))
+        self.evaluate, self.waits_for = self.page.evaluate, self.page.wait_for_function
         self.page.goto(url)
         self.button("Solve").wait_for()
 
@@ -98,14 +112,20 @@ class Tab:
     def button(self, name: str) -> Any:
         return self.page.get_by_role("button", name=name, exact=True)
 
+    def label(self, text: str) -> Any:
+        return self.page.get_by_label(text, exact=True)
+
+    def go_to(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name).click()
+
     def fill(self, label: str, text: str) -> None:
-        self.page.get_by_label(label, exact=True).fill(text)
+        self.label(label).fill(text)
 
     def open(self, section: str) -> None:
         self.page.locator(".vrte-section", has_text=section).locator(".q-item").first.click()
 
     def solve(self) -> None:
-        self.page.wait_for_function("!document.querySelector('.vrte-go').disabled")
+        self.waits_for(READY)
         self.button("Solve").click()
         self.button("Cancel").wait_for()
         self.button("Cancel").wait_for(state="hidden")
@@ -114,45 +134,42 @@ class Tab:
         box = self.page.get_by_role("slider", name=name).bounding_box()
         self.page.mouse.click(box["x"] + share * (box["width"] - 4) + 2, box["y"] + box["height"] / 2)
 
-    def figure(self, place: int = 0) -> Any:
-        """The points of the visible figure's largest trace, and its title."""
-        return self.page.evaluate(
-            """place => { const plots = [...document.querySelectorAll('.js-plotly-plot')].filter(p => p.offsetParent);
-            const plot = plots[place]; if (!plot || !plot._fullData) return null;
-            const traces = plot._fullData.map(trace => Array.from(trace.x || trace.r || []));
-            traces.sort((a, b) => b.length - a.length);
-            return {title: plot.getAttribute('aria-label') || '', points: traces[0] || []}; }""",
-            place,
-        )
-
     def wait_for_figure(self, different: Any = None) -> Any:
-        """The figure, once it is there and another than that."""
+        """The points of the visible figure's largest trace, and its title, once it is there and another than that."""
         for _ in range(PATIENCE // 100):
-            found = self.figure()
+            found = self.evaluate(FIGURE, 0)
             if found and found["points"] and (different is None or found["points"] != different["points"]):
                 return found
             self.page.wait_for_timeout(100)
         raise AssertionError("no figure came")
 
     def choose(self, label: str, option: str) -> None:
-        self.page.get_by_label(label, exact=True).click()
+        self.label(label).click()
         self.pick(option)
 
-    def download(self, text: str, folder: Path) -> Path:
+    def pick(self, option: str) -> None:
+        """Of the open menu."""
+        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
+
+    def download(self, button: str, folder: Path, item: str = "") -> Path:
         with self.page.expect_download() as waiting:
-            self.button("Download").click()
-            self.page.locator(".q-menu .q-item", has_text=text).click()
+            self.button(button).click()
+            if item:
+                self.page.locator(".q-menu .q-item", has_text=item).click()
         path = folder / waiting.value.suggested_filename
         waiting.value.save_as(path)
         return path
 
-    def waits_for(self, condition: str, argument: Any = None) -> None:
-        """Until this is true of the page."""
-        self.page.wait_for_function(condition, arg=argument)
+    def put_in(self, button: str, path: Path) -> None:
+        """A file that a button asks for."""
+        with self.page.expect_file_chooser() as chooser:
+            self.button(button).click()
+        chooser.value.set_files(path)
 
-    def says(self, text: str | re.Pattern[str], exact: bool = False) -> None:
-        """Until it does."""
-        self.page.get_by_text(text, exact=exact).first.wait_for()
+    def says(self, *texts: str | re.Pattern[str], exact: bool = False) -> None:
+        """Waits until it does."""
+        for text in texts:
+            self.page.get_by_text(text, exact=exact).first.wait_for()
 
     def begin_with(self, paint: str) -> None:
         self.button("Begin with a paint").click()
@@ -161,38 +178,36 @@ class Tab:
     def holds(self, label: str, value: str) -> None:
         """Waits until the fields of this label hold these values, joined by commas."""
         fields = f"[...document.querySelectorAll('[aria-label=\"{label}\"]')]"
-        self.page.wait_for_function(f"value => {fields}.map(one => one.value).join() == value", arg=value)
+        self.waits_for(f"value => {fields}.map(one => one.value).join() == value", arg=value)
 
     def value(self, label: str) -> str:
-        found: str = self.page.get_by_label(label, exact=True).first.input_value()
+        found: str = self.label(label).first.input_value()
         return found
 
-    def pick(self, option: str) -> None:
-        """Of the open menu."""
-        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
+    def rest(self, milliseconds: int) -> None:
+        self.page.wait_for_timeout(milliseconds)
 
 
 def fill_a_small_scene(tab: Tab) -> None:
     """Little to solve: absorbing dust at two wavelengths over a grey base."""
-    tab.fill("wavelengths in vacuum [µm]", "0.5, 0.6")
-    tab.fill("substance", "1.5, 0.01")
-    tab.fill("radius [µm]", "0.05")
-    tab.fill("optical thickness", "1")
     tab.open("Accuracy")
-    tab.fill("nodes a hemisphere", "6")
     tab.open("Directions of the BRDF")
-    tab.fill("cosines of incidence µ_i", "0.3, 0.6, 1")
+    for label, text in (
+        ("wavelengths in vacuum [µm]", "0.5, 0.6"),
+        ("substance", "1.5, 0.01"),
+        ("radius [µm]", "0.05"),
+        ("optical thickness", "1"),
+        ("nodes a hemisphere", "6"),
+        ("cosines of incidence µ_i", "0.3, 0.6, 1"),
+    ):
+        tab.fill(label, text)
 
 
-@pytest.mark.slow
 def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     tab.fill("optical thickness", "-1")
-    reason = tab.page.get_by_role(
-        "button", name="Solve waits: layer 1: optical thickness must be an optical thickness >= 0"
-    )
-    reason.wait_for()
+    reason = "Solve waits: layer 1: optical thickness must be an optical thickness >= 0"
+    tab.page.get_by_role("button", name=reason).click()
     assert tab.button("Solve").is_disabled()
-    reason.click()
     tab.waits_for("document.activeElement.getAttribute('aria-label') == 'optical thickness'")
     start = tab.wait_for_figure()  # a first page shows something
     fill_a_small_scene(tab)
@@ -201,16 +216,14 @@ def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., 
     first = tab.wait_for_figure(different=start)
     assert "0.6" in first["title"]
     tab.says(re.compile("^Solved: "))
-
     tab.slide("incident angle", 1.0)
     second = tab.wait_for_figure(different=first)
     assert "μᵢ = 1," in second["title"]
     tab.slide("wavelength", 1.0)
     third = tab.wait_for_figure(different=second)
     tab.says("wavelength 0.6 µm")
-    assert third["title"] != ""
 
-    content = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
+    content = tomllib.loads(tab.download("Download", tmp_path, "scene, TOML").read_text(encoding="utf-8"))
     expected = {**START, "wavelength_um": [0.5, 0.6], "nodes": 6}
     expected["particles"] = {"gold": {"index": [1.5, 0.01], "radius_um": 0.05}}
     expected["layer"] = [{"particles": "gold", "thickness": 1}]
@@ -218,25 +231,17 @@ def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., 
     assert content == expected
     numbers = vrte.spectrum(content)
     for text in ("BRDF, NetCDF", "BRDF, CSV"):
-        found = vrte.load(tab.download(text, tmp_path))
+        found = vrte.load(tab.download("Download", tmp_path, text))
         assert_close(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
 
     stranger = open_tab()
     assert stranger.value("radius [µm]") == "0.6"
     assert stranger.wait_for_figure() == start
-
     tab.page.reload()
     assert tab.wait_for_figure() == third
     assert tab.value("radius [µm]") == "0.05"
 
 
-GOLD = ROOT / "examples" / "gold_powder.toml"  # 40 nodes, which the start scene does not ask for
-DROP = """([text, name]) => { const transfer = new DataTransfer(); transfer.items.add(new File([text], name));
-    for (const type of ['dragover', 'drop']) document.body.dispatchEvent(
-        new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true})); }"""
-
-
-@pytest.mark.slow
 def test_every_tab_and_every_download(tab: Tab, tmp_path: Path) -> None:
     fill_a_small_scene(tab)
     tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
@@ -253,66 +258,63 @@ def test_every_tab_and_every_download(tab: Tab, tmp_path: Path) -> None:
     tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
     tab.wait_for_figure(different=third)
     assert tab.value("incident light") == "other"
-    assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
+    assert tab.download("Download", tmp_path, "picture of the figure").read_bytes().startswith(b"\x89PNG")
     for name in ("Cuts", "Reflectance", "Inside", "Scattering", "Plan"):
-        tab.page.get_by_role("tab", name=name).click()
+        tab.go_to(name)
         if name != "Plan":
             tab.wait_for_figure()
-        if name == "Reflectance":
-            for base in ("over black", "over white (albedo 1)"):
-                tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
+        for base in ("over black", "over white (albedo 1)") if name == "Reflectance" else ():
+            tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
     tab.says("transmission: not asked for")
     for suffix in ("NetCDF", "CSV"):
-        field = vrte.load(tab.download(f"field inside, {suffix}", tmp_path))
+        field = vrte.load(tab.download("Download", tmp_path, f"field inside, {suffix}"))
         assert field.stokes.shape == (5, 120, 2, 4)
-    tensors = read_tensors(tab.download("Mitsuba tensor", tmp_path))
+    tensors = read_tensors(tab.download("Download", tmp_path, "Mitsuba tensor"))
     assert tensors["wvls"].ravel().tolist() == [450, 500, 550, 600, 650]
-    expected = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
-    five = vrte.spectrum(expected, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
+    content = tomllib.loads(tab.download("Download", tmp_path, "scene, TOML").read_text(encoding="utf-8"))
+    five = vrte.spectrum(content, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
     write_mitsuba(five, tmp_path / "expected.bsdf")
     assert_close(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp_path: Path) -> None:
     tab.wait_for_figure()
     tab.open("Accuracy")
-    tab.fill("nodes a hemisphere", "1000000")
-    tab.says("nodes a hemisphere = 1000000: must be a whole number from 1 to 4096")
-    tab.fill("nodes a hemisphere", "900")
-    tab.fill("substance", "../../../etc/passwd")
-    tab.says("is neither a known name")
-    tab.fill("substance", "<img src=x onerror=alert(1)>")
-    tab.says("'<img src=x onerror=alert(1)>' is neither a known name")
-    tab.fill("substance", "gold")
+    for label, text, words in (
+        ("nodes a hemisphere", "1000000", "nodes a hemisphere = 1000000: must be a whole number from 1 to 4096"),
+        ("nodes a hemisphere", "900", ""),
+        ("substance", "../../../etc/passwd", "is neither a known name"),
+        ("substance", "<img src=x onerror=alert(1)>", "'<img src=x onerror=alert(1)>' is neither a known name"),
+        ("substance", "gold", ""),
+    ):
+        tab.fill(label, text)
+        tab.says(*filter(None, [words]))
     name = '<script>alert(1)</script><img src="http://192.0.2.1/x" onerror="alert(2)">'[:60]
-    tab.page.get_by_label("name of the kind", exact=True).fill(name)
+    tab.fill("name of the kind", name)
     tab.page.keyboard.press("Tab")
     tab.page.locator(".vrte-field", has_text=name).wait_for()  # the layer holds it by that name, as text
 
     tab.fill("radius [µm]", "2.5")  # takes a while
     tab.says("The form has changed since this was solved")
-    tab.waits_for("!document.querySelector('.vrte-go').disabled")
+    tab.waits_for(READY)
     tab.button("Solve").click()
     tab.says("The scene of the form is being solved: what is shown here is the scene before.")
     tab.button("Cancel").click()
     tab.says("cancelled", exact=True)
     tab.says("The form has changed since this was solved")
 
-    chooser = tab.page.locator(".vrte-header input[type=file]")
-    for file, words in (
-        ("bad.toml", "not valid TOML"),
-        ("bad.nc", "the file is not a NetCDF file"),
-        ("table.toml", "reads no files of the machine"),
+    for file, text, words in (
+        ("bad.toml", "[[[", "not valid TOML"),
+        ("bad.nc", "[[[", "the file is not a NetCDF file"),
+        ("table.toml", write_toml(TABLE), "reads no files of the machine"),
     ):
-        (tmp_path / file).write_text(write_toml(TABLE) if file == "table.toml" else "[[[")
-        chooser.set_input_files(tmp_path / file)
+        (tmp_path / file).write_text(text)
+        tab.page.locator(".vrte-header input[type=file]").set_input_files(tmp_path / file)
         tab.says(words)
-    with tab.page.expect_file_chooser() as opened:
-        tab.button("Open").click()
-    opened.value.set_files(GOLD)
+    gold = ROOT / "examples" / "gold_powder.toml"  # 40 nodes, which the start scene does not ask for
+    tab.put_in("Open", gold)
     tab.holds("nodes a hemisphere", "40")
-    tab.page.evaluate(DROP, [GOLD.read_text().replace("nodes = 40", "nodes = 17"), "dropped.toml"])
+    tab.evaluate(DROP, [gold.read_text().replace("nodes = 40", "nodes = 17"), "dropped.toml"])
     tab.holds("nodes a hemisphere", "17")
 
 
@@ -335,9 +337,13 @@ CONTROLS = """() => {
             const key = `${name} ${counts[name]}`;
             window.controls[key] = one;
             return key; })}; }"""
+EXPECTED = (
+    "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|"
+    "add a surface|add a kind|remove this|alkyd|in degrees|thickness in|radiance field|Accuracy|incident light|Lobe|"
+    "Cuts|Reflectance|Appearance|Begin with a paint|Measurement|Open a measurement|Inside|Scattering|Plan"
+)
 
 
-@pytest.mark.slow
 def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     """All that is on the page, that clicks bring, and that menus and dialogs offer: no error in the console."""
     tab = open_tab(accept_downloads=True)
@@ -346,7 +352,7 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     clicked: set[str] = set()
     opener = ""
     for _ in range(400):
-        found = tab.page.evaluate(CONTROLS)
+        found = tab.evaluate(CONTROLS)
         keys = found["keys"]
         if found["list"]:
             keys = [keys[-1], keys[0]]  # all of them would take minutes
@@ -362,46 +368,37 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
                 clicked.discard(opener)  # opened again for the others
             elif not found["top"]:
                 opener = left[0]
-            tab.page.evaluate("key => { controls[key].scrollIntoView({block: 'center'}); }", left[0])
+            tab.evaluate("key => { controls[key].scrollIntoView({block: 'center'}); }", left[0])
             control = tab.page.evaluate_handle("key => controls[key]", left[0]).as_element()
             box, before = control.bounding_box(), None
             while box and box != before:  # it may still be moving
-                tab.page.wait_for_timeout(60)
+                tab.rest(60)
                 before, box = box, control.bounding_box()
             if box is None:  # gone with its menu or dialog: it comes again
                 clicked.discard(left[0])
                 continue
             tab.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        tab.page.wait_for_timeout(350 if found["top"] else 800)  # menus and dialogs come and go
+        tab.rest(350 if found["top"] else 800)  # menus and dialogs come and go
     else:
         raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
-    expected = (
-        "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|"
-        "add a layer|add a surface|add a kind|remove this|alkyd|in degrees|thickness in|radiance field|Accuracy|"
-        "incident light|Lobe|Cuts|Reflectance|Appearance|Begin with a paint|Measurement|Open a measurement|Inside|"
-        "Scattering|Plan"
-    )
-    assert [name for name in expected.split("|") if name not in " ".join(clicked)] == [], sorted(clicked)
+    assert [name for name in EXPECTED.split("|") if name not in " ".join(clicked)] == [], sorted(clicked)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [(390, 844), (820, 1180)])
 def test_narrow_pages_are_one_column_and_nothing_is_cut(open_tab: Callable[..., Tab], size: tuple[int, int]) -> None:
     tab = open_tab(size=size, color_scheme="dark")
     before = None
     for name in ("Lobe", "Cuts", "Reflectance", "Inside", "Scattering"):
-        tab.page.get_by_role("tab", name=name).click()
+        tab.go_to(name)
         before = tab.wait_for_figure(different=before)
         box = tab.page.locator(".vrte-plot:visible").first.bounding_box()
-        assert (box["x"] >= 0.0, box["x"] + box["width"] <= size[0]) == (True, True)
+        assert 0.0 <= box["x"] <= box["x"] + box["width"] <= size[0]
         assert box["width"] > 0.85 * min(size[0], 780)
         assert box["height"] > 300
         assert box["y"] < size[1] - 300  # in sight without scrolling
-    assert tab.page.evaluate("document.documentElement.scrollWidth") == size[0]
+    assert tab.evaluate("document.documentElement.scrollWidth") == size[0]
     assert tab.page.locator("body.body--dark").count() == 1
-    assert (
-        tab.page.evaluate("document.querySelector('.vrte-plot:not([style*=none])').layout.paper_bgcolor") == "#14181c"
-    )
+    assert tab.evaluate("document.querySelector('.vrte-plot:not([style*=none])').layout.paper_bgcolor") == "#14181c"
     tab.button("Theme").click()
     tab.pick("light")
     tab.waits_for("!document.body.classList.contains('body--dark')")
@@ -411,24 +408,23 @@ def test_narrow_pages_are_one_column_and_nothing_is_cut(open_tab: Callable[..., 
     assert tab.page.locator("body.body--dark").count() == 0
 
 
-@pytest.mark.slow
-def test_keys_solve_and_turn_and_what_comes_is_told(tab: Tab) -> None:
+def test_keys_solve_and_turn_and_what_comes_is_read_out(tab: Tab) -> None:
     start = tab.wait_for_figure()
-    assert tab.page.evaluate("document.documentElement.lang") == "en"
+    assert tab.evaluate("document.documentElement.lang") == "en"
     for level, text in ((1, "vrte"), (2, "Scene"), (2, "Result"), (3, "Subsurface BRDF")):
         assert tab.page.get_by_role("heading", level=level, name=text).count() == 1
     camera = "JSON.stringify(document.querySelector('.vrte-plot')._fullLayout.scene._scene.getCamera().eye)"
-    before = tab.page.evaluate(camera)
+    before = tab.evaluate(camera)
     tab.page.locator(".vrte-plot").first.focus()
     for key in ("ArrowLeft", "ArrowUp", "+"):
         tab.page.keyboard.press(key)
     tab.waits_for(f"{camera} != {before!r}")
-    turned = tab.page.evaluate(camera)
+    turned = tab.evaluate(camera)
     tab.fill("optical thickness", "0.5")
     tab.page.keyboard.press("Enter")
     tab.wait_for_figure(different=start)
     tab.says(re.compile("^Solved: "))
-    assert tab.page.evaluate(camera) == turned  # the next lobe is seen from there, too
+    assert tab.evaluate(camera) == turned  # the next lobe is seen from there, too
     tab.choose("size", "one diameter")
     assert tab.value("diameter [µm]") == "1.2"
     tab.waits_for("document.activeElement.getAttribute('aria-label') == 'size'")  # drawn anew, still there
@@ -437,36 +433,32 @@ def test_keys_solve_and_turn_and_what_comes_is_told(tab: Tab) -> None:
     tab.holds("name of the kind", "rutile")
 
 
-@pytest.mark.slow
+def pack(text: bytes) -> str:
+    return base64.urlsafe_b64encode(zlib.compress(text, 9)).decode().rstrip("=")
+
+
 def test_a_link_carries_the_scene_and_is_a_strangers(tab: Tab, open_tab: Callable[..., Tab], url: str) -> None:
     tab.fill("radius [µm]", "0.05")
     tab.fill("optical thickness", "7")
     tab.button("Link").click()
     tab.says("The address of this page carries the scene now")
-    address = tab.page.url
-    other = open_tab(f"{url}#{address.partition('#')[2]}")
+    other = open_tab(f"{url}#{tab.page.url.partition('#')[2]}")
     other.holds("optical thickness", "7")
     assert other.value("radius [µm]") == "0.05"
     for text, words in (
         ("AAAA", "the link holds no scene, or it is damaged"),
         (pack(b"a" * 10**7), "at most 1000000 bytes"),
         (pack(b'" "' + b'." "' * 16_000 + b"=1"), "leads through more than 30 keys, tables or lists"),
+        (write_link(TABLE), "reads no files of the machine"),
     ):
-        other.page.evaluate("text => { location.hash = `scene=${text}`; }", text)
+        assert other.value("optical thickness") == "7"
+        other.evaluate("text => { location.hash = `scene=${text}`; }", text)
         other.says(words)
-    assert other.value("optical thickness") == "7"
-    other.page.evaluate("text => { location.hash = `scene=${text}`; }", write_link(TABLE))
-    other.says("reads no files of the machine")
     assert other.value("table of coefficients") == "/etc/x.csv"  # a name alone
     assert other.button("Solve").is_disabled()
 
 
-def pack(text: bytes) -> str:
-    return base64.urlsafe_b64encode(zlib.compress(text, 9)).decode().rstrip("=")
-
-
-@pytest.mark.slow
-def test_files_are_put_in_read_and_told(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
+def test_files_are_put_in_read_and_described(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     cosine = np.cos(np.radians(np.arange(181.0)))
     good, bad, large = (tmp_path / name for name in ("Rayleigh (1).csv", "bad.csv", "large.csv"))
     good.write_text("angle_deg,F11\n" + "".join(f"{k},{0.75 * (1 + c * c)}\n" for k, c in enumerate(cosine)))
@@ -476,16 +468,13 @@ def test_files_are_put_in_read_and_told(tab: Tab, open_tab: Callable[..., Tab], 
     tab.fill("nodes a hemisphere", "4")
     tab.choose("filled with", "a scattering matrix over angle")
     tab.says("Solve waits: layer 1: file needs a file")
-    for path, words in (
-        (large, "the file has more than 60 MB"),
-        (tmp_path / "x.txt", "is no plain name"),
-        (bad, "F11"),
-    ):
-        path.touch()
-        put_in(tab, path)
+    other_name = tmp_path / "x.txt"
+    other_name.touch()
+    for path, words in ((large, "the file has more than 60 MB"), (other_name, "is no plain name"), (bad, "F11")):
+        tab.put_in("choose a file", path)
         tab.says(words)
         assert tab.button("Solve").is_disabled()
-    put_in(tab, good)
+    tab.put_in("choose a file", good)
     tab.says(re.compile("integral: 1 .*lowest eigenvalue"))
     assert tab.value("file") == "Rayleigh-1.csv"
     start = tab.wait_for_figure()
@@ -493,101 +482,16 @@ def test_files_are_put_in_read_and_told(tab: Tab, open_tab: Callable[..., Tab], 
     tab.wait_for_figure(different=start)
     tab.button("Link").click()
     tab.says("It cannot carry Rayleigh-1.csv")
-    with zipfile.ZipFile(tab.download("scene, TOML", tmp_path)) as archive:
+    with zipfile.ZipFile(tab.download("Download", tmp_path, "scene, TOML")) as archive:
         assert archive.namelist() == ["scene.toml", "Rayleigh-1.csv"]
         assert archive.read("Rayleigh-1.csv") == good.read_bytes()
         scene = archive.read("scene.toml").decode()
     other = open_tab()
-    other.page.evaluate(DROP, [scene, "scene.toml"])
-    other.says('"Rayleigh-1.csv" is not here')
-    other.says("reads no files of the machine")  # another's is another's
-    put_in(other, good)
+    other.evaluate(DROP, [scene, "scene.toml"])
+    other.says('"Rayleigh-1.csv" is not here', "reads no files of the machine")  # another's is another's
+    other.put_in("choose a file", good)
     other.says(re.compile("integral: 1 "))
-    other.waits_for("!document.querySelector('.vrte-go').disabled")
-
-
-def put_in(tab: Tab, path: Path) -> None:
-    with tab.page.expect_file_chooser() as chooser:
-        tab.button("choose a file").click()
-    chooser.value.set_files(path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(1280, 800), (800, 1000)])
-def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
-    open_tab: Callable[..., Tab], size: tuple[int, int]
-) -> None:
-    """All rows of all registries: labels fit their fields, and no field leaves the form."""
-    tab = open_tab(size=size)
-    for label, count in (("what", len(SOURCES)), ("size", len(SIZES)), ("what lies beneath", len(BASES)),
-                         ("filled with", len(PHASES))):  # fmt: skip
-        for place in range(count):
-            tab.page.get_by_label(label, exact=True).first.click()
-            tab.page.locator(".q-menu .q-item").nth(place).click()
-            tab.page.locator(".q-menu").wait_for(state="detached")
-            tab.page.wait_for_timeout(300)
-            assert tab.page.evaluate(CUT) == [], f"{label} {place}"
-    tab.button("add a surface or interface").click()
-    tab.choose("surface", "rough: many small facets")
-    tab.page.wait_for_timeout(300)
-    assert tab.page.evaluate(CUT) == []
-
-
-@pytest.mark.slow
-def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> None:
-    """On a phone, too, in the dark, and by keys; what is of another setting is grey, and says so."""
-    tab = open_tab(size=(390, 844), color_scheme="dark")
-    tab.page.get_by_role("tab", name="Appearance").click()
-    tab.says("Layer 1 has an optical thickness")
-    for one in tab.page.get_by_role("tab").all():
-        box = one.bounding_box()
-        assert (box["x"] >= 0.0, box["x"] + box["width"] <= 390.0) == (True, True)
-    tab.begin_with("White gloss paint")
-    tab.page.get_by_text(re.compile("^Solved: ")).wait_for(state="hidden")  # that was of another scene
-    tab.wait_for_figure()
-    swatch, slider = (tab.page.locator(one).first.bounding_box() for one in (".vrte-drawdown", ".vrte-bars .q-slider"))
-    assert swatch["y"] + swatch["height"] < slider["y"] < 844 - 96  # both are seen at once
-    tab.waits_for(SETTLED)
-    tab.says(re.compile(r"^hiding thickness [\d.]+ µm"))
-    tab.says(re.compile(r"^gloss 20°/60°/85°: [\d.]+ / [\d.]+ / [\d.]+ GU"))
-    mark = tab.page.get_by_text("for the previous setting", exact=True)
-    mark.wait_for(state="hidden")
-    assert tab.value("thickness [µm]") == "60"
-    assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
-    swatches = tab.page.get_by_role("img", name=re.compile("^colour over (black|white): #[0-9a-f]{6}$"))
-    before = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
-    tab.button("Compare with this from now on").click()
-    tab.says("ΔE2000 from before: over black 0.00")
-    tab.waits_for("!document.querySelector('.vrte-old')")
-    tab.page.evaluate(WATCH)
-    tab.slide("thickness [µm]", 0.3)
-    tab.waits_for("before => document.querySelector('.vrte-drawdown > div').ariaLabel != before", before[0])
-    tab.waits_for(SETTLED)
-    mark.wait_for(state="hidden")
-    seen = tab.page.evaluate("window.seen")
-    assert any(grey for _, grey in seen)
-    assert all(grey for colour, grey in seen if colour == before[0])  # never the old colour at full strength
-    assert seen[-1][1] is False
-    thickness = float(tab.value("thickness [µm]"))
-    assert 3.0 < thickness < 10.0  # the slider is the form's field
-    after = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
-    assert after[0] != before[0]
-    ratio = re.search(r"[\d.]+", tab.page.locator(".vrte-heading", has_text="contrast ratio").inner_text())
-    assert ratio
-    assert 0.6 < float(ratio[0]) < 0.97
-    colour = "document.querySelector('.vrte-drawdown > div').style.background"
-    red, green, blue = (int(after[0][-6:][place : place + 2], 16) for place in (0, 2, 4))
-    assert tab.page.evaluate(colour) == f"rgb({red}, {green}, {blue})"
-    tab.page.keyboard.press("ArrowRight")
-    tab.waits_for("before => [...document.querySelectorAll('.vrte-left input')].every(i => i.value != before)",
-                  f"{thickness:g}")  # fmt: skip
-    tab.choose("illuminant", "A, light bulb")
-    tab.waits_for("after => document.querySelector('.vrte-drawdown > div').ariaLabel != after", after[0])
-
-
-SETTLED = """() => [...document.querySelectorAll('.vrte-status .vrte-note')].some(
-    one => one.innerText.startsWith('16 wavelengths'))
-    && !document.querySelector('.vrte-status .q-spinner')?.checkVisibility()"""
+    other.waits_for(READY)
 
 
 CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingClientRect();
@@ -598,12 +502,93 @@ CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingCl
     return [...cut, ...out]; }"""
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1280, 800), (800, 1000)])
+def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
+    open_tab: Callable[..., Tab], size: tuple[int, int]
+) -> None:
+    """All rows of all registries: labels fit their fields, and no field leaves the form."""
+    tab = open_tab(size=size)
+    for label, rows in {"what": SOURCES, "size": SIZES, "what lies beneath": BASES, "filled with": PHASES}.items():
+        for place in range(len(rows)):
+            tab.label(label).first.click()
+            tab.page.locator(".q-menu .q-item").nth(place).click()
+            tab.page.locator(".q-menu").wait_for(state="detached")
+            tab.rest(300)
+            assert tab.evaluate(CUT) == [], f"{label} {place}"
+    tab.button("add a surface or interface").click()
+    tab.choose("surface", "rough: many small facets")
+    tab.rest(300)
+    assert tab.evaluate(CUT) == []
+
+
+FINISHED = """() => [...document.querySelectorAll('.vrte-status .vrte-note')].some(
+    one => one.innerText.startsWith('16 wavelengths'))
+    && !document.querySelector('.vrte-status .q-spinner')?.checkVisibility()"""
+# after every change of the page, once a slider has moved: the first swatch's colour, and whether it is grey
+WATCH = """() => { window.seen = [];
+    const moved = document.querySelector('.vrte-bars').innerText;
+    new MutationObserver(() => {
+        if (document.querySelector('.vrte-bars').innerText == moved) return;
+        const now = document.querySelector('.vrte-now');
+        window.seen.push([now.querySelector('.vrte-drawdown > div').ariaLabel, now.classList.contains('vrte-old')]);
+    }).observe(document.body, {subtree: true, childList: true, characterData: true, attributes: true}); }"""
+SWATCH_CHANGES = "before => document.querySelector('.vrte-drawdown > div').ariaLabel != before"
+
+
+def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> None:
+    """On a phone, too, in the dark, and by keys; what is of another setting is grey, and says so."""
+    tab = open_tab(size=(390, 844), color_scheme="dark")
+    tab.go_to("Appearance")
+    tab.says("Layer 1 has an optical thickness")
+    for one in tab.page.get_by_role("tab").all():
+        box = one.bounding_box()
+        assert 0.0 <= box["x"] <= box["x"] + box["width"] <= 390.0
+    tab.begin_with("White gloss paint")
+    tab.page.get_by_text(re.compile("^Solved: ")).wait_for(state="hidden")  # that was of another scene
+    tab.wait_for_figure()
+    swatch, slider = (tab.page.locator(one).first.bounding_box() for one in (".vrte-drawdown", ".vrte-bars .q-slider"))
+    assert swatch["y"] + swatch["height"] < slider["y"] < 844 - 96  # both are seen at once
+    tab.waits_for(FINISHED)
+    tab.says(re.compile(r"^hiding thickness [\d.]+ µm"), re.compile(r"^gloss 20°/60°/85°: [\d.]+ / [\d.]+ / [\d.]+ GU"))
+    mark = tab.page.get_by_text("for the previous setting", exact=True)
+    mark.wait_for(state="hidden")
+    assert tab.value("thickness [µm]") == "60"
+    assert tab.evaluate("document.documentElement.scrollWidth") == 390
+    first = tab.page.get_by_role("img", name=re.compile("^colour over black: #[0-9a-f]{6}$"))
+    before = first.get_attribute("aria-label")
+    tab.button("Compare with this from now on").click()
+    tab.says("ΔE2000 from before: over black 0.00")
+    tab.waits_for("!document.querySelector('.vrte-old')")
+    tab.evaluate(WATCH)
+    tab.slide("thickness [µm]", 0.3)
+    tab.waits_for(SWATCH_CHANGES, arg=before)
+    tab.waits_for(FINISHED)
+    mark.wait_for(state="hidden")
+    seen = tab.evaluate("window.seen")
+    assert any(grey for _, grey in seen)
+    assert all(grey for colour, grey in seen if colour == before)  # never the old colour at full strength
+    assert seen[-1][1] is False
+    thickness = float(tab.value("thickness [µm]"))
+    assert 3.0 < thickness < 10.0  # the slider is the form's field
+    after = first.get_attribute("aria-label")
+    ratio = re.search(r"[\d.]+", tab.page.locator(".vrte-heading", has_text="contrast ratio").inner_text())
+    assert ratio
+    assert 0.6 < float(ratio[0]) < 0.97
+    red, green, blue = (int(after[-6:][place : place + 2], 16) for place in (0, 2, 4))
+    colour = tab.evaluate("document.querySelector('.vrte-drawdown > div').style.background")
+    assert colour == f"rgb({red}, {green}, {blue})"
+    tab.page.keyboard.press("ArrowRight")
+    moved = "before => [...document.querySelectorAll('.vrte-left input')].every(i => i.value != before)"
+    tab.waits_for(moved, arg=f"{thickness:g}")
+    tab.choose("illuminant", "A, light bulb")
+    tab.waits_for(SWATCH_CHANGES, arg=after)
+
+
 def test_layers_are_added_and_reordered_and_a_surface_mirrors(tab: Tab) -> None:
     fill_a_small_scene(tab)
     tab.button("add a layer").click()
     tab.holds("optical thickness", "1,1")
-    tab.page.get_by_label("optical thickness", exact=True).nth(1).fill("3")
+    tab.label("optical thickness").nth(1).fill("3")
     tab.button("down").first.click()
     tab.holds("optical thickness", "3,1")
     tab.page.get_by_role("button", name="remove this layer").first.click()
@@ -614,14 +599,13 @@ def test_layers_are_added_and_reordered_and_a_surface_mirrors(tab: Tab) -> None:
     tab.solve()
     tab.waits_for("""() => [...document.querySelectorAll('.js-plotly-plot')].some(p => p.offsetParent
         && (p.getAttribute('aria-label') || '').includes('mirrored: '))""")
-    tab.page.get_by_role("tab", name="Reflectance").click()
+    tab.go_to("Reflectance")
     tab.says("without what is mirrored as a beam")
     tab.choose("filled with", "nothing: clear or tinted")
-    tab.page.get_by_role("tab", name="Appearance").click()
+    tab.go_to("Appearance")
     tab.says("No layer here holds particles")  # the server complains of nothing in the end
 
 
-@pytest.mark.slow
 def test_a_result_file_is_shown_from_the_start(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
@@ -642,19 +626,15 @@ albedo = 0.3
 """
 
 
-@pytest.mark.slow
 def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path: Path) -> None:
     rows = vrte.Measurement("f00", 0.0, 0.001, theta_i_deg=30.0, theta_o_deg=np.arange(-60.0, 61.0, 20.0))
-    there = HAZE.replace("0.4", "0.7")
-    rows.measure(rows.predict(tomllib.loads(there))).save(tmp_path / "panel.csv")
-    tab.page.locator(".vrte-header input[type=file]").set_input_files(
-        {"name": "haze.toml", "mimeType": "text/plain", "buffer": HAZE.encode()}
-    )
+    rows.measure(rows.predict(tomllib.loads(HAZE.replace("0.4", "0.7")))).save(tmp_path / "panel.csv")
+    tab.evaluate(DROP, [HAZE, "haze.toml"])
     tab.holds("optical thickness", "0.4")
     start = tab.wait_for_figure()
-    tab.page.evaluate(DROP, ["quantity,value\nf00,bright\n", "bad.csv"])
+    tab.evaluate(DROP, ["quantity,value\nf00,bright\n", "bad.csv"])
     tab.says("line 2: value must be a number, not 'bright'")
-    tab.page.evaluate(DROP, [(tmp_path / "panel.csv").read_text(), "panel.csv"])
+    tab.evaluate(DROP, [(tmp_path / "panel.csv").read_text(), "panel.csv"])
     first = tab.wait_for_figure(different=start)
     assert first["title"].startswith("Measured f00; points: measured")
     tab.says("-60 to 60° (7)", exact=True)
@@ -665,16 +645,13 @@ def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path
     tab.button("Fit").click()
     tab.says("layer 1: optical thickness is 0.4 now, which is not between 0.04 and 0.3")
     tab.fill("layer 1: optical thickness, to", "5")
-    tab.page.wait_for_timeout(300)
+    tab.rest(300)
     tab.button("Fit").click()
     tab.says("What fits best")
-    for button, name in (("Page of the fit", "fit.html"), ("Fitted scene, TOML", "fitted.toml")):
-        with tab.page.expect_download() as waiting:
-            tab.button(button).click()
-        assert waiting.value.suggested_filename == name
-        waiting.value.save_as(tmp_path / name)
-    assert "http" not in re.sub(r"http://www\.w3\.org/\S*", "", (tmp_path / "fit.html").read_text())
-    content = tomllib.loads((tmp_path / "fitted.toml").read_text())
+    page, scene = (tab.download(button, tmp_path) for button in ("Page of the fit", "Fitted scene, TOML"))
+    assert (page.name, scene.name) == ("fit.html", "fitted.toml")
+    assert "http" not in re.sub(r"http://www\.w3\.org/\S*", "", page.read_text())
+    content = tomllib.loads(scene.read_text())
     assert content["layer"][0]["thickness"] == close_to(0.7, rtol=1e-4, atol=0.0)
     assert content["base"] == {"kind": "lambertian", "albedo": 0.3}
     tab.button("Take these values").click()
@@ -727,45 +704,35 @@ TRAPS = r"""() => {
 CLEAN = {"faint": [], "nameless": [], "mains": 1, "nested": [], "heads": 0}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_everything_can_be_read_and_has_a_name(open_tab: Callable[..., Tab], scheme: str) -> None:
     """Contrasts of 4.5, one main landmark, nothing to click inside a picture: on every tab, with a field that is wrong,
     with several wavelengths."""
     tab = open_tab(color_scheme=scheme)
+
+    def is_clean(after: int = 500) -> None:
+        tab.rest(after)
+        assert tab.evaluate(TRAPS) == CLEAN
+
     fill_a_small_scene(tab)
     tab.solve()
     for name in ("Lobe", "Cuts", "Reflectance", "Appearance", "Measurement", "Inside", "Scattering", "Plan"):
-        tab.page.get_by_role("tab", name=name).click()
-        tab.page.wait_for_timeout(700)
-        assert tab.page.evaluate(TRAPS) == CLEAN, name
+        tab.go_to(name)
+        is_clean(700)
     tab.fill("optical thickness", "-1")
     tab.says("Solve waits")
-    tab.page.wait_for_timeout(400)
-    assert tab.page.evaluate(TRAPS) == CLEAN
+    is_clean()
     tab.fill("optical thickness", "1")
-    tab.page.get_by_role("tab", name="Appearance").click()
+    tab.go_to("Appearance")
     tab.begin_with("White gloss paint")
     tab.wait_for_figure()
     tab.waits_for("!document.querySelector('.vrte-old')")
-    tab.page.wait_for_timeout(500)
-    assert tab.page.evaluate(TRAPS) == CLEAN
+    is_clean()
     tab.button("Gallery").click()
     tab.says("Paints to begin with")
-    tab.page.wait_for_timeout(500)
-    assert tab.page.evaluate(TRAPS) == CLEAN
+    is_clean()
     tab.button("Rutile in alkyd").click()
     tab.says("White gloss paint")
     assert tab.value("median diameter [µm]") == "0.2"
     assert tab.value("refractive index of its medium") == "alkyd"
-    tab.waits_for("!document.querySelector('.vrte-go').disabled")
-
-
-# after every change of the page, once a slider has moved: the first swatch's colour, and whether it is grey
-WATCH = """() => { window.seen = [];
-    const moved = document.querySelector('.vrte-bars').innerText;
-    new MutationObserver(() => {
-        if (document.querySelector('.vrte-bars').innerText == moved) return;
-        const now = document.querySelector('.vrte-now');
-        window.seen.push([now.querySelector('.vrte-drawdown > div').ariaLabel, now.classList.contains('vrte-old')]);
-    }).observe(document.body, {subtree: true, childList: true, characterData: true, attributes: true}); }"""
+    tab.waits_for(READY)
