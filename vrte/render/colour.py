@@ -23,20 +23,14 @@ NEEDED = "a picture in colour", "render"  # what for, and the extra that brings 
 
 
 def choose_wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) -> Array:
-    """``count`` wavelengths [um] in equal steps over what of 0.40 to 0.70 lies between ``low`` and ``high``.
-
-    >>> choose_wavelengths(31)[:3].round(4).tolist(), choose_wavelengths(10, low=0.43)[:3].round(4).tolist()
-    ([0.4, 0.41, 0.42], [0.43, 0.46, 0.49])
-    """
+    """``count`` wavelengths [um] in equal steps over what of 0.40 to 0.70 lies between ``low`` and ``high``."""
     low, high = max(low, FROM_UM), min(high, TO_UM)
     return np.linspace(low, high, count).round(6).clip(low, high)
 
 
 def weigh_wavelengths(wavelengths_um: Array) -> Array:
-    """(3, wavelength): what X, Y and Z take of each wavelength's radiance; Y of 1 at all wavelengths is 1.
-
-    As `spread_weights` has it, in sunlight, for the observer of 2 degrees. Raises MissingExtraError.
-    """
+    """(3, wavelength): weights of radiances in sunlight in X, Y and Z for the observer of 2 degrees; radiances of 1
+    make Y = 1. Raises MissingExtraError."""
     import_colour_science(*NEEDED)
     return spread_weights(wavelengths_um, *combine_with_observer(load_sunlight_spectrum, observer=2))
 
@@ -51,8 +45,7 @@ def load_sunlight_spectrum(wavelengths_um: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """What makes XYZ an exposed picture: ``matrix`` (3, 3) takes XYZ to linear sRGB with the light's white at the
-    screen's."""
+    """``matrix`` (3, 3) takes XYZ to exposed linear sRGB, the light's white to the screen's."""
 
     matrix: Array
 
@@ -66,7 +59,6 @@ class Film:
 
 
 def make_film(white_xyz: Array, stops: float = 0.0) -> Film:
-    """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
-    ``stops`` doubles that."""
+    """Film for light of this white (3,): Y = 1 becomes the screen's brightest, each of ``stops`` doubles that."""
     import_colour_science(*NEEDED)
     return Film(2.0**stops * balance_for_screen((white_xyz / white_xyz[1]).tobytes()))

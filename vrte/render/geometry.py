@@ -28,12 +28,7 @@ class Camera:
 
 
 def place_camera(elevation_deg: float, azimuth_deg: float) -> Camera:
-    """The camera that stands in this direction, seen from the scene.
-
-    >>> camera = place_camera(0.0, 0.0)
-    >>> camera.toward.tolist(), camera.right.tolist(), camera.up.tolist()
-    ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    """
+    """The camera that stands in this direction, seen from the scene."""
     elevation, azimuth = np.radians([elevation_deg, azimuth_deg])
     heading = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     toward = np.cos(elevation) * heading + np.sin(elevation) * UP
@@ -99,10 +94,8 @@ def compute_normals(camera: Camera, theta: Array, psi: Array) -> Array:
 
 
 def convert_to_polar(travel: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Signed cosine, azimuth [rad] and axis l (..., 3) of directions of travel (..., 3) in the frame x, y, z.
-
-    At the poles the azimuth is 0 by choice, and l the one that belongs to it.
-    """
+    """Signed cosine, azimuth [rad] and axis l (..., 3) of directions of travel (..., 3) in the frame x, y, z; at the
+    poles the azimuth is 0 by choice."""
     cosine = np.clip((travel * z).sum(axis=-1), -1.0, 1.0)
     azimuth = np.arctan2((travel * y).sum(axis=-1), (travel * x).sum(axis=-1))
     sine = np.sqrt(1.0 - cosine**2)
@@ -121,11 +114,7 @@ def find_turn(travel: Array, old: Array, new: Array) -> Array:
 
 
 def turn_stokes(stokes: Array, angle: Array) -> Array:
-    """Stokes vectors (..., 4), or (..., 3) without V, on axes turned by ``angle`` (...) [rad] from l toward r.
-
-    >>> turn_stokes(np.array([1.0, 1.0, 0.0, 0.5]), np.array(np.pi / 4)).round(12).tolist()
-    [1.0, 0.0, -1.0, 0.5]
-    """
+    """Stokes vectors (..., 4), or (..., 3) without V, on axes turned by ``angle`` (...) [rad] from l toward r."""
     cosine, sine = np.cos(2.0 * angle), np.sin(2.0 * angle)
     intensity, q, u, *v = np.moveaxis(stokes, -1, 0)
     return np.stack(np.broadcast_arrays(intensity, cosine * q + sine * u, cosine * u - sine * q, *v), axis=-1)

@@ -89,10 +89,8 @@ class Stage:
         return Points.seen(np.einsum("nk,nkc->nc", shares, body.corners[corner]), normal, self.lens)
 
     def find_lit(self, samples: Samples, points: Points) -> Any:
-        """Whether the sun reaches the places (n,) that samples show.
-
-        Rays begin on the surface that the normals belong to, outside flat triangles: those would shadow themselves.
-        """
+        """Whether the sun reaches the places (n,) that samples show; rays begin outside flat triangles, on the surface
+        that the normals belong to: triangles would shadow themselves."""
         body = self.bodies[int(samples.body[0])]
         corner = body.triangles[samples.triangle]
         below = ((body.corners[corner] - points.position[:, None]) * body.normals[corner]).sum(axis=2)
@@ -102,10 +100,8 @@ class Stage:
 
 
 def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[Array, Samples]:
-    """Sky and ground as channels (pixel, 6), each as much as is seen of it, and the samples of all objects.
-
-    ``observer`` (3, wavelength) weighs wavelengths.
-    """
+    """Sky and ground as channels (pixel, 6), each as much as is seen of it, and the samples of all objects;
+    ``observer`` (3, wavelength) weighs wavelengths."""
     lens, rays = stage.lens, stage.rays
     count = lens.width * lens.height
     found, kept = np.zeros((count, CHANNELS)), []
@@ -183,10 +179,8 @@ def draw_object(
 def add_glints(
     found: Array, stage: Stage, samples: Samples, tables: Sequence[BrdfTable], light: SceneLight, observer: Array
 ) -> None:
-    """Adds the sun's image in smooth surfaces, an even disc of 0.53 degrees, to channels (pixel, 6).
-
-    Pixels whose samples mirror places near the sun, nearer than they are apart, are looked at once more, closely.
-    """
+    """Adds the sun's image in smooth surfaces, an even disc of 0.53 degrees, to channels (pixel, 6): pixels whose
+    samples mirror places near the sun, nearer than they are apart, are sampled once more, closely."""
     away = np.empty(len(samples.pixel))
     for block in split(len(samples.pixel), BLOCK):
         points = stage.find_points(samples.choose(block))
@@ -209,8 +203,9 @@ def add_glints(
             continue
         points = stage.find_points(here)
         shine = np.flatnonzero(points.mirrored @ light.sky.beam > np.cos(SUN_RADIUS))
-        start = points.position + OFF_SURFACE * points.normal
-        shine = shine[~stage.rays.find_blocked(start[shine], -points.mirrored[shine])] if shine.size else shine
+        if shine.size:
+            bright = points.choose(shine)
+            shine = shine[surfaces.find_free(stage.rays, bright, bright.mirrored)[0]]
         if not shine.size:
             continue
         points = points.choose(shine)

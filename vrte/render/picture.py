@@ -205,10 +205,7 @@ def describe_light(setting: PictureSetting, renderings: Sequence[Rendering]) -> 
 
 
 def describe_wavelengths(chosen: Sequence[float]) -> str:
-    """
-    >>> describe_wavelengths([0.4, 0.55, 0.7]), describe_wavelengths([0.64])
-    ('3 wavelengths, 0.4 to 0.7 µm', '0.64 µm')
-    """
+    """How many wavelengths, from where to where; one alone by itself."""
     return f"{chosen[0]:g} µm" if len(chosen) == 1 else f"{len(chosen)} wavelengths, {chosen[0]:g} to {chosen[-1]:g} µm"
 
 
@@ -236,11 +233,7 @@ def _find_largest(pictures: Sequence[Array]) -> float:
 
 
 def round_up(value: float) -> float:
-    """To a step of ROUND times a power of ten; a scale for what is zero.
-
-    >>> round_up(0.013), round_up(0.0)
-    (0.015, 1e-06)
-    """
+    """To a step of ROUND times a power of ten; a scale for what is zero."""
     if value <= 1e-6:
         return 1e-6
     power = 10.0 ** np.floor(np.log10(value))

@@ -32,12 +32,10 @@ FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
 class Rendering:
     """One picture before it is drawn, of a material, or of more that stand beside each other.
 
-    ``xyz`` (height, width, 3), CIE XYZ, and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a
-    white Lambertian surface that faces the sun in the same light. NaN around a sphere. Stokes axes: l upright, r to the
-    right, so that angles of polarization run clockwise from the upright. ``film`` makes colours of ``xyz``, and
-    ``cover`` (height, width) is a sphere's share of each pixel, 1 around what stands on the ground. ``errors``: those
-    of the BRDFs between the directions of their tables, as `measure_interpolation_error` found them. Middles of objects
-    are ``apart`` [pixels].
+    CIE ``xyz`` (height, width, 3) and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a white
+    Lambertian surface that faces the sun, NaN around a sphere. Stokes axes: l upright, r to the right. ``cover``
+    (height, width) is a sphere's share of each pixel, 1 around what stands on the ground. ``errors`` of the BRDFs
+    between the directions of their tables; middles of objects are ``apart`` [pixels].
     """
 
     materials: Sequence[Material]
@@ -67,11 +65,8 @@ def compute_pictures(
     together: bool = False,
 ) -> list[Rendering]:
     """The pictures of all materials, or the one in which they stand beside each other; ``progress`` is called with
-    (steps done, steps, what begins).
-
-    The first of ``resolutions`` that is fine enough is taken, or the last. Raises MissingExtraError without
-    colour-science or what objects take, SceneError, and what `vrte.brdf` raises.
-    """
+    (steps done, steps, what begins). The first of ``resolutions`` that is fine enough is taken, or the last. Raises
+    MissingExtraError, SceneError, and what `vrte.brdf` raises."""
     import_colour_science(*colour.NEEDED)
     done, steps = 0, sum(2 * material.wavelengths_um.size for material in materials)  # a table and a picture each
 

@@ -41,11 +41,8 @@ RANGES = {  # key: lowest, highest, in words
 
 @dataclass(frozen=True)
 class PictureSetting:
-    """What is common to all materials of a picture.
-
-    Angles in degrees: the sun's azimuth from behind the camera to its right. ``sky`` is one of `vrte.render.sky.KINDS`,
-    ``exposure`` in stops from where a white sphere's brightest point is just white, ``size_px`` the side of a picture.
-    """
+    """What is common to all materials of a picture: the ``sky``, one of `vrte.render.sky.KINDS`, angles in degrees, the
+    sun's azimuth from behind the camera to its right, ``exposure`` in stops, the side of a picture ``size_px``."""
 
     sky: str = "rayleigh"
     sun_elevation_deg: float = 40.0
@@ -100,11 +97,8 @@ def read(
     paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] = ()
 ) -> tuple[list[Material], PictureSetting]:
     """The materials of scene files, and the one setting of their picture; ``count`` wavelengths and the ``shapes`` of
-    objects, one for all or one for each, win over the files'.
-
-    Raises SceneError naming file, dotted key, what was given and what is allowed; two files that disagree in what a
-    picture has once only are an error, and so is a file that cannot be read.
-    """
+    objects, one for all or one for each, win over the files'. Raises SceneError, also for two files that disagree in
+    what a picture has once only."""
     materials: list[Material] = []
     given: dict[str, tuple[Any, Path]] = {}
     if len(shapes) not in (0, 1, len(paths)):

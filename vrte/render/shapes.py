@@ -157,11 +157,8 @@ SHAPES: dict[str, Callable[[], Body]] = {"ball": make_ball, "vase": make_vase, "
 
 
 def load_mesh(path: Path) -> Body:
-    """The mesh of a file, one unit large, the z axis up. Edges sharper than 30 degrees stay edges, the rest is shaded
-    smoothly. It warns of triangles without an area, which are left out.
-
-    Raises SceneError, OSError, MissingExtraError without trimesh.
-    """
+    """The mesh of a file, one unit large, the z axis up; edges sharper than 30 degrees stay edges. Warns of triangles
+    without an area, which are left out. Raises SceneError, OSError, MissingExtraError."""
     trimesh = import_extra("trimesh", *NEEDED)
     try:
         corners, triangles = read_triangles(path, trimesh)

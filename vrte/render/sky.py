@@ -28,12 +28,9 @@ SKY_ACCURACY = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Sky:
-    """Light that falls on an object, at each wavelength.
-
-    ``sun`` (wavelength,) [W m-2] is the irradiance of the beam at the ground, unpolarized, that travels along
-    ``beam`` (3,). ``splines`` (wavelength, theta, 3, 4) hold the sky's Fourier orders 0 to 2 in azimuth as B-spline
-    coefficients over ``theta`` [rad], the angle from the zenith; ``ground`` (wavelength,) is the radiance from below.
-    """
+    """Light that falls on an object, at each wavelength: ``sun`` (wavelength,) [W m-2], the irradiance of the
+    unpolarized beam along ``beam`` (3,) at the ground; ``splines`` (wavelength, theta, 3, 4) of the sky's Fourier
+    orders 0 to 2 in azimuth over ``theta`` [rad] from the zenith; ``ground`` (wavelength,), the radiance from below."""
 
     sun: Array
     beam: Array
@@ -57,11 +54,8 @@ class Sky:
 
 
 def compute_optical_thickness(wavelength_um: Any) -> Array:
-    """Of the molecules above sea level, 1013.25 hPa, 45 degrees latitude.
-
-    Bodhaine, Wood, Dutton and Slusser, Journal of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30:
-    within 0.01 % of their own tables from 0.25 to 0.85 um.
-    """
+    """Of the molecules above sea level, 1013.25 hPa, 45 degrees latitude: Bodhaine, Wood, Dutton and Slusser, Journal
+    of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30, good to 0.01 % from 0.25 to 0.85 um."""
     square = np.asarray(wavelength_um, dtype=float) ** 2
     found: Array = (
         0.0021520
@@ -72,13 +66,8 @@ def compute_optical_thickness(wavelength_um: Any) -> Array:
 
 
 def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, ground_albedo: float) -> Sky:
-    """The light of ``kind``: "rayleigh", "sun" (no atmosphere, a black sky) or "uniform" (radiance 1 from all sides).
-
-    The sun stands at this elevation, at azimuth 0. Raises whatever `vrte.radiance` does.
-
-    >>> make_sky("sun", [0.5], 30.0, 0.0).beam.round(3).tolist()
-    [-0.866, -0.0, -0.5]
-    """
+    """The light of ``kind``: "rayleigh", "sun" (no atmosphere, a black sky) or "uniform" (radiance 1 from all sides);
+    the sun stands at this elevation, at azimuth 0. Raises whatever `vrte.radiance` does."""
     count = len(wavelengths_um)
     elevation = np.radians(elevation_deg)
     beam = -np.array([np.cos(elevation), 0.0, np.sin(elevation)])
@@ -97,11 +86,7 @@ def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, g
 
 
 def make_horizon_angles(count: int, steepest: float) -> Array:
-    """Angles (count,) [rad] from 0 to arccos(steepest), closer to each other toward the horizon.
-
-    >>> make_horizon_angles(3, 1e-4).round(3).tolist()
-    [0.0, 1.003, 1.571]
-    """
+    """Angles (count,) [rad] from 0 to arccos(steepest), closer to each other toward the horizon."""
     steps = np.linspace(0.0, 1.0, count)
     found: Array = np.arccos(steepest) * (0.33 * steps + 0.67 * np.sin(0.5 * np.pi * steps))
     return found

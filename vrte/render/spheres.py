@@ -121,11 +121,8 @@ class View:
 
 
 def mirror_sun(camera: Camera, beam: Array, radius: float, size: int) -> Array:
-    """Mean radiance (size * size,) [1/sr] of the sun's image on a mirroring sphere, for an irradiance of 1.
-
-    The sun is a disc of even brightness. A sphere sends back 1/4 of what falls on its cross section into every
-    steradian: so much is in all pixels together.
-    """
+    """Mean radiance (size * size,) [1/sr] of the sun's image, an even disc, on a mirroring sphere, for an irradiance of
+    1: all pixels together hold 1/4 of what falls on the cross section."""
     found = np.zeros((size, size))
     half = camera.toward - beam
     cosine = 0.5 * float(np.linalg.norm(half))

@@ -185,11 +185,8 @@ class SceneLight:
         return found
 
     def find(self, position: Array, travel: Array, edge: Any = None) -> Array:
-        """Stokes radiance (n, wavelength, 3) along ``travel`` at these places, where no object is in its way.
-
-        ``edge``, of all or of each (n,): the height over which the horizon is spread, for pixels or for quadratures of
-        few directions.
-        """
+        """Stokes radiance (n, wavelength, 3) along ``travel`` at these places, where no object is in its way; ``edge``,
+        of all or of each (n,): the height over which the horizon is spread."""
         if edge is not None:
             share = np.clip(0.5 - travel[:, 2] / edge, 0.0, 1.0)[:, None]
             found = share[..., None] * self.sky.find(travel)
@@ -256,9 +253,11 @@ def split(count: int, each: int) -> Iterator[slice]:
     return (slice(start, start + each) for start in range(0, count, each))
 
 
-def find_free(rays: Rays | None, start: Array, travel: Array) -> Any:
-    """Indices of the rays along ``travel`` (n, 3) that reach ``start`` (n, 3); without bodies all do."""
-    return np.arange(len(travel)) if rays is None else np.flatnonzero(~rays.find_blocked(start, -travel))
+def find_free(rays: Rays | None, points: Points, travel: Array) -> tuple[Any, Array]:
+    """Indices of the rays along ``travel`` (n each, 3) that reach their points (n), and where they end (free, 3)."""
+    start = np.repeat(points.position + OFF_SURFACE * points.normal, len(travel) // len(points.normal), axis=0)
+    free = np.arange(len(travel)) if rays is None else np.flatnonzero(~rays.find_blocked(start, -travel))
+    return free, start[free]
 
 
 def gather_skylight(
@@ -270,14 +269,13 @@ def gather_skylight(
         here = points.choose(block)
         travel, weights = find_incoming_directions(here.normal, resolution, ground=bool(light.sky.ground.any()))
         each, travel = travel.shape[1], travel.reshape(-1, 3)
-        start = np.repeat(here.position + OFF_SURFACE * here.normal, each, axis=0)
-        free = find_free(rays, start, travel)
+        free, start = find_free(rays, here, travel)
         owner, travel = free // each, travel[free]
         mu_o = here.mu_o[owner]
         cosine, azimuth, on_surface = convert_to_polar(travel, here.x[owner], here.y[owner], here.normal[owner])
         matrix, mirrored = lookup.rows(-cosine, mu_o, -azimuth)
         matrices = (matrix @ lookup.values.reshape(len(lookup.values), -1)).reshape(free.size, len(lookup.tables), 4, 3)
-        falls_in = light.find(start[free], travel)
+        falls_in = light.find(start, travel)
         falls_in = turn_stokes(falls_in, find_turn_from_world(travel, on_surface)[:, None])
         falls_in *= (weights.ravel()[free] * -cosine)[:, None, None]
         falls_in[mirrored] *= FLIP[:3]
@@ -312,10 +310,9 @@ def mirror_surroundings(
 ) -> Array:
     """Stokes radiance (n, wavelength, 4) to the camera of sky and ground that smooth surfaces mirror, but the sun."""
     travel, cosine = points.mirrored, points.mu_o[:, None]
-    start = points.position + OFF_SURFACE * points.normal
-    free = find_free(rays, start, travel)
+    free, start = find_free(rays, points, travel)
     falls_in = np.zeros((len(travel), len(lookup.tables), 4))
-    falls_in[free, :, :3] = light.find(start[free], travel[free], edge)
+    falls_in[free, :, :3] = light.find(start, travel[free], edge)
     on_surface = -cosine * points.x - np.sqrt(1.0 - cosine**2) * points.normal
     falls_in = turn_stokes(falls_in, find_turn_from_world(travel, on_surface)[:, None])
     matrices = np.stack([table.mirror(points.mu_o) for table in lookup.tables], axis=1)
@@ -330,13 +327,13 @@ def gather_off_facets(points: Points, lookup: Lookup, light: SceneLight, rays: R
     for block in split(len(points.position), max(1, BLOCK // (AROUND * SLOPES[surface.distribution]))):
         here = points.choose(block)
         travel, operators = spread_over_facets(surface, here)
-        each = len(travel) // len(here.position)
-        start = np.repeat(here.position + OFF_SURFACE * here.normal, each, axis=0)
-        free = find_free(rays, start, travel)
-        free = free[operators[free, 0, 0] > 0.0]
-        falls_in = light.find(start[free], travel[free], surface.roughness)
+        free, start = find_free(rays, here, travel)
+        lit = operators[free, 0, 0] > 0.0
+        free, start = free[lit], start[lit]
+        falls_in = light.find(start, travel[free], surface.roughness)
         leaves = np.einsum("nst,nwt->nws", operators[free][:, :, :3], falls_in)
-        found[block] = add_up(leaves, np.bincount(free // each, minlength=len(here.position)))
+        owner = free // (len(travel) // len(here.normal))
+        found[block] = add_up(leaves, np.bincount(owner, minlength=len(here.normal)))
     return turn_stokes(found, points.back[:, None])
 
 
