@@ -104,7 +104,7 @@ def test_pages_name_tests_that_exist() -> None:
         tests = re.findall(r"`(tests/\w+\.py)::(\w+)`", statement)
         assert tests, f"no test is named for: {statement}"
         for file, name in tests:
-            assert f"\ndef {name}(" in (ROOT / file).read_text("utf-8"), f"{file} has no {name}"
+            assert f"def {name}(" in (ROOT / file).read_text("utf-8"), f"{file} has no {name}"
 
 
 def test_generated_pages_are_what_registries_and_parsers_say() -> None:
