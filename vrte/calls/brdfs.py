@@ -8,8 +8,8 @@ from vrte.basics.arrays import check_list
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
 from vrte.calls.alike import make_alike_request, solve_alike_ones
-from vrte.calls.brdf import make_brdf, solve_brdf
-from vrte.calls.derivatives import Derivatives, check_differentiable, read_derivatives
+from vrte.calls.brdf import make_brdf
+from vrte.calls.derivatives import Derivatives, check_differentiable, find_light, read_derivatives
 from vrte.calls.forecast import warn_runtime_of_all
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
@@ -114,18 +114,15 @@ def solve_brdfs(
         run = make_run(requests[0])
         run.runtime_warned = told
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
-    together = {} if any(variations) else solve_alike_ones(requests, told, progress)
-    found, done = [], len(together)
-    for place, (request, some) in enumerate(zip(requests, variations, strict=True)):
-        if place in together:
-            found.append(together[place])
-            continue
+    found = {} if any(variations) else solve_alike_ones(requests, told, progress)
+    rest = [place for place in range(count) if place not in found]
+    for done, place in enumerate(rest, len(found)):
         part = share_progress(progress, done, count)
-        found.append(solve_brdf(request, part, told, some))
-        done += 1
+        light = find_light(requests[place], variations[place], part, told)
+        found[place] = make_brdf(requests[place], *light[1:])
         if part is not None:
             part(1, 1)
-    return found
+    return [found[place] for place in range(count)]
 
 
 def solve_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:

@@ -1,22 +1,20 @@
 """Derivatives of what a call finds: which are asked for, and how each is found."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from vrte.basics import cost
-from vrte.basics.arrays import check_list
+from vrte.basics.arrays import Array, check_list
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.memory import check_bytes
-from vrte.basics.running import Progress, Run, share_progress
-from vrte.calls.differences import differentiate_once
+from vrte.basics.running import Progress, Run, run_interruptible, share_progress
+from vrte.calls.differences import differentiate_beams, differentiate_once
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.planning.operations import count_operations_of_derivatives, count_operations_of_plan
 from vrte.discrete_ordinates.planning.plan import Differentiated, Plan, plan_request
 from vrte.discrete_ordinates.planning.plan_table import count_bytes_of_derivatives
-from vrte.methods import solve_request
+from vrte.methods import make_run, solve_request
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.solution import Solution
@@ -37,11 +35,6 @@ class Derivative:
     solution: Solution
     how: str
 
-    @property
-    def name(self) -> str:
-        """What the number that light was differentiated with is called."""
-        return self.variation.name
-
 
 def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
     """The variations that are asked for, names among them looked up in the scene. Raises SceneError for a name that
@@ -55,26 +48,25 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
     for one in found:
         if names.count(one.name) > 1:
             raise SceneError(f"derivatives: {one.name} is asked for twice", "derivatives", one.name)
-        if one.thickness.size != len(scene.layers):
-            words = f"it is of {one.thickness.size} layers, and the scene has {len(scene.layers)}"
+        if words := find_fault(scene, one):
             raise SceneError(f"derivatives: {one.name}: {words}", "derivatives", one.name)
-        if one.changes_nothing:
-            raise SceneError(f"derivatives: {one.name}: it does nothing to the scene", "derivatives", one.name)
-        check_semi_infinite(scene, one)
     return found
 
 
-def check_semi_infinite(scene: Scene, variation: Variation) -> None:
-    """Whether there is such a derivative: of a semi-infinite layer, not with its thickness, and with its albedo only
-    where it absorbs: light goes with the root of what is absorbed. Raises SceneError."""
-    last, name = scene.layers[-1], variation.name
-    if not np.isinf(last.thickness):
-        return
+def find_fault(scene: Scene, variation: Variation) -> str:
+    """Why there is no such derivative of a scene, otherwise empty: of a semi-infinite layer, with its thickness, and
+    with its albedo where it absorbs nothing: light goes with the root of what is absorbed."""
+    last, of = scene.layers[-1], variation.thickness.size
+    if of != len(scene.layers):
+        return f"it is of {of} layers, and the scene has {len(scene.layers)}"
+    if variation.changes_nothing:
+        return "it does nothing to the scene"
+    if last.thickness < float("inf"):
+        return ""
     if variation.thickness[-1]:
-        raise SceneError(f"derivatives: {name}: a semi-infinite layer has no thickness to change", "derivatives", name)
-    if last.albedo == 1.0 and variation.albedo[-1]:
-        words = "of a semi-infinite layer the derivative with the albedo is infinite at 1"
-        raise SceneError(f"derivatives: {name}: {words}", "derivatives", name)
+        return "a semi-infinite layer has no thickness to change"
+    is_singular = last.albedo == 1.0 and variation.albedo[-1]
+    return "of a semi-infinite layer the derivative with the albedo is infinite at 1" if is_singular else ""
 
 
 def check_differentiable(request: Request) -> None:
@@ -86,9 +78,21 @@ def check_differentiable(request: Request) -> None:
         raise SceneError(f"derivatives {words}, not {request.backend.label!r}", "derivatives")
 
 
+def find_light(
+    request: Request,
+    variations: Sequence[Variation] = (),
+    progress: Progress | None = None,
+    runtime_warned: bool = False,
+) -> tuple[Array, Solution, list[Derivative]]:
+    """As `solve_with_derivatives`, in a run of its own; ``runtime_warned``: how long it takes was said."""
+    run = make_run(request)
+    run.runtime_warned = runtime_warned
+    return run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
+
+
 def solve_with_derivatives(
     request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
-) -> tuple[Any, Solution, list[Derivative]]:
+) -> tuple[Array, Solution, list[Derivative]]:
     """The cosines and the solution of a request with its method named, as without derivatives, and these."""
     if not variations:
         return *solve_request(request, run, progress), []
@@ -96,15 +100,18 @@ def solve_with_derivatives(
     parts = 1 + len(variations)
     directions, solution = solve_request(request, run, share_progress(progress, 0, parts))
 
-    def told(done: int, total: int) -> None:
+    def tell(done: int, total: int) -> None:
         assert progress is not None
         progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
 
-    orders = count_orders_found(solution.diagnostics)
-    plan = plan_request(converge_on_nodes(request, solution), run)
-    found = differentiate(plan, variations, run, told if progress else None, orders)
-    how = {"derivatives": {one.name: one.how for one in found}}
-    return directions, replace(solution, diagnostics=solution.diagnostics | how), found
+    made, nodes = solution.diagnostics, request
+    if request.nodes is None:  # the derivatives are of the nodes that were found, to the accuracy of their solve
+        chosen = {name: made[name] for name in ("nodes", "grading", "nodes_rule")}
+        nodes = replace(request, refined=True, **chosen)
+    plan = plan_request(nodes, run)
+    found = differentiate(plan, variations, run, tell if progress else None, count_orders_found(made))
+    how = {"derivatives": {one.variation.name: one.how for one in found}}
+    return directions, replace(solution, diagnostics=made | how), found
 
 
 def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
@@ -113,36 +120,21 @@ def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
     return max(int(diagnostics["orders"]), int(other.get("orders", 0)))
 
 
-def converge_on_nodes(request: Request, solution: Solution) -> Request:
-    """The request with the nodes that its solution took, and the accuracy that these were solved to."""
-    if request.nodes is not None:
-        return request
-    found = solution.diagnostics
-    return replace(
-        request, nodes=found["nodes"], grading=found["grading"], nodes_rule=found["nodes_rule"], refined=True
-    )
-
-
 def differentiate(
-    plan: Plan,
-    variations: Sequence[Variation],
-    run: Run,
-    progress: Progress | None = None,
-    orders: int | None = None,
+    plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None, orders: int | None = None
 ) -> list[Derivative]:
-    """The derivatives of a plan's solution, by the algebra of slabs where it tells them, else by differences;
+    """The derivatives of a plan's solution, by the algebra of slabs where it has them, else by differences;
     ``orders``: how many the solution took."""
     ways = plan_derivatives(plan, variations)
-    exact = [one for one, way in zip(variations, ways, strict=True) if way.how == ALGEBRA]
-    others = [one for one, way in zip(variations, ways, strict=True) if way.how != ALGEBRA]
-    words = f"{len(ways)} derivative{'s'[: len(ways) > 1]}"
-    operations = count_operations_of_plan(plan) * sum(way.solves for way in ways)
-    warn_runtime_of_derivatives(plan, operations, f"for {words} beside the light", run)
-    check_bytes(
-        count_bytes_of_derivatives(replace(plan, derivatives=ways)), "derivatives", "ask for fewer nodes, mu or phi"
-    )
-    together = share_progress(progress, 0, 1 + len(others))
     how = {one: way.how for one, way in zip(variations, ways, strict=True)}
+    exact = [one for one in variations if how[one] == ALGEBRA]
+    others = [one for one in variations if how[one] != ALGEBRA]
+    operations = count_operations_of_plan(plan) * sum(way.solves for way in ways)
+    words = f"for {len(ways)} derivative{'s'[: len(ways) > 1]} beside the light"
+    warn_runtime_of_derivatives(plan, operations, words, run)
+    size = count_bytes_of_derivatives(replace(plan, derivatives=ways))
+    check_bytes(size, "derivatives", "ask for fewer nodes, mu or phi")
+    together = share_progress(progress, 0, 1 + len(others))
     found: dict[Variation, Solution] = {}
     if exact:
         try:
@@ -155,20 +147,40 @@ def differentiate(
 
 
 def warn_runtime_of_derivatives(plan: Plan, operations: float, what: str, run: Run) -> None:
-    """What takes so many operations beside the light of a plan. Raises SceneError beyond the limit of its request."""
+    """Says how long so many operations beside the light of a plan take. Raises SceneError beyond its limit."""
     seconds = operations / (cost.RATE[EXACT] * run.threads)
-    cost.warn_runtime(
-        seconds, plan.request.time_limit_s, f" {what}", "fewer nodes or derivatives take less", run.runtime_warned
-    )
+    words = f" {what}", "fewer nodes or derivatives take less"
+    cost.warn_runtime(seconds, plan.request.time_limit_s, *words, run.runtime_warned)
 
 
 def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Differentiated, ...]:
     """How each is found of what is planned, and in how many times the operations of the light."""
     if not variations:
         return ()
-    gaps = [find_gap(plan, one) for one in variations]
     algebra = count_operations_of_derivatives(plan, 1.0, cost.ONCE) / max(1.0, count_operations_of_plan(plan))
-    return tuple(
-        Differentiated(one.name, *((ALGEBRA, algebra) if gap is None else (f"{BY_SOLVES} ({gap})", cost.DIFFERENCES)))
-        for one, gap in zip(variations, gaps, strict=True)
-    )
+    gaps = {one.name: find_gap(plan, one) for one in variations}
+    ways = {None: (ALGEBRA, algebra)} | {
+        gap: (f"{BY_SOLVES} ({gap})", cost.DIFFERENCES) for gap in gaps.values() if gap
+    }
+    return tuple(Differentiated(name, *ways[gap]) for name, gap in gaps.items())
+
+
+def collect_jacobians(
+    of: Mapping[str, str],
+    there: Collection[str],
+    request: Request,
+    derivatives: Sequence[Derivative],
+    gather: Callable[[Request, Solution], dict[str, Array]],
+    find_beams: Callable[[Request], dict[str, Array]],
+) -> dict[str, Any]:
+    """Dictionaries of derivatives by the names of numbers, ``of`` which arrays of a result each is, as far as these are
+    ``there``: of those that ``gather`` takes from a solution, and of beams that ``find_beams`` takes from a request."""
+    changes = {
+        one.variation.name: gather(request, one.solution) | differentiate_beams(request, one.variation, find_beams)
+        for one in derivatives
+    }
+    return {
+        attribute: {name: arrays[value] for name, arrays in changes.items()}
+        for attribute, value in of.items()
+        if value in there
+    }

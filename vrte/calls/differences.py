@@ -41,12 +41,15 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
     return total
 
 
-def differentiate_beams(request: Request, variation: Variation, find: Callable[[Request], Array]) -> Array:
-    """The derivative of light that meets no particle, which ``find`` tells of a request of another scene."""
+def differentiate_beams(
+    request: Request, variation: Variation, find: Callable[[Request], dict[str, Array]]
+) -> dict[str, Array]:
+    """The derivatives of light that meets no particle, arrays that ``find`` has of a request of another scene."""
     here = find(request)  # what does not change then cancels to the last digit
-    total = np.zeros_like(here)
+    total = {name: np.zeros_like(values) for name, values in here.items()}
     for weight, scene in sample_scenes(request, variation, beams=True):
-        total = total + weight * (find(place_request(request, scene)) - here)
+        for name, values in find(place_request(request, scene)).items():
+            total[name] += weight * (values - here[name])
     return total
 
 

@@ -1,6 +1,5 @@
 """vrte.linearize: a BRDF, and how it changes with anything that layers and base are made of."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -128,15 +127,7 @@ def linearize(
     >>> vrte.linearize(haze, mu_i=0.5, mu_o=0.5, nodes=4).brdf.mueller.shape
     (1, 1, 1, 4, 4)
     """
-    fixed: Mapping[str, Any] = {
-        "transmission": False,
-        "verify": None,
-        "method": "discrete-ordinates",
-        "settings": None,
-        "illuminate": "top",
-    }
-    asked = {name: value for name, value in locals().items() if name not in ("fixed",)}
-    request = choose_method(make_brdf_request(**asked, **fixed))
+    request = choose_method(make_brdf_request(**locals()))
     check_differentiable(request)
     run = make_run(request)
 

@@ -5,22 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, freeze_copy, settle_array
-from vrte.basics.running import Progress, run_interruptible
-from vrte.calls.derivatives import (
-    Derivative,
-    Derivatives,
-    check_differentiable,
-    read_derivatives,
-    solve_with_derivatives,
-)
-from vrte.calls.differences import differentiate_beams
+from vrte.basics.arrays import Array, settle_array
+from vrte.basics.running import Progress
+from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
-from vrte.methods import choose_method, make_run
+from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request, find_under, make_radiance_request
-from vrte.results.field import Field
+from vrte.results.field import FIELD_DERIVATIVES, Field
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_stokes
@@ -93,16 +86,8 @@ def radiance(
     asked = locals()
     variations = read_derivatives(scene, asked.pop("derivatives"))
     request = choose_method(make_radiance_request(**asked))
-    if variations:
-        check_differentiable(request)
-    run = make_run(request)
-    found_all = run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
-    return make_field(request, *found_all, alone=is_one_number(mu0))
-
-
-def is_one_number(value: Any) -> bool:
-    """Whether this is a number and no list of them, not even one of length 1."""
-    return type(value) is float or np.ndim(value) == 0
+    alone = type(mu0) is float or np.ndim(mu0) == 0  # a number, not even a list of length 1
+    return make_field(request, *find_light(request, variations, progress), alone=alone)
 
 
 def make_field(
@@ -112,44 +97,37 @@ def make_field(
     derivatives: Sequence[Derivative] = (),
     alone: bool = False,
 ) -> Field:
-    """What was found, as a result of as many beams as were asked for, or of a beam ``alone``, without their axis."""
-    tau, incident = request.asked_tau, request.incident
-    assert tau is not None
-    assert incident is not None
+    """The result of a solution and its derivatives, of as many beams as were asked for, or of a beam ``alone``, without
+    their axis."""
     warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
     if request.scene.keeps_beams:
         index = locate_depths(request.scene, request.tau, find_under(request)).medium(request.scene.media)
-    seen, *fluxes = gather_light(request, solution)
-    beams = list(find_beams(request))
-    changes = {one.name: gather_light(request, one.solution) for one in derivatives}
-    by_beams = {one.name: differentiate_beams(request, one.variation, find_beams) for one in derivatives}
     if request.illuminate == "bottom" and request.mu is not None:
         directions = -directions
-    if request.fluxes_only:
-        directions = directions[:0]
-    shown = slice(directions.size)
+    directions = directions[: 0 if request.fluxes_only else None]
     beam: Any = 0 if alone else slice(None)
+
+    def gather(asked: Request, found: Solution) -> dict[str, Array]:
+        stokes, up, down = gather_light(asked, found)
+        return {"stokes": stokes[beam][..., : directions.size, :, :], "flux_up": up[beam], "flux_down": down[beam]}
+
+    def find(asked: Request) -> dict[str, Array]:
+        direct, direct_up = find_beams(asked)
+        return {"direct": direct[beam]} | ({"direct_up": direct_up[beam]} if asked.scene.keeps_beams else {})
+
+    arrays: dict[str, Any] = gather(request, solution) | find(request)
+    jacobians = collect_jacobians(FIELD_DERIVATIVES, arrays.keys(), request, derivatives, gather, find)
     return Field(
-        stokes=seen[beam][..., shown, :, :],
-        flux_up=freeze_copy(fluxes[0][beam]),
-        flux_down=freeze_copy(fluxes[1][beam]),
-        direct=freeze_copy(beams[0][beam]),
-        tau=tau,
+        tau=request.asked_tau,  # type: ignore[arg-type]
         mu=directions,
         phi=request.phi,
         mu0=float(request.mu0[0]) if alone else request.mu0,
-        incident_stokes=incident,
+        incident_stokes=request.incident,  # type: ignore[arg-type]
         diagnostics=note_energy(request, solution) | {"illuminate": request.illuminate},
-        direct_up=freeze_copy(beams[1][beam]) if request.scene.keeps_beams else None,
-        index=None if index is None else freeze_copy(index),
-        jacobian={name: found[0][beam][..., shown, :, :] for name, found in changes.items()},
-        flux_up_jacobian={name: found[1][beam] for name, found in changes.items()},
-        flux_down_jacobian={name: found[2][beam] for name, found in changes.items()},
-        direct_jacobian={name: found[0][beam] for name, found in by_beams.items()},
-        direct_up_jacobian=(
-            {name: found[1][beam] for name, found in by_beams.items()} if request.scene.keeps_beams else None
-        ),
+        index=index,
+        **arrays,
+        **jacobians,
     )
 
 

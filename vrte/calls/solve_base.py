@@ -10,7 +10,8 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number, settle_array
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
-from vrte.calls.brdf import brdf, solve_brdf
+from vrte.calls.brdf import brdf, make_brdf
+from vrte.calls.derivatives import find_light
 from vrte.calls.forecast import predict_seconds
 from vrte.calls.plan import make_request
 from vrte.request.how import EXACT, complete_docstring
@@ -78,7 +79,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
         seconds = time.perf_counter() - begin + sum(predict_seconds(request))
         why = f" for a base of {COSINES[place]} cosines and {azimuths} azimuths"
         cost.warn_runtime(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
-        found = solve_brdf(request, asked.get("progress"), told=True)
+        found = make_brdf(request, *find_light(request, (), asked.get("progress"), runtime_warned=True)[1:])
         base, off, off_azimuths = split_checked(found, COSINES[place], azimuths)
         if max(off, off_azimuths) <= wanted:
             return base
