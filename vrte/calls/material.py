@@ -27,10 +27,9 @@ def material(
         One of `vrte.materials()`, or the path of a file of one's own, "my_paint.toml" (docs/how_to/materials.md).
     wavelength_um : float
         In vacuum [um].
-    thickness : float, optional
-        Optical, or
-    thickness_um : float, optional
-        geometrical [um], in place of the typical one; powders and snow need volume_fraction with it.
+    thickness, thickness_um : float, optional
+        Optical, or geometrical [um], in place of the typical one; powders and snow need volume_fraction with the
+        latter.
     volume_fraction : float, optional
         Of all its particles together.
     packing : str, optional

@@ -134,16 +134,19 @@ def take_off_surface(files: Sequence["SceneFile"]) -> tuple[tuple[float, float],
     Raises SceneError where there is none or a rough one, or where the indices are others at other wavelengths, of which
     Mitsuba's dielectric knows nothing.
     """
-    surfaces = [file.scene.interfaces[0] for file in files]
-    if any(surface is None for surface in surfaces):
-        raise SceneError("nested is for scenes with an interface on top, and here is none")
-    if not all(surface.is_smooth for surface in surfaces if surface is not None):
-        raise SceneError("nested is for a smooth surface: Mitsuba's rough dielectric knows no polarization")
-    indices = {(surface.index_above, surface.index_below) for surface in surfaces if surface is not None}
-    if len(indices) > 1:
-        told = ", ".join(f"{above:g}/{below:g}" for above, below in sorted(indices))
-        raise SceneError(f"nested is for a surface of one index, Mitsuba's dielectric has no others: not {told}")
-    return indices.pop(), [replace(file, scene=take_off(file.scene)) for file in files]
+    surfaces = [surface for file in files if (surface := file.scene.interfaces[0])]
+    indices = sorted({(surface.index_above, surface.index_below) for surface in surfaces})
+    words = ""
+    if len(surfaces) < len(files):
+        words = "scenes with an interface on top, and here is none"
+    elif not all(surface.is_smooth for surface in surfaces):
+        words = "a smooth surface: Mitsuba's rough dielectric knows no polarization"
+    elif len(indices) > 1:
+        listed = ", ".join(f"{above:g}/{below:g}" for above, below in indices)
+        words = f"a surface of one index, Mitsuba's dielectric has no others: not {listed}"
+    if words:
+        raise SceneError(f"nested is for {words}")
+    return indices[0], [replace(file, scene=take_off(file.scene)) for file in files]
 
 
 def take_off(scene: Scene) -> Scene:
@@ -154,11 +157,11 @@ def take_off(scene: Scene) -> Scene:
 
 def check_below_surface(table: Spectrum) -> None:
     """Raises SceneError where a beam comes back from below the surface: a table has no place for it."""
-    shares = table.specular_reflectance
-    if shares is not None and shares.max() > NO_BEAM:
+    share = 0.0 if table.specular_reflectance is None else table.specular_reflectance.max()
+    if share > NO_BEAM:
         raise SceneError(
-            f"nested is for surfaces below which light is scattered: up to {shares.max():.2g} of it comes back as a "
-            "beam from below, mirrored by other interfaces or the base, which neither the table nor the surface has"
+            f"nested is for surfaces below which light is scattered: up to {share:.2g} of it comes back as a beam from "
+            "below, mirrored by other interfaces or the base, which neither the table nor the surface has"
         )
 
 

@@ -1,6 +1,5 @@
 """The plan of a call of `vrte.brdf` or `vrte.radiance`, from the same arguments."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -10,13 +9,12 @@ from vrte.calls.derivatives import Derivatives, check_differentiable, plan_deriv
 from vrte.discrete_ordinates.planning.forecast import warn_runtime_of_planning
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
-from vrte.request.how import AUTO, EXACT
+from vrte.request.how import AUTO, EXACT, complete_docstring
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
-REQUESTS: dict[str, Callable[..., Request]] = {"brdf": make_brdf_request, "radiance": make_radiance_request}
 
-
+@complete_docstring
 def plan(
     kind: Literal["brdf", "radiance"], scene: Scene, *arguments: Any, derivatives: Derivatives = None, **keywords: Any
 ) -> Plan:
@@ -27,10 +25,9 @@ def plan(
     kind : {'brdf', 'radiance'}
         The function.
     scene, *arguments, **keywords
-        As that function takes them. With method="auto" the plan says which method the rules take; without ``nodes``
-        they are chosen, by a small solve.
-    derivatives : sequence of str or Variation, optional
-        As that function takes them: the plan says how each is found, and what all of them take.
+        As that function takes them, but for the name of another ``method``, which has no plan. With method="auto" the
+        plan says which method the rules take; without ``nodes`` they are chosen, by a small solve.
+    {derivatives}
 
     Returns
     -------
@@ -40,8 +37,7 @@ def plan(
 
     Raises
     ------
-    SceneError
-        For bad input, and for another method asked for by name, which has no such plan.
+    {SceneError}
     TypeError
         For a keyword that the function does not have.
 
@@ -69,4 +65,5 @@ def plan(
 
 def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
-    return choose_method(REQUESTS[kind](scene, *arguments, **keywords))
+    make: Any = make_brdf_request if kind == "brdf" else make_radiance_request
+    return choose_method(make(scene, *arguments, **keywords))

@@ -73,46 +73,42 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     azimuths = int(np.clip(first.diagnostics.get("orders_of_phase_matrix", 0) + 1, FEWEST_AZIMUTHS, MOST_AZIMUTHS))
     place, more = 0, True
     while more:
-        mu = np.concatenate([make_cosines(COSINES[place]), checked])
+        cosines = COSINES[place]
+        mu = np.concatenate([make_cosines(cosines), checked])
         phi = np.concatenate([np.linspace(0.0, 180.0, azimuths), CHECKED_AZIMUTHS])
         request = make_request("brdf", scene, mu, mu, phi, **asked)
         seconds = time.perf_counter() - begin + sum(predict_seconds(request))
-        why = f" for a base of {COSINES[place]} cosines and {azimuths} azimuths"
+        why = f" for a base of {cosines} cosines and {azimuths} azimuths"
         cost.warn_runtime(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
         found = make_brdf(request, *find_light(request, (), asked.get("progress"), runtime_warned=True)[1:])
-        base, off, off_azimuths = split_checked(found, COSINES[place], azimuths)
+        base, off, off_azimuths = split_checked(found, cosines, azimuths)
         if max(off, off_azimuths) <= wanted:
             return base
         finer = min(place + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)
         more = finer[0] > place or (off_azimuths > wanted and finer[1] > azimuths)
-        place, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
-    warn_user(
-        f"the base is off by {max(off, off_azimuths):.2g} between its {COSINES[place]} cosines and {azimuths} "
-        f"azimuths, and {wanted:g} was asked for",
-        AccuracyWarning,
-    )
+        if more:
+            place, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
+    words = f"the base is off by {max(off, off_azimuths):.2g} between its {cosines} cosines and {azimuths} azimuths"
+    warn_user(f"{words}, and {wanted:g} was asked for", AccuracyWarning)
     return base
 
 
 def split_checked(found: Brdf, cosines: int, azimuths: int) -> tuple[TabulatedBase, float, float]:
     """The table of the first cosines and azimuths, and how far it is off at the other cosines, and at other azimuths
     from its own cosines above CHECKED_FROM, of the largest f_00."""
-    mu, phi, own = found.mu_i[:cosines], found.phi[:azimuths], found.mueller[:cosines, :cosines, :azimuths]
+    mu, phi, own = found.mu_i[:cosines], found.phi[:azimuths], found.mueller[:cosines, :cosines]
     specular = None if found.specular is None else found.specular[:cosines]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CoarseTableWarning)  # how good it is, is measured here
-        base = TabulatedBase(mu, mu, phi, own, specular, found.diagnostics["index_outside"])
+        base = TabulatedBase(mu, mu, phi, own[:, :, :azimuths], specular, found.diagnostics["index_outside"])
+
+    def find_gap(table: Array, solved: Array) -> float:
+        return float(np.abs(table - solved).max() / max(solved[..., 0, 0].max(), 1e-300))
+
     others, steep = found.mu_i[cosines:], mu > CHECKED_FROM
-    off = find_gap(
-        base.reflect(others[:, None, None], others[:, None], phi), found.mueller[cosines:, cosines:, :azimuths]
-    )
+    between = base.reflect(others[:, None, None], others[:, None], phi)
+    off = find_gap(between, found.mueller[cosines:, cosines:, :azimuths])
     if found.specular is not None:
         off = max(off, find_gap(base.reflect_beam(1.0, others), found.specular[cosines:]))
     between = base.reflect(mu[steep][:, None, None], mu[steep][:, None], found.phi[azimuths:])
-    there = found.mueller[:cosines, :cosines, azimuths:][steep][:, steep]
-    return base, off, find_gap(between, there)
-
-
-def find_gap(found: Array, wanted: Array) -> float:
-    """The largest difference of Mueller matrices, over the largest f_00."""
-    return float(np.abs(found - wanted).max() / max(wanted[..., 0, 0].max(), 1e-300))
+    return base, off, find_gap(between, own[:, :, azimuths:][steep][:, steep])

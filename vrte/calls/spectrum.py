@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
@@ -13,13 +13,12 @@ from vrte.basics.running import Progress, share_progress
 from vrte.calls.brdfs import solve_brdfs
 from vrte.calls.forecast import warn_runtime_of_all
 from vrte.calls.plan import make_request
+from vrte.formats.scene_family import SceneFamily
+from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_listed_wavelengths, read_scene
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
 from vrte.scene.variation import Variation
-
-if TYPE_CHECKING:
-    from vrte.formats.scene_file import SceneFile
 
 Source = str | os.PathLike[str] | Mapping[str, Any]  # a scene file, or its content
 
@@ -67,11 +66,47 @@ def spectrum(
     >>> vrte.spectrum(content, [0.45, 0.65])
     Spectrum(2 wavelengths from 0.45 to 0.65 um, Brdf(1 mu_i, 1 mu_o, 1 phi) at each)
     """
-    wavelengths = check_ascending(list_wavelengths(scene) if wavelengths_um is None else wavelengths_um)
+    if wavelengths_um is None:
+        wavelengths_um = read_listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
+    if wavelengths_um is None:
+        raise SceneError("wavelengths_um are missing: say which, or list them as wavelength_um in the scene")
+    wavelengths = check_ascending(wavelengths_um)
     first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
-    files, told = prepare_scenes(scene, wavelengths, folder, first, asked)
+    files, warned = prepare_scenes(scene, wavelengths, folder, first, asked)
     variations = vary_files(scene, wavelengths, derivatives, folder)
-    return solve_spectrum(files, wavelengths, second, told, variations, **asked)
+    return solve_spectrum(files, wavelengths, second, warned, variations, **asked)
+
+
+def prepare_scenes(
+    scene: Source,
+    wavelengths: Array,
+    folder: str | os.PathLike[str] = ".",
+    progress: Progress | None = None,
+    asked: Mapping[str, Any] | None = None,
+) -> tuple[list[SceneFile], bool | None]:
+    """The scene at each wavelength, its particles worked out, and whether it was said that all takes long: what is
+    ``asked`` of them is predicted first, by some of them. Raises SceneError, also beyond ``time_limit_s``."""
+    made: dict[int, SceneFile] = {}
+
+    def prepare(place: int) -> SceneFile:
+        with name_wavelength(wavelength := float(wavelengths[place])):
+            if isinstance(scene, Mapping):
+                return make_scene_file({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
+            return read_scene(scene, "brdf", wavelength)
+
+    def asked_at(place: int) -> tuple[Request, float]:
+        begin = time.perf_counter()
+        made[place] = prepare(place)
+        seconds = time.perf_counter() - begin
+        return make_request("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
+
+    count = wavelengths.size
+    warned = None if asked is None else warn_runtime_of_all(count, asked_at, f"{count} wavelengths")
+    for place in range(count):
+        made[place] = made.get(place) or prepare(place)
+        if progress is not None:
+            progress(place + 1, count)
+    return [made[place] for place in range(count)], warned
 
 
 def vary_files(
@@ -81,54 +116,18 @@ def vary_files(
     Raises SceneError, which names the wavelength."""
     if derivatives is None:
         return []
-    from vrte.formats.scene_family import SceneFamily
-    from vrte.formats.scene_file import read_content
-
     names = [derivatives] if isinstance(derivatives, str) else derivatives
-    content = scene if isinstance(scene, Mapping) else read_content(scene)
-    place, found = Path(folder) if isinstance(scene, Mapping) else Path(scene).parent, []
+    if isinstance(scene, Mapping):
+        content, place = dict(scene), Path(folder)
+    else:
+        content, place = read_content(scene), Path(scene).parent
+    found = []
     for wavelength in wavelengths.tolist():
         try:
             found.append(SceneFamily({**content, "wavelength_um": wavelength}, names, place).variations())
         except SceneError as error:
             raise SceneError(f"derivatives at {wavelength:g} um: {error}", "derivatives") from error
     return found
-
-
-def list_wavelengths(scene: Source) -> list[float]:
-    """The wavelengths that a scene file lists. Raises SceneError where it lists none."""
-    from vrte.formats.scene_file import read_content, read_listed_wavelengths
-
-    found = read_listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
-    if found is None:
-        raise SceneError("wavelengths_um are missing: say which, or list them as wavelength_um in the scene")
-    return found
-
-
-def prepare_scenes(
-    scene: Source,
-    wavelengths: Array,
-    folder: str | os.PathLike[str] = ".",
-    progress: Progress | None = None,
-    asked: Mapping[str, Any] | None = None,
-) -> tuple[list["SceneFile"], bool | None]:
-    """The scene at each wavelength, its particles worked out, and whether it was said that all takes long: what is
-    ``asked`` of them is foretold first, by some of them. Raises SceneError, also beyond ``time_limit_s``."""
-    made: dict[int, SceneFile] = {}
-
-    def asked_at(place: int) -> tuple[Request, float]:
-        begin = time.perf_counter()
-        made[place] = prepare_scene(scene, float(wavelengths[place]), folder)
-        seconds = time.perf_counter() - begin
-        return make_request("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
-
-    count = wavelengths.size
-    told = None if asked is None else warn_runtime_of_all(count, asked_at, f"{count} wavelengths")
-    for place, wavelength in enumerate(wavelengths.tolist()):
-        made[place] = made.get(place) or prepare_scene(scene, wavelength, folder)
-        if progress is not None:
-            progress(place + 1, count)
-    return [made[place] for place in range(count)], told
 
 
 @contextmanager
@@ -142,27 +141,17 @@ def name_wavelength(wavelength_um: float | None) -> Iterator[None]:
         raise error.behind(f"at {wavelength_um:g} um") from error
 
 
-def prepare_scene(scene: Source, wavelength: float, folder: str | os.PathLike[str]) -> "SceneFile":
-    """The scene at one wavelength. Raises SceneError, which names it."""
-    from vrte.formats.scene_file import make_scene_file, read_scene
-
-    with name_wavelength(wavelength):
-        if isinstance(scene, Mapping):
-            return make_scene_file({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
-        return read_scene(scene, "brdf", wavelength)
-
-
 def solve_spectrum(
-    files: Sequence["SceneFile"],
+    files: Sequence[SceneFile],
     wavelengths: Array,
     progress: Progress | None = None,
-    told: bool | None = None,
+    warned: bool | None = None,
     variations: Sequence[Sequence[Variation]] = (),
     **asked: Any,
 ) -> Spectrum:
-    """The spectrum of what `prepare_scenes` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all
+    """The spectrum of what `prepare_scenes` made; ``asked`` as for `spectrum`; ``warned``: whether it was said that all
     takes long, None where nobody looked; ``variations`` of each, to differentiate with."""
     with files[0].located():
         requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
-        found = solve_brdfs(requests, progress, "wavelengths", told, variations)
+        found = solve_brdfs(requests, progress, "wavelengths", warned, variations)
     return Spectrum(wavelengths, tuple(add_scene_text(one, files[0].text) for one in found))

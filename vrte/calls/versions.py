@@ -1,12 +1,12 @@
-"""What a bug report needs to know: versions of vrte and of what it stands on, the machine, and the environment."""
+"""What a bug report needs: versions of vrte and of what it requires, the machine, and the environment."""
 
 import os
 import platform
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from vrte import _core
 from vrte.basics.blas import find_blas_libraries
@@ -40,7 +40,7 @@ def show_versions() -> None:
 
 
 def describe_versions() -> str:
-    """All that a bug report needs, a line each."""
+    """All that a bug report needs, a line each, with ~ in place of the home folder's path."""
     from vrte import __version__  # which is set when all modules are loaded
 
     versions, variables = find_versions(), [name for name in sorted(os.environ) if VARIABLES.match(name)]
@@ -48,37 +48,32 @@ def describe_versions() -> str:
         "Python": f"{platform.python_version()} ({platform.python_implementation()}), {platform.platform()}",
         "processor": describe_processor(),
         "compiled core": describe_core(),
-        **{f"BLAS {place}": told for place, told in enumerate(list_blas(), 1)},
+        **{f"BLAS {place}": words for place, words in enumerate(list_blas(), 1)},
         "refractive indices": describe_database(),
-        "OpenCL": "; ".join(list_devices()),
+        "OpenCL": list_devices(),
         "installed": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
         "not installed": ", ".join(name for name, version in versions.items() if not version),
         "environment": ", ".join(f"{name}={os.environ[name]}" for name in variables),
     }
-    return hide_home("\n".join([f"vrte {__version__}", *(f"{name}: {told or 'none'}" for name, told in facts.items())]))
-
-
-def hide_home(text: str) -> str:
-    """A text with ~ in place of the home folder's path."""
+    text = "\n".join([f"vrte {__version__}", *(f"{name}: {words or 'none'}" for name, words in facts.items())])
     home = str(Path.home())
     return re.sub(rf"{re.escape(home)}(?![\w-])", "~", text) if len(home) > 1 else text
 
 
 def describe_processor() -> str:
-    """Its name, its cores, and the instructions that matter here, as Linux tells them."""
-    try:
+    """Its name, its cores, and the instructions that matter here, as Linux lists them."""
+    lines = []
+    with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    name = told.get("model name") or platform.processor() or platform.machine()
-    flags = (told.get("flags") or told.get("Features") or "").split()
+    known = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    name = known.get("model name") or platform.processor() or platform.machine()
+    flags = (known.get("flags") or known.get("Features") or "").split()
     features = f"; {', '.join(one for one in FEATURES if one in flags)}" if flags else ""
     return f"{name}, {count_usable_cpus()} of {os.cpu_count()} cores may be used{features}"
 
 
 def describe_core() -> str:
-    """How the compiled core was made, and which of its ways this processor takes."""
+    """How the compiled core was made, and which of its variants this processor takes."""
     signed = re.findall(COMPILERS, Path(_core.__file__).read_bytes())
     compilers = ", ".join(dict.fromkeys(one.decode().replace("GCC:", "GCC") for one in signed)) or "an unnamed compiler"
     threads = "OpenMP" if _core.HAS_OPENMP else "no OpenMP: one thread"
@@ -102,33 +97,25 @@ def describe_database() -> str:
         return f"cannot be read: {error}"
 
 
-def list_devices() -> list[str]:
+def list_devices() -> str:
     """OpenCL devices, or why there are none."""
     try:
-        return [f"{one.name} ({one.platform}, driver {one.driver})" for one in device.devices()]
+        return "; ".join(f"{one.name} ({one.platform}, driver {one.driver})" for one in device.devices())
     except (MissingExtraError, DeviceError) as error:
-        return [str(error)]
+        return str(error)
 
 
 def find_versions() -> dict[str, str]:
     """Versions of what vrte requires and of what its extras bring, "" where it is not installed."""
-    try:
+    required, found = list[str](), dict[str, str]()
+    with suppress(metadata.PackageNotFoundError):  # built in place and never installed
         required = metadata.requires("vrte") or []
-    except metadata.PackageNotFoundError:  # built in place and never installed
-        required = []
-    found: dict[str, Any] = {}
     for requirement in required:
         name = re.split(r"[\s\[;<>=!~(]", requirement, maxsplit=1)[0]
-        if name == "vrte" or _find_extra(requirement) in DEVELOPMENT:
+        extra = re.search(r"extra == ['\"]([\w-]+)", requirement)
+        if name == "vrte" or (extra and extra[1] in DEVELOPMENT):
             continue
-        try:
+        found[name] = ""
+        with suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = ""
     return dict(sorted(found.items()))
-
-
-def _find_extra(requirement: str) -> str:
-    """Which extra brings a requirement, "" for what is always there."""
-    found = re.search(r"extra == ['\"]([\w-]+)", requirement)
-    return found[1] if found else ""

@@ -68,41 +68,36 @@ def views(
     given = [check_vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
     depth = check_number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
     try:
-        beams, sights, azimuths = np.broadcast_arrays(*given)
+        geometries = np.array(np.broadcast_arrays(*given))
     except ValueError:
         sizes = ", ".join(str(each.size) for each in given)
         raise SceneError(f"mu0, mu and phi must be of one length, a geometry each, not of {sizes}") from None
+    beams, sights, azimuths = geometries
     if beams.size > MOST_GEOMETRIES:
         raise SceneError(f"there must be at most {MOST_GEOMETRIES} geometries, not {beams.size}")
-    seen = np.empty((beams.size, 4))
-    solves: list[dict[str, Any]] = []
-    incident, index = np.zeros(4), None
-    groups = list(split_geometries(np.lexsort((azimuths, sights, beams)), (beams, sights, azimuths)))
+    groups = list(split_geometries(np.lexsort((azimuths, sights, beams)), geometries))
 
     def asked_at(place: int) -> tuple[Request, float]:
-        of_beam, of_sight, of_azimuth = (np.unique(each[groups[place]]) for each in (beams, sights, azimuths))
-        return make_request("radiance", scene, of_beam, stokes, of_sight, of_azimuth, depth, **how), 0.0
+        mu0, mu, phi = map(np.unique, geometries[:, groups[place]])
+        return make_request("radiance", scene, mu0, stokes, mu, phi, depth, **how), 0.0
 
     warn_runtime_of_all(len(groups), asked_at, f"{len(groups)} groups of geometries")
+    seen, solves = np.empty((beams.size, 4)), list[dict[str, Any]]()
     for rows in groups:
-        axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
-        (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
-        found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
+        (mu0, i), (mu, o), (phi, p) = (np.unique(each[rows], return_inverse=True) for each in geometries)
+        found = radiance(scene, mu0, stokes, mu, phi, depth, **how)
         seen[rows] = found.stokes[i, 0, o, p]
         solves.append(found.diagnostics)
-        incident, index = found.incident_stokes, None if found.index is None else float(found.index[0])
-    return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves}, index)
+    index = None if found.index is None else float(found.index[0])
+    return Views(seen, beams, sights, azimuths, depth, found.incident_stokes, {"solves": solves}, index)
 
 
-def split_geometries(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> Iterator[NDArray[np.intp]]:
-    """Rows, alike ones next to each other, halved until the distinct values of each part span no too large a grid."""
-    if rows.size > 1 and measure_grid(rows, geometries) > LARGEST_GRID:
+def split_geometries(rows: NDArray[np.intp], geometries: Array) -> Iterator[NDArray[np.intp]]:
+    """Rows, equal ones next to each other, halved until the distinct values of each part span no too large a grid of
+    directions."""
+    grid = np.prod([float(np.unique(each[rows]).size) for each in geometries])
+    if rows.size > 1 and grid > LARGEST_GRID:
         for half in np.array_split(rows, 2):
             yield from split_geometries(half, geometries)
-    elif rows.size:
+    else:
         yield rows
-
-
-def measure_grid(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:
-    """How many directions the distinct values of some rows span."""
-    return float(np.prod([float(np.unique(each[rows]).size) for each in geometries]))
