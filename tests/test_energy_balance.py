@@ -45,50 +45,43 @@ def notes_of_energy(found: vrte.Brdf | vrte.Field) -> list[str]:
 @pytest.mark.parametrize("name", BALANCED)
 def test_light_that_balances_is_promised(name: str) -> None:
     scene = BALANCED[name]
-    ends = np.isfinite(scene.thickness)
-    found: list[Any] = [vrte.brdf(scene, MU, 0.5, nodes=12, transmission=bool(ends))]
+    ends = bool(np.isfinite(scene.thickness))
     depths = [0.0, 0.5, scene.thickness if ends else 3.0]
-    found.append(vrte.radiance(scene, 0.6, [1.0, 0.3, -0.5, 0.4], mu=[], tau=depths, nodes=12))
-    for one in found:
+    field = vrte.radiance(scene, 0.6, [1.0, 0.3, -0.5, 0.4], mu=[], tau=depths, nodes=12)
+    for one in (vrte.brdf(scene, MU, 0.5, nodes=12, transmission=ends), field):
         assert notes_of_energy(one) == []
 
 
-def list_content() -> dict[str, Any]:
-    """Facets of alpha 0.3 on white powder, with 8 nodes, which are too few for them."""
-    return {
-        "nodes": 8,
-        "layer": [
-            {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.3}},
-            {"phase": "rayleigh", "albedo": 1.0, "thickness": 10.0},
-        ],
-        "base": {"kind": "lambertian", "albedo": 1.0},
-        "brdf": {"mu_i": MU, "mu_o": 0.5},
-    }
+CONTENT: dict[str, Any] = {  # facets of alpha 0.3 on white powder, with 8 nodes, which are too few for them
+    "nodes": 8,
+    "layer": [
+        {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.3}},
+        {"phase": "rayleigh", "albedo": 1.0, "thickness": 10.0},
+    ],
+    "base": {"kind": "lambertian", "albedo": 1.0},
+    "brdf": {"mu_i": MU, "mu_o": 0.5},
+}
+POWDER = vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.3), make_layer(1.0, 10.0)], WHITE)
+HOW: dict[str, Any] = {"mu_i": MU, "mu_o": 0.5, "nodes": 8}
+WAYS: dict[str, Callable[[], list[Any]]] = {  # to results of the same powder, by 8 nodes
+    "brdf": lambda: [vrte.brdf(POWDER, **HOW)],
+    "sequential": lambda: [vrte.brdf(POWDER, **HOW, backend="sequential")],
+    "doubling": lambda: [vrte.brdf(POWDER, **HOW, algorithm="doubling")],
+    "verify": lambda: [vrte.brdf(POWDER, **HOW, verify=True)],
+    "derivatives": lambda: [vrte.brdf(POWDER, **HOW, derivatives=["layer[2].thickness"])],
+    "brdfs": lambda: vrte.brdfs([POWDER, POWDER], **HOW),
+    "radiance": lambda: [vrte.radiance(POWDER, MU, mu=[], nodes=8)],
+    "nodes": lambda: [vrte.radiance(POWDER, 0.3, [1.0, 0.5, 0.5, 0.5], nodes=8)],
+    "inside": lambda: [vrte.radiance(POWDER, 0.3, mu=[], tau=[0.0, 4.0], nodes=8)],
+    "views": lambda: [vrte.views(POWDER, MU, MU, 0.0, nodes=8).diagnostics["solves"][0]],
+    "spectrum": lambda: [*vrte.spectrum(CONTENT, [0.5, 0.6]).brdfs],
+}
 
 
-def list_solves() -> dict[str, Callable[[vrte.Scene], list[Any]]]:
-    """Every way to a result, by 8 nodes."""
-    how: dict[str, Any] = {"mu_i": MU, "mu_o": 0.5, "nodes": 8}
-    return {
-        "brdf": lambda scene: [vrte.brdf(scene, **how)],
-        "sequential": lambda scene: [vrte.brdf(scene, **how, backend="sequential")],
-        "doubling": lambda scene: [vrte.brdf(scene, **how, algorithm="doubling")],
-        "verify": lambda scene: [vrte.brdf(scene, **how, verify=True)],
-        "derivatives": lambda scene: [vrte.brdf(scene, **how, derivatives=["layer[2].thickness"])],
-        "brdfs": lambda scene: vrte.brdfs([scene, scene], **how),
-        "radiance": lambda scene: [vrte.radiance(scene, MU, mu=[], nodes=8)],
-        "nodes": lambda scene: [vrte.radiance(scene, 0.3, [1.0, 0.5, 0.5, 0.5], nodes=8)],
-        "inside": lambda scene: [vrte.radiance(scene, 0.3, mu=[], tau=[0.0, 4.0], nodes=8)],
-        "views": lambda scene: [vrte.views(scene, MU, MU, 0.0, nodes=8).diagnostics["solves"][0]],
-        "spectrum": lambda scene: [*vrte.spectrum(list_content(), [0.5, 0.6]).brdfs],
-    }
-
-
-@pytest.mark.parametrize("way", list_solves())
+@pytest.mark.parametrize("way", WAYS)
 def test_more_light_than_came_is_not_promised(way: str) -> None:
     """The discrete surface keeps energy to 3 % on 8 nodes, and says so however it is asked."""
-    scene = vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.3), make_layer(1.0, 10.0)], WHITE)
-    for one in list_solves()[way](scene):
+    for one in WAYS[way]():
         told = one if isinstance(one, dict) else one.diagnostics
         assert told["promised"] is False
         assert "the nodes are too few to conserve it" in told["notes"][-1]
@@ -98,9 +91,8 @@ def test_more_light_than_came_is_not_promised(way: str) -> None:
 
 
 def test_more_nodes_for_an_accuracy_are_promised() -> None:
-    scene = vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.3), make_layer(1.0, 10.0)], WHITE)
     for nodes, accuracy, promised in ((24, 1e-4, True), (24, 1e-5, False), (16, 1e-3, True), (16, 1e-4, False)):
-        found = vrte.brdf(scene, MU, 0.5, nodes=nodes, accuracy=accuracy)
+        found = vrte.brdf(POWDER, MU, 0.5, nodes=nodes, accuracy=accuracy)
         assert (np.abs(found.reflectance - 1.0).max() < accuracy) == promised
         assert (notes_of_energy(found) == []) == promised
 
@@ -122,7 +114,7 @@ def test_scenes_that_are_solved_together_are_looked_at_too(monkeypatch: pytest.M
 
 
 def test_sweeps_warn_of_it(tmp_path: Path) -> None:
-    content = list_content() | {"axes": {"layer[2].thickness": [2.0, 10.0]}}
+    content = CONTENT | {"axes": {"layer[2].thickness": [2.0, 10.0]}}
     with pytest.warns(SweepWarning, match=r"energy: 0\.0\d+ of the light .*nodes are too few.* \(and 1 more like it"):
         vrte.sweep(content, tmp_path / "table.zarr")
 
@@ -202,13 +194,10 @@ def test_facets_that_make_much_light_are_warned_of(scene: vrte.Scene) -> None:
     assert notes_of_energy(vrte.brdf(sea, 0.9, 0.5, nodes=8)) == []
 
 
-def test_a_base_that_makes_light_is_named() -> None:
+def test_bases_and_methods_that_make_or_lose_light_are_named() -> None:
     base = vrte.MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([1.0005 / np.pi, 0.0, 0.0, 0.0]))
     found = vrte.brdf(vrte.Scene([make_layer()], base), MU, 0.5, nodes=8).diagnostics
     assert found["notes"][-1].endswith("is made: the base gives back up to 1.0005 of what it gets")
-
-
-def test_methods_that_lose_light_say_so() -> None:
     scene = vrte.Scene([vrte.Layer(HAZE, 1.0, 2.0)], WHITE)
     (note,) = vrte.brdf(scene, MU, 0.5, method="single-scattering").diagnostics["notes"]
     assert note.endswith("is lost where nothing absorbs: method 'single-scattering' does not conserve it")
