@@ -75,91 +75,80 @@ def solve_batches(
 
 
 def sort_into_batches(requests: Sequence[Request]) -> list[tuple[BatchKey, list[int]]]:
-    """Places of scenes of one likeness, so many that they fit into the caches; those with most orders first."""
-    if len(requests) < FEWEST or not is_shared_request(requests[0]):
+    """Places of scenes of one key, so many that they fit into the caches; those with most orders first."""
+    if len(requests) < FEWEST or not is_shared_request(first := requests[0]):
         return []
-    first = requests[0]
     assert first.nodes is not None
     alike: dict[BatchKey, list[int]] = {}
     for place, request in enumerate(requests):
-        likeness = find_batch_key(request.scene, first)
-        if likeness is not None:
-            alike.setdefault(likeness, []).append(place)
+        if (key := find_batch_key(request.scene, first)) is not None:
+            alike.setdefault(key, []).append(place)
     batches = []
-    for likeness, places in alike.items():
+    for key, places in alike.items():
         terms = max(layer.phase_matrix.terms for place in places for layer in requests[place].scene.layers)
-        terms = min(terms, 2 * first.nodes)
-        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, likeness, terms)))
+        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, min(terms, 2 * first.nodes))))
         if len(places) >= FEWEST:
-            batches += [(likeness, places[k : k + step]) for k in range(0, len(places), step)]
+            batches += [(key, places[k : k + step]) for k in range(0, len(places), step)]
     return batches
 
 
-def solve_batch(requests: Sequence[Request], likeness: BatchKey, places: list[int], run: Run) -> dict[int, Brdf]:
-    """Those of one batch that its plan stands for, and that came out right."""
-    begin, whole = time.perf_counter(), run
-    run = replace_unchecked(whole, stages={})
+def solve_batch(requests: Sequence[Request], key: BatchKey, places: list[int], run: Run) -> dict[int, Brdf]:
+    """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
+    why."""
+    begin, own = time.perf_counter(), replace_unchecked(run, stages={})
     scenes = [requests[place].scene for place in places]
-    alike, fits = plan_batch(requests[places[0]], likeness, scenes, run)
+    alike, fits = plan_batch(requests[places[0]], key, scenes, own)
     if not fits.any():
         return {}
-    found = solve_together(alike, run)
-    for name, clock in run.stages.items():
-        whole.record(name, clock["wall_seconds"], clock["thread_seconds"])
-    wall = time.perf_counter() - begin
-    reflectance = settle_array(found.flux / alike.request.mu0)
-    whole = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
-    lost = np.where(whole[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
-    solved = fits & found.right & (lost <= max(alike.request.accuracy, ROUNDING))  # others by themselves, which say why
-    right = np.flatnonzero(solved).tolist()
+    found, asked = solve_together(alike, own), alike.request
+    for name, clock in own.stages.items():
+        run.record(name, clock["wall_seconds"], clock["thread_seconds"])
+    reflectance = settle_array(found.flux / asked.mu0)
+    white = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
+    lost = np.where(white[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
+    solved = fits & found.right & (lost <= max(asked.accuracy, ROUNDING))
     for k in np.flatnonzero(alike.cut & solved).tolist():
-        cut = {"terms_cut": True, "nodes": alike.nodes.size}
-        warn_of_negative(alike.request, found.parts[0][k][..., 0, 0], cut)
-    told = {
+        warn_of_negative(asked, found.parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": alike.nodes.size})
+    shared = {  # each scene's fraction of the seconds of all
         "solved_together": alike.size,
-        "stages": {  # its share of those of all
+        "stages": {
             name: {clock: seconds / alike.size for clock, seconds in clocks.items()}
-            for name, clocks in run.stages.items()
+            for name, clocks in own.stages.items()
         },
-        "wall_seconds": wall / alike.size,
+        "wall_seconds": (time.perf_counter() - begin) / alike.size,
     }
     thickness = np.array([scene.thickness for scene in scenes])
-    through = settle_array(np.exp(-thickness[:, None] / alike.request.mu0))
+    through = settle_array(np.exp(-thickness[:, None] / asked.mu0))
     mu_o = settle_array(alike.mu[alike.mu > 0.0])
     return {
         places[k]: make_settled_brdf(
-            partial(tell_diagnostics, requests[places[k]], list_numbers(alike, found, k), told),
+            partial(describe_solve, requests[places[k]], alike, found, k, shared),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
-            mu_i=alike.request.mu0,
+            mu_i=asked.mu0,
             mu_o=mu_o,
-            phi=alike.request.phi,
+            phi=asked.phi,
             transmission=found.parts[1][k] if len(found.parts) > 1 else None,
             direct_transmittance=through[k],
         )
-        for k in right
+        for k in np.flatnonzero(solved).tolist()
     }
 
 
-def list_numbers(alike: Alike, found: Together, place: int) -> dict[str, Any]:
-    """What was found of how one of them was solved."""
+def describe_solve(
+    request: Request, alike: Alike, found: Together, place: int, shared: dict[str, Any]
+) -> dict[str, Any]:
+    """The diagnostics of one scene of a batch; its own plan is made for that."""
     return {
+        **plan_request(request, Run(1)).diagnostics(),
+        "threads": 1,
+        "openmp": True,
         "orders": int(found.orders[place]),
         "unknowns": int(found.unknowns[place]),
         "orders_by": {"modes": sum(int(wanted[:, place].sum()) for wanted in alike.wanted.values())},
         "orders_repeated": None,
         **{name: float(values[place]) for name, values in found.residuals.items()},
-    }
-
-
-def tell_diagnostics(request: Request, numbers: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
-    """How one of them was found; its own plan is made for that."""
-    return {
-        **plan_request(request, Run(1)).diagnostics(),
-        "threads": 1,
-        "openmp": True,
-        **numbers,
-        **told,
+        **shared,
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,
     }

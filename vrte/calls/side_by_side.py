@@ -1,6 +1,6 @@
 """Small solves side by side: one a core, where each by itself would leave the others idle."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.running import Progress, Run, count_usable_cpus
+from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.brdf import make_brdf
 from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
@@ -34,8 +34,8 @@ _share: ContextVar[Share | None] = ContextVar("cores", default=None)
 
 @contextmanager
 def share_cores(share: Share) -> Iterator[None]:
-    """Within it, what runs side by side has so many cores: for one of several who are at work, each in a thread of his
-    own, and who have foretold how long it takes.
+    """Within it, what runs side by side has so many cores: for one of several threads that are at work, whose time was
+    predicted.
 
     >>> with share_cores(Share(1)):
     ...     run_side_by_side([lambda: 1, lambda: 2])
@@ -57,57 +57,50 @@ def run_side_by_side(
     calls: Sequence[Callable[[], Made]], progress: Progress | None = None, workers: int | None = None, stop: Any = None
 ) -> list[Made]:
     """What the calls return, in their order; the first error in that order is raised, and what has not begun by then
-    never does.
-
-    ``progress`` is told how many are done; ``workers``: by default one a usable CPU; ``stop``, a flag (1,) that the
-    calls look at, is set where this thread is interrupted.
+    never does. ``progress`` gets how many are done; ``workers``: by default one a usable CPU; ``stop``, a flag (1,)
+    that the calls look at, is set where this thread is interrupted.
 
     >>> run_side_by_side([lambda: 1, lambda: 2])
     [1, 2]
     """
     share = _share.get()
-    if share:
-        calls = [partial(perform_unless_stopped, share, call) for call in calls]
+
+    def perform(call: Callable[[], Made]) -> Made:
+        if share and share.stop[0]:
+            raise KeyboardInterrupt
+        return call()
+
+    def collect(results: Iterable[Made]) -> list[Made]:
+        found = []
+        for result in results:
+            found.append(result)
+            if progress is not None:
+                progress(len(found), len(calls))
+        return found
+
     count = min(workers or (share.cores if share else count_usable_cpus()), len(calls))
     if count < 2:
-        found = []
-        for place, call in enumerate(calls, 1):
-            found.append(call())
-            if progress is not None:
-                progress(place, len(calls))
-        return found
+        return collect(map(perform, calls))
     with keep_to_one_thread(), ThreadPoolExecutor(count, "vrte-side-by-side") as pool:
-        futures = [pool.submit(call) for call in calls]
+        futures = [pool.submit(perform, call) for call in calls]
         try:
-            for place, future in enumerate(futures, 1):
-                future.result()
-                if progress is not None:
-                    progress(place, len(calls))
+            return collect(future.result() for future in futures)
         except BaseException:
             if stop is not None:
                 stop[0] = 1
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return [future.result() for future in futures]
-
-
-def perform_unless_stopped(share: Share, call: Callable[[], Made]) -> Made:
-    """What the call returns; KeyboardInterrupt where all that goes on there was stopped."""
-    if share.stop[0]:
-        raise KeyboardInterrupt
-    return call()
 
 
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Brdf]:
-    """BRDFs of requests of one thread each, their methods named; how long they take was told."""
-    runs = [make_run(request) for request in requests]
+    """BRDFs of requests of one thread each, their methods named; how long they take was said."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
-    for run in runs:
-        run.stop, run.runtime_warned = stop, True
 
-    def solve(request: Request, run: Run) -> Brdf:
+    def solve(request: Request) -> Brdf:
+        run = make_run(request)
+        run.stop, run.runtime_warned = stop, True
         return make_brdf(request, solve_request(request, run)[1])
 
-    calls = [partial(solve, *pair) for pair in zip(requests, runs, strict=True)]
+    calls = [partial(solve, request) for request in requests]
     return run_side_by_side(calls, progress, stop=None if share else stop)  # a flag of several stops none of the others
