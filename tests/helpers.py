@@ -20,8 +20,12 @@ from vrte.formats.contents import Result
 def assert_same(first: Result, second: Result) -> None:
     """Every bit is the same, and nothing can be written into it."""
     assert type(first) is type(second)
-    for name, value in vars(first).items():
-        other = getattr(second, name)
+    pairs = {name: (value, getattr(second, name)) for name, value in vars(first).items()}
+    for name in [name for name, (value, _) in pairs.items() if "jacobian" in name and value]:
+        value, other = pairs.pop(name)
+        assert [*value] == [*other]
+        pairs |= {f"{name} of {key}": (value[key], other[key]) for key in value}
+    for name, (value, other) in pairs.items():
         if name == "brdfs":
             for one, another in zip(value, other, strict=True):
                 assert_same(one, another)

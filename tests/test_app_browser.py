@@ -20,7 +20,7 @@ from vrte.app.form.files import write_link
 from vrte.app.solving.page_files import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.measured_polarized import directions, write_mitsuba
-from vrte.formats.mitsuba_tensor import read_tensors
+from vrte.formats.mitsuba_files import read_tensors
 from vrte.formats.particle_sources import SIZES, SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import write_toml

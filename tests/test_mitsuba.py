@@ -18,8 +18,7 @@ from vrte.calls import mitsuba as mitsuba_call
 from vrte.calls.mitsuba import check_below_surface, check_nested, take_off_surface
 from vrte.calls.spectrum import prepare_scenes
 from vrte.formats import between_directions, measured_polarized
-from vrte.formats.mitsuba_scene import GAP, write_nested_scene
-from vrte.formats.mitsuba_tensor import read_tensors, write_tensors
+from vrte.formats.mitsuba_files import GAP, read_tensors, write_nested_scene, write_tensors
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.optics.spheres import spheres
@@ -72,7 +71,7 @@ class TestTable:
         last = Spectrum([0.65], (gold[4],))
         found = []
         for step in (10.0, 5.0, 2.5):
-            angles = measured_polarized.make_angles(step)
+            angles = measured_polarized.make_axes(step)
             table = measured_polarized.tabulate_spectrum(last, angles)
             found.append(measured_polarized.measure_errors(table, angles, exact).median)
         assert_close(np.log2(np.divide(found[:-1], found[1:])), 2.0, rtol=0.0, atol=0.4)

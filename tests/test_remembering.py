@@ -15,9 +15,7 @@ def test_the_least_recently_used_go_first() -> None:
         store.find(name, lambda name=name: (np.full(10, float(name)),))
         store.find(0, lambda: (np.full(10, -1.0),))  # ever used again
     assert store.bytes <= 800
-    assert store.find(0, lambda: (np.full(10, -1.0),))[0][0] == 0.0
-    assert store.find(1, lambda: (np.full(10, -1.0),))[0][0] == -1.0
-    assert store.find(11, lambda: (np.full(10, -1.0),))[0][0] == 11.0
+    assert [store.find(name, lambda: (np.full(10, -1.0),))[0][0] for name in (0, 1, 11)] == [0.0, -1.0, 11.0]
 
 
 def test_what_is_large_is_made_anew_and_nothing_can_be_changed() -> None:
@@ -30,31 +28,31 @@ def test_what_is_large_is_made_anew_and_nothing_can_be_changed() -> None:
 
 
 def test_a_rough_surface_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For all thicknesses and bases below it, bit for bit what it is anew."""
-    surface = vrte.Interface(1.0, 1.5, roughness=0.3, distribution="ggx", shadowing=True, conserving=True)
-    scenes = [vrte.Scene([surface, vrte.Layer(vrte.rayleigh(), 0.99, t)], vrte.Lambertian(0.3)) for t in (1.0, 2.0)]
+    """For all thicknesses and bases below it, bit for bit what it is anew; another surface is another one."""
+
+    def solve(thickness: float, roughness: float = 0.3) -> vrte.Brdf:
+        surface = vrte.Interface(1.0, 1.5, roughness=roughness, distribution="ggx", shadowing=True, conserving=True)
+        scene = vrte.Scene([surface, vrte.Layer(vrte.rayleigh(), 0.99, thickness)], vrte.Lambertian(0.3))
+        return vrte.brdf(scene, 0.6, [0.3, 0.9], [0.0, 90.0], nodes=6)
 
     def forget() -> None:
         for module, name in ((rough, "_EXPANDED"), (facet_energy, "_SHARED")):
             monkeypatch.setattr(module, name, Remembered())
 
     anew = []
-    for scene in scenes:
+    for thickness in (1.0, 2.0):
         forget()
-        anew.append(vrte.brdf(scene, 0.6, [0.3, 0.9], [0.0, 90.0], nodes=6))
+        anew.append(solve(thickness))
     forget()
     calls = []
     integrate = rough.integrate_interface
     monkeypatch.setattr(rough, "integrate_interface", lambda *given: calls.append(given) or integrate(*given))
-    first = vrte.brdf(scenes[0], 0.6, [0.3, 0.9], [0.0, 90.0], nodes=6)
-    once = len(calls)
-    second = vrte.brdf(scenes[1], 0.6, [0.3, 0.9], [0.0, 90.0], nodes=6)
-    assert once > 0
-    assert len(calls) == once
-    for found, expected in zip((first, second), anew, strict=True):
-        assert np.array_equal(found.mueller, expected.mueller)
-        assert np.array_equal(found.reflectance, expected.reflectance)
-    # another surface is another one
-    other = vrte.Interface(1.0, 1.5, roughness=0.31, distribution="ggx", shadowing=True, conserving=True)
-    vrte.brdf(vrte.Scene([other, scenes[0].layers[0]], vrte.Lambertian(0.3)), 0.6, [0.3, 0.9], [0.0, 90.0], nodes=6)
-    assert len(calls) > once
+    counts = []
+    for thickness, expected in zip((1.0, 2.0), anew, strict=True):
+        found = solve(thickness)
+        counts.append(len(calls))
+        np.testing.assert_array_equal(found.mueller, expected.mueller)
+        np.testing.assert_array_equal(found.reflectance, expected.reflectance)
+    assert 0 < counts[0] == counts[1]
+    solve(1.0, roughness=0.31)
+    assert len(calls) > counts[1]

@@ -30,43 +30,30 @@ def evaluate(mitsuba: Any, bsdf: dict[str, Any], light: np.ndarray, eye: np.ndar
     return np.array(found)
 
 
-def draw_directions(through: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+@pytest.mark.slow
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+@pytest.mark.parametrize(
+    ("into", "through", "below"),
+    [(1.5, False, False), (1.5, False, True), (1.5, True, False), (1.5, True, True), (0.2 + 3.0j, False, False)],
+)
+def test_rough_surfaces(mitsuba: Any, distribution: str, into: complex, through: bool, below: bool) -> None:
+    """Its shadowing of Beckmann's facets is a rational fit of Smith's, within 0.4 %; GGX's agrees to single
+    precision."""
     rng = np.random.default_rng(3)
     mu_i, mu_o = rng.uniform(0.1, 1.0, (2, 300))
     phi = rng.uniform(0.0, 60.0, 300)
-    spread = np.sqrt(1.0 - mu_i**2), np.sqrt(1.0 - mu_o**2)
+    turn, spread = np.radians(phi), (np.sqrt(1.0 - mu_i**2), np.sqrt(1.0 - mu_o**2))
     # towards the light: against its travel, which heads for phi = 0
     light = np.stack([-spread[0], 0.0 * mu_i, mu_i], axis=1)
-    turn = np.radians(phi)
     eye = np.stack([spread[1] * np.cos(turn), spread[1] * np.sin(turn), -mu_o if through else mu_o], axis=1)
-    return light, eye, mu_i, mu_o, phi
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
-@pytest.mark.parametrize("through", [False, True])
-def test_roughdielectric(mitsuba: Any, distribution: str, through: bool) -> None:
-    """Its shadowing of Beckmann's facets is a rational fit of Smith's, within 0.4 %; GGX's agrees to single
-    precision."""
-    light, eye, mu_i, mu_o, phi = draw_directions(through)
     bsdf = {"type": "roughdielectric", "int_ior": 1.5, "ext_ior": 1.0, "alpha": ALPHA, "distribution": distribution}
-    for below, surface in ((False, RoughSurface(1.0, 1.5, ALPHA, distribution, shadowing=True)), (True, None)):
-        surface = surface or RoughSurface(1.5, 1.0, ALPHA, distribution, shadowing=True)
-        mirror = np.array([1.0, 1.0, -1.0]) if below else np.ones(3)
-        expected = evaluate(mitsuba, bsdf, light * mirror, eye * mirror)
-        found = (surface.transmit if through else surface.reflect)(mu_i, mu_o, phi)[:, 0, 0]
-        seen = found > 1e-3 * found.max()
-        assert seen.sum() > 30
-        assert_close(found[seen], expected[seen], rtol=1e-4 if distribution == "ggx" else 1e-2, atol=0.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
-def test_roughconductor(mitsuba: Any, distribution: str) -> None:
-    light, eye, mu_i, mu_o, phi = draw_directions(False)
-    bsdf = {"type": "roughconductor", "eta": 0.2, "k": 3.0, "alpha": ALPHA, "distribution": distribution}
-    found = RoughSurface(1.0, 0.2 + 3.0j, ALPHA, distribution, shadowing=True).reflect(mu_i, mu_o, phi)[:, 0, 0]
-    expected = evaluate(mitsuba, bsdf, light, eye)
+    if into.imag:
+        bsdf = {"type": "roughconductor", "eta": 0.2, "k": 3.0, "alpha": ALPHA, "distribution": distribution}
+    indices = (into, 1.0) if below else (1.0, into)
+    surface = RoughSurface(*indices, ALPHA, distribution, shadowing=True)
+    mirror = np.array([1.0, 1.0, -1.0 if below else 1.0])
+    expected = evaluate(mitsuba, bsdf, light * mirror, eye * mirror)
+    found = (surface.transmit if through else surface.reflect)(mu_i, mu_o, phi)[:, 0, 0]
     seen = found > 1e-3 * found.max()
     assert seen.sum() > 30
     assert_close(found[seen], expected[seen], rtol=1e-4 if distribution == "ggx" else 1e-2, atol=0.0)

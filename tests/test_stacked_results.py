@@ -1,4 +1,4 @@
-"""A pile solved at once, and in two parts: the result of the lower one is the base of the upper one."""
+"""A stack solved at once, and in two parts: the result of the lower one is the base of the upper one."""
 
 import warnings
 from pathlib import Path
@@ -33,7 +33,7 @@ def over(upper: Any, base: Any, nodes: int, **more: Any) -> vrte.Brdf:
     return vrte.brdf(vrte.Scene(upper, base), **WHERE, nodes=nodes, **more)
 
 
-def test_a_pile_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> None:
+def test_a_stack_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> None:
     """All 16 elements, over a Lambertian ground; the error falls with the grid of the lower result."""
     ground, upper, lower = vrte.Lambertian(0.3), [of_spheroids(0.4)], [of_spheroids(2.0, 0.9)]
     whole = over([*upper, *lower], ground, 12)
@@ -64,7 +64,7 @@ def test_a_pile_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> N
     ids=str,
 )
 def test_a_result_under_a_smooth_surface_mirrors_beams(how: dict[str, Any]) -> None:
-    """Its mirrored beam comes back as a beam, and diffuse light is mirrored on every node; the whole pile has other
+    """Its mirrored beam comes back as a beam, and diffuse light is mirrored on every node; the whole stack has other
     nodes than its parts."""
     if "backend" in how:
         pytest.importorskip("pyopencl")
@@ -80,20 +80,13 @@ def test_a_result_under_a_smooth_surface_mirrors_beams(how: dict[str, Any]) -> N
 
 
 @pytest.mark.slow
-def test_nodes_and_grid_together_lead_to_the_whole() -> None:
-    upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
-    whole, below = over([*upper, *lower], None, 48), solve_on(vrte.Scene(lower), 24, 48)
-    assert largest_gap(over(upper, below, 48).mueller, whole.mueller) < 1e-8
-
-
-@pytest.mark.slow
 def test_beams_in_a_field_are_mirrored_by_a_result() -> None:
     upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
     below = solve_on(vrte.Scene(lower), 16, 24)
     given: Any = 0.6, [1.0, 0.2, 0.1, 0.3], [-0.4, 0.3, 0.9], [0.0, 50.0], [0.0, 0.2]
     found, whole = (
-        vrte.radiance(vrte.Scene(pile, base), *given, nodes=24)
-        for pile, base in ((upper, below), ([*upper, *lower], None))
+        vrte.radiance(vrte.Scene(stack, base), *given, nodes=24)
+        for stack, base in ((upper, below), ([*upper, *lower], None))
     )
     assert largest_gap(found.stokes, whole.stokes) < 1e-5
     assert_close(found.direct_up, whole.direct_up, rtol=1e-6, atol=0.0)
@@ -106,15 +99,6 @@ def test_what_absorbs_nothing_gives_all_back(surface: list[Any]) -> None:
     found = over([of_spheroids(0.5, 1.0)], below, 12)
     assert_close(found.total_reflectance, 1.0, rtol=0.0, atol=1e-5)
     assert_close(below.as_base().reflectance([0.3, 0.7, 1.0]), 1.0, rtol=0.0, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_three_layers_one_after_another() -> None:
-    layers = [of_spheroids(0.3), vrte.Layer(vrte.rayleigh(), 0.99, 0.5), of_spheroids(1.0, 0.8)]
-    whole = over(layers, vrte.Lambertian(0.2), 16)
-    lowest = solve_on(vrte.Scene(layers[2:], vrte.Lambertian(0.2)), 24, 16)
-    middle = solve_on(vrte.Scene(layers[1:2], lowest), 24, 16)
-    assert largest_gap(over(layers[:1], middle, 16).mueller, whole.mueller) < 3e-5
 
 
 def test_a_result_lies_in_the_medium_that_it_was_found_in() -> None:
@@ -131,23 +115,39 @@ def test_a_result_lies_in_the_medium_that_it_was_found_in() -> None:
 
 
 @pytest.mark.slow
-def test_a_result_in_a_binder_lies_under_a_surface() -> None:
-    whole = over([SURFACE, of_spheroids(0.4), of_spheroids()], None, 24)
-    below = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 24, 24)
-    assert largest_gap(over([SURFACE, of_spheroids(0.4)], below, 24).mueller, whole.mueller) < 2e-5
+@pytest.mark.parametrize(
+    ("layers", "parts", "ground", "nodes", "bound"),
+    [
+        ([of_spheroids(0.4), SURFACE, of_spheroids(2.0, 0.9)], (1,), 0.0, 48, 1e-8),  # nodes and grid together
+        ([of_spheroids(0.3), vrte.Layer(vrte.rayleigh(), 0.99, 0.5), of_spheroids(1.0, 0.8)], (2, 1), 0.2, 16, 3e-5),
+        ([SURFACE, of_spheroids(0.4), of_spheroids(host_index=1.5)], (2,), 0.0, 24, 2e-5),  # in a binder
+    ],
+)
+def test_parts_one_after_another_lead_to_the_whole(
+    layers: list[Any], parts: tuple[int, ...], ground: float, nodes: int, bound: float
+) -> None:
+    whole = over(layers, vrte.Lambertian(ground), nodes)
+    base: Any = vrte.Lambertian(ground)
+    for first in parts:
+        base = solve_on(vrte.Scene(layers[first:], base), 24, nodes)
+        layers = layers[:first]
+    assert largest_gap(over(layers, base, nodes).mueller, whole.mueller) < bound
 
 
 def test_results_that_are_no_base_are_refused() -> None:
-    scene = vrte.Scene([of_spheroids()])
-    mu = make_cosines(6)
+    scene, mu = vrte.Scene([of_spheroids()]), make_cosines(6)
     from_below = vrte.brdf(scene, mu, mu, [0, 90, 180], nodes=4, illuminate="bottom")
-    with pytest.raises(vrte.SceneError, match="base: a BRDF that is lit from the bottom is no base"):
-        vrte.Scene([of_spheroids()], from_below)  # type: ignore[arg-type]
     few = vrte.brdf(scene, 0.5, mu, [0, 90, 180], nodes=4)
-    with pytest.raises(vrte.SceneError, match="base: mu_i must be at least two different cosines"):
-        vrte.Scene([of_spheroids()], few)  # type: ignore[arg-type]
-    with pytest.raises(vrte.SceneError, match=r"vrte\.TabulatedBase or a vrte\.Brdf, not 3"):
-        vrte.Scene([of_spheroids()], 3)  # type: ignore[arg-type]
+    for base, words in (
+        (from_below, "base: a BRDF that is lit from the bottom is no base"),
+        (few, "base: mu_i must be at least two different cosines"),
+        (3, r"vrte\.TabulatedBase or a vrte\.Brdf, not 3"),
+    ):
+        with pytest.raises(vrte.SceneError, match=words):
+            vrte.Scene([of_spheroids()], base)  # type: ignore[arg-type]
+    for given, words in (({"mu_i": 0.5}, "mu_i is not asked for"), ({"accuracy": 1.0}, "accuracy")):
+        with pytest.raises(vrte.SceneError, match=words):
+            vrte.solve_base(scene, **given)
 
 
 def test_a_result_from_a_file_is_the_same_base(tmp_path: Path) -> None:
@@ -185,11 +185,3 @@ def test_narrow_lobes_take_more_azimuths() -> None:
     rough = vrte.Interface(1.0, 1.5, roughness=0.4, shadowing=True)
     base = vrte.solve_base(vrte.Scene([rough, vrte.Layer(vrte.isotropic(), 0.9, 1.0)]), 1e-2, nodes=8)
     assert base.phi_deg.size > solve_base.FEWEST_AZIMUTHS
-
-
-@pytest.mark.parametrize(
-    ("given", "words"), [({"mu_i": 0.5}, "mu_i is not asked for"), ({"accuracy": 1.0}, "accuracy")]
-)
-def test_what_a_solved_base_does_not_take_is_refused(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        vrte.solve_base(vrte.Scene([of_spheroids()]), **given)

@@ -22,10 +22,10 @@ from vrte.formats.measured_polarized import (
     Errors,
     check_wavelengths,
     describe_beam,
-    make_angles,
+    make_axes,
     write_mitsuba,
 )
-from vrte.formats.mitsuba_scene import write_nested_scene
+from vrte.formats.mitsuba_files import write_nested_scene
 from vrte.request.how import EXACT, complete_docstring
 from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending
@@ -86,7 +86,7 @@ def to_mitsuba(
     """
     wavelengths = check_ascending(wavelengths_um)
     check_wavelengths(wavelengths)
-    make_angles(step_deg)
+    make_axes(step_deg)
     if nested:
         check_nested(path, asked)
     first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))

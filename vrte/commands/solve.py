@@ -89,7 +89,7 @@ def check(options: argparse.Namespace) -> None:
             listed = read_listed_wavelengths(read_content(options.scene))
             options.wavelengths_um = listed and check_ascending(listed).tolist()
     if options.mitsuba:
-        mitsuba.make_angles(options.mitsuba_step_deg)
+        mitsuba.make_axes(options.mitsuba_step_deg)
         if not options.wavelengths_um:
             words = f"{mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
             raise SceneError(f"--mitsuba needs {words}", "mitsuba")

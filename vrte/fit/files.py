@@ -17,8 +17,7 @@ from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
 from vrte.fit.model import make_model
 from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, FitProblem, Parameter
 from vrte.fit.result import ARRAYS, Fit, Start
-from vrte.formats.atomic import check_file_name
-from vrte.formats.journal import read_journal, write_journal
+from vrte.formats.atomic import check_file_name, read_journal, write_journal
 from vrte.formats.named import find_named_tables
 from vrte.formats.scene_file import read_content
 from vrte.formats.toml_table import Table

@@ -1,10 +1,11 @@
-"""Files: their names, their checksums, and how they are written, complete or not at all.
+"""Files: their names, their checksums, how they are written, complete or not at all; journals, which are resumed.
 
 Binary files end in their checksum. Tables of text begin with theirs, as a comment: a cut is noticed, too.
 """
 
 import errno
 import hashlib
+import json
 import math
 import os
 import shutil
@@ -12,26 +13,25 @@ import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
+from vrte.basics.arrays import show_value
 from vrte.basics.errors import SceneError
 
 PathName = str | os.PathLike[str]
 WORD = b"vrte sha256 "
 LENGTH = len(WORD) + 64 + 1  # bytes of a seal
 BLOCK = 1 << 20  # bytes
+LARGEST_SEALED = 500_000_000  # bytes of what a fit or a sweep keeps
 COMMENT = b"# "
 DAMAGED = "it is damaged: its bytes are not those that were written (checksum)"
 
 
 def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
     """A name that a file can have. Raises SceneError."""
-    try:
-        name = os.fsdecode(path)
-    except TypeError:
-        raise SceneError(f"path must be the name of a file, not an object of type {type(path).__name__}") from None
+    name = os.fsdecode(path) if isinstance(path, str | bytes | os.PathLike) else ""
     if not name or "\0" in name:
-        raise SceneError(f"path must be the name of a file, not {name!r:.80}")
+        raise SceneError(f"path must be the name of a file, not {show_value(path)}")
     return name
 
 
@@ -76,8 +76,7 @@ def read_blocks(file: BinaryIO, size: float = math.inf) -> Iterator[bytes]:
 def is_sealed(path: str) -> bool:
     """Whether a file ends in a checksum. Raises SceneError where the checksum does not fit, OSError.
 
-    HDF5 removes such an end when it changes a file: what others did to it is not taken for damage.
-    """
+    HDF5 removes such an end when it changes a file: what others did to it is not taken for damage."""
     size = os.path.getsize(path) - LENGTH
     with open(path, "rb") as file:
         file.seek(max(size, 0))
@@ -89,10 +88,8 @@ def is_sealed(path: str) -> bool:
 
 
 def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
-    """Whether the ``first`` line of a text is the checksum of the ``rest``. Raises SceneError where it does not fit.
-
-    A program that saves the text with other line ends changes that line, too: such a text counts as one without.
-    """
+    """Whether the ``first`` line of a text is the checksum of the ``rest``. Raises SceneError where it does not fit. A
+    program that saves the text with other line ends changes that line, too: such a text counts as one without."""
     if not (first.startswith(COMMENT + WORD) and len(first) == len(COMMENT) + LENGTH):
         return False
     if first != COMMENT + make_seal(rest):
@@ -113,12 +110,12 @@ def write_atomically(path: PathName, mark: str = "") -> Iterator[Path]:
     9
     """
     target = Path(os.path.realpath(check_file_name(path)))  # through a symbolic link, so that the link survives
-    if target.exists() and not (target / mark).is_file():
-        code = errno.EEXIST if mark or not target.is_dir() else errno.EISDIR
-        words = os.strerror(code) if target.is_dir() else "A file, a pipe or a device is there"
-        raise OSError(code, words, os.fsdecode(path))
+    code = 0
     if not target.parent.is_dir():
         code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+    elif target.exists() and not (target / mark).is_file():
+        code = errno.EISDIR if target.is_dir() and not mark else errno.EEXIST
+    if code:
         raise OSError(code, os.strerror(code), os.fsdecode(path))
     part, before = (target.with_name(f".vrte.{uuid.uuid4().hex}.part") for _ in range(2))
     try:
@@ -161,3 +158,48 @@ def write_sealed_text(path: PathName) -> Iterator[TextIO]:
             seal = make_seal(read_blocks(whole))
             whole.seek(0)
             whole.write(COMMENT + seal)
+
+
+def write_sealed(path: PathName, content: bytes, on_disk: bool = False) -> None:
+    """Writes content and checksum, all of it or nothing, ``on_disk`` also across a power cut. Raises OSError."""
+    with write_atomically(path) as part:
+        part.write_bytes(content + make_seal([content]))
+        if on_disk:
+            flush(part)
+    if on_disk:
+        flush(Path(path).parent)
+
+
+def read_sealed(path: PathName, writer: str = "vrte") -> bytes:
+    """The content that `write_sealed` wrote. Raises SceneError for a file of others or a damaged one, OSError."""
+    name = check_file_name(path)
+    try:
+        if os.path.getsize(name) > LARGEST_SEALED or not is_sealed(name):
+            raise SceneError(f"no file that {writer} wrote")
+    except SceneError as error:
+        raise error.behind(name) from error
+    return Path(name).read_bytes()[:-LENGTH]
+
+
+def write_journal(path: PathName, content: Any, on_disk: bool = False) -> None:
+    """Writes the content as one line of JSON and its checksum, as `write_sealed` does."""
+    write_sealed(path, json.dumps(content).encode() + b"\n", on_disk)
+
+
+def read_journal(path: PathName, writer: str = "vrte") -> Any:
+    """The content that `write_journal` wrote; raises as `read_sealed` does."""
+    try:
+        return json.loads(read_sealed(path, writer))
+    except SceneError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{os.fspath(path)}: {error}") from error
+
+
+def flush(path: Path) -> None:
+    """Writes a file, or the names of the files in a folder, from memory to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -15,15 +15,14 @@ from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
 from vrte.formats.atomic import PathName, check_file, check_file_name
 from vrte.formats.between_directions import directions
-from vrte.formats.measured_polarized import Angles, interpolate_table, make_unit_vectors, turn_to_meridian_planes
-from vrte.formats.mitsuba_tensor import read_tensors
+from vrte.formats.measured_polarized import AXES, Axes, interpolate_table, make_unit_vectors, turn_to_meridian_planes
+from vrte.formats.mitsuba_files import read_tensors
 from vrte.formats.result_file import load
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import Spectrum
 from vrte.scene.tabulated_base import TabulatedBase
 
 TENSORS = (".bsdf", ".pbsdf")
-AXES = {"phi_d": (-np.pi, np.pi), "theta_d": (0.0, 0.5 * np.pi), "theta_h": (0.0, 0.5 * np.pi)}  # ends [rad]
 KEPT = 2  # bases of files
 END = 1e-3  # rad that an angle may be off
 SAME_WAVELENGTH = 1e-6  # um
@@ -110,40 +109,38 @@ def pick_wavelength(own: Array, wanted: float | None) -> int:
 def read_measured(path: PathName, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
     """Of a tensor file, at the directions of vrte's own tables. Raises SceneError, OSError."""
     fields = read_tensors(path)
-    angles = Angles(*(read_axis(fields, name, *ends) for name, ends in AXES.items()))
-    nanometres = read_field(fields, "wvls").ravel().astype(np.float64)
+    for name in (*AXES, "wvls", "M"):
+        if name not in fields:
+            raise SceneError(f"it has no field {name}: measured_polarized has {', '.join((*AXES, 'wvls', 'M'))}")
+        if fields[name].size == 0 or not np.isfinite(fields[name]).all():
+            raise SceneError(f"its field {name} must have values, all of them finite")
+    phi_d, theta_d, theta_h = axes = settle_axes(fields)
+    nanometres = fields["wvls"].ravel().astype(np.float64)
     place = pick_wavelength(1e-3 * nanometres, wavelength_um)
-    shape = *angles.shape, nanometres.size, 4, 4
-    matrices = read_field(fields, "M")
-    if matrices.shape != shape:
-        raise SceneError(f"its field M must have the shape {shape} to fit its angles and wvls, not {matrices.shape}")
-    table = average_images(matrices[:, :, :, place].astype(np.float64), angles.phi_d, average_mirrored)
-    into, out, phi = (axis.ravel() for axis in np.meshgrid(*directions().values(), indexing="ij"))
+    shape = phi_d.size, theta_d.size, theta_h.size, nanometres.size, 4, 4
+    if fields["M"].shape != shape:
+        raise SceneError(f"its field M must have the shape {shape} to fit its angles and wvls, not {fields['M'].shape}")
+    table = average_images(fields["M"][:, :, :, place].astype(np.float64), phi_d, average_mirrored)
+    mu_i, mu_o, azimuths = directions().values()
+    into, out, phi = (axis.ravel() for axis in np.meshgrid(mu_i, mu_o, azimuths, indexing="ij"))
     aside = np.clip(phi, ASIDE, 180.0 - ASIDE)
     light, view = make_unit_vectors(into, np.full_like(into, np.pi)), make_unit_vectors(out, np.radians(aside))
-    found = turn_to_meridian_planes(interpolate_table(table[:, :, :, None], angles, light, view), light, view)
-    mu_i, mu_o, azimuths = directions().values()
+    found = turn_to_meridian_planes(interpolate_table(table[:, :, :, None], axes, light, view), light, view)
     mueller = found.reshape(mu_i.size, mu_o.size, azimuths.size, 4, 4)
     return TabulatedBase(mu_i, mu_o, azimuths, mueller, average_mirrored=True)  # which ASIDE is not, nearly
 
 
-def read_field(fields: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
-    """One array of a tensor file. Raises SceneError where it is not there, or has values that are not finite."""
-    if name not in fields:
-        raise SceneError(f"it has no field {name}: measured_polarized has {', '.join((*AXES, 'wvls', 'M'))}")
-    found = fields[name]
-    if found.size == 0 or not np.isfinite(found).all():
-        raise SceneError(f"its field {name} must have values, all of them finite")
-    return found
-
-
-def read_axis(fields: Mapping[str, NDArray[Any]], name: str, low: float, high: float) -> Array:
-    """The angles (n,) [rad] of an axis, which ascend from one end to the other. Raises SceneError."""
-    found = read_field(fields, name).ravel().astype(np.float64)
-    if found.size < 2 or (np.diff(found) <= 0.0).any() or max(abs(found[0] - low), abs(found[-1] - high)) > END:
-        raise SceneError(f"its field {name} must ascend from {low:.4g} to {high:.4g} rad")
-    found[[0, -1]] = low, high
-    return found
+def settle_axes(fields: Mapping[str, NDArray[Any]]) -> Axes:
+    """The angles (n,) [rad] of each axis, which ascend from one end to the other. Raises SceneError."""
+    found = []
+    for name in AXES:
+        low, high = (-np.pi, np.pi) if name == "phi_d" else (0.0, 0.5 * np.pi)
+        axis = fields[name].ravel().astype(np.float64)
+        if axis.size < 2 or (np.diff(axis) <= 0.0).any() or max(abs(axis[0] - low), abs(axis[-1] - high)) > END:
+            raise SceneError(f"its field {name} must ascend from {low:.4g} to {high:.4g} rad")
+        axis[[0, -1]] = low, high
+        found.append(axis)
+    return found[0], found[1], found[2]
 
 
 def average_images(table: Array, phi_d: Array, average_mirrored: bool) -> Array:

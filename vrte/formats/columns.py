@@ -3,8 +3,7 @@
 import csv
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -48,19 +47,19 @@ class Lines:
             raise SceneError(f"line {self.place}: not a text file in UTF-8 (byte {error.start} of the line)") from error
 
     def read_numbers(self, rows: int, columns: int) -> Array:
-        """The numbers of the next lines, (rows, columns), commas between them."""
-        each = chain.from_iterable(self._read_row(columns) for _ in range(rows))
-        return np.fromiter(each, np.float64, rows * columns).reshape(rows, columns)
-
-    def _read_row(self, columns: int) -> Iterable[float]:
-        line = next(self, "")
-        if line.count(",") != columns - 1:
-            raise SceneError(f"line {self.place}: {columns} numbers are needed, not {line.count(',') + 1}")
+        """The numbers in all lines that are left, (rows, columns), commas between them."""
+        if not rows:
+            return np.empty((0, columns))
         try:
-            return [float(cell) for cell in line.split(",")]
-        except ValueError:
-            given = put_in_one_line(repr(line), 60)
-            raise SceneError(f"line {self.place}: {given} holds something that is not a number") from None
+            found = np.loadtxt(self, delimiter=",", comments=None, ndmin=2)
+        except SceneError:
+            raise
+        except ValueError as error:
+            words = put_in_one_line(str(error).partition(";")[0], 200)
+            raise SceneError(f"line {self.place}: {columns} numbers are needed ({words})") from error
+        if found.shape != (rows, columns):
+            raise SceneError(f"there must be {rows} rows of {columns} numbers, not {len(found)} of {found.shape[1]}")
+        return found
 
 
 class Columns:

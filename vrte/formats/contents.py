@@ -40,14 +40,14 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Described:
-    """One array of a file: its dimensions, its unit as UDUNITS writes it, what it means, its name in CF's table of
-    standard names where it has one, and its columns in a table of one row a direction where it is there."""
+    """One array of a file: its dimensions, its unit as UDUNITS writes it, what it means, its columns in a table of one
+    row a direction where it is there, and its name in CF's table of standard names where it has one."""
 
     dims: tuple[str, ...]
     units: str
     long_name: str
-    standard_name: str | None = None
     columns: tuple[str, ...] = ()
+    standard_name: str | None = None
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -87,119 +87,89 @@ class Kind:
         return self.coordinates | self.variables
 
 
-BEAM, DEPTH = ("mu_i",), ("tau",)
-MATRIX = ("stokes_out", "stokes_in")
-PAIRS = ("mu_i", "mu_o", "phi_deg", *MATRIX)
 STOKES_AXIS = "stokes_parameter"  # "stokes" is a variable: no dimension with labels may be called so too
+BEAM, MATRIX, DEPTH, PLACE = ("mu_i",), ("stokes_out", "stokes_in"), ("tau",), ("tau", "mu", "phi_deg", STOKES_AXIS)
+BEAMS, PAIRS = (*BEAM, *MATRIX), ("mu_i", "mu_o", "phi_deg", *MATRIX)
 PARAMETER = "parameter"  # the dimension of derivatives, labelled by the names of the numbers
 NAMES = "derivatives"  # the attribute that lists these names, as JSON
 TEXTS = ("kind", "diagnostics", SCENE, NAMES)  # the attributes that make a result
 DERIVED = ("specular_reflectance", "total_reflectance")  # from other variables: in files for who reads them elsewhere
-
-
-def describe_pairs(letter: str, long_name: str) -> Described:
-    """Mueller matrices of all pairs of directions [sr-1], columns ``letter``00 to ``letter``33."""
-    return Described(PAIRS, "sr-1", long_name, columns=tuple(name.replace("f", letter) for name in MUELLER))
-
-
-def add_derivatives(variables: dict[str, Described], derivatives: Mapping[str, str]) -> dict[str, Described]:
-    """Variables and the derivatives of some of them."""
-    words = f"derivatives of {{}} by each number of {PARAMETER}, per unit of the number"
-    return variables | {
-        name: replace(variables[value].along(PARAMETER), long_name=words.format(value))
-        for name, value in derivatives.items()
-    }
-
-
-BRDF = Kind(
-    "brdf",
-    "BRDF of a particulate layer",
-    {
-        "mu_i": Described(BEAM, "1", "cosine of the angle of incidence"),
-        "mu_o": Described(("mu_o",), "1", "cosine of the angle of exit"),
-        "phi_deg": Described(
-            ("phi_deg",), "degree", "azimuth, outgoing minus incident, both along the direction of travel"
-        ),
-    },
-    add_derivatives(
-        {
-            "mueller": describe_pairs("f", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
-            "reflectance": Described(BEAM, "1", "directional-hemispherical diffuse reflectance, unpolarized light"),
-            "transmission": describe_pairs(
-                "t", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
-            ),
-            "direct_transmittance": Described(
-                BEAM, "1", "share of unpolarized light that leaves the other face as a beam, unscattered"
-            ),
-            "specular": Described(
-                (*BEAM, *MATRIX), "1", "Mueller matrix of the share of a beam's power that comes back as a beam"
-            ),
-            "specular_transmission": Described(
-                (*BEAM, *MATRIX),
-                "1",
-                "Mueller matrix of the share of a beam's power that leaves the other face as a beam",
-            ),
-            "surface": describe_pairs(
-                "s", "the part of mueller that rough surfaces send back without any particle: radiance/irradiance"
-            ),
-            "specular_reflectance": Described(BEAM, "1", "share of unpolarized light that comes back as a beam"),
-            "total_reflectance": Described(BEAM, "1", "reflectance and specular_reflectance together"),
-        },
-        BRDF_DERIVATIVES,
+COLUMNS = {  # of the arrays that are rows of a table: elements f00 to f33, t00 to t33, s00 to s33; I to V
+    **{name: tuple(one.replace("f", name[0]) for one in MUELLER) for name in ("transmission", "surface")},
+    "mueller": tuple(MUELLER),
+    "stokes": tuple(STOKES),
+}
+WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", standard_name="radiation_wavelength")
+DIRECTIONS = {
+    "mu_i": (BEAM, "1", "cosine of the angle of incidence"),
+    "mu_o": (("mu_o",), "1", "cosine of the angle of exit"),
+    "phi_deg": (("phi_deg",), "degree", "azimuth, outgoing minus incident, both along the direction of travel"),
+}
+OF_DIRECTIONS = {
+    "mueller": (PAIRS, "sr-1", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
+    "reflectance": (BEAM, "1", "directional-hemispherical diffuse reflectance, unpolarized light"),
+    "transmission": (PAIRS, "sr-1", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"),
+    "direct_transmittance": (BEAM, "1", "share of unpolarized light that leaves the other face as a beam, unscattered"),
+    "specular": (BEAMS, "1", "Mueller matrix of the share of a beam's power that comes back as a beam"),
+    "specular_transmission": (
+        *(BEAMS, "1"),
+        "Mueller matrix of the share of a beam's power that leaves the other face as a beam",
     ),
-)
-WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", "radiation_wavelength")
-SPECTRUM = Kind(
-    "spectrum",
-    "BRDF of a particulate layer at several wavelengths",
-    {"wavelength_um": WAVELENGTH, **BRDF.coordinates},
-    {name: about.along("wavelength_um") for name, about in BRDF.variables.items()},
-)
-FIELD = Kind(
-    "field",
-    "radiance field of a particulate layer",
-    {
-        "tau": Described(DEPTH, "1", "optical depth, growing downward from the top"),
-        "mu": Described(("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
-        "phi_deg": Described(("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
-    },
-    add_derivatives(
-        {
-            "stokes": Described(
-                ("tau", "mu", "phi_deg", STOKES_AXIS),
-                RADIANCE,
-                "radiance I, Q, U, V, diffuse light only",
-                columns=tuple(STOKES),
-            ),
-            "flux_up": Described(DEPTH, IRRADIANCE, "diffuse flux going up through a horizontal plane"),
-            "flux_down": Described(DEPTH, IRRADIANCE, "diffuse flux going down through a horizontal plane"),
-            "direct": Described(
-                DEPTH,
-                IRRADIANCE,
-                "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go "
-                "down",
-            ),
-            "direct_up": Described(DEPTH, IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
-            "index": Described(DEPTH, "1", "refractive index of the medium that the depth lies in"),
-            "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
-            "incident_stokes": Described(
-                (STOKES_AXIS,), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
-            ),
-        },
-        FIELD_DERIVATIVES,
+    "surface": (
+        *(PAIRS, "sr-1"),
+        "the part of mueller that rough surfaces send back without any particle: radiance/irradiance",
     ),
-)
-OF_ALL_BEAMS = ("index", "incident_stokes")
-FIELDS = Kind(
-    "fields",
-    "radiance field of a particulate layer, for several beams",
-    {"mu0": Described(("mu0",), "1", "cosine of each beam's angle of incidence"), **FIELD.coordinates},
-    {
-        name: about if name in OF_ALL_BEAMS else about.along("mu0")
-        for name, about in FIELD.variables.items()
-        if name != "mu0"
-    },
-)
+    "specular_reflectance": (BEAM, "1", "share of unpolarized light that comes back as a beam"),
+    "total_reflectance": (BEAM, "1", "reflectance and specular_reflectance together"),
+}
+PLACES = {
+    "tau": (DEPTH, "1", "optical depth, growing downward from the top"),
+    "mu": (("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
+    "phi_deg": (("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
+}
+OF_PLACES = {
+    "stokes": (PLACE, RADIANCE, "radiance I, Q, U, V, diffuse light only"),
+    "flux_up": (DEPTH, IRRADIANCE, "diffuse flux going up through a horizontal plane"),
+    "flux_down": (DEPTH, IRRADIANCE, "diffuse flux going down through a horizontal plane"),
+    "direct": (
+        *(DEPTH, IRRADIANCE),
+        "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go down",
+    ),
+    "direct_up": (DEPTH, IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
+    "index": (DEPTH, "1", "refractive index of the medium that the depth lies in"),
+    "mu0": ((), "1", "cosine of the beam's angle of incidence"),
+    "incident_stokes": (
+        *((STOKES_AXIS,), IRRADIANCE),
+        "the beam's I, Q, U, V as flux through a plane perpendicular to it",
+    ),
+}
+
+
+def make_kind(
+    name: str, title: str, coordinates: Mapping[str, Any], variables: Mapping[str, Any], derivatives: dict[str, str]
+) -> Kind:
+    """The kind of these rows (dimensions, unit, meaning), and ``derivatives``, each of one of its variables."""
+    axes, found = (
+        {key: Described(dims, units, words, COLUMNS.get(key, ())) for key, (dims, units, words) in rows.items()}
+        for rows in (coordinates, variables)
+    )
+    for key, value in derivatives.items():
+        words = f"derivatives of {value} by each number of {PARAMETER}, per unit of the number"
+        found[key] = replace(found[value].along(PARAMETER), long_name=words)
+    return Kind(name, title, axes, found)
+
+
+def add_axis(kind: Kind, name: str, title: str, axis: str, about: Described, shared: tuple[str, ...] = ()) -> Kind:
+    """The kind of several such results along an axis, which all but their coordinates and ``shared`` variables have."""
+    several = {key: of if key in shared else of.along(axis) for key, of in kind.variables.items() if key != axis}
+    return Kind(name, f"{kind.title}{title}", {axis: about, **kind.coordinates}, several)
+
+
+BRDF = make_kind("brdf", "BRDF of a particulate layer", DIRECTIONS, OF_DIRECTIONS, BRDF_DERIVATIVES)
+SPECTRUM = add_axis(BRDF, "spectrum", " at several wavelengths", "wavelength_um", WAVELENGTH)
+FIELD = make_kind("field", "radiance field of a particulate layer", PLACES, OF_PLACES, FIELD_DERIVATIVES)
+BEAM_COSINES = Described(("mu0",), "1", "cosine of each beam's angle of incidence")
+FIELDS = add_axis(FIELD, "fields", ", for several beams", "mu0", BEAM_COSINES, ("index", "incident_stokes"))
 KINDS = {kind.name: kind for kind in (BRDF, FIELD, FIELDS, SPECTRUM)}
 ARRAYS = {name for kind in KINDS.values() for name in kind.arrays}
 
@@ -225,11 +195,6 @@ def collect_arrays(result: Result) -> dict[str, Any]:
     }
 
 
-def list_derivatives(result: Result) -> list[str]:
-    """The names of a result's derivatives, in their order in files."""
-    return list(result.jacobian or ())
-
-
 def describe_result(result: Result) -> dict[str, str]:
     """What else a file says: title, source, comment, ``diagnostics`` as JSON, and the scene file where it is known."""
     from vrte import __version__
@@ -242,7 +207,7 @@ def describe_result(result: Result) -> dict[str, str]:
         "comment": CONVENTIONS,
         "kind": find_kind(result).name,
     }
-    if names := list_derivatives(result):
+    if names := list(result.jacobian or ()):
         texts[NAMES] = convert_to_json(names)
     if isinstance(scene, str) and all(one.get(SCENE) == scene for one in every):
         texts[SCENE] = scene
@@ -263,25 +228,21 @@ def explain_error(error: Exception) -> str:
     return put_in_one_line(f"{type(error).__name__}: {error}", 200)
 
 
-def find_stored_kind(texts: Mapping[str, str]) -> Kind:
-    """The kind that a file's texts name. Raises SceneError."""
+def read_kind(texts: Mapping[str, str]) -> tuple[Kind, list[str]]:
+    """The kind that a file's texts name, and the names of derivatives that they list, all different. Raises
+    SceneError."""
     if texts.get("kind") not in KINDS:
         raise SceneError(f"it must say its kind, one of {', '.join(KINDS)}")
-    return KINDS[texts["kind"]]
-
-
-def read_derivatives(texts: Mapping[str, str]) -> list[str]:
-    """The names of derivatives that a file's texts list, all different. Raises SceneError."""
     names = json.loads(texts.get(NAMES, "[]"))
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len({*names}) == len(names)):
         raise SceneError(f"its {NAMES} must be a list of different names")
-    return names
+    return KINDS[texts["kind"]], names
 
 
 def restore_result(texts: Mapping[str, str], arrays: Mapping[str, Any]) -> Result:
     """The result that has the texts of `describe_result` and these arrays. Raises SceneError where they do not fit
     together, another of MEANINGLESS where something is missing or not what it should be."""
-    kind, diagnostics, names = find_stored_kind(texts), json.loads(texts["diagnostics"]), read_derivatives(texts)
+    (kind, names), diagnostics = read_kind(texts), json.loads(texts["diagnostics"])
     scene = {SCENE: texts[SCENE]} if SCENE in texts else {}
     found: dict[str, Any] = {}
     for name, about in kind.arrays.items():
@@ -334,7 +295,7 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     coords: dict[str, Any] = {name: about[name] for name in kind.coordinates}
     labels = (STOKES_AXIS,) if "stokes" in kind.variables else MATRIX
     coords |= {axis: (axis, list(STOKES), {"long_name": "Stokes parameter"}) for axis in labels}
-    if names := list_derivatives(result):
+    if names := list(result.jacobian or ()):
         coords[PARAMETER] = PARAMETER, names, {"long_name": "number of the scene that derivatives are by"}
     steps = [np.diff(arrays[name]) for name in kind.coordinates]
     monotonic = all(np.all(step > 0.0) or np.all(step < 0.0) for step in steps)  # as CF demands

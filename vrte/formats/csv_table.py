@@ -24,9 +24,7 @@ from vrte.formats.contents import (
     describe_result,
     explain_error,
     find_kind,
-    find_stored_kind,
-    list_derivatives,
-    read_derivatives,
+    read_kind,
     restore_result,
 )
 
@@ -37,22 +35,18 @@ AS_JSON = ("diagnostics", NAMES)  # texts that are JSON already
 
 
 def write_csv(result: Result, path: PathName) -> None:
-    """Writes ``result`` to ``path``, all of it or nothing; numbers keep every digit, and `vrte.load` brings them back.
-
-    A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed and
-    s00 .. s33 of rough surfaces; a spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V,
-    with mu0 before them for several beams. Of the first of the derivatives that the header lists columns begin with
-    d1_. All else is in lines before them that start with # (docs/how_to/exports.md).
-    Raises OSError.
-    """
+    """Writes ``result`` to ``path``, all of it or nothing, every digit: a column a coordinate, then those that are
+    declared of arrays over directions; all else in lines before them that start with # (docs/how_to/exports.md)."""
     kind, arrays = find_kind(result), collect_arrays(result)
-    tables = list_tables(kind, arrays, len(list_derivatives(result)))
+    tables = list_tables(kind, arrays, len(result.jacobian or ()))
     header = [*format_header(kind, arrays, tables, describe_result(result))]
-    axes = [arrays[name] for name in kind.coordinates]
-    directions = np.stack([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=1)
-    by_row = [directions]
+    by_row = [list_directions(kind, arrays)]
     for name, columns in tables.items():
-        by_row.append(put_in_rows(kind, name, arrays[name]).reshape(len(directions), len(columns)))
+        # derivatives go behind the coordinates
+        values = (
+            np.moveaxis(arrays[name], 0, len(kind.coordinates)) if kind.variables[name].is_derivative else arrays[name]
+        )
+        by_row.append(values.reshape(len(by_row[0]), len(columns)))
     with write_sealed_text(path) as file:
         file.writelines(f"{line}\n" for line in [*header, ",".join([*kind.coordinates, *chain(*tables.values())])])
         for row in zip(*by_row, strict=True):
@@ -69,9 +63,10 @@ def list_tables(kind: Kind, given: Iterable[str], derivatives: int) -> dict[str,
     }
 
 
-def put_in_rows(kind: Kind, name: str, values: Array) -> Array:
-    """The values of a table with its coordinates in front, derivatives behind them."""
-    return np.moveaxis(values, 0, len(kind.coordinates)) if kind.variables[name].is_derivative else values
+def list_directions(kind: Kind, arrays: dict[str, Any]) -> Array:
+    """Every combination of the coordinates, the last one fastest: (rows, coordinates)."""
+    grids = np.meshgrid(*(arrays[name] for name in kind.coordinates), indexing="ij")
+    return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
 def format_header(
@@ -130,13 +125,12 @@ def read_tables(
     texts: dict[str, str], arrays: dict[str, Array], given: list[str], lines: Lines, most_bytes: float
 ) -> dict[str, Array]:
     """The tables below the header, whose last line names the columns ``given``."""
-    kind, derivatives = find_stored_kind(texts), len(read_derivatives(texts))
+    kind, names = read_kind(texts)
     missing = [name for name in kind.coordinates if name not in arrays or arrays[name].ndim != 1]
     if missing:
         raise SceneError(f"the header has no list for {missing[0]}")
-    axes = [arrays[name] for name in kind.coordinates]
-    shape = tuple(axis.size for axis in axes)
-    tables = list_tables(kind, kind.variables, derivatives)
+    shape = tuple(arrays[name].size for name in kind.coordinates)
+    tables = list_tables(kind, kind.variables, len(names))
     tables = {name: columns for name, columns in tables.items() if columns and columns[0] in given}
     wanted = [*kind.coordinates, *chain(*tables.values())]
     if not tables or given != wanted:
@@ -146,18 +140,17 @@ def read_tables(
     if rows != lines.total - lines.place:
         raise SceneError(f"there must be {rows} rows, one a direction, not {lines.total - lines.place}")
     numbers = lines.read_numbers(rows, len(wanted))
-    for column, axis in enumerate(np.meshgrid(*axes, indexing="ij", sparse=True)):
-        wrong = np.flatnonzero(numbers[:, column] != np.broadcast_to(axis, shape).ravel())
-        if wrong.size:
-            place = np.unravel_index(wrong[0], shape)
-            right = [float(axes[k][place[k]]) for k in range(len(axes))]
-            found = numbers[wrong[0], : len(axes)].tolist()
-            raise SceneError(f"line {first + wrong[0]}: the row must be for {right}, as the header says, not {found}")
-    ends = np.cumsum([len(axes), *map(len, tables.values())])
-    found = {}
-    for name, start, end in zip(tables, ends, ends[1:], strict=False):
-        about, table = kind.variables[name], numbers[:, start:end]
-        inner = (derivatives,) * about.is_derivative + (4,) * (len(about.dims) - about.is_derivative - len(axes))
-        table = table.reshape(*shape, *inner)
-        found[name] = np.moveaxis(table, len(axes), 0) if about.is_derivative else table
+    own, right = numbers[:, : len(shape)], list_directions(kind, arrays)
+    for row in np.flatnonzero((own != right).any(axis=1))[:1]:
+        words = f"the row must be for {right[row].tolist()}, as the header says, not {own[row].tolist()}"
+        raise SceneError(f"line {first + row}: {words}")
+    found, end = {}, len(shape)
+    for name, columns in tables.items():
+        start, end = end, end + len(columns)
+        inner = (4,) * len([dim for dim in kind.variables[name].dims if dim.startswith("stokes")])
+        if kind.variables[name].is_derivative:
+            by_number = numbers[:, start:end].reshape(*shape, len(names), *inner)
+            found[name] = np.moveaxis(by_number, len(shape), 0)
+        else:
+            found[name] = numbers[:, start:end].reshape(*shape, *inner)
     return found

@@ -22,10 +22,12 @@ from vrte.basics.splines import MIRROR
 from vrte.formats.atomic import PathName
 from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
 from vrte.formats.contents import describe_result
-from vrte.formats.mitsuba_tensor import write_tensors
+from vrte.formats.mitsuba_files import write_tensors
 from vrte.results.spectrum import Spectrum
 from vrte.scene.illumination import SAME
 
+AXES = ("phi_d", "theta_d", "theta_h")  # [rad]: from -pi to pi, from 0 to pi/2 twice, all with both ends
+Axes = tuple[Array, Array, Array]
 WAVELENGTHS = 5  # in Mitsuba's code
 MOST_COSINES, MOST_AZIMUTHS = 128, 361  # to solve for, where nodes and Fourier orders are many
 CHECKED, CHECKED_FROM = 8, 0.1  # cosines and azimuths to check a table with; the smallest of those cosines
@@ -67,17 +69,17 @@ def write_mitsuba(
     is what the table is compared with; the errors are returned. A field ``description``, which Mitsuba leaves alone,
     says what made the file. Raises SceneError, OSError.
     """
-    angles, nanometres = make_angles(step_deg), check_wavelengths(spectrum.wavelength_um)
+    axes, nanometres = make_axes(step_deg), check_wavelengths(spectrum.wavelength_um)
     check_directions(spectrum)
-    table = tabulate_spectrum(spectrum, angles)
-    errors = None if exact is None else measure_errors(table, angles, exact)
+    table = tabulate_spectrum(spectrum, axes)
+    errors = None if exact is None else measure_errors(table, axes, exact)
     told = describe_result(spectrum) | {"note": NOTE}
     if spectrum.specular is not None:
         told["mirrored"] = describe_beam(spectrum)
     if errors is not None:
         told["interpolation"] = str(errors)
     text = "\n".join(f"{name}: {value}" for name, value in told.items())
-    fields: dict[str, NDArray[Any]] = {name: axis[None].astype(np.float32) for name, axis in vars(angles).items()}
+    fields: dict[str, NDArray[Any]] = {name: axes[k][None].astype(np.float32) for k, name in enumerate(AXES)}
     fields |= {"wvls": nanometres, "M": table, "description": np.frombuffer(text.encode("utf-8"), np.uint8)}
     write_tensors(fields, path)
     return errors
@@ -92,26 +94,12 @@ def describe_beam(spectrum: Spectrum) -> str:
     return f"left out is the mirrored beam, {where}: no table holds what goes into one direction"
 
 
-@dataclass(frozen=True, eq=False)
-class Angles:
-    """The axes of a table [rad]: phi_d from -pi to pi, theta_d and theta_h from 0 to pi/2, all with both ends."""
-
-    phi_d: Array
-    theta_d: Array
-    theta_h: Array
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Of the table."""
-        return self.phi_d.size, self.theta_d.size, self.theta_h.size
-
-
-def make_angles(step_deg: float) -> Angles:
+def make_axes(step_deg: float) -> Axes:
     """Axes with that step in theta, or the next smaller one that divides 90 degrees."""
     step = check_number("step_deg", step_deg, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g} degrees")
     count = math.ceil(90.0 / step - 1e-9)
     theta = np.linspace(0.0, 0.5 * np.pi, count + 1)
-    return Angles(np.linspace(-np.pi, np.pi, 2 * count + 1), theta, theta)
+    return np.linspace(-np.pi, np.pi, 2 * count + 1), theta, theta
 
 
 def check_wavelengths(wavelengths_um: Sequence[float] | Array) -> NDArray[np.uint16]:
@@ -130,11 +118,8 @@ def check_directions(spectrum: Spectrum) -> None:
     """Whether the spectrum is for the directions that splines want. Raises SceneError."""
     counts = spectrum.mu_i.size, spectrum.phi.size
     if all(FEWEST <= count <= MOST for count in counts):
-        wanted = directions(*counts)
-        given = {"mu_i": spectrum.mu_i, "mu_o": spectrum.mu_o, "phi": spectrum.phi}
-        if all(
-            one.shape == wanted[name].shape and np.allclose(one, wanted[name], 0.0, SAME) for name, one in given.items()
-        ):
+        pairs = [(getattr(spectrum, name), wanted) for name, wanted in directions(*counts).items()]
+        if all(one.shape == wanted.shape and np.allclose(one, wanted, 0.0, SAME) for one, wanted in pairs):
             return
     raise SceneError(
         "a table for Mitsuba must be solved for its own directions: "
@@ -142,27 +127,26 @@ def check_directions(spectrum: Spectrum) -> None:
     )
 
 
-def tabulate_spectrum(spectrum: Spectrum, angles: Angles) -> NDArray[np.float32]:
+def tabulate_spectrum(spectrum: Spectrum, axes: Axes) -> NDArray[np.float32]:
     """The field M (phi_d, theta_d, theta_h, wavelength, 4, 4) [sr-1]: mirror symmetry gives the half with phi_d < 0."""
-    half = angles.phi_d.size // 2
-    positive = Angles(angles.phi_d[half:], angles.theta_d, angles.theta_h)
-    into, out, across = make_direction_pairs(positive)
-    lowest = FLOOR * math.sin(angles.theta_h[1])
-    found = np.empty((angles.phi_d.size, *angles.shape[1:], len(spectrum), 4, 4), np.float32)
+    phi_d, theta_d, theta_h = axes
+    half = phi_d.size // 2
+    into, out, across = make_direction_pairs((phi_d[half:], theta_d, theta_h))
+    lowest = FLOOR * math.sin(theta_h[1])
+    found = np.empty((phi_d.size, theta_d.size, theta_h.size, len(spectrum), 4, 4), np.float32)
     for place, one in enumerate(spectrum):
-        matrices = sample_in_scattering_plane(Splines(one), into, out, across, lowest).reshape(*positive.shape, 4, 4)
+        matrices = sample_in_scattering_plane(Splines(one), into, out, across, lowest)
+        matrices = matrices.reshape(-1, theta_d.size, theta_h.size, 4, 4)
         found[half:, :, :, place] = matrices
         found[:half, :, :, place] = (matrices * MIRROR)[:0:-1]
     return found
 
 
-def make_direction_pairs(angles: Angles) -> tuple[Array, Array, Array]:
+def make_direction_pairs(axes: Axes) -> tuple[Array, Array, Array]:
     """The light's and the view's directions, both away from the surface, and the normal of the plane of both, each
     (pairs, 3), z upward. The half vector lies in the plane y = 0; across is half vector x difference vector, which
     stays what it is where both directions are one."""
-    phi, spread, half = (
-        axis.ravel() for axis in np.meshgrid(angles.phi_d, angles.theta_d, angles.theta_h, indexing="ij")
-    )
+    phi, spread, half = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     middle = np.stack([np.sin(half), 0.0 * half, np.cos(half)], axis=1)
     tangent = np.stack([np.cos(half), 0.0 * half, -np.sin(half)], axis=1)
     aside = np.cos(phi)[:, None] * tangent + np.sin(phi)[:, None] * np.array([0.0, 1.0, 0.0])
@@ -170,12 +154,12 @@ def make_direction_pairs(angles: Angles) -> tuple[Array, Array, Array]:
     return along + sideways, along - sideways, np.cross(middle, aside)
 
 
-def measure_errors(table: NDArray[np.float32], angles: Angles, exact: Spectrum) -> Errors:
+def measure_errors(table: NDArray[np.float32], axes: Axes, exact: Spectrum) -> Errors:
     """How far the table is off at the directions of another spectrum."""
     mu_i, mu_o, phi = (axis.ravel() for axis in np.meshgrid(exact.mu_i, exact.mu_o, exact.phi, indexing="ij"))
     into = make_unit_vectors(mu_i, np.full_like(mu_i, np.pi))  # light that travels along the azimuth 0
     out = make_unit_vectors(mu_o, np.radians(phi))
-    found = turn_to_meridian_planes(interpolate_table(table, angles, into, out), into, out)
+    found = turn_to_meridian_planes(interpolate_table(table, axes, into, out), into, out)
     wanted = exact.mueller.reshape(len(exact), -1, 4, 4).swapaxes(0, 1)
     off = np.abs(found - wanted).max(axis=(2, 3)) / wanted[:, :, 0, 0]
     return Errors(float(np.median(off)), float(np.quantile(off, 0.95)), len(off))
@@ -187,7 +171,7 @@ def make_unit_vectors(mu: Array, azimuth: Array) -> Array:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), mu], axis=1)
 
 
-def interpolate_table(table: NDArray[np.floating], angles: Angles, into: Array, out: Array) -> Array:
+def interpolate_table(table: NDArray[np.floating], axes: Axes, into: Array, out: Array) -> Array:
     """What Mitsuba makes of the table M at pairs of directions (n, 3), in the table's axes: (n, wavelength, 4, 4)."""
     from scipy.interpolate import RegularGridInterpolator
 
@@ -197,7 +181,6 @@ def interpolate_table(table: NDArray[np.floating], angles: Angles, into: Array, 
     sideways /= np.linalg.norm(sideways, axis=1)[:, None]
     phi = np.arctan2((sideways * into).sum(axis=1), (np.cross(sideways, middle) * into).sum(axis=1))
     spread = np.arccos(np.clip((middle * into).sum(axis=1), -1.0, 1.0))
-    axes = angles.phi_d, angles.theta_d, angles.theta_h
     places = np.stack([phi, spread, np.arccos(np.clip(middle[:, 2], -1.0, 1.0))], axis=1)
     found: Array = RegularGridInterpolator(axes, table)(places)
     return found

@@ -23,27 +23,10 @@ FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes a BRDF, field or spectrum to a file, all of it or nothing.
+    """Writes a BRDF, field or spectrum to a file, all of it or nothing: NetCDF where its name ends in .nc, a table in
+    .csv, a folder of Zarr in .zarr. Raises SceneError for another ending, OSError where the file cannot be written,
+    MissingExtraError for NetCDF and Zarr without the extra "files".
 
-    Parameters
-    ----------
-    result : Brdf, Field or Spectrum
-        What was solved.
-    path : path
-        Its name ends in .nc for NetCDF, in .csv for a table, in .zarr for a folder of Zarr.
-
-    Raises
-    ------
-    SceneError
-        For another ending.
-    OSError
-        Where the file cannot be written.
-    MissingExtraError
-        For NetCDF and Zarr without the extra "files".
-
-    Examples
-    --------
-    >>> from vrte.formats.result_file import save
     >>> save(brdf, "result.csv")
     """
     suffix = Path(check_file_name(path)).suffix.lower()

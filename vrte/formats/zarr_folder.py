@@ -16,26 +16,22 @@ import numpy as np
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import PathName, check_file_name, write_atomically
 from vrte.formats.contents import ARRAYS, TEXTS, Result, check_size, collect_arrays, restore_result, to_xarray
+from vrte.formats.netcdf import LARGEST_TEXT
 
 PURPOSE = "reading or writing Zarr"
 FORMAT = 3
 METADATA = "zarr.json"
-LARGEST_METADATA = 50_000_000  # bytes
+
 SEAL = "sha256"  # the attribute
 
 
 def save_zarr(result: Result, path: PathName) -> None:
-    """Writes ``result`` to the Zarr folder ``path``, all of it or nothing; one that is there is replaced.
-
-    The numbers are not packed. Raises MissingExtraError without the extra "files", OSError where something else than a
-    Zarr folder is there or it cannot be written.
-    """
+    """Writes ``result`` to the Zarr folder ``path``, all of it or nothing; one that is there is replaced, and nothing
+    else is. Raises MissingExtraError without the extra "files", OSError."""
     import_extra("zarr", PURPOSE, "files")
     dataset = to_xarray(result)
     dataset.attrs[SEAL] = hash_content(dataset.attrs, collect_arrays(result))
-    unpacked: dict[str, dict[str, list[str]]] = {
-        str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
-    }
+    unpacked: Any = {name: {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"}
     with write_atomically(path, METADATA) as part, warnings.catch_warnings():
         # words are not part of Zarr's specification yet; they only label the Stokes parameters
         warnings.filterwarnings("ignore", "The data type")
@@ -78,9 +74,9 @@ def hash_content(attributes: Mapping[str, Any], arrays: Mapping[str, Any]) -> st
 def read_metadata(folder: Path) -> Any:
     """What a folder says of itself."""
     with open(folder / METADATA, "rb") as file:
-        text = file.read(LARGEST_METADATA + 1)
-    if len(text) > LARGEST_METADATA:
-        raise SceneError(f"its {METADATA} is longer than {LARGEST_METADATA} bytes")
+        text = file.read(LARGEST_TEXT + 1)
+    if len(text) > LARGEST_TEXT:
+        raise SceneError(f"its {METADATA} is longer than {LARGEST_TEXT} bytes")
     found = json.loads(text)
     if found["zarr_format"] != FORMAT:
         raise SceneError(f"it is of Zarr format {found['zarr_format']!r}: only {FORMAT} is read")

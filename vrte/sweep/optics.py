@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.formats.journal import read_sealed, write_sealed
+from vrte.formats.atomic import read_sealed, write_sealed
 from vrte.formats.particle_sources import check_particles, describe_value, make_particles
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix

@@ -32,8 +32,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError, SweepError
-from vrte.formats.atomic import is_sealed, write_atomically
-from vrte.formats.journal import flush, read_journal, write_journal
+from vrte.formats.atomic import flush, is_sealed, read_journal, write_atomically, write_journal
 from vrte.sweep import table as tables
 from vrte.sweep.optics import KeptOptics
 from vrte.sweep.results import Results

@@ -1,13 +1,16 @@
-"""Mitsuba's container of named arrays, a tensor file: a head that lists them, then their bytes, all little-endian.
+"""Mitsuba's files: its container of named arrays, and a scene file with its own dielectric on a table.
 
-The head: "tensor_file" and a zero byte, the version as two bytes (1, 0), the number of fields (uint32); then for each
-field the length of its name (uint16), the name, its number of dimensions (uint16), its type (uint8), where its bytes
-begin in the file (uint64) and its shape (uint64 each).
+A tensor file is a head that lists arrays, then their bytes, all little-endian. The head: "tensor_file" and a zero byte,
+the version as two bytes (1, 0), the number of fields (uint32); then for each field the length of its name (uint16), the
+name, its number of dimensions (uint16), its type (uint8), where its bytes begin in the file (uint64) and its shape
+(uint64 each).
 """
 
 import math
 import struct
 from collections.abc import Mapping
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,28 @@ TYPES = ("", "u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8")  
 ALIGNMENT = 8  # bytes
 MOST_FIELDS, MOST_DIMENSIONS = 1000, 16
 LARGEST = 2e9  # bytes of a file
+GAP = 5e-4  # of two spheres of radius 1: rays start 1.8e-4 off what they leave; angles change by its square root
+TEMPLATE = """\
+<scene version="3.0.0">
+    <!-- Light from emitters that rays can hit; integrator: path, in stokes, with max_depth -1. The two shapes may be
+         others, one a little inside the other: the gap is filled with the medium below the surface. -->
+    <bsdf type="dielectric" id="surface">
+        <float name="ext_ior" value="{above!r}"/>
+        <float name="int_ior" value="{below!r}"/>
+    </bsdf>
+    <bsdf type="measured_polarized" id="below_surface">
+        <string name="filename" value={table}/>
+        <float name="alpha_sample" value="1.0"/>
+    </bsdf>
+    <shape type="sphere">
+        <ref id="surface"/>
+    </shape>
+    <shape type="sphere">
+        <float name="radius" value="{inside!r}"/>
+        <ref id="below_surface"/>
+    </shape>
+</scene>
+"""
 
 
 def write_tensors(fields: Mapping[str, NDArray[Any]], path: PathName) -> None:
@@ -80,3 +105,13 @@ def _read_fields(content: bytes) -> dict[str, NDArray[Any]]:
             raise SceneError("the file is cut off: it ends before its fields do")
         found[label.decode("utf-8")] = np.frombuffer(content, kind, size, start).reshape(shape)
     return found
+
+
+def write_nested_scene(path: PathName, table: PathName, index_above: float, index_below: float) -> None:
+    """Writes a scene file (XML): a sphere of the table ``table``, which must lie beside ``path``, in one of a smooth
+    dielectric. Mitsuba has no sum of BSDFs (blendbsdf mixes up beams and other light), so the surface is a shape of its
+    own: Mitsuba follows the light through it, and up and down between the two as often as it goes. Raises OSError."""
+    name = f'"{escape(Path(table).name)}"'
+    text = TEMPLATE.format(above=index_above, below=index_below, table=name, inside=1.0 - GAP)
+    with write_atomically(path) as part:
+        Path(part).write_text(text, encoding="utf-8")
