@@ -15,25 +15,20 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 
 from .samples import spheroids
 
-
-def scenes() -> dict[str, vrte.Scene]:
-    """By name: b2 or none, thin, thick, endless and clear layers, a white and no base."""
-    layer, mixed = vrte.Layer, spheroids()
-    return {
-        "one layer": vrte.Scene([layer(mixed, 0.9, 2.0)]),
-        "over a base": vrte.Scene([layer(mixed, 0.9, 2.0)], vrte.Lambertian(0.7)),
-        "conservative over white": vrte.Scene([layer(mixed, 1.0, 50.0)], vrte.Lambertian(1.0)),
-        "endless": vrte.Scene([layer(mixed, 1.0, np.inf)]),
-        "endless and dark": vrte.Scene([layer(mixed, 0.3, np.inf)]),
-        "thin": vrte.Scene([layer(vrte.rayleigh(), 1.0, 1e-6)]),
-        "thick": vrte.Scene([layer(vrte.rayleigh(), 1.0, 1e4)]),
-        "three kinds": vrte.Scene(
-            [layer(mixed, 0.97, 1e-3), layer(mixed, 0.0, 0.5), layer(vrte.rayleigh(), 0.3, 300.0)], vrte.Lambertian(0.3)
-        ),
-        "repeated": vrte.Scene(
-            [layer(mixed, 0.9, 0.3), layer(vrte.rayleigh(), 0.5, 0.2)] * 2 + [layer(mixed, 0.9, 9.0)]
-        ),
-    }
+layer, mixed = vrte.Layer, spheroids()
+SCENES = {  # b2 or none, thin, thick, semi-infinite and non-scattering layers, a white and no base
+    "one layer": vrte.Scene([layer(mixed, 0.9, 2.0)]),
+    "over a base": vrte.Scene([layer(mixed, 0.9, 2.0)], vrte.Lambertian(0.7)),
+    "conservative over white": vrte.Scene([layer(mixed, 1.0, 50.0)], vrte.Lambertian(1.0)),
+    "semi-infinite": vrte.Scene([layer(mixed, 1.0, np.inf)]),
+    "semi-infinite and dark": vrte.Scene([layer(mixed, 0.3, np.inf)]),
+    "thin": vrte.Scene([layer(vrte.rayleigh(), 1.0, 1e-6)]),
+    "thick": vrte.Scene([layer(vrte.rayleigh(), 1.0, 1e4)]),
+    "three kinds": vrte.Scene(
+        [layer(mixed, 0.97, 1e-3), layer(mixed, 0.0, 0.5), layer(vrte.rayleigh(), 0.3, 300.0)], vrte.Lambertian(0.3)
+    ),
+    "repeated": vrte.Scene([layer(mixed, 0.9, 0.3), layer(vrte.rayleigh(), 0.5, 0.2)] * 2 + [layer(mixed, 0.9, 9.0)]),
+}
 
 
 def problem_of(scene: vrte.Scene, nodes: int, stokes: tuple[int, ...] = ALL) -> Problem:

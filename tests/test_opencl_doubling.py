@@ -14,10 +14,9 @@ from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
 
-from .opencl_scenes import kernels_with, problem_of, scenes
+from .opencl_scenes import SCENES, kernels_with, problem_of
 
 ORDERS = np.array([0, 1, 3], np.int32)
-SCENES = scenes()
 
 
 def doubled(pile: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:
@@ -36,7 +35,7 @@ def test_what_a_slab_is_does_not_depend_on_the_others(opencl: Session) -> None:
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", ["conservative over white", "endless", "endless and dark", "three kinds"])
+@pytest.mark.parametrize("name", ["conservative over white", "semi-infinite", "semi-infinite and dark", "three kinds"])
 def test_steps_in_one_launch_are_those_of_a_launch_each(
     either_form: Any, name: str, precision: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
