@@ -59,7 +59,7 @@ CORE = list_faults(
 
 DEVICE = list_faults(
     ("device-beam", "cl/doubling.cl", "to[i] = -total;", "to[i] = total;",
-     "sign of the beam's source on a device", "opencl_doubling opencl_device"),
+     "sign of the beam's source on a device", "engines"),
     ("device-memory", "cl/errors.py", "SHARE = 0.9", "SHARE = 90.0",
      "more than a device's memory is asked for", "opencl_drivers opencl_device"),
 )  # fmt: skip

@@ -1,0 +1,472 @@
+"""Kernels of a device: products and inverses beside NumPy's, and what tests/test_engines.py does not see: that items do
+not depend on each other, many scenes at once, ends, launches and waits."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+
+import vrte
+from bench.cases import find_scene
+from vrte import _core
+from vrte.basics.errors import DeviceError
+from vrte.basics.running import Run, ThreadTeam
+from vrte.cl import assembly, invariance, matrices, steps, sums
+from vrte.cl.doubling import double_slabs as double_on_device
+from vrte.cl.matrices import (
+    Stack,
+    choose_panel_width,
+    download_stack,
+    invert,
+    make_stack,
+    multiply_stacks,
+    upload_stack,
+)
+from vrte.cl.session import Reading, Session, Traffic
+from vrte.discrete_ordinates.execution.engines import device_sums
+from vrte.discrete_ordinates.execution.engines import opencl as engine
+from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
+
+from .helpers import assert_close
+from .opencl_scenes import SCENES, kernels_with, problem_of
+
+ORDERS = np.array([0, 1, 3], np.int32)
+SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129), (96, 33, 31), (120, 7, 80))
+
+
+def a_crew(stopped: bool = False) -> ThreadTeam:
+    """Who has not worked yet."""
+    return ThreadTeam(1, np.zeros(1), np.full(1, stopped, np.int32))
+
+
+def integers(*lists: Sequence[int]) -> list[np.ndarray]:
+    return [np.array(values, np.int32) for values in lists]
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize("by_transpose", [False, True])
+def test_products(either_form: Session, size: tuple[int, int, int], by_transpose: bool) -> None:
+    """Of rows, inner, columns; with nothing of what was there where beta is 0, and padding that stays 0."""
+    session, (rows, inner, columns), rng = either_form, size, np.random.default_rng(size[0])
+    a = rng.standard_normal((4, inner, rows))
+    b = rng.standard_normal((4, inner, columns) if by_transpose else (4, columns, inner))
+    for beta in (-0.7, 0.0):
+        c = rng.standard_normal((4, columns, rows)) if beta else np.full((4, columns, rows), np.nan)
+        stacks = [upload_stack(session, values) for values in (a, b, c)]
+        (items,) = integers([3, 0, 2])
+        multiply_stacks(session, session.upload(items), *stacks, alpha=1.5, beta=beta, transposed=by_transpose)  # type: ignore[misc]
+        expected = c.copy()
+        for item in items:
+            right = b[item] if by_transpose else b[item].T
+            expected[item] = (1.5 * a[item].T @ right + (beta * c[item].T if beta else 0.0)).T
+        assert_close(download_stack(session, stacks[2]), expected, rtol=0.0, atol=1e-14 * inner)
+        assert not session.download(stacks[2].data).reshape(4, columns, -1)[:, :, rows:].any()
+
+
+def test_a_part_leaves_the_others_alone(either_form: Session) -> None:
+    session = either_form
+    rng = np.random.default_rng(2)
+    a, c = rng.random((2, 24, 24)), rng.random((2, 24, 24))
+    big, small = upload_stack(session, c), upload_stack(session, a)
+    multiply_stacks(
+        session, session.upload(np.arange(2, dtype=np.int32)), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7)
+    )
+    expected = c.copy()
+    for item in range(2):
+        expected[item].T[16:24, 5:12] = a[item].T[8:16] @ a[item].T[:, :7]
+    assert_close(download_stack(session, big), expected, rtol=1e-13, atol=0.0)
+
+
+MATRICES = {n: np.random.default_rng(n).standard_normal((3, n, n)) for n in (1, 7, 16, 17, 40, 83, 160)}
+MATRICES[50] = np.stack([np.roll(np.diag(np.arange(1.0, 51.0)), 7, axis=0)] * 3)  # rows have to be exchanged
+
+
+@pytest.mark.parametrize(("rows", "width"), [*((rows, None) for rows in MATRICES), (40, 1), (40, 3)])
+def test_inverses(either_form: Session, rows: int, width: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the items listed alone; with little local memory, too: fewer columns of a panel at once."""
+    stored = MATRICES[rows]
+    if width:
+        monkeypatch.setattr(matrices, "choose_panel_width", lambda rows, local_bytes: width)
+    found, info = inverted(either_form, stored, [2, 0])
+    assert not info.any()
+    np.testing.assert_array_equal(found[1], stored[1])
+    for item in (0, 2):
+        condition = np.linalg.cond(stored[item])
+        assert_close(found[item] @ stored[item], np.eye(rows), rtol=0.0, atol=1e-14 * condition)
+
+
+def inverted(session: Session, stored: np.ndarray, items: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(item, column, row) after `invert`, and info."""
+    count, rows, _ = stored.shape
+    stack, info = upload_stack(session, stored), session.zeros((count,), np.int32)
+    scratch = session.empty((count, 16 * rows)), session.empty((count, rows), np.int32)
+    invert(session, session.upload(np.array(items, np.int32)), stack, *scratch, info)
+    return download_stack(session, stack), session.download(info)
+
+
+def test_what_cannot_be_inverted_or_is_nothing(either_form: Session) -> None:
+    session = either_form
+    stored = np.stack([np.eye(20), np.eye(20), np.zeros((20, 20))])
+    stored[1][18, 18] = 0.0
+    found, info = inverted(session, stored, [0, 1, 2])
+    np.testing.assert_array_equal(info, [0, 1, 1])
+    np.testing.assert_array_equal(found[0], np.eye(20))
+    none, stack = session.upload(np.zeros(0, np.int32)), make_stack(session, 2, 5, 5)
+    multiply_stacks(session, none, stack, stack, stack)
+    assert not inverted(session, np.zeros((2, 5, 5)), [])[0].any()
+    with pytest.raises(DeviceError, match="5000 rows are too large for the local memory"):
+        choose_panel_width(5000, 32 << 10)
+    with pytest.raises(AssertionError):  # parts begin at strips
+        Stack(None, 20, 20, 24, 480).part(5, 0, 8, 8)
+
+
+def ask_of_two_materials(session: Session) -> list[Any]:
+    """Directions of five nodes and two others, two materials with b2, the second one of fewer terms."""
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    degree, draw = np.arange(7)[:, None], np.random.default_rng(7)
+    table = draw.normal(size=(7, 6)) * (2 * degree + 1) * 0.8**degree / 3.0  # of a strength that a scene can have
+    table[0, 0] = 1.0
+    directions = np.concatenate([(nodes + 1.0) / 2.0, [0.3, 0.77]])
+    given = np.stack([table, 0.5 * table]), np.array([7, 5], np.int32), np.array([0.9, 0.6]), directions, weights / 2.0
+    return [session.upload(values) for values in given]
+
+
+@pytest.mark.parametrize("stage", ["assemble", "reflect_semi_infinite"])
+def test_an_item_does_not_depend_on_the_others(either_form: Session, stage: str) -> None:
+    """Nor on a material or a tolerance that is not its own; those listed, in any order, and nothing else."""
+    upload, asked = either_form.upload, ask_of_two_materials(either_form)
+    order, material, tolerance = *integers([4, 0, 1, 2], [0, 1, 0, 1]), np.array([1e-3, 1e-12, 1e-6, 1e-9])
+    pairs = upload(order), upload(material), (0, 1, 2, 3)
+    ends = *map(upload, integers([0], [1])), upload(np.eye(4)), upload(tolerance)
+
+    def find(items: Sequence[int]) -> list[np.ndarray]:
+        (listed,) = integers(items)
+        if stage == "assemble":
+            made = assembly.assemble(either_form, upload(listed), *pairs, *asked, 1)
+            return [download_stack(either_form, made.E)[listed]]
+        found = invariance.reflect_semi_infinite(either_form, upload(listed), *pairs, *asked, *ends)
+        return [either_form.download(each)[listed] for each in (found.up, found.on_nodes, found.residual, found.steps)]
+
+    whole = find([0, 1, 2, 3])
+    for items in ([3], [2, 0], [1, 3, 2]):
+        for part, complete in zip(find(items), whole, strict=True):
+            assert (part == complete[items]).all()
+    if stage == "reflect_semi_infinite":
+        assert (whole[2] <= tolerance).all()
+        one, rest = upload(np.zeros(1, np.int32)), [*pairs, *asked, *ends]
+        counts = [
+            either_form.download(invariance.reflect_semi_infinite(either_form, one, *rest, stop).steps)[0]
+            for stop in integers([1], [0])
+        ]
+        assert counts[0] < counts[1]
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("albedo", [0.9, 0.0])
+def test_invariance_takes_the_steps_that_the_core_takes(either_form: Session, tolerance: float, albedo: float) -> None:
+    """The last order has nothing to scatter, and neither has a clear layer: they send nothing back."""
+    coefficients, _, _, directions, weights = (either_form.download(each) for each in ask_of_two_materials(either_form))
+    orders, members, out, into = integers([1, 2, 3, 4, 5, 9], range(4), [0], [1])
+    given = {"orders": orders, "members": members, "coefficients": coefficients[0], "terms": 7, "albedo": albedo}
+    given |= {"directions": directions, "weights": weights, "out": out, "into": into, "columns": np.eye(4)}
+    answers = []
+    for kernel in (
+        lambda *a, **b: invariance.reflect_semi_infinite_arrays(either_form, *a, **b),
+        _core.reflect_semi_infinite,
+    ):
+        shapes = {"up": (6, 1, 4, 4), "on_nodes": (6, 4, 20), "residual": (6,)}
+        answer = {name: np.full(shape, np.nan) for name, shape in shapes.items()} | {"steps": np.full(6, -1, np.int32)}
+        kernel(a_crew(), **given, tolerance=tolerance, halves=True, **answer)
+        answers.append(answer)
+    found, expected = answers
+    np.testing.assert_array_equal(found["steps"], expected["steps"])
+    assert_close(found["residual"], expected["residual"], rtol=1e-3, atol=1e-14)
+    for name in ("up", "on_nodes"):
+        assert_close(found[name], expected[name], rtol=0.0, atol=1e-11 * np.abs(expected[name]).max())
+        assert not found[name][-1].any()
+        assert albedo or not found[name].any()
+
+
+PHI = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
+NAMES = ("kernels", "stokes", "kind", "place", "cosine", "sine", "angle", "sign", "levels", "rows", "scale")
+
+
+def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
+    """Kernels as stacks of matrices hold them, other numbers of orders, factors of rows and Stokes components, and a
+    buffer that more than these tables share."""
+    rng = np.random.default_rng(3)
+    n_order, azimuths, first, shape = [5, 3], fold_azimuths(PHI), 12, (1, 2, 3, PHI.size, 4, 4)
+    n_out, columns, size = 5, 2 * 4, int(np.prod(shape))
+    stack = rng.standard_normal((sum(n_order), columns, 24))  # rows padded
+    cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
+    stokes, kind, place, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
+    factors = rng.standard_normal((n_out, 4))
+    buffer = either_form.upload(np.ones(first + 3 * size))
+    sums.add_orders(
+        either_form,
+        sums.Kernels(either_form.upload(stack), (columns * 24, 0, 4 * 24, 24, 4, 1)),
+        either_form.upload(np.array([[0, 0, 5, 0], [1, 5, 3, 0]], np.int32)),
+        sums.upload_entries(either_form, stokes, kind, place, 4, cosine, sine),
+        sums.upload_azimuths(either_form, azimuths.angle, azimuths.sign, cosine.shape[1]),
+        either_form.upload(np.zeros(1, np.int32)),
+        either_form.upload(rows),
+        either_form.upload(np.array([0.5, 2.0])),
+        either_form.upload(factors),
+        (0, 2),
+        sums.Table(buffer, shape, 2, first, size),
+    )
+    values = either_form.download(buffer)
+    np.testing.assert_array_equal(np.delete(values, np.s_[first : first + 2 * size]), 1.0)
+    for scene, count in enumerate(n_order):
+        expected = np.ones(shape)
+        kernels = stack[5 * scene : 5 * scene + count, :, :20].reshape(count, 1, 2, 4, n_out, 4) * factors
+        tables = cosine[:count], sine[:count], azimuths.angle, azimuths.sign, *integers([0]), rows
+        given = zip(NAMES, (kernels, stokes, kind, place, *tables, np.array([0.5, 2.0])), strict=True)
+        _core.azimuthal_sum(a_crew(), **dict(given), first=0, last=2, out=expected)
+        found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
+        assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
+
+
+def test_scatterers_of_many_scenes_are_added_at_once(either_form: Session) -> None:
+    """None, two and one in a scene, with other numbers of terms; straight on and straight back included."""
+    rng, mu0, mu = np.random.default_rng(4), np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
+    sphere = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
+    pairs = [(_core.series_table(sphere[:n]), rng.uniform(0.5, 2.0, (2, 3, 6))) for n in (27, 3, 10)]
+    azimuths, columns, (kind, place) = fold_azimuths(PHI), np.eye(4), integers([0, 0, 1, 1], range(4))
+    cosine, sine = azimuths.cos_sin(np.ones(1, np.int32))
+    turn, shape = (cosine[0], sine[0]), (2, 3, 6, PHI.size, 4, 4)
+    size = int(np.prod(shape))
+    result = either_form.zeros((3 * size + 4,))
+    sums.add_scattering(
+        either_form,
+        sums.upload_scatterers(either_form, [[], pairs[:2], pairs[2:]]),
+        sums.upload_directions(either_form, mu0, mu, *turn, columns, kind, place),
+        sums.upload_azimuths(either_form, azimuths.angle, azimuths.sign, turn[0].size),
+        (0, mu0.size),
+        sums.Table(result, shape, 3, 4, size),
+    )
+    given = {"mu0": mu0, "mu": mu, "cos_phi": turn[0], "sin_phi": turn[1], "angle": azimuths.angle}
+    given |= {"sign": azimuths.sign, "columns": columns, "kind": kind, "place": place, "first": 0}
+    expected = np.zeros((3, *shape))
+    for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
+        _core.add_single_scattering(a_crew(), **given, table=table, path=path, last=3, out=expected[scene])
+    found = either_form.download(result)[4:].reshape(3, *shape)
+    assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
+    table, path = pairs[0]
+    refused = {"table": table, "path": path, "last": 1, "out": np.zeros(1)}
+    for changes, words in (
+        (
+            {"columns": np.tile(columns, (5, 1)), "kind": np.tile(kind, 5), "place": np.tile(place, 5)},
+            "at most 16 columns",
+        ),
+        ({"table": table[:-1]}, "series_table"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sums.add_single_scattering(either_form, a_crew(), **given | refused | changes)
+
+
+def doubled(pile: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:
+    """R and T by some kernels."""
+    run = Run(1)
+    matrices = assemble(pile.problem, orders, run)
+    return double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, Run(1, kernels=kernels))
+
+
+def test_slabs_do_not_depend_on_each_other_and_end_when_told(opencl: Session) -> None:
+    pile = cut_layers(problem_of(SCENES["repeated"], 5))
+    kernels = kernels_with(opencl, double_slabs=double_on_device)
+    together, alone = doubled(pile, ORDERS, kernels), doubled(pile, ORDERS[1:2], kernels)
+    np.testing.assert_array_equal(together.R[1], alone.R[0])
+    np.testing.assert_array_equal(together.T[1], alone.T[0])
+    run, found = Run(1, kernels=kernels), assemble(pile.problem, ORDERS, Run(1))
+    run.stop[0] = 1
+    with pytest.raises(KeyboardInterrupt):
+        double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, found, run)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("name", ["semi-infinite and dark", "three kinds"])
+def test_steps_in_one_launch_are_those_of_a_launch_each(
+    either_form: Any, name: str, precision: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit, with fewer launches, wherever the list is cut."""
+    session = either_form.in_precision(precision)
+    pile, kernels = cut_layers(problem_of(SCENES[name], 5)), kernels_with(session, double_slabs=double_on_device)
+
+    def solve() -> tuple[Slabs, int]:
+        before = session.traffic.launches
+        return doubled(pile, ORDERS, kernels), session.traffic.launches - before
+
+    together, few = solve()
+    monkeypatch.setattr(steps, "LONGEST", 1e-7)
+    cut, some = solve()
+    monkeypatch.setattr(session, "at_once", False)
+    apart, many = solve()
+    assert few < some < many
+    assert few < 0.5 * many
+    for found in (together, cut):
+        for one in ("R", "T", "lost", "residual", "doublings"):
+            np.testing.assert_array_equal(getattr(found, one), getattr(apart, one))
+
+
+def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
+    units = opencl.units
+    assert steps.is_quicker_fused(opencl, 1, 1e4)
+    assert steps.is_quicker_fused(opencl, 3 * units, 1e12)
+    assert not steps.is_quicker_fused(opencl, 3 * units + 1, 1e12) or units == 1
+
+
+def test_slow_doubles_make_one_launch_dear() -> None:
+    """A unit of an RTX 4090 has a 60th of an H100's doubles, but its floats."""
+
+    def describe(architecture: tuple[int, int], precision: str) -> Any:
+        major, minor = architecture
+        device = SimpleNamespace(
+            type=pyopencl.device_type.GPU,
+            max_clock_frequency=2000,
+            compute_capability_major_nv=major,
+            compute_capability_minor_nv=minor,
+        )
+        return SimpleNamespace(device=device, form="gpu", precision=precision, units=130)
+
+    assert steps.find_rate(describe((8, 9), "double")) < 0.1 * steps.find_rate(describe((9, 0), "double"))
+    assert steps.find_rate(describe((8, 9), "single")) == steps.find_rate(describe((9, 0), "single"))
+    assert steps.is_quicker_fused(describe((9, 0), "double"), 120, 1e8)
+    assert not steps.is_quicker_fused(describe((8, 9), "double"), 120, 1e8)
+
+
+def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:
+    """A read, a launch and a wait alike."""
+    for ask in (opencl.finish, lambda: opencl.download(opencl.upload(np.ones(3)))):
+        done: list[int] = []
+        opencl.waiting.append(lambda done=done: done.append(1))
+        ask()
+        assert done == [1]
+        assert not opencl.waiting
+
+
+def test_what_goes_to_and_from_a_device_is_counted(opencl: Any) -> None:
+    before = Traffic(**vars(opencl.traffic))
+    small, large = opencl.upload(np.ones(3)), opencl.upload(np.ones(3000))
+    opencl.zeros((5,))
+    opencl.launch("invariance_rate", (0,))  # of nothing: not launched
+    opencl.download(small)
+    opencl.download(large)
+    opencl.finish()
+    size = np.dtype(opencl.real).itemsize
+    found = opencl.traffic.since(before)
+    assert found == Traffic(
+        launches=0, fills=1, reads=2, waits=2, bytes_up=3003 * size, bytes_down=3003 * size
+    )  # a large array is waited for on its way up
+
+
+def count_traffic(session: Any, monkeypatch: pytest.MonkeyPatch, scene: vrte.Scene, how: dict[str, Any]) -> Traffic:
+    """Of one BRDF, as its diagnostics tell it."""
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": session.in_precision(precision))
+    made = vrte.brdf(scene, **how, phi=np.arange(0, 361, 10), backend="opencl")
+    return Traffic(**made.diagnostics["traffic"])
+
+
+GOLD = find_scene("gold")
+MU = np.linspace(0.05, 1.0, 20)
+THIN_GOLD = replace(GOLD, layers=[replace(GOLD.layers[0], thickness=5.0)])
+RAYLEIGH = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
+SMALL, LARGE = {"mu_i": MU[[0, -1]], "mu_o": MU[[0, -1]]}, {"mu_i": MU, "mu_o": MU, "nodes": 40}
+
+
+@pytest.mark.parametrize(
+    ("scene", "how", "most"),
+    [
+        (GOLD, SMALL | {"nodes": 8, "algorithm": "invariance"}, {}),
+        (
+            RAYLEIGH,
+            SMALL | {"nodes": 4, "algorithm": "doubling"},
+            {"cpu": (120, 9), "gpu": (120, 9)},
+        ),
+        pytest.param(
+            GOLD, LARGE | {"algorithm": "invariance"}, {"cpu": (100, 25), "gpu": (200, 15)}, marks=pytest.mark.slow
+        ),
+        pytest.param(THIN_GOLD, LARGE | {"algorithm": "doubling"}, {"cpu": (180, 20)}, marks=pytest.mark.slow),
+    ],
+)
+def test_few_launches_and_reads(
+    either_form: Any, scene: vrte.Scene, how: dict[str, Any], most: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Doubling reads norms, and what it ends with, of each block of orders; the host does not wait after a step on a
+    GPU. ``most``: launches and reads by form of the kernels."""
+    found = count_traffic(either_form, monkeypatch, scene, how)
+    launches, reads = most.get(either_form.form, (np.inf, np.inf))
+    assert 0 < found.launches <= launches
+    assert 0 < found.reads <= reads
+    assert found.bytes_down >= 8 * len(how["mu_i"]) * len(how["mu_o"]) * 37 * 16
+
+
+def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
+    either_form: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the same Fourier orders; each result is that of its scene alone to the last bit, in chunks as well."""
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": either_form.in_precision(precision))
+    launched: list[str] = []
+    launch = Session.launch
+
+    def noted(session: Session, name: str, *arguments: Any, **named: Any) -> None:
+        launched.append(name)
+        launch(session, name, *arguments, **named)
+
+    monkeypatch.setattr(Session, "launch", noted)
+    mu, phi = np.array([0.3, 0.9]), np.array([0.0, 50.0, 310.0])
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, np.inf)]) for albedo in (0.9, 0.5, 0.7)]
+
+    def solve(scenes: list[vrte.Scene]) -> tuple[list[np.ndarray], int]:
+        launched.clear()
+        found = vrte.brdfs(scenes, mu, mu, phi, nodes=4, backend="opencl", algorithm="invariance")
+        return [one.mueller for one in found], sum(
+            name.startswith(("add_orders", "add_scattering")) for name in launched
+        )
+
+    together, few = solve(scenes)
+    alone = [solve([scene]) for scene in scenes]
+    assert few == max(launches for _, launches in alone)
+    with monkeypatch.context() as patch:
+        patch.setattr(device_sums, "TOGETHER", 1.0)
+        in_chunks, many = solve(scenes)
+    assert many == sum(launches for _, launches in alone)
+    for whole, chunk, (one, _) in zip(together, in_chunks, alone, strict=True):
+        np.testing.assert_array_equal(whole, one[0])
+        np.testing.assert_array_equal(chunk, one[0])
+
+
+def test_arrays_are_read_in_one_wait(opencl: Any) -> None:
+    before = Traffic(**vars(opencl.traffic))
+    halves = Reading([opencl.upload(np.arange(3.0)), opencl.upload(np.arange(5.0))], lambda a, b: a.sum() + b.sum())
+    nothing = Reading([opencl.empty((0,))], lambda a: a.size)
+    assert opencl.read([halves, nothing, Reading((), lambda: "none")]) == [13.0, 0, "none"]
+    assert opencl.traffic.since(before).reads == 1
+
+
+@pytest.mark.slow  # compiles for long
+def test_orders_of_all_blocks_go_together_on_a_gpu(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same numbers as block by block, to the last bit, and no order more."""
+    session = opencl.in_form("gpu")
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": session.in_precision(precision))
+    mu, scene = np.array([0.2, 0.6]), GOLD
+
+    def solve() -> vrte.Brdf:
+        return vrte.brdf(scene, mu, mu, [0.0, 40.0], nodes=8, backend="opencl", algorithm="invariance")
+
+    together = solve()
+    monkeypatch.setattr(engine.Device, "looks_ahead", ())
+    apart = solve()
+    np.testing.assert_array_equal(together.mueller, apart.mueller)
+    for name in ("orders", "orders_by", "unknowns", "residual_of_invariance"):
+        assert together.diagnostics[name] == apart.diagnostics[name]
+    few, many = (Traffic(**made.diagnostics["traffic"]) for made in (together, apart))
+    assert few.launches < 0.7 * many.launches
+    assert few.reads < min(15, many.reads)
