@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Sized
+from collections.abc import Iterable, Mapping, Sized
 from typing import Any, TypeVar
 
 import numpy as np
@@ -91,6 +91,14 @@ def check_number(name: str, value: Any, low: float, high: float, allowed: str) -
     if not low <= result <= high:  # also refuses NaN
         raise SceneError.of(name, f"must be {allowed}, not {show_value(value)}")
     return result
+
+
+def check_fields(of: str, one: object, limits: Mapping[str, tuple[float, float, str]]) -> None:
+    """Makes numbers of a frozen dataclass floats within their limits: from, to, in words; None stays. Raises
+    SceneError."""
+    for name, bounds in limits.items():
+        if (value := getattr(one, name)) is not None:
+            object.__setattr__(one, name, check_number(f"{of}{name}", value, *bounds))
 
 
 def check_whole(name: str, value: Any, low: int, high: int) -> int:

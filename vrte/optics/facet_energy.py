@@ -27,9 +27,7 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 
 NODES, FINE = 40, 1e-9
-TABLE = (
-    512  # cosines, even in their root, between which splines are right to 1e-6 (below mu = 0.005, n - 1 = 1e-5: 4e-3)
-)
+TABLE = 512  # cosines, even in their root, between which splines are right to 1e-6 (mu < 0.005, n - 1 = 1e-5: 4e-3)
 _SHARED = Remembered()  # the same facets lie on a panel at every thickness, over every base
 EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever the angle
 
@@ -62,7 +60,7 @@ def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
         cosines, weights = nodes.carried(surface.index_from)
         sent = gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., :2, 0]
         reflected = np.tensordot(weights * cosines, sent, 1)
-        if is_closed(surface):
+        if not surface.is_clear:
             return reflected, np.zeros_like(reflected)
         cosines, weights = nodes.carried(surface.index.real)
         sent = gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., :2, 0]
@@ -80,17 +78,14 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
         from scipy.interpolate import CubicSpline
 
         root = np.arange(1, TABLE + 1) / TABLE
-        spline = CubicSpline(root, find_lost(surface, root**2))
-        return keep_positive(spline(np.sqrt(cosines)))[place].reshape(*np.shape(mu), 2)
-    lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
-    reflected, through = share_once(lit, cosines)
-    return keep_positive(np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
-
-
-def keep_positive(lost: Array) -> Array:
-    """What is lost (n, 2), of I 0 at least: integrals may miss that where it is next to nothing."""
-    lost[:, 0] = np.maximum(lost[:, 0], 0.0)
-    return lost
+        lost = CubicSpline(root, find_lost(surface, root**2))(np.sqrt(cosines))
+    else:
+        lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
+        reflected, through = share_once(lit, cosines)
+        lost = np.array([1.0, 0.0]) - reflected - through
+    lost[:, 0] = np.maximum(lost[:, 0], 0.0)  # of I: integrals may miss that where it is next to nothing
+    found: Array = lost[place].reshape(*np.shape(mu), 2)
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -119,11 +114,6 @@ def find_strengths(surface: RoughSurface) -> tuple[float, float]:
     return (1.0 - through) / lost, through / weigh_lost(sides[1])
 
 
-def is_closed(surface: RoughSurface) -> bool:
-    """Whether light that gets in stays there."""
-    return surface.closed or complex(surface.index).imag != 0.0
-
-
 def place_nodes(surface: RoughSurface) -> RefractedNodes:
     """Nodes of the medium that light comes from, and of the one behind where light comes back from there."""
-    return make_refracted_nodes([surface.index_from, *([] if is_closed(surface) else [surface.index.real])], NODES)
+    return make_refracted_nodes([surface.index_from, *([surface.index.real] if surface.is_clear else [])], NODES)

@@ -89,13 +89,10 @@ def gather_orders(
             here = slice(bounds[first], bounds[last])
             orders = integrate_azimuths(surface, transmitted, mu[here], mu_out[out[here]], n_order, accuracy, threads)
             for k in range(first, last):
-                own, part = (
-                    slice(bounds[k], bounds[k + 1]),
-                    slice(bounds[k] - bounds[first], bounds[k + 1] - bounds[first]),
-                )
+                own = slice(bounds[k], bounds[k + 1])
+                part = orders[own.start - bounds[first] : own.stop - bounds[first]]
                 for parity, weights in ((0, even), (1, odd)):
-                    of_parity = orders[part, parity::2]
-                    summed = np.tensordot(weights[own], of_parity, (0, 0))  # (node, order, 16)
+                    summed = np.tensordot(weights[own], part[:, parity::2], (0, 0))  # (node, order, 16)
                     found[parity::2, place, k] = summed.reshape(*summed.shape[:2], 4, 4).transpose(1, 0, 2, 3)
             first = last
     found /= (weight * mu_node)[:, None, None, None]
@@ -145,8 +142,8 @@ def spread_points(
     points: int,
     reach: float,
 ) -> tuple[np.ndarray, Array, Array]:
-    """Gauss points of the integrals over one panel: to which outgoing direction each belongs (ascending), where it is
-    and its weight, (point,) each."""
+    """Gauss points of the integrals over one panel: the outgoing direction of each (ascending), x and weight,
+    (point,)."""
     x_piece, w_piece = make_double_gauss(points)
     between = np.append(0.5 * (x_node[:-1] + x_node[1:])[NODES_AT_ONCE - 1 :: NODES_AT_ONCE], [0.0, 1.0])
     inside = panel.locate((panel.high - met) * (panel.high + met))

@@ -24,9 +24,8 @@ from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 @dataclass(frozen=True)
 class RoughSurface:
-    """Facets as light from one medium meets them; index: of what lies behind, complex where no light gets out again;
-    conserving: what single bounces lose is given back (vrte/optics/facet_energy.py), and facets that light let through
-    meets next let it go on; ``closed``: light that gets in stays there."""
+    """Facets as light from one medium meets them; ``index`` of what lies behind, complex where no light gets out again;
+    ``conserving``: what single bounces lose is given back (`restore_lost`); ``closed``: light that gets in stays."""
 
     index_from: float
     index: complex
@@ -47,6 +46,11 @@ class RoughSurface:
         return self.index / self.index_from
 
     @property
+    def is_clear(self) -> bool:
+        """Whether light gets out again from what lies behind."""
+        return complex(self.index).imag == 0.0 and not self.closed
+
+    @property
     def reflects_totally(self) -> bool:
         """Whether facets do, beyond their critical angle."""
         return complex(self.index).imag == 0.0 and self.ratio.real < 1.0
@@ -63,7 +67,7 @@ class RoughSurface:
         strength = self.find_density(across / along) * (1.0 + across / along) ** 2
         strength = strength / (4.0 * way.mu_i * way.mu_o) * self.shade(way, False)
         f = way.turn(strength[..., None, None] * reflect_smooth(self.ratio, cosine))
-        return self.restore_lost(f, mu_i, mu_o, False)
+        return self.add_lost(f, mu_i, mu_o, False)
 
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
@@ -80,7 +84,7 @@ class RoughSurface:
         strength = self.find_density(tilt) * (1.0 + tilt) ** 2 * cosine_i * cosine_o / size**2
         strength = strength * index**2 / (way.mu_i * way.mu_o) * self.shade(way, True)
         f = way.turn(np.where(lit, strength, 0.0)[..., None, None] * transmit_smooth(index, cosine_i))
-        return self.restore_lost(f, mu_i, mu_o, True)
+        return self.add_lost(f, mu_i, mu_o, True)
 
     def find_density(self, square: Any) -> Array:
         """Density of facets by the square of their slope (...), per unit of both its components: (...)."""
@@ -96,7 +100,7 @@ class RoughSurface:
         both = [shade_facets(self.roughness, self.distribution, mu) for mu in (way.mu_i, way.mu_o)]
         return both[0] * both[1] if shadowing == 1 else np.minimum(*both)
 
-    def restore_lost(self, f: Array, mu_i: Any, mu_o: Any, transmitted: bool) -> Array:
+    def add_lost(self, f: Array, mu_i: Any, mu_o: Any, transmitted: bool) -> Array:
         """f (..., 4, 4) with what single bounces lose, where that is asked for."""
         if self.conserving:
             from vrte.optics.facet_energy import restore_lost  # which integrates what is here
@@ -148,12 +152,8 @@ class FacetGeometry:
 
     @cached_property
     def rotations(self) -> tuple[Array, Array]:
-        """From the meridian planes of incoming and of outgoing light to the plane of incidence, (..., 4, 4) each.
-
-        s is along k_i x k_o; a, b are its shares along l and r of either direction, times the sine between both. Sums
-        of equal signs, so that small ones keep their digits: sin(theta_i - theta_o) = (mu_o^2 - mu_i^2)/sin(theta_i +
-        theta_o).
-        """
+        """From the meridian planes of incoming and of outgoing light to the plane of incidence, (..., 4, 4) each: s is
+        along k_i x k_o, a and b its parts along l and r of either direction, in sums of equal signs."""
         crossed = self.sine_i * self.mu_o + self.mu_i * self.sine_o
         between = (self.mu_o - self.mu_i) * (self.mu_o + self.mu_i) / np.where(crossed == 0.0, 1.0, crossed)
         full = 2.0 * self.sin_half * self.cos_half

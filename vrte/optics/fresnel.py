@@ -35,11 +35,10 @@ def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
 
 
 def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
-    """Mueller matrices of the transmitted power, (..., 4, 4): zero under total reflection, radiance is index^2
-    times as much. ``behind``: the cosine there, where it is known better than mu tells."""
+    """Mueller matrices of the transmitted power, (..., 4, 4), zero under total reflection; radiance is index^2 times as
+    much; ``behind`` as of `reflect_smooth`."""
     mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
-    s = 2.0 * mu / (mu + index * behind)
-    p = 2.0 * mu / (index * mu + behind)
+    s, p = 2.0 * mu / (mu + index * behind), 2.0 * mu / (index * mu + behind)
     share: Array = np.real(index * behind) / mu
     return share[..., None, None] * make_mueller(p, s)
 

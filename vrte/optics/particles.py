@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from vrte.basics.arrays import check_number, put_in_one_line
+from vrte.basics.arrays import check_fields, check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.phase_matrix import PhaseMatrix, check_mixture, mix
@@ -17,6 +17,16 @@ if TYPE_CHECKING:
 LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
 LARGEST_ABSORPTION = 1e6  # of a medium [1/um]
 HOST_ALLOWED = 1e-3, 1e3, "a real refractive index from 0.001 to 1000"
+ABOVE_ZERO = 1.0 / LARGEST_AREA, LARGEST_AREA, f"above 0 and at most {LARGEST_AREA:g}"
+LIMITS = {  # of the numbers of particles: from, to, in words
+    "albedo": (0.0, 1.0, "between 0 and 1"),
+    "asymmetry": (-1.001, 1.001, "a mean cosine, between -1 and 1"),  # published tables are rounded
+    "extinction_um2": ABOVE_ZERO,
+    "scattering_um2": (0.0, LARGEST_AREA, f"between 0 and {LARGEST_AREA:g}"),
+    "volume_um3": ABOVE_ZERO,
+    "host_absorption": (0.0, LARGEST_ABSORPTION, f"between 0 and {LARGEST_ABSORPTION:g} a micrometre"),
+    "host_index": HOST_ALLOWED,
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,11 +58,6 @@ class Particles:
     stands_in : bool
         Whether these are none, but something to go on with while a scene is only checked.
 
-    Raises
-    ------
-    SceneError
-        Naming the field.
-
     Examples
     --------
     >>> import vrte
@@ -76,20 +81,7 @@ class Particles:
         if not isinstance(self.phase_matrix, PhaseMatrix):
             given = type(self.phase_matrix).__name__
             raise SceneError(f"particles: phase_matrix must be a vrte.PhaseMatrix, not {given}")
-        above_zero = f"above 0 and at most {LARGEST_AREA:g}"
-        ranges = {
-            "albedo": (0.0, 1.0, "between 0 and 1"),
-            "asymmetry": (-1.001, 1.001, "a mean cosine, between -1 and 1"),  # published tables are rounded
-            "extinction_um2": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
-            "scattering_um2": (0.0, LARGEST_AREA, f"between 0 and {LARGEST_AREA:g}"),
-            "volume_um3": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
-            "host_absorption": (0.0, LARGEST_ABSORPTION, f"between 0 and {LARGEST_ABSORPTION:g} a micrometre"),
-        }
-        for name, (low, high, allowed) in ranges.items():
-            object.__setattr__(self, name, check_number(f"particles: {name}", getattr(self, name), low, high, allowed))
-        if self.host_index is not None:
-            host = check_number("particles: host_index", self.host_index, *HOST_ALLOWED)
-            object.__setattr__(self, "host_index", host)
+        check_fields("particles: ", self, LIMITS)
 
     def __repr__(self) -> str:
         return (
@@ -131,10 +123,8 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
     pairs = check_mixture(parts, Particles, "particles, number fraction", "vrte.mix mixes phase matrices")
     hosts = [kind.host_index for kind, _ in pairs if kind.host_index is not None]
     if hosts and max(hosts) != min(hosts):
-        raise SceneError(
-            f"particles of a mixture lie in one medium: the host_index must not be {min(hosts):g} of one kind and "
-            f"{max(hosts):g} of another"
-        )
+        words = f"the host_index must not be {min(hosts):g} of one kind and {max(hosts):g} of another"
+        raise SceneError(f"particles of a mixture lie in one medium: {words}")
     if len({kind.host_absorption for kind, _ in pairs if kind.host_index is not None}) > 1:
         raise SceneError("particles of a mixture lie in one medium: their host must absorb the same")
     shares = [check_number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
@@ -149,6 +139,7 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
         math.fsum(getattr(kind, name) * share for kind, share in pairs) / total
         for name in ("extinction_um2", "scattering_um2", "volume_um3")
     )
+    balls = tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)
     stands_in = any(kind.stands_in for kind, _ in pairs)
     phase_matrix = pairs[0][0].phase_matrix
     if not stands_in:
@@ -162,9 +153,7 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
         volume_um3=volume,
         host_index=hosts[0] if hosts else None,
         host_absorption=max(kind.host_absorption for kind, _ in pairs),
-        balls=tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)
-        if all(kind.balls for kind, _ in pairs)
-        else (),
+        balls=balls if all(kind.balls for kind, _ in pairs) else (),
         stands_in=stands_in,
         description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
     )

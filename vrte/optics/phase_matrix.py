@@ -15,6 +15,7 @@ import numpy as np
 
 from vrte.basics.arrays import (
     Array,
+    check_fields,
     check_list,
     check_number,
     check_numbers,
@@ -100,20 +101,18 @@ class PhaseMatrix:
     expansion: "Expansion | None" = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        allowed = "between 0 and 1, of the mean of F11 over the sphere"
-        object.__setattr__(self, "tolerance", check_number("tolerance", self.tolerance, 0.0, 1.0, allowed))
-        given = {name: getattr(self, name) for name in SEQUENCES}
-        for name, values in given.items():
-            if count_items(values) > MOST_TERMS:
-                raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {count_items(values)}")
-        lists = {name: check_vector(name, [0.0] if value is None else value) for name, value in given.items()}
+        check_fields("", self, {"tolerance": (0.0, 1.0, "between 0 and 1, of the mean of F11 over the sphere")})
+        lists: dict[str, Array] = {}
+        for name in SEQUENCES:
+            given = getattr(self, name)
+            if count_items(given) > MOST_TERMS:
+                raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {count_items(given)}")
+            lists[name] = check_vector(name, [0.0] if given is None else given)
+            if (largest := float(np.abs(lists[name]).max())) > LARGEST_COEFFICIENT:
+                raise SceneError.of(name, f"holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
             raise SceneError(f"a1[0] must be 1 within 1e-6 (the mean of F11 over the sphere), not {scale}")
-        for name, values in lists.items():
-            largest = float(np.abs(values).max())
-            if largest > LARGEST_COEFFICIENT:
-                raise SceneError.of(name, f"holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         terms = max(values.size for values in lists.values())
         for name, values in lists.items():
             object.__setattr__(self, name, freeze_copy(np.pad(values, (0, terms - values.size)) / scale))
@@ -173,7 +172,7 @@ class PhaseMatrix:
     @cached_property
     def coefficients(self) -> Array:
         """The expansion coefficients (terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
-        return settle_array(np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1))
+        return settle_array(np.stack([getattr(self, name) for name in SEQUENCES], axis=1))
 
     @property
     def asymmetry(self) -> float:
@@ -325,11 +324,6 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     -------
     PhaseMatrix
         Of three terms, (1:9).
-
-    Raises
-    ------
-    SceneError
-        For another depolarization.
 
     References
     ----------

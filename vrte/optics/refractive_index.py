@@ -67,11 +67,6 @@ class IndexTable:
     source : str
         In words, where they come from.
 
-    Raises
-    ------
-    SceneError
-        Naming the row.
-
     Examples
     --------
     >>> import vrte
@@ -160,12 +155,7 @@ def check_wavelength(value: Any) -> float:
 
 def check_range(table: str, wavelength_um: float, low: float, high: float) -> None:
     """Whether a wavelength [um] lies in a table's range: nothing is extrapolated. Raises SceneError, which asks about
-    nanometres where those would lie in it.
-
-    >>> check_range("x.csv", 550.0, 0.4, 0.7)
-    Traceback (most recent call last):
-    vrte.SceneError: index: x.csv goes from 0.4 to 0.7 um; a wavelength of 550 um is outside: did you mean 0.55?
-    """
+    nanometres where those would lie in it."""
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
         reach = f"{table} goes from {low:g} to {high:g} um"

@@ -12,12 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy
+from vrte.basics.arrays import Array, check_fields, check_number, check_vector, freeze_copy
 from vrte.basics.errors import SceneError
 
 TAIL = 1e-10
 DEVIATIONS = 6.3613  # of a normal distribution, beyond which TAIL of it lies
-SMALLEST_UM, LARGEST_UM = 1e-6, 1e6
+LENGTH = 1e-6, 1e6, "a length from 1e-06 to 1e+06 um"  # that a particle can have
 
 
 class SizeDistribution(Protocol):
@@ -46,7 +46,7 @@ class Monodisperse:
     radius_um: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius_um", check_length("radius_um", self.radius_um))
+        check_fields("", self, {"radius_um": LENGTH})
 
     def quadrature(self, count: int = 1, moment: int = 6) -> tuple[Array, Array]:
         """The one radius [um] (1,), with the weight 1."""
@@ -80,9 +80,8 @@ class Lognormal:
     sigma: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "median_um", check_length("lognormal: median_um", self.median_um))
-        allowed = "a geometric standard deviation above 1 (and at most 10)"
-        object.__setattr__(self, "sigma", check_number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
+        sigma = 1.0 + 1e-9, 10.0, "a geometric standard deviation above 1 (and at most 10)"
+        check_fields("lognormal: ", self, {"median_um": LENGTH, "sigma": sigma})
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius, which is
@@ -120,9 +119,8 @@ class Gamma:
     v_eff: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "r_eff_um", check_length("gamma: r_eff_um", self.r_eff_um))
-        allowed = "an effective variance of at least 1e-6 and below 0.5"
-        object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
+        variance = 1e-6, 0.5 - 1e-6, "an effective variance of at least 1e-6 and below 0.5"
+        check_fields("gamma: ", self, {"r_eff_um": LENGTH, "v_eff": variance})
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius."""
@@ -148,11 +146,6 @@ class Tabulated:
         How many particles there are a length of radius, in any unit, >= 0 and not zero everywhere; numbers in bins are
         divided by the bins' widths first.
 
-    Raises
-    ------
-    SceneError
-        Naming the argument, for anything else.
-
     Examples
     --------
     >>> import vrte
@@ -173,7 +166,7 @@ class Tabulated:
         if not np.all(np.diff(radii) > 0.0):
             raise SceneError.of("tabulated: radius_um", "must increase from each to the next")
         for end in (radii[0], radii[-1]):
-            check_length("tabulated: radius_um", float(end))
+            check_number("tabulated: radius_um", float(end), *LENGTH)
         if (density < 0.0).any() or not density.any():
             raise SceneError.of("tabulated: density", "must be >= 0 everywhere and not zero everywhere")
         object.__setattr__(self, "radius_um", radii)
@@ -229,11 +222,6 @@ class Held:
 
     def __repr__(self) -> str:
         return repr(self.distribution)
-
-
-def check_length(name: str, value: object) -> float:
-    """A length [um] that a particle can have. Raises SceneError."""
-    return check_number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
 
 
 def _weigh_steps(density: Array, step: float) -> Array:

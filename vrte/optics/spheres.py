@@ -27,7 +27,7 @@ from vrte.optics.populations import (
     sum_bulk,
 )
 from vrte.optics.refractive_index import Material, RefractiveIndex
-from vrte.optics.size_distribution import SizeDistribution, check_length
+from vrte.optics.size_distribution import LENGTH, SizeDistribution
 
 LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
@@ -247,7 +247,7 @@ def make_coated_ball(
         raise SceneError("coated_spheres: give exactly one of core_radius_um, shell_um and core_ratio")
     common = check_kind("coated_spheres", {"core": core, "shell": shell}, **how)
     if shell_um is not None:
-        return Ball(*common, shell_um=check_length("shell_um", shell_um))
+        return Ball(*common, shell_um=check_number("shell_um", shell_um, *LENGTH))
     if core_ratio is not None:
         allowed = f"a ratio of radii from {SMALLEST_RATIO:g} to below 1"
         return Ball(*common, check_number("core_ratio", core_ratio, SMALLEST_RATIO, BELOW_ONE, allowed))

@@ -41,12 +41,9 @@ class ConvergenceError(AccuracyError):
 def integrate_orders(
     sample: Sample, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
 ) -> tuple[Array, int]:
-    """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair.
-
-    Twice as many azimuths are taken until they change a pair by no more than it may be off. Where that hardly helps
-    from ENOUGH of them on, f is not smooth, and it is integrated in pieces. Raises ConvergenceError where MOST_SAMPLES
-    are too few.
-    """
+    """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair:
+    twice as many until they change a pair by no more than it may be off; where that hardly helps f is not smooth, and
+    integrated in pieces. Raises ConvergenceError where MOST_SAMPLES are too few."""
     here, there = np.nonzero(pairs)
     into, out = mu_i[here], mu_o[there]
     azimuths = FEWEST_AZIMUTHS
@@ -87,18 +84,13 @@ def integrate_orders(
 def sum_over_azimuths(
     sample: Sample, mu_i: Array, mu_o: Array, n_order: int, steps: NDArray[np.int64], azimuths: int
 ) -> Array:
-    """What ``steps`` of the rule of so many azimuths add to R^m of each pair of directions, (n_order, pair, S, S).
-
-    cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6); azimuths
-    beyond 180 degrees are the mirror image.
-    """
+    """What ``steps`` of the rule of so many azimuths add to R^m of each pair of directions, (n_order, pair, S, S): cos
+    in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6)."""
     phi, weight = make_azimuth_rule(steps, azimuths)
     angle = np.arange(n_order)[:, None] * phi
     cosine, sine = 2.0 * weight * np.cos(angle), 2.0 * weight * np.sin(angle)
-    parts = []
-    for part in np.array_split(
-        np.arange(mu_i.size), max(1, -(-mu_i.size * steps.size // SAMPLES_AT_ONCE))
-    ):  # bounds memory
+    parts, count = [], max(1, -(-mu_i.size * steps.size // SAMPLES_AT_ONCE))  # bounds memory
+    for part in np.array_split(np.arange(mu_i.size), count):
         f = sample(mu_i[part], mu_o[part], np.degrees(phi)[:, None])
         shape, f = f.shape[2:], f.reshape(steps.size, -1)
         even, odd = ((matrix @ f).reshape(n_order, part.size, *shape) for matrix in (cosine, sine))
@@ -108,11 +100,8 @@ def sum_over_azimuths(
 
 
 def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Array) -> tuple[Array, Array, int]:
-    """R^m of pairs of directions (pair,), (n_order, pair, S, S), how far each may be off, (pair,), and samples of one.
-
-    Pieces in t of `make_azimuth_rule`, whose ends are dense; a piece is halved until all of Clenshaw and Curtis's
-    points agree with every other, so that the error at a jump falls with each piece by half.
-    """
+    """R^m of pairs of directions (pair,), (n_order, pair, S, S), how far each may be off, (pair,), and samples of one:
+    pieces in t of `make_azimuth_rule` are halved until all of Clenshaw and Curtis's points agree with every other."""
     pieces = max(FEWEST_PIECES, n_order // 2)
     pair = np.repeat(np.arange(mu_i.size), pieces)
     first, size = np.tile(np.arange(pieces) / pieces, mu_i.size), np.full(pair.size, 1.0 / pieces)
@@ -185,10 +174,7 @@ def make_piece_rule(intervals: int) -> tuple[Array, Array]:
 
 
 def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
-    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
-
-    Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
-    little. The ends themselves, steps 0 and ``count``, weigh nothing.
-    """
+    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count:
+    dense at both ends, where surfaces have their lobes and cusps; the ends themselves weigh nothing."""
     t = np.pi * steps / count
     return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2

@@ -73,19 +73,16 @@ def make_joints(scene: Scene, cosines: Array) -> Joints:
         lit = cosines[-1] > 0.0
         found.down[-1] = found.up[-1] = 0.0
         found.above[-1, lit] = FLIP[:, None] * scene.below.reflect_beam(media[-1], cosines[-1, lit])
-    for k, layer in enumerate(
-        scene.layers[: None if scene.base is None else -1]
-    ):  # what nothing leads into or out of, and nothing absorbs, is dark
-        if layer.thickness == 0.0:
+    for k, layer in enumerate(scene.layers[: None if scene.base is None else -1]):
+        if layer.thickness == 0.0:  # what nothing leads into or out of, and nothing absorbs, is dark
             trapped = ~(found.down[k] + found.up[k] + found.down[k + 1] + found.up[k + 1]).any(axis=(1, 2))
             found.below[k, trapped] = 0.0
     return found
 
 
 def pass_along(joints: Joints, decay: Array, sources: Passing) -> Passing:
-    """Light everywhere, from ``sources`` that add to it on either side of every joint, ``arriving`` at the first being
-    what comes in from above, ``rising`` at the last what comes in from below; decay (layer, n) on the way through each
-    layer."""
+    """Light everywhere, from ``sources`` that add to it on either side of every joint, those from outside ``arriving``
+    at the first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
     last = joints.above.shape[0] - 1
     one = np.eye(joints.above.shape[-1])
     back: list[Array] = [np.zeros_like(joints.above[0])] * (last + 1)  # of what lies below a joint: its reflection

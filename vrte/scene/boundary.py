@@ -12,14 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import (
-    Array,
-    BoolArray,
-    check_number,
-    check_numbers,
-    check_vector,
-    put_in_one_line,
-)
+from vrte.basics.arrays import Array, BoolArray, check_number, check_numbers, check_vector, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.optics.facets import RoughSurface
 from vrte.scene.azimuths import Allowed, integrate_orders, make_azimuth_rule
@@ -59,8 +52,8 @@ class Boundary:
     index_above: float | None = None
     LIMITS: ClassVar[Mapping[str, tuple[float, float]]] = {}  # from and to which each of its numbers goes
 
-    def check_limits(self) -> None:
-        """Whether its numbers are within LIMITS; None passes where it is the default. Raises SceneError."""
+    def __post_init__(self) -> None:
+        """Checks that its numbers are within LIMITS; None passes where it is the default. Raises SceneError."""
         for name, (low, high) in self.LIMITS.items():
             value = getattr(self, name)
             if value is not None or getattr(type(self), name, 0.0) is not None:
@@ -97,12 +90,8 @@ class Boundary:
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
         """Fourier orders R^m (order, n_in, n_out, 4, 4) of the reflection of diffuse light, (1:35), and how many
-        azimuths they took.
-
-        Of positive cosines mu_i (n_in,) and mu_o (n_out,) the ``pairs`` (n_in, n_out) are computed, up to ``n_order``
-        orders; those not given back are dark. ``allowed`` says how far each order may be off, of the size of the light
-        that is reflected.
-        """
+        azimuths they took: for the ``pairs`` (n_in, n_out) of positive cosines, up to ``n_order`` orders, the others
+        being dark; ``allowed`` says how far each may be off, of the size of the light that is reflected."""
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
 
     def put_in_medium(self, index: float) -> "Boundary":
@@ -155,9 +144,6 @@ class Lambertian(Boundary):
     orders_reflected = 1
     LIMITS: ClassVar = {"albedo": (0.0, 1.0)}
 
-    def __post_init__(self) -> None:
-        self.check_limits()
-
     @property
     def even_albedo(self) -> float:
         return self.albedo
@@ -179,21 +165,17 @@ class WeightedBase(Boundary):
 
     parts: tuple[tuple[float, Boundary], ...]
 
-    @property
-    def orders_reflected(self) -> float:  # type: ignore[override]
-        return max(part.orders_reflected for _, part in self.parts)
-
-    @property
-    def mixes_stokes(self) -> bool:  # type: ignore[override]
-        return any(part.mixes_stokes for _, part in self.parts)
-
-    @property
-    def keeps_beams(self) -> bool:  # type: ignore[override]
-        return any(part.keeps_beams for _, part in self.parts)
-
-    @property
-    def index_above(self) -> float | None:  # type: ignore[override]
-        return next((part.index_above for _, part in self.parts if part.index_above is not None), None)
+    def __post_init__(self) -> None:
+        members = [part for _, part in self.parts]
+        media = [part.index_above for part in members if part.index_above is not None]
+        settled = {
+            "orders_reflected": max(part.orders_reflected for part in members),
+            "mixes_stokes": any(part.mixes_stokes for part in members),
+            "keeps_beams": any(part.keeps_beams for part in members),
+            "index_above": media[0] if media else None,
+        }
+        for name, value in settled.items():
+            object.__setattr__(self, name, value)
 
     @property
     def even_albedo(self) -> float:
@@ -243,12 +225,8 @@ class SampledBase(Boundary):
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
         found, azimuths = integrate_orders(self.reflect, mu_i, mu_o, pairs, n_order, allowed)
-        seen = found.shape[-1]
-        if seen == 4:
-            return found, azimuths
-        orders = np.zeros((*found.shape[:3], 4, 4))
-        orders[..., :seen, :seen] = found
-        return orders, azimuths
+        dark = 0, 4 - found.shape[-1]
+        return np.pad(found, ((0, 0), (0, 0), (0, 0), dark, dark)) if dark[1] else found, azimuths
 
 
 @dataclass(frozen=True)
@@ -312,14 +290,18 @@ class MuellerBase(SampledBase):
         except ValueError:
             shapes = ", ".join(str(values.shape) for values in directions)
             raise SceneError(f"base: mu_i, mu_o and phi_deg must broadcast, not be of the shapes {shapes}") from None
-        values = check_numbers("base: what the function returns", self._called(directions, shape))
+        try:
+            given = self.function(*(values.copy() for values in directions))  # which it may change as it likes
+        except Exception as reason:
+            said = put_in_one_line(f"{type(reason).__name__}: {reason}", 200)
+            words = f"called with arrays that broadcast to {shape}, failed with {said}"
+            raise SceneError(f"base: the function, {words}") from reason
+        values = check_numbers("base: what the function returns", given)
         try:
             values = np.broadcast_to(values, (*shape, 4, 4))
         except ValueError:
-            raise SceneError(
-                f"base: the function must return the shape {(*shape, 4, 4)} for arguments that broadcast to "
-                f"{shape}, not {values.shape}"
-            ) from None
+            words = f"the shape {(*shape, 4, 4)} for arguments that broadcast to {shape}, not {values.shape}"
+            raise SceneError(f"base: the function must return {words}") from None
         if not np.isfinite(values).all():
             raise SceneError("base: the function must return finite values; NaN or inf was found")
         if np.abs(values).max(initial=0.0) > LARGEST_BASE:
@@ -328,22 +310,10 @@ class MuellerBase(SampledBase):
             raise SceneError(f"base: f_00 must be >= 0, not {values[..., 0, 0].min():.3g}")
         return values
 
-    def _called(self, directions: list[Array], shape: tuple[int, ...]) -> Any:
-        """What the function makes of copies, which it may change as it likes."""
-        try:
-            return self.function(*(values.copy() for values in directions))
-        except Exception as reason:
-            raise SceneError(
-                f"base: the function, called with arrays that broadcast to {shape}, failed with "
-                f"{put_in_one_line(f'{type(reason).__name__}: {reason}', 200)}"
-            ) from reason
-
     def __reduce__(self) -> tuple[Any, ...]:
         try:
             pickle.dumps(self.function)
         except Exception as reason:
-            name = getattr(self.function, "__qualname__", repr(self.function))
-            raise SceneError(
-                f"base: the MuellerBase function {name} cannot be pickled: {put_in_one_line(str(reason), 200)}"
-            ) from reason
+            name, said = getattr(self.function, "__qualname__", repr(self.function)), put_in_one_line(str(reason), 200)
+            raise SceneError(f"base: the MuellerBase function {name} cannot be pickled: {said}") from reason
         return (MuellerBase, (self.function,))

@@ -40,11 +40,6 @@ class Facets(Boundary):
         Whether what bounces between facets is given back, by default where they hide each other, and only there;
         facets that reflect everything then lose nothing.
 
-    Raises
-    ------
-    SceneError
-        Naming the field.
-
     References
     ----------
     Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet models for refraction (2007).
@@ -127,11 +122,6 @@ def cox_munk(wind: float, index: Annotated[Any, complex | Sequence[float]] = 1.3
     -------
     Facets
         The base, with the roughness alpha = sqrt(0.003 + 0.00512 wind).
-
-    Raises
-    ------
-    SceneError
-        Naming the argument.
 
     References
     ----------

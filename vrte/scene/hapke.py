@@ -86,8 +86,7 @@ class Hapke(ScalarBase):
         "asymmetry": (-0.999, 0.999),
     }
 
-    def __post_init__(self) -> None:
-        self.check_limits()
+    def check_formula(self) -> None:
         check_choice("base: h_function", self.h_function, H_FUNCTIONS)
         if self.asymmetry and (self.linear or self.quadratic):
             raise SceneError.of("base: asymmetry", "is instead of linear and quadratic: give one of both")
@@ -95,7 +94,7 @@ class Hapke(ScalarBase):
         if lowest < 0.0:
             words = f"must give a phase function of at least 0 together with quadratic, not {lowest:.3g}"
             raise SceneError.of("base: linear", words)
-        self.check_formula()
+        super().check_formula()
 
     def compute_phase_function(self, cosine: Array) -> Array:
         """The phase function P of a grain, its mean over the sphere 1, at the cosine of the phase angle (...), 1

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from vrte.basics.arrays import Array, check_cosines, check_number
+from vrte.basics.arrays import Array, check_cosines, check_fields, check_number
 from vrte.basics.errors import SceneError
 from vrte.optics.facet_energy import share_energy
 from vrte.optics.facets import RoughSurface
@@ -37,11 +37,6 @@ class Interface:
         Whether what facets hide from each other is given back, so that all light that comes is reflected or let
         through: by default where they hide each other, and only there.
 
-    Raises
-    ------
-    SceneError
-        Naming the field.
-
     References
     ----------
     Born and Wolf, Principles of Optics, section 1.5; Walter et al., Microfacet models for refraction (2007).
@@ -61,10 +56,8 @@ class Interface:
     conserving: bool | None = None
 
     def __post_init__(self) -> None:
-        for name in ("index_above", "index_below"):
-            given = getattr(self, name)
-            index = check_number(f"interface: {name}", given, LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED)
-            object.__setattr__(self, name, index)
+        limits = LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED
+        check_fields("interface: ", self, {"index_above": limits, "index_below": limits})
         check_facets("interface", self)
 
     @property

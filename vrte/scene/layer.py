@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from vrte.basics.arrays import check_number
+from vrte.basics.arrays import check_fields, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.crowding import INDEPENDENT, check_packing, pack
@@ -32,11 +32,6 @@ class Layer:
     host_index : float or None, optional
         Refractive index of the medium that its particles lie in; None: whatever the scene has there.
 
-    Raises
-    ------
-    SceneError
-        Naming the field.
-
     Examples
     --------
     >>> import vrte
@@ -50,11 +45,9 @@ class Layer:
     host_index: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "albedo", check_number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+        check_fields("layer: ", self, {"albedo": (0.0, 1.0, "between 0 and 1"), "host_index": HOST_ALLOWED})
         allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
         object.__setattr__(self, "thickness", _check_extent("layer: thickness", self.thickness, allowed))
-        if self.host_index is not None:
-            object.__setattr__(self, "host_index", check_number("layer: host_index", self.host_index, *HOST_ALLOWED))
 
     def __repr__(self) -> str:
         return f"Layer({self.in_words})"
@@ -110,9 +103,8 @@ class Layer:
         if thickness is None:
             allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
             length = _check_extent("layer: thickness_um", thickness_um, allowed)
-            thickness = length * fraction / packed.volume_um3 * packed.extinction_um2 + (
-                length * absorbed if absorbed else 0.0
-            )
+            thickness = length * fraction / packed.volume_um3 * packed.extinction_um2
+            thickness += length * absorbed if absorbed else 0.0
         return Layer(packed.phase_matrix, albedo, thickness, particles.host_index)
 
     @staticmethod
@@ -121,9 +113,8 @@ class Layer:
         with k up to 0.01 n, at a wavelength in vacuum [um]; its optical thickness is 4 pi k/wavelength times its
         own."""
         host = find_host_index(host_index, check_wavelength(wavelength_um))
-        length = check_number(
-            "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
-        )
+        allowed = "a length in micrometres >= 0"
+        length = check_number("layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, allowed)
         return Layer(isotropic(), 0.0, length * find_absorption(host, wavelength_um), host.n)
 
 

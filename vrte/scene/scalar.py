@@ -9,9 +9,7 @@ from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
-FORMULA_COSINES = np.concatenate(
-    [[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]]
-)  # cosines of both directions at which f is checked
+FORMULA_COSINES = np.concatenate([[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]])  # of both directions, in checks
 AZIMUTHS = np.linspace(0.0, 180.0, 13)
 STEEPEST = np.cos(np.radians(75.0))  # cosines above were measured, and formulas fitted to them
 
@@ -45,13 +43,10 @@ def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
 
 
 class ScalarBase(SampledBase):
-    """A base with a formula for f_00, which leaves light unpolarized; f that would be negative is 0.
-
-    Made from this class, a base has `compute_f`, and asks for `check_formula` where it checks more than its numbers.
-    """
+    """A base with a formula for f_00, `compute_f`, and LIMITS of its numbers; f that would be negative is 0."""
 
     def __post_init__(self) -> None:
-        self.check_limits()
+        super().__post_init__()
         self.check_formula()
 
     def compute_f(self, angles: Angles) -> Array:
@@ -71,25 +66,19 @@ class ScalarBase(SampledBase):
 
         def name_lowest(values: Array) -> str:
             place = np.unravel_index(np.argmin(values), f.shape)
-            return (
-                f"{f[place]:.3g} 1/sr from mu_i {angles.mu_i[place]:g} to mu_o {angles.mu_o[place]:g} at phi_deg "
-                f"{AZIMUTHS[place[-1]]:g}"
-            )
+            ways = f"from mu_i {angles.mu_i[place]:g} to mu_o {angles.mu_o[place]:g} at phi_deg"
+            return f"{f[place]:.3g} 1/sr {ways} {AZIMUTHS[place[-1]]:g}"
 
         if within.min() < 0.0:
             raise SceneError(f"base: f must be at least 0 for zenith angles up to 75, not {name_lowest(within)}")
         if beyond.min() < 0.0:
-            highest = lower[f < 0.0].max()
-            self.warn_beyond(
-                f"f is negative, and taken as 0, below a cosine of about {highest:.2g}: {name_lowest(beyond)}"
-            )
+            words = f"f is negative, and taken as 0, below a cosine of about {lower[f < 0.0].max():.2g}"
+            self.warn_beyond(f"{words}: {name_lowest(beyond)}")
         shares = self.reflectance(CHECKED_COSINES, COARSE) / np.maximum(1.0, GRAZING / CHECKED_COSINES)
         worst = int(np.argmax(np.where(CHECKED_COSINES >= STEEPEST, shares, 0.0)))
         if shares[worst] > 1.0 + ENERGY_ALLOWED:
-            raise SceneError(
-                f"base: it gives back {shares[worst]:.4g} of the light along mu_i = "
-                f"{CHECKED_COSINES[worst]:g}, and at most 1 is allowed for zenith angles up to 75"
-            )
+            words = f"{shares[worst]:.4g} of the light along mu_i = {CHECKED_COSINES[worst]:g}"
+            raise SceneError(f"base: it gives back {words}, and at most 1 is allowed for zenith angles up to 75")
         most = int(np.argmax(shares))
         if shares[most] > 1.0 + ENERGY_ALLOWED:
             share = self.reflectance(CHECKED_COSINES[most]).item()

@@ -63,9 +63,8 @@ class Scene:
         stack = tuple(check_list("layers", (self.layers,) if alone else self.layers, MOST_LAYERS))
         for position, part in enumerate(stack, 1):
             if not isinstance(part, Layer | Interface):
-                raise SceneError(
-                    f"layer {position} must be a vrte.Layer or a vrte.Interface, not {type(part).__name__}"
-                )
+                given = type(part).__name__
+                raise SceneError(f"layer {position} must be a vrte.Layer or a vrte.Interface, not {given}")
             if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(stack):
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
@@ -79,20 +78,19 @@ class Scene:
             )
         if not stack and self.base is None:
             raise SceneError("a scene needs at least one layer, or a base")
-        given = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
-        if given:
-            stack = interleave(stack, given)
+        surfaces = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
+        if surfaces:
+            stack = interleave(stack, surfaces)
         layers, interfaces, places = sort_stack(stack, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a semi-infinite layer")
-        object.__setattr__(self, "layers", layers)
-        numbered = tuple(range(len(layers))) if given else places
-        object.__setattr__(self, "places", numbered)
-        object.__setattr__(self, "media", find_media(layers, interfaces, numbered, self.base))
-        refracting = (
-            i and i.put_between(*sides) for i, sides in zip(interfaces, itertools.pairwise(self.media), strict=True)
-        )
-        object.__setattr__(self, "interfaces", tuple(refracting))
+        numbered = tuple(range(len(layers))) if surfaces else places
+        media = find_media(layers, interfaces, numbered, self.base)
+        sides = itertools.pairwise(media)
+        refracting = tuple(i and i.put_between(*both) for i, both in zip(interfaces, sides, strict=True))
+        settled = {"layers": layers, "places": numbered, "media": media, "interfaces": refracting}
+        for name, value in settled.items():
+            object.__setattr__(self, name, value)
 
     @property
     def indices(self) -> tuple[float, ...]:
@@ -112,12 +110,12 @@ class Scene:
     @cached_property
     def has_interfaces(self) -> bool:
         """Whether light is refracted somewhere."""
-        return any(interface is not None for interface in self.interfaces)
+        return any(self.interfaces)
 
     @cached_property
     def is_rough(self) -> bool:
         """Whether one of the interfaces is."""
-        return any(interface is not None and not interface.is_smooth for interface in self.interfaces)
+        return any(interface and not interface.is_smooth for interface in self.interfaces)
 
     @cached_property
     def keeps_beams(self) -> bool:
@@ -190,10 +188,8 @@ def interleave(
     """Layers with the interfaces above each of them and below the last. Raises SceneError where these do not fit."""
     fit = len(interfaces) == len(layers) + 1 and all(isinstance(layer, Layer) for layer in layers)
     if not fit or not all(isinstance(interface, Interface | None) for interface in interfaces):
-        raise SceneError(
-            f"interfaces must be one more than the {len(layers)} layers, each a vrte.Interface or None, and none among "
-            "the layers"
-        )
+        words = f"one more than the {len(layers)} layers, each a vrte.Interface or None, and none among the layers"
+        raise SceneError(f"interfaces must be {words}")
     mixed = [part for pair in zip(interfaces, layers, strict=False) for part in pair]
     return tuple(part for part in (*mixed, interfaces[-1]) if part is not None)
 
@@ -211,27 +207,22 @@ def sort_stack(
     without a layer, between one and a base, and above a base alone a clear one without thickness; and where in the list
     each layer is."""
     clear = make_empty_layer()
-    layers: list[Layer] = []
+    placed: list[tuple[Layer, int | None]] = []
     interfaces: list[Interface | None] = []
-    places: list[int | None] = []
-
-    def add(layer: Layer, place: int | None) -> None:
-        layers.append(layer)
-        places.append(place)
-
     for place, part in enumerate(stack):
         if isinstance(part, Interface):
-            if len(interfaces) > len(layers):
-                add(clear, None)
+            if len(interfaces) > len(placed):
+                placed.append((clear, None))
             interfaces.append(part)
         else:
-            if len(interfaces) == len(layers):
+            if len(interfaces) == len(placed):
                 interfaces.append(None)
-            add(part, place)
-    if not layers or (has_base and len(interfaces) > len(layers)):
-        add(clear, None)
-    interfaces += [None] * (len(layers) + 1 - len(interfaces))
-    return tuple(layers), tuple(interfaces), tuple(places)
+            placed.append((part, place))
+    if not placed or (has_base and len(interfaces) > len(placed)):
+        placed.append((clear, None))
+    interfaces += [None] * (len(placed) + 1 - len(interfaces))
+    layers, places = zip(*placed, strict=True)
+    return layers, tuple(interfaces), places
 
 
 def find_media(

@@ -25,13 +25,7 @@ from vrte.basics.splines import (
     repeat_grid,
     stretch_cosines,
 )
-from vrte.scene.base_checks import (
-    GRAZING,
-    LARGEST_BASE,
-    check_energy,
-    check_physical,
-    make_exit_rule,
-)
+from vrte.scene.base_checks import GRAZING, LARGEST_BASE, check_energy, check_physical, make_exit_rule
 from vrte.scene.boundary import Allowed, Boundary
 from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
@@ -262,11 +256,8 @@ def settle_matrices(name: str, values: Any, shape: tuple[int, ...]) -> Array:
 
 
 def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> tuple[Array, int]:
-    """R^m/(2 pi) of a table, (order, in, out, 4, 4), and how many azimuths it has all around.
-
-    Mirror images count as azimuths of their own. Raises SceneError where they contradict the table, or are too far
-    apart.
-    """
+    """R^m/(2 pi) of a table, (order, in, out, 4, 4), and how many azimuths it has all around, mirror images counted.
+    Raises SceneError where these contradict the table, or are too far apart."""
     both = np.round(np.concatenate([phi_deg, -phi_deg]) % 360.0, 6) % 360.0
     azimuths, place, count = np.unique(both, return_inverse=True, return_counts=True)
     gaps = np.diff(azimuths, append=azimuths[0] + 360.0)

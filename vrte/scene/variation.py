@@ -65,18 +65,19 @@ class Variation:
         thickness, albedo = (freeze_copy(np.asarray(part, float)) for part in (self.thickness, self.albedo))
         tables = tuple(freeze_copy(np.asarray(part, float)) for part in self.coefficients)
         tables = tables or (freeze_copy(np.zeros((0, 6))),) * thickness.size
+        wrong = ""
         if thickness.ndim != 1 or albedo.shape != thickness.shape or len(tables) != thickness.size:
-            raise SceneError(
-                "derivatives of thickness, albedo and coefficients must be one a layer", "derivatives", self.name
-            )
-        if any(table.ndim != 2 or table.shape[1] != 6 for table in tables):
-            raise SceneError("derivatives of coefficients must be (terms, 6) in each layer", "derivatives", self.name)
-        if not all(np.isfinite(part).all() for part in (thickness, albedo, *tables)):
-            raise SceneError("derivatives must be finite", "derivatives", self.name)
-        if any(table.size and table[0, 0] != 0.0 for table in tables):
-            raise SceneError("a1[0] is 1 and cannot change", "derivatives", self.name)
-        if self.is_outside and self.scene_at is None:
-            raise SceneError("what moves media or surfaces needs scene_at", "derivatives", self.name)
+            wrong = "derivatives of thickness, albedo and coefficients must be one a layer"
+        elif any(table.ndim != 2 or table.shape[1] != 6 for table in tables):
+            wrong = "derivatives of coefficients must be (terms, 6) in each layer"
+        elif not all(np.isfinite(part).all() for part in (thickness, albedo, *tables)):
+            wrong = "derivatives must be finite"
+        elif any(table.size and table[0, 0] != 0.0 for table in tables):
+            wrong = "a1[0] is 1 and cannot change"
+        elif self.is_outside and self.scene_at is None:
+            wrong = "what moves media or surfaces needs scene_at"
+        if wrong:
+            raise SceneError(wrong, "derivatives", self.name)
         for name, value in (("thickness", thickness), ("albedo", albedo), ("coefficients", tables)):
             object.__setattr__(self, name, value)
 

@@ -20,7 +20,6 @@ from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
 from vrte.scene.base_checks import CHECKED_COSINES
 from vrte.scene.boundary import BLACK, Boundary, Lambertian, WeightedBase
-from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene, build_like
 from vrte.scene.variation import Variation
@@ -43,15 +42,13 @@ def vary_scene(scene: Scene, name: str) -> Variation:
     number that does nothing."""
     if not isinstance(name, str):
         raise SceneError(f"derivatives must be names or vrte.Variation, not {show_value(name)}", "derivatives")
-    if found := LAYER.fullmatch(name):
-        place = find_layer(scene, name, int(found[1]))
-        if found[2] == "index":
-            return vary_medium(scene, name, place + 1)
-        if found[2]:
-            return vary_layer(scene, name, place, found[2])
-        return vary_coefficient(scene, name, place, int(found[3]), found[4])
     if found := BASE.fullmatch(name):
         return vary_base_number(scene, name, found[1], found[2])
+    if found := LAYER.fullmatch(name):
+        place, key = find_layer(scene, name, int(found[1])), found[2]
+        if key is None:
+            return vary_coefficient(scene, name, place, int(found[3]), found[4])
+        return vary_medium(scene, name, place + 1) if key == "index" else vary_layer(scene, name, place, key)
     if found := INTERFACE.fullmatch(name):
         places = [k for k, one in enumerate(scene.interfaces) if one is not None]
         if not 1 <= int(found[1]) <= len(places):
@@ -134,12 +131,10 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
     if word not in numbers:
         known = ", ".join(f"base.{one}" for one in numbers) or "none"
         raise complain_of(name, f"no number of a base that is {base.name}, whose numbers are {known}")
-    value = numbers[word]
+    value, whole = numbers[word], getattr(base, key)
 
     def base_at(now: float) -> Boundary:
-        given: Any = now
-        if part is not None:
-            given = complex(now, getattr(base, key).imag) if part == "n" else complex(getattr(base, key).real, now)
+        given = now if part is None else complex(now, whole.imag) if part == "n" else complex(whole.real, now)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the base was said
             return replace(base, **{key: given})  # type: ignore[type-var]  # a dataclass: it has fields
@@ -156,11 +151,9 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
 
 
 def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: float) -> Weighted:
-    """Weights and boundaries of the derivative of a base over a number, at its ``value``; none where it stays the same.
-
-    Differences of sixth order; of a Lambertian base, which reflects in proportion to its albedo, the white one alone.
-    Raises the SceneError of ``base_at`` where neither side is allowed.
-    """
+    """Weights and boundaries of the derivative of a base over a number, at its ``value``, by differences of sixth
+    order; none where it stays the same, of a Lambertian base the white one alone. Raises the SceneError of ``base_at``
+    where neither side is allowed."""
     pairs = [(weight, base or BLACK) for weight, base in sample_around(base_at, value, step, SEVEN_POINTS)]
     if all(base == pairs[0][1] for _, base in pairs):
         return ()
@@ -198,9 +191,10 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
 
     def scene_at(index: float) -> Scene:
         media = [index if first <= k <= last else known for k, known in enumerate(scene.media)]
-        surfaces: list[Interface | None] = []
-        for surface, (above, below) in zip(scene.interfaces, itertools.pairwise(media), strict=True):
-            surfaces.append(surface and replace(surface, index_above=above, index_below=below))
+        surfaces = [
+            surface and replace(surface, index_above=above, index_below=below)
+            for surface, (above, below) in zip(scene.interfaces, itertools.pairwise(media), strict=True)
+        ]
         layers = [
             layer if layer.host_index is None else replace(layer, host_index=medium)
             for layer, medium in zip(scene.layers, media[1:-1], strict=True)
@@ -218,18 +212,16 @@ def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
         raise complain_of(name, "a smooth interface has no derivative with its roughness, which is 0 or 0.01 and more")
 
     def scene_at(roughness: float) -> Scene:
-        others = list(scene.interfaces)
-        others[place] = replace(surface, roughness=roughness)
-        return build_like(scene, scene.layers, scene.base, others)
+        rougher = replace(surface, roughness=roughness)
+        surfaces = [*scene.interfaces[:place], rougher, *scene.interfaces[place + 1 :]]
+        return build_like(scene, scene.layers, scene.base, surfaces)
 
     return vary_beside_layers(scene, name, surface.roughness, scene_at, is_outside=True)
 
 
 def replace_layer(scene: Scene, place: int, layer: Layer) -> Scene:
     """The scene with another layer in the place of one."""
-    layers = list(scene.layers)
-    layers[place] = layer
-    return build_like(scene, layers, scene.base, scene.interfaces)
+    return build_like(scene, [*scene.layers[:place], layer, *scene.layers[place + 1 :]], scene.base, scene.interfaces)
 
 
 def add_coefficients(matrix: PhaseMatrix, change: Array) -> PhaseMatrix:

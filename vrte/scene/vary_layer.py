@@ -1,6 +1,6 @@
 """How a layer of particles that scatter independently changes with what it is made of, in closed form."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,12 +11,9 @@ TINY = 1e-100  # the step of an imaginary part, whose square is nothing: derivat
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """What `vrte.Layer.of` makes a layer of, as numbers, or what these change by with another number.
-
-    ``shares`` (kinds,) by number, or by volume where ``by_volume``; cross sections [um2] and volumes [um3] (kinds,);
-    ``coefficients`` (kinds, terms, 6); ``absorption`` of the host [1/um]; ``fraction`` of the volume, 0 where it plays
-    no part; ``extent``: optical thickness, or [um] where ``is_length``.
-    """
+    """What `vrte.Layer.of` makes a layer of, or what that changes by with a number: ``shares`` (kinds,) by number or by
+    volume; cross sections [um2], volumes [um3] (kinds,) and coefficients (kinds, terms, 6); ``absorption`` of the host
+    [1/um]; ``fraction`` of the volume, 0 where it plays no part; ``extent``: optical thickness, or [um]."""
 
     shares: Array
     extinction: Array
@@ -29,15 +26,11 @@ class Filling:
 
 
 def vary_layer(filling: Filling, change: Filling, by_volume: bool, is_length: bool) -> tuple[float, float, Array]:
-    """Derivatives of a layer's optical thickness, albedo and coefficients (terms, 6).
-
-    Those of `assemble_layer` by a step in the complex plane, which subtracts nothing. Source: W. Squire and G. Trapp,
-    SIAM Review 40, 110 (1998).
-    """
-    stepped = {
-        field.name: getattr(filling, field.name) + 1j * TINY * getattr(change, field.name) for field in fields(Filling)
-    }
-    thickness, albedo, coefficients = assemble_layer(Filling(**stepped), by_volume, is_length)
+    """Derivatives of a layer's optical thickness, albedo and coefficients (terms, 6), by a step in the complex plane,
+    which subtracts nothing. Source: W. Squire and G. Trapp, SIAM Review 40, 110 (1998)."""
+    pairs = zip(vars(filling).values(), vars(change).values(), strict=True)
+    stepped = Filling(*(value + 1j * TINY * slope for value, slope in pairs))
+    thickness, albedo, coefficients = assemble_layer(stepped, by_volume, is_length)
     slopes = np.asarray(coefficients).imag / TINY
     slopes[0, 0] = 0.0  # of a1[0], which is 1, but for rounding
     return float(thickness.imag / TINY), float(albedo.imag / TINY), slopes
