@@ -102,7 +102,7 @@ ORDINATES = list_faults(
 METHODS = list_faults(
     ("semi-infinite", "methods/parts/slab.py", "CONVERGED = 1e-15", "CONVERGED = 1e-5",
      "the reflection of a semi-infinite layer has not converged", "methods_by_theory"),
-    ("steep", "methods/parts/in_depth.py", "STEEP = 8.0", "STEEP = 0.01",
+    ("steep", "methods/parts/slab.py", "STEEP = 8.0", "STEEP = 0.01",
      "a recurrence is used where it loses digits", "methods_by_theory"),
     ("join-residual", "methods/parts/slab.py", "LARGEST_RESIDUAL = 1e-6", "LARGEST_RESIDUAL = 1e6",
      "slabs joined by a singular system are taken", "methods_by_theory"),

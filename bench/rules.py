@@ -2,7 +2,7 @@
 
 Prints what each rule would take, and every disagreement: a run that is named as evidence and was not good enough or not
 quicker, nodes that were not enough, a scene where another method than the last rule's was the quickest. After a new
-report: run it, and where it disagrees change vrte/methods/auto/rules.py.
+report: run it, and where it disagrees change vrte/methods/parts/auto.py.
 """
 
 import csv
@@ -15,8 +15,7 @@ from bench.methods import CASES, EXPONENTS, PHI, Case, Row, find_case, group_row
 from bench.methods_page import HEADER, TARGETS, find_quickest_candidate, find_reference_uncertainty, make_score_rows
 from bench.study import Records, make_markdown_table
 from vrte.calls.plan import make_request
-from vrte.methods.auto import find_rule
-from vrte.methods.auto.rules import RULES, Rule
+from vrte.methods.parts.auto import RULES, Rule, find_rule
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.request.request import Request
 

@@ -16,9 +16,8 @@ from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.methods.diffusion import BOUNDARIES
 from vrte.methods.matrix_operator import propagator
-from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.method import discretise_request
-from vrte.methods.parts.slab import solve_riccati
+from vrte.methods.parts.slab import find_gauss_depths, solve_riccati, weigh_downward, weigh_upward
 from vrte.methods.small_angle import expand_diffuse_part
 from vrte.request.request import make_radiance_request
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.study import make_markdown_table, write_text
 from vrte.methods import find_method
-from vrte.methods.auto.rules import RULES, Rule
+from vrte.methods.parts.auto import RULES, Rule
 from vrte.methods.parts.method import Method
 from vrte.request.how import METHODS
 
@@ -69,7 +69,6 @@ def make_rules_table() -> str:
 def make_rules_row(place: int, rule: Rule) -> tuple[str, ...]:
     """Its limits in words, and what it takes."""
     limits = [f"{name} <= {most:g}" if most else f"no {name}" for name, most in rule.at_most.items()]
-    limits += [f"{name} >= {least:g}" for name, least in rule.at_least.items()]
     nodes = "as the method finds them"
     return f"{place} ({rule.name})", ", ".join(limits) or "everywhere", f"`{rule.method}`", nodes, rule.why
 

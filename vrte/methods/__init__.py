@@ -12,7 +12,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, start_run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count, find_unseen_share
-from vrte.methods.auto import choose_by_rule
+from vrte.methods.parts.auto import choose_by_rule
 from vrte.methods.parts.method import NODES, Answer, Method, Settings, Task
 from vrte.methods.parts.refinement import describe_unseen, measure_difference, refine, share_steps
 from vrte.request.backends import Backend

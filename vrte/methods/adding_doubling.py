@@ -8,10 +8,17 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import check_number, check_whole
 from vrte.discrete_ordinates.orders.slabs import cut_layers
-from vrte.methods.parts.in_depth import POINTS
 from vrte.methods.parts.method import Answer, Method, Setting, Task
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media, count_sizes
-from vrte.methods.parts.slab import Slab, make_thin_slab, solve_by_slabs
+from vrte.methods.parts.slab import (
+    MOST_POINTS,
+    OnNodes,
+    Scattered,
+    Slab,
+    connect_media,
+    count_sizes,
+    make_thin_slab,
+    solve_by_slabs,
+)
 
 THICKEST, THINNEST = 8.0, 1e-6  # of the setting "thin", optical thickness over the cosine
 LOWEST = 1e-4  # cosine: below it starting layers are so thin that rounding is seen
@@ -120,7 +127,7 @@ METHOD = Method(
         ),
         "start": Setting(
             3,
-            lambda value: check_whole("start", value, 0, POINTS),
+            lambda value: check_whole("start", value, 0, MOST_POINTS),
             "depths at which the starting layer's source function is solved for: error of order thin^(2 start); 0: "
             "single scattering, error of order thin",
             for_accuracy=lambda accuracy: 1 + sum(accuracy < limit for limit in ENOUGH),

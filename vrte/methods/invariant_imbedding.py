@@ -9,8 +9,16 @@ from vrte.basics import cost
 from vrte.basics.arrays import check_number
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Method, Setting, Task
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, count_sizes
-from vrte.methods.parts.slab import POINTS, Count, Slab, grow_slab, reflect_semi_infinite, solve_by_slabs
+from vrte.methods.parts.slab import (
+    STEP_POINTS,
+    OnNodes,
+    Scattered,
+    Slab,
+    count_sizes,
+    grow_slab,
+    reflect_semi_infinite,
+    solve_by_slabs,
+)
 
 FINEST_RTOL = 1e-13
 STEPS_TOGETHER = 100.0  # error of R and T over that of a step: 30 was seen
@@ -18,17 +26,17 @@ STEPS_TOGETHER = 100.0  # error of R and T over that of a step: 30 was seen
 
 def solve_by_invariant_imbedding(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
-    count = Count()
+    count = dict.fromkeys(("steps", "steps_repeated", "sweeps", "doublings"), 0)
 
     def build(on_nodes: OnNodes, scattered: Scattered, tau: float, conserves: bool) -> Slab:
         if np.isfinite(tau):
             return grow_slab(on_nodes, scattered, tau, task.settings["rtol"], count)
         slab, doublings = reflect_semi_infinite(on_nodes, scattered, conserves)
-        count.doublings = max(count.doublings, doublings)
+        count["doublings"] = max(count["doublings"], doublings)
         return slab
 
     mu, found = solve_by_slabs(task, build, "invariant imbedding")
-    return mu, replace(found, diagnostics=found.diagnostics | vars(count))
+    return mu, replace(found, diagnostics=found.diagnostics | count)
 
 
 def predict_operations(task: Task) -> float:
@@ -38,7 +46,7 @@ def predict_operations(task: Task) -> float:
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
     strength = np.minimum(find_order_bounds(problem, task.run).by_layer, 1.0)  # (layer, order)
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
-    sweep = POINTS * ((2.0 * n * n + 8.0 * r * n) * c + 40.0 * POINTS * r * c)
+    sweep = STEP_POINTS * ((2.0 * n * n + 8.0 * r * n) * c + 40.0 * STEP_POINTS * r * c)
     return float(steps.sum()) * cost.SWEEPS * (sweep + 10.0 * cost.OVERHEAD)
 
 

@@ -17,8 +17,7 @@ from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.method import NODES, Answer, Method, Task
-from vrte.methods.parts.on_nodes import count_sizes
-from vrte.methods.parts.slab import join_slabs
+from vrte.methods.parts.slab import count_sizes, join_slabs
 from vrte.request.how import MOST_NODES
 from vrte.request.request import check_scene
 from vrte.scene.scene import Scene

@@ -17,7 +17,6 @@ from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.discrete_ordinates.orders.problem import ALL
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Method, Setting, Settings, Task
-from vrte.methods.parts.on_nodes import connect_media, count_sizes
 from vrte.methods.parts.sections import (
     MOST_LEVELS,
     POINTS,
@@ -27,6 +26,7 @@ from vrte.methods.parts.sections import (
     divide_into_panels,
     find_panel_scale,
 )
+from vrte.methods.parts.slab import connect_media, count_sizes
 from vrte.request.how import EXACT
 
 LEFT_OUT = 30.0  # what the orders left out add, over their estimate: 13 was seen

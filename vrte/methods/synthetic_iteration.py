@@ -22,8 +22,8 @@ from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import solve_request
 from vrte.methods.diffusion import BOUNDARIES, solve_diffusion
 from vrte.methods.parts.method import Answer, Method, Setting, Task, discretise_request
-from vrte.methods.parts.on_nodes import connect_media
 from vrte.methods.parts.sections import POINTS, Order, Section, Sections
+from vrte.methods.parts.slab import connect_media
 from vrte.methods.parts.two_fluxes import TwoFluxes, convert_to_kernels, cut_to_two
 from vrte.methods.small_angle import expand_diffuse_part
 from vrte.methods.two_stream import solve_two_streams

@@ -20,7 +20,7 @@ from vrte.request.backends import BACKENDS, Backend, find_backend
 from vrte.scene.illumination import SIDES
 
 EXACT = "discrete-ordinates"
-AUTO = "auto"  # one of the methods, by the rules of vrte/methods/auto/rules.py
+AUTO = "auto"  # one of the methods, by the rules of vrte/methods/parts/auto.py
 _FILES = iter_modules([str(Path(__file__).parents[1] / "methods")])  # each is a method; what they share is in folders
 _NAMES = {file.name.replace("_", "-") for file in _FILES if not file.ispkg}
 METHODS = (EXACT, *sorted(_NAMES - {EXACT}))

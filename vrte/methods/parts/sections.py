@@ -17,8 +17,7 @@ from vrte.discrete_ordinates.orders.base import UNTOLD
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import find_decaying_of_pieces, join_pieces
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
-from vrte.methods.parts.on_nodes import OnNodes, Scattered
+from vrte.methods.parts.slab import OnNodes, Scattered, find_gauss_depths, weigh_downward, weigh_upward
 from vrte.scene.beams import Passing, pass_along
 from vrte.scene.boundary import Boundary
 

@@ -1,12 +1,16 @@
-"""Reflection R and transmission T of homogeneous slabs on nodes, by doubling and by invariant imbedding.
+"""What layers scatter on nodes, and reflection R and transmission T of homogeneous slabs: a thin start, doubling,
+growth by the matrix Riccati equation, semi-infinite layers by its algebraic form; slabs joined by adding.
 
-A slab does the same to light from above and from below, in the flipped frame of `on_nodes`. T is diffuse: light that
-was not scattered, exp(-tau/mu), is left out. Slabs are joined, over bases and through interfaces, as those of discrete
-ordinates are where media refract.
+Light is a column of Stokes vectors along positive cosines, upward light in the flipped frame D I(-mu). Rows are the
+nodes, then the outgoing directions; columns are the nodes, then the beams. Beams scatter into the nodes alone, and T is
+diffuse, without exp(-tau/mu): light scattered once is added in closed form over all orders. A slab does the same to
+light from above and from below.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,27 +18,155 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.differences import divide_exp_once
 from vrte.basics.errors import AccuracyError
+from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.basics.running import Run
+from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.discrete_ordinates.orders.base import UNTOLD
+from vrte.discrete_ordinates.orders.media import Media
+from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
-from vrte.discrete_ordinates.orders.slab_response import Response, shape_response
-from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
+from vrte.discrete_ordinates.orders.slab_response import Response, scatter_once, shape_response
 from vrte.methods.parts.method import Answer, Task
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, connect_media
+from vrte.request.request import Request
+from vrte.scene.beams import locate_depths
 
 LARGEST_RESIDUAL = 1e-6  # of the systems that join slabs in one medium: conservative ones of tau 1e8 leave 3e-9
-
-POINTS = 5  # Gauss depths of a step of invariant imbedding
+STEEP = 8.0  # optical path beyond which recurrence over powers of depth is stable up to MOST_POINTS
+MOST_POINTS = 8  # most depths of a polynomial
+EXACT_POINTS = 28  # Gauss points that integrate exp(-8 x) times such a polynomial to rounding
+STEP_POINTS = 5  # Gauss depths of a step of invariant imbedding
 MARGIN = 10.0  # estimated error of a step over what its highest resolved power of depth suggests
 NO_LIGHT = 1e-290
-MOST_SWEEPS = 20
-MOST_STEPS = 20_000
+MOST_SWEEPS, MOST_STEPS = 20, 20_000
 LEAST_STEP = 1e-14  # of the layer's optical thickness
 SAFETY, GROWTH, SHRINKING = 0.8, 4.0, 0.2  # of the next step: share of the estimate, most and least of the last step
-
 CONVERGED = 1e-15  # last change of the reflection of a semi-infinite layer, over its largest entry
 MOST_SDA_DOUBLINGS = 60
+
+
+def connect_media(request: Request, problem: Problem) -> Problem:
+    """A request's problem with nodes that Snell's law links through its media, also where there is but one of these;
+    for I alone where only I is scattered and mirrored."""
+    scene = request.scene
+    if problem.media is not None:
+        return problem
+    index, nodes = scene.media[0], problem.nodes
+    panel = 0, nodes.size, Panel(0.0, index, np.inf, problem.grading)
+    shared = RefractedNodes(
+        np.full(nodes.size, index), (index * nodes) ** 2, index**2 * nodes * problem.weights, (panel,)
+    )
+    under = np.zeros(request.tau.size, bool) if request.under is None else request.under
+    stokes = (0,) if problem.is_scalar and not scene.below.mixes_stokes else ALL
+    columns = np.ascontiguousarray(problem.columns[:, list(stokes)])
+    return replace(
+        problem, media=Media(scene, shared, locate_depths(scene, request.tau, under)), stokes=stokes, columns=columns
+    )
+
+
+def count_sizes(request: Request, problem: Problem) -> tuple[float, float, float]:
+    """Unknowns of a hemisphere, rows with the outgoing directions, columns with the beams, for predictions."""
+    problem = connect_media(request, problem)
+    stokes, n = len(problem.stokes), problem.size
+    return float(n), float(n + stokes * np.unique(problem.mu_out).size), float(n + stokes * problem.mu0.size)
+
+
+class Scattered(NamedTuple):
+    """What a layer scatters per optical depth, forwards and backwards, each (r, c): (omega/2) A W/mu of the row."""
+
+    ahead: Array
+    back: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OnNodes:
+    """A problem seen as rows and columns; its columns (n_col, S) are incident Stokes vectors."""
+
+    problem: Problem
+
+    @property
+    def n(self) -> int:
+        """Unknowns of a hemisphere, S N."""
+        return self.problem.size
+
+    @cached_property
+    def rows(self) -> Array:
+        """Cosines of the rows, (r,)."""
+        return np.repeat(np.concatenate([self.problem.nodes, self.problem.mu_out]), len(self.problem.stokes))
+
+    @cached_property
+    def columns(self) -> Array:
+        """Cosines of the columns, (c,)."""
+        nodes = np.repeat(self.problem.nodes, len(self.problem.stokes))
+        return np.concatenate([nodes, np.repeat(self.problem.mu0, self.problem.columns.shape[0])])
+
+    def scatter(self, order: int, layer: int) -> Scattered:
+        """What a layer scatters, (1:18)-(1:23)."""
+        problem = self.problem
+        table = problem.coefficients[layer, : problem.terms[layer]]
+        rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
+        strength = 0.5 * problem.albedo[layer] / rows[:, None, None, None]
+        shifts = find_even_shifts(problem, int(problem.terms.max()))
+        back, ahead = scatter_once(order, table, rows, into, shifts) * strength
+        return Scattered(self.put_in_weights(ahead), self.put_in_weights(back))
+
+    def put_in_weights(self, matrices: Array) -> Array:
+        """(r, c) from Mueller matrices (row, node or beam, 4, 4): quadrature weights of nodes, Stokes vectors of
+        beams."""
+        problem, n_node, members = self.problem, self.problem.nodes.size, list(self.problem.stokes)
+        matrices = matrices[..., members, :][..., members]
+        on_nodes = matrices[:, :n_node] * problem.weights[:, None, None]
+        beams = np.einsum("riab,cb->raic", matrices[:, n_node:], problem.columns)
+        beams[n_node:] = 0.0
+        left = on_nodes.transpose(0, 2, 1, 3).reshape(self.rows.size, self.n)
+        return np.concatenate([left, beams.reshape(self.rows.size, -1)], axis=1)
+
+
+@lru_cache(maxsize=16)
+def find_gauss_depths(points: int) -> Any:
+    """Gauss points of (0, 1), ascending, (points,)."""
+    return 0.5 * (find_gauss_legendre(points)[0] + 1.0)
+
+
+@lru_cache(maxsize=16)
+def compute_lagrange_coefficients(points: int) -> Array:
+    """Coefficients of the Lagrange polynomials through the Gauss points, (power, point)."""
+    return np.linalg.inv(np.vander(find_gauss_depths(points), increasing=True))
+
+
+def integrate_decaying_powers(z: Array, x: float, points: int) -> Array:
+    """The integral of s^p exp(-z (x - s)) ds from 0 to x, (power, *z.shape)."""
+    nodes, weights = find_gauss_legendre(EXACT_POINTS)
+    s = 0.5 * x * (nodes + 1.0)
+    steep = z * x > STEEP
+    mild = np.where(steep, 0.0, z)
+    decay = np.exp(-mild[..., None] * (x - s)) * (0.5 * x * weights)
+    result = np.moveaxis(decay @ np.vander(s, points, increasing=True), -1, 0)
+    rate = np.where(steep, z, 1.0)
+    below = -np.expm1(-rate * x) / rate
+    for power in range(points):
+        if power:
+            below = (x**power - power * below) / rate
+        result[power] = np.where(steep, below, result[power])
+    return result
+
+
+def weigh_downward(z: Array, points: int) -> Array:
+    """Weights (points + 1, points, *z.shape) of the source at the Gauss points of (0, 1) for the integral of
+    exp(-z (x - s)) S(s) ds from 0 to x: x at each of them, then 1.
+
+    >>> np.round(weigh_downward(np.array(0.0), 1), 3).tolist()
+    [[0.5], [1.0]]
+    """
+    ends, lagrange = (*find_gauss_depths(points).tolist(), 1.0), compute_lagrange_coefficients(points)
+    powers = [integrate_decaying_powers(z, x, points) for x in ends]
+    return np.stack([np.einsum("p...,pj->j...", each, lagrange) for each in powers])
+
+
+def weigh_upward(z: Array, points: int) -> Array:
+    """The same for exp(-z (s - x)) S(s) ds from x to 1; the last x is 0."""
+    mirrored = weigh_downward(z, points)[:, ::-1]
+    return np.concatenate([mirrored[:-1][::-1], mirrored[-1:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +262,8 @@ def make_thin_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, points: 
 
 def integrate_once_back(z: Array, beam: Array) -> Array:
     """The integral of exp(-(z + beam) s) ds over (0, 1)."""
-    way = z + beam
-    decays = way > 0.0  # 0 where the thickness is the smallest number that there is
-    return np.where(decays, -np.expm1(-way) / np.where(decays, way, 1.0), 1.0)
+    way = np.maximum(z + beam, 1e-300)  # 0 where the thickness is the smallest number that there is
+    return -np.expm1(-way) / way
 
 
 def integrate_once_ahead(z: Array, beam: Array) -> Array:
@@ -169,17 +300,7 @@ def scatter_again(on_nodes: OnNodes, scattered: Scattered, tau: float, points: i
     return R, T
 
 
-@dataclass(eq=False)
-class Count:
-    """Of invariant imbedding: steps taken, steps repeated, sweeps in all; doublings of a semi-infinite layer."""
-
-    steps: int = 0
-    steps_repeated: int = 0
-    sweeps: int = 0
-    doublings: int = 0
-
-
-def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, count: Count) -> Slab:
+def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, count: dict[str, int]) -> Slab:
     """R and T by the matrix Riccati equation of invariant imbedding, thin layers added on top, from nothing on:
 
     dR/dz = b + a R + R a + R b R - R/mu - R/mu',  dT/dz = E (a + b R) + T (a + b R) - T/mu',  E = exp(-z/mu).
@@ -197,10 +318,10 @@ def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, 
         taken += 1
         if error <= 1.0:
             both, done = found, tau if tau - done <= step else done + step
-            count.steps += 1
+            count["steps"] += 1
         else:
-            count.steps_repeated += 1
-        factor = SAFETY * max(error, 1e-20) ** (-0.5 / POINTS)
+            count["steps_repeated"] += 1
+        factor = SAFETY * max(error, 1e-20) ** (-0.5 / STEP_POINTS)
         step *= min(GROWTH, max(SHRINKING, factor))
         if step < LEAST_STEP * tau or taken > MOST_STEPS:
             raise AccuracyError(f"invariant imbedding is at its smallest or last step and not at rtol {rtol:g}")
@@ -208,18 +329,18 @@ def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, 
 
 
 def take_step(
-    on_nodes: OnNodes, scattered: Scattered, done: float, step: float, both: Array, rtol: float, count: Count
+    on_nodes: OnNodes, scattered: Scattered, done: float, step: float, both: Array, rtol: float, count: dict[str, int]
 ) -> tuple[Array, float]:
     """R and T after a step, (2, r, c), and the estimated error over the allowed one; infinite where sweeps do not
     converge."""
     ways, decays = compute_step_weights(on_nodes, step)
-    unscattered = np.exp(-(done + step * find_gauss_depths(POINTS)[:, None]) / on_nodes.rows)
-    start = both[:, None] * decays  # (R or T, POINTS + 1, r, c)
+    unscattered = np.exp(-(done + step * find_gauss_depths(STEP_POINTS)[:, None]) / on_nodes.rows)
+    start = both[:, None] * decays  # (R or T, point + 1, r, c)
     allowed = np.maximum(rtol * np.abs(both).max(axis=(1, 2)), NO_LIGHT)  # (R or T,)
-    now = np.repeat(both[:, None], POINTS, axis=1)
+    now = np.repeat(both[:, None], STEP_POINTS, axis=1)
     change = np.inf
     for _ in range(MOST_SWEEPS):
-        count.sweeps += 1
+        count["sweeps"] += 1
         sources = compute_growth(scattered, now, unscattered, on_nodes.n)
         found = start[:, :-1] + np.einsum("tkjrc,tjrc->tkrc", ways[:, :-1], sources)
         before, change = change, float(np.abs(found - now).max())
@@ -233,13 +354,13 @@ def take_step(
         return end, np.inf
     # Gauss points integrate twice as many powers as they resolve: the error is about the square of what the highest
     # resolved power adds
-    last = np.einsum("tjrc,jk,tkrc->trc", ways[:, -1], project_highest_degree(POINTS), sources)
+    last = np.einsum("tjrc,jk,tkrc->trc", ways[:, -1], project_highest_degree(STEP_POINTS), sources)
     relative = rtol * np.abs(last).max(axis=(1, 2)) / allowed
     return end, float(MARGIN / rtol * relative.max() ** 2)
 
 
 def compute_growth(scattered: Scattered, both: Array, unscattered: Array, n: int) -> Array:
-    """What makes R and T grow besides their own decay, (R or T, POINTS, r, c)."""
+    """What makes R and T grow besides their own decay, (R or T, point, r, c)."""
     ahead, back = scattered
     R, T = both
     down = ahead[:n] + back[:n, :n] @ R[:, :n]
@@ -252,14 +373,14 @@ def compute_growth(scattered: Scattered, both: Array, unscattered: Array, n: int
 
 
 def compute_step_weights(on_nodes: OnNodes, step: float) -> tuple[Array, Array]:
-    """Weights of the sources (R or T, POINTS + 1, POINTS, r, c), and what is left of R and T (R or T, POINTS + 1, r,
-    c), at the Gauss points of the step and its end."""
+    """Weights of the sources (R or T, point + 1, point, r, c), and what is left of R and T (R or T, point + 1, r, c),
+    at the Gauss points of the step and its end."""
     cosines, at = np.unique(np.concatenate([on_nodes.rows, on_nodes.columns]), return_inverse=True)
     rows, columns = at[: on_nodes.rows.size, None], at[on_nodes.rows.size :]
     once = step / cosines
     rates = np.stack([once[:, None] + once, np.broadcast_to(once, (once.size, once.size))])
-    weights = step * np.moveaxis(weigh_downward(rates, POINTS), 2, 0)
-    x = np.append(find_gauss_depths(POINTS), 1.0)[:, None, None]
+    weights = step * np.moveaxis(weigh_downward(rates, STEP_POINTS), 2, 0)
+    x = np.append(find_gauss_depths(STEP_POINTS), 1.0)[:, None, None]
     return weights[..., rows, columns], np.exp(-x * rates[:, None])[..., rows, columns]
 
 

@@ -1,13 +1,16 @@
-"""method="auto": the first rule of vrte/methods/auto/rules.py that a request meets, by what is known before a solve."""
+"""method="auto": the first rule that a request meets, by what is known before a solve.
+
+The rules are written from the report of docs/explanation/methods.md; nobody's timings are read here. `python -m
+bench.rules docs/explanation/methods/methods.csv` holds them against a report.
+"""
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import NODES
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -15,6 +18,40 @@ from vrte.scene.layer import Layer
 
 EULER = 0.5772156649015329
 ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A row: the method taken where all QUANTITIES keep to their limits, the extremes included. ``why``, for
+    ``diagnostics["method_rule"]``; ``evidence``: (scene, curve, setting, accuracy): runs of the report that were good
+    enough for the accuracy, and quicker than the exact method that looks for its nodes itself."""
+
+    name: str
+    method: str
+    why: str
+    at_most: Mapping[str, float] = field(default_factory=dict)
+    evidence: tuple[tuple[str, str, str, float], ...] = ()
+
+    def takes(self, request: Request) -> bool:
+        """Whether the request keeps to all limits; what the rule does not name is not worked out."""
+        return all(QUANTITIES[name](request) <= most for name, most in self.at_most.items())
+
+
+RULES = (
+    Rule(
+        name="scattered once",
+        method="single-scattering",
+        why="all light scattered more than once is less than the accuracy, by a bound",
+        # more terms: the sums over azimuth of its fluxes take longer than discrete ordinates
+        at_most={"special wishes": 0, "terms": 32, "scattered again over accuracy": 1.0},
+        evidence=(("Rayleigh, thin", "single-scattering", "no knob", 1e-1),),
+    ),
+    Rule(
+        name="accuracy",
+        method=EXACT,
+        why="the exact method was the quickest on every scene of the report",
+    ),
+)
 
 
 def choose_by_rule(request: Request) -> Request:
@@ -30,14 +67,7 @@ def choose_by_rule(request: Request) -> Request:
 
 def find_rule(request: Request) -> tuple[int, Rule]:
     """The place and the rule; the last one takes everything."""
-    return next((place, rule) for place, rule in enumerate(RULES) if is_rule_met(rule, request))
-
-
-def is_rule_met(rule: Rule, request: Request) -> bool:
-    """Whether all quantities of the rule keep to their limits; what it does not name is not worked out."""
-    return all(QUANTITIES[name](request) <= most for name, most in rule.at_most.items()) and all(
-        QUANTITIES[name](request) >= least for name, least in rule.at_least.items()
-    )
+    return next((place, rule) for place, rule in enumerate(RULES) if rule.takes(request))
 
 
 def count_special_wishes(request: Request) -> float:
