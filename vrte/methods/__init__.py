@@ -1,10 +1,12 @@
 """Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
 
 import itertools
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
@@ -13,24 +15,33 @@ from vrte.basics.running import Progress, Run, start_run
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count, find_unseen_share
 from vrte.methods.parts.auto import choose_by_rule
-from vrte.methods.parts.method import NODES, Answer, Method, Settings, Task
+from vrte.methods.parts.method import NODES, Answer, Method, Setting, Settings, Task
 from vrte.methods.parts.refinement import describe_unseen, measure_difference, refine, share_steps
 from vrte.request.backends import Backend
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.request.request import Request, estimate_operations
 from vrte.results.solution import Solution
 
+TABLE = Path(__file__).with_name("methods.toml")
+
 
 @cache
 def find_method(name: str) -> Method:
-    """What a method's file says of it.
+    """A method by its row of methods.toml and its file of this folder.
 
     >>> find_method("single-scattering").polarization
     True
     """
     assert name in METHODS
-    found: Method = import_module(f"vrte.methods.{name.replace('-', '_')}").METHOD
-    return found
+    module = import_module(f"vrte.methods.{name.replace('-', '_')}")
+    row = tomllib.loads(TABLE.read_text("utf-8"))[name]
+    by_accuracy = getattr(module, "BY_ACCURACY", {})
+    row["settings"] = {
+        key: Setting(f"setting {key!r} of method {name!r}", **values, for_accuracy=by_accuracy.get(key))
+        for key, values in row.get("settings", {}).items()
+    }
+    operations = getattr(module, "predict_operations", None)
+    return Method(name, **row | {"solve": getattr(module, row["solve"])}, operations=operations)
 
 
 def choose_method(request: Request) -> Request:

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import check_number, check_whole
 from vrte.discrete_ordinates.orders.slabs import cut_layers
-from vrte.methods.parts.method import Answer, Method, Setting, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.methods.parts.slab import (
-    MOST_POINTS,
     OnNodes,
     Scattered,
     Slab,
@@ -20,12 +18,12 @@ from vrte.methods.parts.slab import (
     solve_by_slabs,
 )
 
-THICKEST, THINNEST = 8.0, 1e-6  # of the setting "thin", optical thickness over the cosine
 LOWEST = 1e-4  # cosine: below it starting layers are so thin that rounding is seen
 DARK = 1e-16  # transmission of a slab that may as well be semi-infinite
 NEARLY_DARK = 1e-6  # transmission of a white slab whose R lacks of the semi-infinite layer's just what it transmits
 MOST_DOUBLINGS = 70
 ENOUGH = 1e-3, 1e-6, 1e-10  # accuracy that 1, 2 and 3 depths of a starting layer of 0.25 keep: a tenth and less is seen
+BY_ACCURACY = {"start": lambda accuracy: 1 + sum(accuracy < limit for limit in ENOUGH)}
 
 
 def solve_by_adding_doubling(task: Task) -> Answer:
@@ -105,32 +103,3 @@ def predict_operations(task: Task) -> float:
     start = (2.0 * settings["start"] * n) ** 2 * (settings["start"] * n + 2.0 * c)
     each = slabs.slabs.size * (start + 40.0 * r * n * c) + doublings * (12.0 * r * n * c + cost.A_DOUBLING)
     return problem.coefficients.shape[1] * each
-
-
-METHOD = Method(
-    name="adding-doubling",
-    solve=solve_by_adding_doubling,
-    purpose="thick layers and piles of layers, the field between them too",
-    conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
-    source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
-    conserves_energy=True,
-    interfaces="smooth",
-    options=("nodes", "accuracy", "backend"),
-    finest=1e-12,
-    operations=predict_operations,
-    settings={
-        "thin": Setting(
-            0.25,
-            lambda value: check_number("thin", value, THINNEST, THICKEST, f"between {THINNEST:g} and {THICKEST:g}"),
-            "largest optical thickness of the layer that doubling starts from, along the lowest cosine of nodes and "
-            "beams, or 1e-4",
-        ),
-        "start": Setting(
-            3,
-            lambda value: check_whole("start", value, 0, MOST_POINTS),
-            "depths at which the starting layer's source function is solved for: error of order thin^(2 start); 0: "
-            "single scattering, error of order thin",
-            for_accuracy=lambda accuracy: 1 + sum(accuracy < limit for limit in ENOUGH),
-        ),
-    },
-)

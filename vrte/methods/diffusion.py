@@ -12,13 +12,13 @@ source function of this field integrated along each direction, light scattered o
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_choice
+from vrte.basics.arrays import Array
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
-from vrte.methods.parts.method import Answer, Method, Setting, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.methods.parts.two_fluxes import (
     TwoFluxes,
     answer_two_fluxes,
@@ -80,24 +80,3 @@ def integrate_scattered_across(problem: Problem) -> Array:
     sines = np.sqrt((1.0 - problem.mu0[:, None] ** 2) * (1.0 - mu**2))
     found: Array = np.einsum("k,ktio->tio", strength, paths) * sines
     return found
-
-
-METHOD = Method(
-    name="diffusion",
-    solve=solve_by_diffusion,
-    purpose="fluxes of thick layers that absorb little; coarse radiance",
-    conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
-    source="(2:16)-(2:20)",
-    conserves_energy=True,
-    base="even",
-    options=("nodes", "truncation", "backend"),
-    polarization=False,
-    settings={
-        "boundary": Setting(
-            "marshak",
-            lambda value: check_choice("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES)),
-            "'marshak' (no flux comes in), 'mark' (no light along the cosine 1/sqrt 3) or 'milne' (the exact "
-            "extrapolation length of a conservative half space)",
-        )
-    },
-)

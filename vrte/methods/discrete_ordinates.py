@@ -14,9 +14,9 @@ from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
 from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.forecast import plan_within_limit
 from vrte.discrete_ordinates.planning.plan import Plan
-from vrte.methods.parts.method import Answer, Method, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.request.backends import Backend
-from vrte.request.how import EXACT, FINEST
+from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.solution import NO_LIGHT, Solution
 
@@ -108,17 +108,3 @@ def join_solutions(one: Solution, other: Solution) -> Solution:
         np.concatenate(pair, axis=-1) for pair in ((one.flux_up, other.flux_up), (one.flux_down, other.flux_down))
     )
     return Solution(other.parts, flux_up, flux_down, one.diagnostics | {"polarized_light": other.diagnostics})
-
-
-METHOD = Method(
-    name=EXACT,
-    solve=solve_by_discrete_ordinates,
-    purpose="everything, to the accuracy asked for",
-    conserves="energy, to rounding",
-    source="(1:12)-(1:66), (2:5)-(2:15)",
-    conserves_energy=True,
-    interfaces="any",
-    devices=True,
-    options=("nodes", "grading", "accuracy", "algorithm", "truncation", "backend", "verify", "precision"),
-    finest=FINEST,
-)

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import check_number
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
-from vrte.methods.parts.method import Answer, Method, Setting, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.methods.parts.slab import (
     STEP_POINTS,
     OnNodes,
@@ -22,6 +21,7 @@ from vrte.methods.parts.slab import (
 
 FINEST_RTOL = 1e-13
 STEPS_TOGETHER = 100.0  # error of R and T over that of a step: 30 was seen
+BY_ACCURACY = {"rtol": lambda accuracy: max(accuracy / STEPS_TOGETHER, FINEST_RTOL)}
 
 
 def solve_by_invariant_imbedding(task: Task) -> Answer:
@@ -48,24 +48,3 @@ def predict_operations(task: Task) -> float:
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
     sweep = STEP_POINTS * ((2.0 * n * n + 8.0 * r * n) * c + 40.0 * STEP_POINTS * r * c)
     return float(steps.sum()) * cost.SWEEPS * (sweep + 10.0 * cost.OVERHEAD)
-
-
-METHOD = Method(
-    name="invariant-imbedding",
-    solve=solve_by_invariant_imbedding,
-    purpose="semi-infinite layers, and layers that grow in thickness; light at the two faces",
-    conserves="flux to rtol; to rounding below a semi-infinite layer",
-    source="dR/dtau as the thin layer of (2:8) on top; SDA for its algebraic form",
-    depths=False,
-    options=("nodes", "accuracy", "backend"),
-    finest=1e-9,
-    operations=predict_operations,
-    settings={
-        "rtol": Setting(
-            1e-8,
-            lambda value: check_number("rtol", value, FINEST_RTOL, 0.1, f"between {FINEST_RTOL:g} and 0.1"),
-            "estimated error of a step in thickness, relative to the largest entry of R and of T",
-            for_accuracy=lambda accuracy: max(accuracy / STEPS_TOGETHER, FINEST_RTOL),
-        ),
-    },
-)

@@ -16,7 +16,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
 from vrte.discrete_ordinates.orders.slabs import cut_layers
-from vrte.methods.parts.method import NODES, Answer, Method, Task
+from vrte.methods.parts.method import NODES, Answer, Task
 from vrte.methods.parts.slab import count_sizes, join_slabs
 from vrte.request.how import MOST_NODES
 from vrte.request.request import check_scene
@@ -79,17 +79,3 @@ def predict_operations(task: Task) -> float:
     n, r, c = count_sizes(task.request, task.problem)
     modes = slabs.problem.albedo.size * cost.MODES_GENERAL * n**3
     return problem.coefficients.shape[1] * (modes + slabs.thickness.size * cost.RESPONSE * n * c * r)
-
-
-METHOD = Method(
-    name="matrix-operator",
-    solve=solve_by_matrix_operators,
-    purpose="slabs as matrices, to be joined and looked at; as exact as discrete ordinates on the same nodes",
-    conserves="energy and reciprocity, to rounding",
-    source="(2:6)-(2:9), (2:10)-(2:15)",
-    conserves_energy=True,
-    interfaces="smooth",
-    options=("nodes", "accuracy", "backend"),
-    finest=1e-12,
-    operations=predict_operations,
-)

@@ -7,7 +7,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_double_gauss
-from vrte.methods.parts.method import NODES, Answer, Method, Task, discretise_request
+from vrte.methods.parts.method import NODES, Answer, Task, discretise_request
 from vrte.request.wanted import Wanted
 
 
@@ -40,13 +40,3 @@ def predict_operations(task: Task) -> float:
     terms = float(max(layer.phase_matrix.terms for layer in layers))
     towards = task.request.mu0.size * 2.0 * task.problem.nodes.size * 2.0 * terms
     return cost.A_TERM * len(layers) * terms * towards
-
-
-METHOD = Method(
-    name="single-scattering",
-    solve=solve_by_single_scattering,
-    purpose="thin or very dark layers, and the narrow peaks of any layer",
-    conserves="nothing: light scattered twice is lost",
-    source="(2:24)-(2:26), first order",
-    operations=predict_operations,
-)

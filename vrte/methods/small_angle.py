@@ -15,7 +15,7 @@ from vrte.basics.differences import divide_exp_once
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam
-from vrte.methods.parts.method import Answer, Method, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.scene.scene import Scene
 
 NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2
@@ -98,14 +98,3 @@ def integrate_legendre(terms: int) -> Array:
     l = np.arange(0.0, terms - 2.0, 2.0)
     found[2:terms:2] = 0.5 * np.cumprod((1.0 - l) / (l + 4.0))
     return found[:terms]
-
-
-METHOD = Method(
-    name="small-angle",
-    solve=solve_by_small_angles,
-    purpose="light near the beam below or within a layer with a strong forward peak",
-    conserves="nothing: no light turns back, and slanting paths are as short as the beam's",
-    source="(2:28)-(2:29)",
-    base="none",
-    endless=True,
-)

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.discrete_ordinates.orders.problem import ALL
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
-from vrte.methods.parts.method import Answer, Method, Setting, Settings, Task
+from vrte.methods.parts.method import Answer, Settings, Task
 from vrte.methods.parts.sections import (
-    MOST_LEVELS,
     POINTS,
     Light,
     Order,
@@ -30,7 +28,7 @@ from vrte.methods.parts.slab import connect_media, count_sizes
 from vrte.request.how import EXACT
 
 LEFT_OUT = 30.0  # what the orders left out add, over their estimate: 13 was seen
-MOST_ORDERS = 100_000
+BY_ACCURACY = {"tolerance": lambda accuracy: accuracy / LEFT_OUT}
 
 
 def solve_by_successive_orders(task: Task) -> Answer:
@@ -134,37 +132,3 @@ def predict_operations(task: Task) -> float:
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
     a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * problem.n_rhs
     return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)
-
-
-METHOD = Method(
-    name="successive-orders",
-    solve=solve_by_successive_orders,
-    purpose="thin and absorbing layers; how much each order of scattering adds",
-    conserves="nothing at low orders: light scattered more often than they say is lost; flux once they have converged",
-    source="(2:21)-(2:27)",
-    endless=False,
-    interfaces="smooth",
-    options=("nodes", "accuracy", "backend"),
-    finest=1e-7,
-    operations=predict_operations,
-    settings={
-        "orders": Setting(
-            1000,
-            lambda value: check_whole("orders", value, 1, MOST_ORDERS),
-            "most orders of scattering; 1: light scattered once, and the beam that the base reflects",
-        ),
-        "tolerance": Setting(
-            1e-8,
-            lambda value: check_number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
-            "orders end where neither the last one nor those left out, as a geometric series, add more, relative to "
-            "the largest radiance of azimuthal order 0",
-            for_accuracy=lambda accuracy: accuracy / LEFT_OUT,
-        ),
-        "levels": Setting(
-            None,
-            lambda value: None if value is None else check_whole("levels", value, 1, MOST_LEVELS),
-            "depths in every layer at which the source function is held, at least, in panels of four Gauss points: "
-            "error of their 8th order; None: by the thickness, for about 1e-8",
-        ),
-    },
-)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray, check_choice, check_whole
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
@@ -21,19 +21,18 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import solve_request
 from vrte.methods.diffusion import BOUNDARIES, solve_diffusion
-from vrte.methods.parts.method import Answer, Method, Setting, Task, discretise_request
+from vrte.methods.parts.method import Answer, Task, discretise_request
 from vrte.methods.parts.sections import POINTS, Order, Section, Sections
 from vrte.methods.parts.slab import connect_media
 from vrte.methods.parts.two_fluxes import TwoFluxes, convert_to_kernels, cut_to_two
 from vrte.methods.small_angle import expand_diffuse_part
 from vrte.methods.two_stream import solve_two_streams
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request.how import EXACT, METHODS
+from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
-REGULAR = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
 NODES = 8  # of a hemisphere, where none are asked for
 
 
@@ -230,32 +229,3 @@ def compute_anisotropic_tables(request: Request, problem: Problem, layer: IntArr
     found = [a1 * e1 + b1 * d1, a2 * e2 + b1 * d1, a3 * e3 - b2 * d2, a4 * e4 - b2 * d2]
     crossed = [0.5 * (a1 * d1 + b1 * e2 + b1 * e1 + a2 * d1), 0.5 * (a3 * d2 + b2 * e4 + b2 * e3 + a4 * d2)]
     return np.stack([*found, *crossed], axis=-1)
-
-
-METHOD = Method(
-    name=NAME,
-    solve=solve_by_synthetic_iteration,
-    purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
-    conserves="fluxes as the regular part does; the radiance does not sum to them",
-    source="section 5, (2:4), (2:25)-(2:29)",
-    conserves_energy=True,
-    base="even",
-    options=("nodes", "truncation", "backend"),
-    settings={
-        "regular": Setting(
-            "two-stream",
-            lambda value: check_choice(f"setting 'regular' of method {NAME!r}", value, REGULAR),
-            "the method that finds the regular part",
-        ),
-        "iterations": Setting(
-            1,
-            lambda value: check_whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000),
-            "of the source function; each beyond the first along nodes",
-        ),
-        "depths": Setting(
-            32,
-            lambda value: check_whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000),
-            "in every layer at which the source function is held, at least, where it is not in closed form",
-        ),
-    },
-)

@@ -11,7 +11,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.parts.method import Answer, Method, Task
+from vrte.methods.parts.method import Answer, Task
 from vrte.methods.parts.two_fluxes import (
     TwoFluxes,
     answer_two_fluxes,
@@ -43,16 +43,3 @@ def solve_two_streams(problem: Problem, below: Boundary, run: Run) -> TwoFluxes:
                 "order 1 from nothing (9/8 of their product is above 1): ask for truncation 'delta-m'"
             )
     return solve_one_node(one, matrices, expand_base(below, one, len(matrices.E)), run)
-
-
-METHOD = Method(
-    name="two-stream",
-    solve=solve_by_two_streams,
-    purpose="fluxes of any layer without a matrix; coarse radiance",
-    conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
-    source="4.1, (2:5)-(2:9) with N = 1",
-    conserves_energy=True,
-    base="even",
-    options=("nodes", "truncation", "backend"),
-    polarization=False,
-)

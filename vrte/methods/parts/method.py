@@ -1,16 +1,15 @@
-"""What a method takes and how it is carried out: the same table for all, a request as a method gets it, and the result
-made of what the method finds."""
+"""What a method takes: a row of methods.toml; a request as a method gets it, and the result made of what it finds."""
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.arrays import Array, BoolArray, check_choice, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Progress, Run
@@ -128,13 +127,26 @@ class Task:
 
 @dataclass(frozen=True)
 class Setting:
-    """A knob: its default, what makes of a value given a right one or raises SceneError, and what it means;
-    ``for_accuracy``: its default where an accuracy of the discrete problem is asked for."""
+    """A knob: its default, its limits (whole where they are) or choices, and what it means; ``for_accuracy``: its
+    default where an accuracy of the discrete problem is asked for."""
 
-    default: Any
-    checked: Callable[[Any], Any]
+    name: str
     meaning: str
+    default: Any = None
+    least: float = -math.inf
+    most: float = math.inf
+    choices: Sequence[str] = ()
     for_accuracy: Callable[[float], Any] | None = None
+
+    def checked(self, value: Any) -> Any:
+        """A value as the method takes it, None where that is the default. Raises SceneError."""
+        if self.choices:
+            return check_choice(self.name, value, tuple(self.choices))
+        if value is None and self.default is None:
+            return None
+        if isinstance(self.least, int):
+            return check_whole(self.name, value, self.least, int(self.most))
+        return check_number(self.name, value, self.least, self.most, f"between {self.least:g} and {self.most:g}")
 
 
 @dataclass(frozen=True)
@@ -161,7 +173,7 @@ class Method:
     endless: bool = True
     interfaces: Literal["none", "smooth", "any"] = "none"
     devices: bool = False
-    options: tuple[str, ...] = ("nodes", "backend")
+    options: Sequence[str] = ("nodes", "backend")
     finest: float = 0.0
     operations: Callable[[Task], float] | None = None
     settings: Mapping[str, Setting] = field(default_factory=dict)
