@@ -305,7 +305,7 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp
 
     for file, text, words in (
         ("bad.toml", "[[[", "not valid TOML"),
-        ("bad.nc", "[[[", "the file is not a NetCDF file"),
+        ("bad.nc", "[[[", "the file: it is not a NetCDF file"),
         ("table.toml", write_toml(TABLE), "reads no files of the machine"),
     ):
         (tmp_path / file).write_text(text)

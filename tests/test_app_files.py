@@ -220,5 +220,5 @@ def test_a_base_is_taken_from_a_result_and_one_that_is_none_is_refused_without_i
     for name, data in (("bad.nc", bad), ("good.nc", (tmp_path / "haze.nc").read_bytes())):
         session.content["base"]["file"] = uploads.add(name, data, suffixes, LARGEST_TABLE)
         found = "; ".join(find_all(session).values())
-        assert ("bad.nc is not a NetCDF file" in found, str(uploads.folder) in found) == (name == "bad.nc", False)
+        assert ("bad.nc: it is not a NetCDF file" in found, str(uploads.folder) in found) == (name == "bad.nc", False)
     assert found == ""

@@ -108,7 +108,7 @@ def test_strangers_files_are_read_in_a_process_of_its_own(outcome: Outcome, monk
     for call, given, more, words in (
         ("solve.adopt", write_toml(SMALL).encode()[:50], names, "not valid TOML"),
         ("solve.adopt", write_link(SMALL)[:50], names, "the link is cut short"),
-        ("solve.read", b"\x89HDF\r\n\x1a\n" + bytes(1000), {"suffix": ".nc"}, "the file is not a NetCDF file"),
+        ("solve.read", b"\x89HDF\r\n\x1a\n" + bytes(1000), {"suffix": ".nc"}, "the file: it is not a NetCDF file"),
     ):
         refused = ask(Query(), call, given, **more)
         assert isinstance(refused, Refused)
