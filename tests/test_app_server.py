@@ -23,7 +23,9 @@ from vrte.app.server import serve as connections
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.server.serve import bind_socket, make_opening_page
 
-PARTS = re.compile(r"http://(127\.0\.0\.1:(\d+))/\?token=([\w-]+)")
+PARTS = re.compile(r"http://(?:127\.0\.0\.1|[\w.-]+):(\d+)/\?token=([\w-]+)")
+UPLOAD = "/_nicegui/client/12345678-1234-1234-1234-123456789abc/upload/7"
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport="
 
 
 def connected(port: int) -> socket.socket:
@@ -34,9 +36,10 @@ class Viewer:
     """A running one, and what its owner's browser knows of it."""
 
     def __init__(self, address: str) -> None:
-        found = PARTS.fullmatch(address)
+        found = PARTS.search(address)
         assert found
-        self.host, self.port, self.token = found[1], int(found[2]), found[3]
+        self.port, self.token = int(found[1]), found[2]
+        self.host = f"127.0.0.1:{self.port}"
         code, headers, _ = self.ask(f"/?scene=x&token={self.token}", cookie=None)
         assert (code, headers["location"]) == (303, "/?scene=x")
         assert headers["set-cookie"].endswith("; Path=/; HttpOnly; SameSite=Lax")
@@ -60,6 +63,10 @@ class Viewer:
         finally:
             connection.close()
 
+    def code(self, target: str = "/", cookie: str | None = "", method: str = "GET", **headers: str) -> int:
+        """The code of an answer alone."""
+        return self.ask(target, cookie, method, b"x" * (method == "POST"), **headers)[0]
+
     def raw(self, content: bytes) -> bytes:
         """What comes back for these bytes, until the server closes."""
         with connected(self.port) as connection:
@@ -70,7 +77,7 @@ class Viewer:
         """The code that the page's web socket is answered with: 101 where it is opened."""
         said = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
         said |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", **headers}
-        return self.ask("/_nicegui_ws/socket.io/?EIO=4&transport=websocket", cookie, **said)[0]
+        return self.ask(f"{SOCKET}websocket", cookie, **said)[0]
 
 
 @pytest.fixture(scope="module")
@@ -91,35 +98,32 @@ def test_the_page_comes_from_here_alone(page: Viewer) -> None:
 
 def test_who_has_not_the_address_gets_nothing(page: Viewer) -> None:
     """Any other account of the machine reaches the port."""
-    for target in ("/", "/favicon.ico", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "/x"):
-        assert page.ask(target, cookie=None)[0] == 403
+    tokens = ("", "x", page.token[:-1], page.token + "x", page.token.swapcase(), "%00", "\u00e9".encode().hex())
+    targets = ["/", "/favicon.ico", f"{SOCKET}polling", "/docs", "/x", f"/x?token={page.token}"]
+    for target in (*targets, *(f"/?token={token}" for token in tokens)):
+        assert page.code(target, cookie=None) == 403
+    for target in ("/_nicegui/client/0/upload/1", f"/?token={page.token}"):
+        assert page.code(target, cookie=None, method="POST") == 403
     assert b"put everything from # on behind it" in page.ask("/", cookie=None)[2]  # whoever was sent a link
     assert page.socket_to(cookie=None, Origin=f"http://{page.host}") == 403
-    assert page.ask("/_nicegui/client/0/upload/1", cookie=None, method="POST", body=b"x")[0] == 403
-    for token in ("", "x", page.token[:-1], page.token + "x", page.token.swapcase(), "%00", "\u00e9".encode().hex()):
-        assert page.ask(f"/?token={token}", cookie=None)[0] == 403
     name, _, value = page.cookie.partition("=")
     for cookie in (name, f"{name}=", f"{name}={page.token}", f"{name}={value[:-1]}", f"vrte-1={value}", "\xe9=\xff"):
-        assert page.ask("/", cookie=cookie)[0] == 403
-    assert page.ask("/", cookie=f"{name}=planted; other=1; {page.cookie}")[0] == 200
-    assert page.ask(f"/x?token={page.token}", cookie=None)[0] == 403
-    assert page.ask(f"/?token={page.token}", cookie=None, method="POST")[0] == 403
+        assert page.code(cookie=cookie) == 403
+    assert page.code(cookie=f"{name}=planted; other=1; {page.cookie}") == 200
 
 
 def test_names_of_others_that_lead_here_are_refused(page: Viewer) -> None:
     """A page of another site whose name is made to point to this machine (DNS rebinding)."""
-    for host in ("elsewhere.example", f"elsewhere.example:{page.port}", "127.0.0.1", "127.0.0.1:1", "", "[", "0:x"):
-        assert page.ask("/", Host=host)[0] == 400
-    own = f"127.0.0.1:{page.port}"
-    for host in (f"evil@{own}", f"evil:x@{own}", f"{own}/x", f"{own}?x", f"{own}#x", f"{own},x", f"[{own}", "\xb2"):
-        assert page.ask("/", Host=host)[0] == 400, host
-    assert page.ask("/", Host=f"LocalHost:{page.port}")[0] == 200
-    assert page.ask("/", Host=f"[::1]:{page.port}")[0] == 200
-    assert page.ask("/", Host=f"192.0.2.1:{page.port}")[0] == 400  # this one is bound to the loopback
-    twice = f"GET / HTTP/1.1\r\nHost: {page.host}\r\nHost: elsewhere.example\r\nCookie: {page.cookie}\r\n\r\n"
-    assert page.raw(twice.encode()).startswith(b"HTTP/1.1 400")
-    assert page.raw(f"GET / HTTP/1.0\r\nCookie: {page.cookie}\r\n\r\n".encode()).startswith(b"HTTP/1.1 400")
-    assert page.ask("/", Host=f"localhost:{page.port}")[0] == 200
+    own, port = page.host, page.port
+    hosts = ["elsewhere.example", f"elsewhere.example:{port}", "127.0.0.1", "127.0.0.1:1", "", "[", "0:x"]
+    hosts += [f"evil@{own}", f"evil:x@{own}", f"{own}/x", f"{own}?x", f"{own}#x", f"{own},x", f"[{own}", "\xb2"]
+    for host in (*hosts, f"192.0.2.1:{port}"):  # the last: this one is bound to the loopback
+        assert page.code(Host=host) == 400, host
+    twice = f"GET / HTTP/1.1\r\nHost: {own}\r\nHost: elsewhere.example\r\nCookie: {page.cookie}\r\n\r\n"
+    for request in (twice, f"GET / HTTP/1.0\r\nCookie: {page.cookie}\r\n\r\n"):
+        assert page.raw(request.encode()).startswith(b"HTTP/1.1 400")
+    for host in (f"LocalHost:{port}", f"[::1]:{port}", f"localhost:{port}"):
+        assert page.code(Host=host) == 200
 
 
 def test_pages_of_others_reach_neither_page_nor_socket(page: Viewer) -> None:
@@ -127,35 +131,32 @@ def test_pages_of_others_reach_neither_page_nor_socket(page: Viewer) -> None:
     own = f"http://{page.host}"
     assert page.socket_to(Origin=own) == 101
     for origin in ("http://elsewhere.example", "http://127.0.0.1:1", "null", own.replace("http", "https"), own + "/"):
-        assert page.socket_to(Origin=origin) == 403
-        assert page.ask("/", Origin=origin)[0] == 403
-        assert page.ask("/_nicegui_ws/socket.io/?EIO=4&transport=polling", Origin=origin)[0] == 403
+        codes = page.socket_to(Origin=origin), page.code(Origin=origin), page.code(f"{SOCKET}polling", Origin=origin)
+        assert codes == (403, 403, 403)
     assert page.socket_to() == 403
     for site in ("cross-site", "same-site"):
-        for mode, destination in (("no-cors", "script"), ("cors", "empty"), ("navigate", "iframe")):
+        for mode, destination, method, code in (
+            ("no-cors", "script", "GET", 403),
+            ("cors", "empty", "GET", 403),
+            ("navigate", "iframe", "GET", 403),
+            ("navigate", "document", "GET", 200),  # a link
+            ("navigate", "document", "POST", 403),
+        ):
             fetched = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": mode, "Sec_Fetch_Dest": destination}
-            assert page.ask("/", **fetched)[0] == 403
-        link = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate", "Sec_Fetch_Dest": "document"}
-        assert page.ask("/", **link)[0] == 200
-        assert page.ask("/", method="POST", **link)[0] == 403
-    prefix = "/'><script>alert(1)</script>"
-    assert b"alert(1)" not in page.ask("/", X_Forwarded_Prefix=prefix)[2]
+            assert page.code(method=method, **fetched) == code
+    assert b"alert(1)" not in page.ask("/", X_Forwarded_Prefix="/'><script>alert(1)</script>")[2]
 
 
-def test_a_large_upload_is_refused_before_it_is_received(page: Viewer) -> None:
-    upload = "/_nicegui/client/12345678-1234-1234-1234-123456789abc/upload/7"
-    for target, size in ((upload, LARGEST_UPLOAD + 200_000), ("/", 3_000_000), ("/", 10**18)):
+def test_what_is_too_large_or_means_nothing_is_refused_in_silence(page: Viewer) -> None:
+    for target, size in ((UPLOAD, LARGEST_UPLOAD + 200_000), ("/", 3_000_000), ("/", 10**18)):
         head = f"POST {target} HTTP/1.1\r\nHost: {page.host}\r\nCookie: {page.cookie}\r\nContent-Length: {size}\r\n\r\n"
-        assert page.raw(head.encode()).startswith(b"HTTP/1.1 413")
+        assert page.raw(head.encode()).startswith(b"HTTP/1.1 413")  # before it is received
     for method in ("PUT", "DELETE", "OPTIONS", "TRACE"):
-        assert page.ask("/", method=method)[0] == 405
-
-
-def test_bytes_that_mean_nothing_are_survived_in_silence(page: Viewer) -> None:
+        assert page.code(method=method) == 405
     for content in (b"\x1b[2J\x1b]0;owned\x07\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01" + bytes(300)):
         assert page.raw(content).startswith(b"HTTP/1.1 400")
-    assert page.ask("/%1b%5b2J%0avrte:%20error:%20all%20is%20lost")[0] == 404
-    assert page.ask("/")[0] == 200
+    assert page.code("/%1b%5b2J%0avrte:%20error:%20all%20is%20lost") == 404
+    assert page.code() == 200
 
 
 @pytest.fixture
@@ -251,10 +252,10 @@ def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().err == "vrte view: ?]0;owned? vrte: done (ValueError: ?]0;owned? vrte: done)\n"
 
 
-def refused(told: pytest.CaptureFixture[str], *arguments: str) -> str:
+def find_refusal(captured: Any, *arguments: str) -> str:
     """The one line in which `vrte view` ends."""
     assert cli.main(["view", "--no-browser", *arguments]) == 2
-    said = told.readouterr().err
+    said: str = captured.readouterr().err
     assert said.count("\n") == 1
     return said
 
@@ -264,12 +265,10 @@ def test_what_it_means_to_let_others_in_is_printed() -> None:
     process = started("--host", "0.0.0.0", "--open-to-network")
     assert process.stdout is not None
     assert "nothing is encrypted" in process.stdout.readline()
-    address = process.stdout.readline()
-    port = int(re.findall(r":(\d+)/", address)[0])
-    page = Viewer(f"http://127.0.0.1:{port}/?token={re.findall(r'token=([^ ]+)', address)[0]}")
-    assert page.ask("/", Host=f"192.0.2.1:{port}")[0] == 200  # by which number it is reached, it cannot know
-    assert page.ask("/", Host=f"elsewhere.example:{port}")[0] == 400
-    assert page.ask("/", cookie=None)[0] == 403
+    page = Viewer(process.stdout.readline())
+    # by which number it is reached, it cannot know
+    codes = [page.code(Host=f"{host}:{page.port}") for host in ("192.0.2.1", "elsewhere.example")]
+    assert (*codes, page.code(cookie=None)) == (200, 400, 403)
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=20) == ("vrte view: ended\n", "")
 
@@ -279,7 +278,7 @@ def test_what_it_means_to_let_others_in_is_printed() -> None:
 def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code: int) -> None:
     process = started()
     assert process.stdout is not None
-    page = Viewer(process.stdout.readline().split()[2])
+    page = Viewer(process.stdout.readline())
     with connected(page.port):  # something to wait for
         process.send_signal(number)
         time.sleep(0.05)
@@ -290,10 +289,10 @@ def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "code", "told"),
+    ("number", "code", "words"),
     [(signal.SIGINT, 130, "vrte: error: interrupted\n"), (signal.SIGTERM, 143, "vrte: error: terminated\n")],
 )
-def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: int, told: str) -> None:
+def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: int, words: str) -> None:
     for module in ("vrte.app.server.guard", "starlette", "nicegui", "nicegui.ui", "vrte.app.server.serve"):
         process = started(python=("-X", "importtime"), stdout=subprocess.DEVNULL)
         assert process.stderr is not None
@@ -304,7 +303,7 @@ def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: i
         said = "".join(line for line in lines if not line.startswith("import time:"))
         process.stderr.close()
         assert process.wait(20) == code
-        assert said in (told, "")  # nothing, where TERM comes before there is anything to clean up
+        assert said in (words, "")  # nothing, where TERM comes before there is anything to clean up
 
 
 @pytest.mark.slow
@@ -345,12 +344,12 @@ def test_what_cannot_be_served_is_one_sentence(
     monkeypatch.chdir(tmp_path)
     if text is not None:
         Path(arguments[0]).write_text(text)
-    assert words in refused(capfd, *arguments)
+    assert words in find_refusal(capfd, *arguments)
 
 
 def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     with bind_socket("127.0.0.1", 0) as taken, bind_socket("127.0.0.1", 0) as free:
         port = taken.getsockname()[1]
         assert free.getsockname()[1] != port
-        told = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
-        assert refused(capsys, "--port", str(port)).startswith(told)
+        words = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
+        assert find_refusal(capsys, "--port", str(port)).startswith(words)
