@@ -107,10 +107,8 @@ def find_problems(
             break
         except SceneError as error:
             place, message = error.place, str(error)
-        if (
-            place[:-1] and not find_field(place, trial).label and find_field(place[:-1], trial).label
-        ):  # start, stop or count of a range
-            place = place[:-1]
+        if place[:-1] and not find_field(place, trial).label and find_field(place[:-1], trial).label:
+            place = place[:-1]  # of the start, stop or count of a range
         if not any(one[: len(place)] == place for one in found):  # what is wrong with a part of it is found already
             found[place] = message
         if not place or find_card(place) in repaired:

@@ -68,9 +68,8 @@ def find_field(place: Place, content: dict[str, Any]) -> Key:
     key = find_key(place, content)
     if key is None:
         return known
-    start = known.start if key.start is None else key.start
-    label, hint, empty = key.label or known.label, key.hint or known.hint, key.empty or known.empty
-    return replace(key, label=label, start=start, hint=hint, empty=empty)
+    words = {name: getattr(key, name) or getattr(known, name) for name in ("label", "hint", "empty")}
+    return replace(key, start=known.start if key.start is None else key.start, **words)
 
 
 def find_key(place: Place, content: dict[str, Any]) -> Key | None:

@@ -47,9 +47,8 @@ def adopt_with_notes(
         repair_field(trial, find_card(place))
     check(trial, folder, tables)
     found = expand_materials(found, folder)  # the form shows particles, one by one
-    notes += tuple(
-        f"{show_toml(name)} is not here: put it in where the form asks for it" for name in asked_for.values()
-    )
+    here = "is not here: put it in where the form asks for it"
+    notes += tuple(f"{show_toml(name)} {here}" for name in asked_for.values())
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
         named = layer.get("phase")

@@ -215,9 +215,7 @@ class AppearancePanel:
         ends = f"{at[0]:.4g} to {at[-1]:.4g} µm, accuracy {appearance.ACCURACY:g}"
         self.status.set_text(f"{words} wavelengths, {ends}; {answer.seconds:.2f} s{more}")
         if not answer.follows:
-            self.spoken.set_text(
-                "; ".join(filter(None, (one.text for one in (self.contrast, self.apart, self.hiding))))
-            )
+            self.spoken.set_text("; ".join(one.text for one in (self.contrast, self.apart, self.hiding) if one.text))
         self.results.draw_figure(
             "appearance", spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry)
         )

@@ -175,11 +175,7 @@ async def answer(send: Any, code: int, text: str, headers: list[tuple[bytes, byt
 
 
 def is_address(name: str) -> bool:
-    """Whether a host is named by its number, which no other site can claim.
-
-    >>> is_address("192.0.2.1"), is_address("192.0.2.1.example")
-    (True, False)
-    """
+    """Whether a host is named by its number, which no other site can claim."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

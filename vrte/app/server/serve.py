@@ -102,22 +102,19 @@ class Server(uvicorn.Server):
                 signal.signal(one, handler)
 
 
-class OneLine(logging.Formatter):
-    """One printable line a message."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        error = record.exc_info[1] if record.exc_info else None
-        why = f" ({type(error).__name__}: {error})" if error else ""
-        return f"vrte view: {put_in_one_line(record.getMessage() + why, 300)}"
+def write_line(record: logging.LogRecord) -> str:
+    """One printable line a message, without control characters: it may repeat what a request said."""
+    error = record.exc_info[1] if record.exc_info else None
+    why = f" ({type(error).__name__}: {error})" if error else ""
+    return f"vrte view: {put_in_one_line(record.getMessage() + why, 300)}"
 
 
 @contextmanager
 def shorten_log(server: Server) -> Iterator[None]:
-    """What libraries log goes to the terminal in one line each, without control characters: it may repeat what a
-    request said. Nothing of what breaks off when the server ends."""
+    """What libraries log goes to the terminal in one line each, but nothing of what breaks off as the server ends."""
     shown = logging.StreamHandler()
     shown.setLevel(logging.ERROR)
-    shown.setFormatter(OneLine())
+    shown.format = write_line  # type: ignore[method-assign]
     shown.addFilter(lambda _: not server.should_exit)
     logging.getLogger().addHandler(shown)
     try:

@@ -13,7 +13,13 @@ import numpy as np
 from vrte.app.form.content import Content
 from vrte.app.solving.messages import Message
 from vrte.app.solving.worker import MOST_NOTES, Exchange
-from vrte.appearance.appearance import COLOURS, InstrumentReading, list_gloss_readings
+from vrte.appearance.appearance import (
+    COLOURS,
+    InstrumentReading,
+    list_colour_readings,
+    list_gloss_readings,
+    list_spectrum,
+)
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
 from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.gloss import find_glosses
@@ -195,7 +201,7 @@ def read_off(
     bare = panel.put_over(None)
 
     def read_gloss() -> Iterator[InstrumentReading]:
-        yield from list_gloss_readings(find_glosses(bare, progress=progress))
+        return list_gloss_readings(find_glosses(bare, progress=progress))
 
     def read_hiding() -> Iterator[InstrumentReading]:
         length = panel.length_um
@@ -224,31 +230,29 @@ def list_readings(answer: Appeared) -> Iterator[InstrumentReading]:
     viewing, spectra = answer.viewing, answer.spectra
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
     cards = f"over a card of albedo 0 and one of {viewing.white:g}"
-    sides = ("black", spectra.over_black, answer.black), ("white", spectra.over_white, answer.white)
-    for side, values, shade in sides:
-        over = f"of the film over {side}, {cards}, where the perfect white diffuser has 1"
-        for at, value in zip(spectra.wavelength_um.tolist(), values.tolist(), strict=True):
-            yield InstrumentReading(f"reflectance factor over {side}", seen, at, value, "1", over, "CIE 15")
-        for name, value in shade.numbers.items():
-            unit, standard = "degree" if name == "h" else "1", COLOURS[name]
-            yield InstrumentReading(f"{name} over {side}", seen, None, value, unit, light, standard)
+    sides = ("over black", "over white"), (spectra.over_black, spectra.over_white), find_colours(spectra, viewing)
+    for side, values, colour in zip(*sides, strict=True):
+        words = f"of the film {side}, {cards}, where the perfect white diffuser has 1"
+        name = f"reflectance factor {side}"
+        yield from list_spectrum(name, seen, spectra.wavelength_um, values, "1", words, "CIE 15")
+        yield from list_colour_readings(colour, seen, f" {side}")
     words, difference = f"Y over black over Y over white, {cards}; {light}", f"CIEDE2000; {light}"
     ratio, apart = "contrast ratio", "colour difference between both"
     yield InstrumentReading(ratio, seen, None, answer.contrast, "1", words, "ISO 6504-3; ASTM D2805")
     yield InstrumentReading(apart, seen, None, answer.apart, "1", difference, "ISO/CIE 11664-6")
 
 
+def find_colours(spectra: CardSpectra, viewing: Conditions) -> list[Colour]:
+    """The colours over black and over white."""
+    curves = (np.clip(one, 0.0, None) for one in (spectra.over_black, spectra.over_white))
+    return [find_colour(spectra.wavelength_um, curve, viewing.illuminant, viewing.observer) for curve in curves]
+
+
 def describe_spectra(spectra: CardSpectra, viewing: Conditions, before: CardSpectra | None, **more: Any) -> Appeared:
     """The colours of spectra, what they differ by, and by what from those ``before``."""
-
-    def find_colours(found: CardSpectra) -> list[Colour]:
-        how = viewing.illuminant, viewing.observer
-        curves = (np.clip(one, 0.0, None) for one in (found.over_black, found.over_white))
-        return [find_colour(found.wavelength_um, curve, *how) for curve in curves]
-
-    black, white = now = find_colours(spectra)
+    black, white = now = find_colours(spectra, viewing)
     if before is not None:
-        then = find_colours(before)
+        then = find_colours(before, viewing)
         more["before"] = tuple(map(Shade.of, then))
         more["changed"] = tuple(find_difference(*pair) for pair in zip(now, then, strict=True))
     contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
