@@ -1,5 +1,7 @@
 """a_n and b_n of spheres as Bohren and Huffman (1983) write them, in ball arithmetic."""
 
+import itertools
+
 from flint import acb, arb, ctx, fmpq
 
 
@@ -44,12 +46,9 @@ def solve_literally(n: int, arguments: list[acb]) -> list[acb]:
 
 def solve_exactly(n: int, given: tuple[complex, ...]) -> list[complex]:
     """a_n and b_n of indices and size parameters, from the inside out, with as many bits as it takes."""
-    precision, ctx.prec = ctx.prec, 64
-    try:
-        while True:
-            ctx.prec *= 2
+    for doublings in itertools.count(1):
+        with ctx.workprec(64 << doublings):
             found = solve_literally(n, [make_ball(complex(value)) for value in given])
-            if min(one.rel_accuracy_bits() for one in found) > 60:
-                return [complex(one) for one in found]
-    finally:
-        ctx.prec = precision
+        if min(one.rel_accuracy_bits() for one in found) > 60:
+            return [complex(one) for one in found]
+    raise AssertionError

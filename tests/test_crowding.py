@@ -145,16 +145,13 @@ def test_maxwell_garnett_is_the_rule_by_hand():
     assert find_maxwell_garnett_index(kinds, 0.3) == close_to(np.sqrt(e).real, rtol=1e-13, atol=0.0)
 
 
-def test_coherent_potential_of_small_spheres_is_maxwell_garnetts():
+def test_coherent_potential_of_small_spheres_is_maxwell_garnetts_and_of_few_van_de_hulsts():
+    """n = n_host (1 - 2 pi N Im S(0)/k^3): van de Hulst (1957), 4.3."""
     for fraction in (0.01, 0.2, 0.4):
         small = rutile(radius_um=0.002).balls
         expected = find_maxwell_garnett_index(small, fraction)
         within = 1e-4 * (expected - 1.5) + 2e-5
         assert find_coherent_potential_index(small, fraction) == close_to(expected, rtol=0.0, atol=within)
-
-
-def test_coherent_potential_of_few_spheres_is_van_de_hulsts():
-    """n = n_host (1 - 2 pi N Im S(0)/k^3): van de Hulst (1957), 4.3."""
     some, k = rutile(radius_um=0.2), 2.0 * math.pi * 1.5 / 0.55
     a, b = compute_mie_coefficients(2.7 / 1.5, 0.2 * k)
     forward = 0.5 * np.sum((2 * np.arange(1, a.size + 1) + 1) * (a + b))

@@ -97,15 +97,12 @@ def test_the_command_tells_of_it_and_a_sweep_goes_by_what_is_in_it(
     assert read_sweep(scene).fingerprint() != before
 
 
-def test_long_tables_are_told_apart_by_all_their_rows() -> None:
+def test_long_tables_are_told_apart_by_all_their_rows_and_the_viewer_reads_only_its_own() -> None:
     rows = tuple(0.3 + 1e-4 * row for row in range(5000))
     one = vrte.IndexTable(rows, (1.5,) * 5000, (0.0,) * 5000)
     other = vrte.IndexTable(rows, (1.5,) * 2500 + (1.6,) + (1.5,) * 2499, (0.0,) * 5000)
     assert one != other
     assert make_file_name(one, {"wavelength_um": 0.5}) != make_file_name(other, {"wavelength_um": 0.5})
-
-
-def test_the_viewer_reads_no_table_that_it_was_not_started_with() -> None:
     content = {"particles": {"clay": {"index": "clay.csv"}}}
     check_tables(content, frozenset({"clay.csv"}))
     with pytest.raises(SceneError, match=r'particles\.clay\.index = "clay\.csv": a page reads no files'):

@@ -8,13 +8,8 @@ import pytest
 from flint import acb, arb, ctx
 
 import vrte
-from vrte._core import (
-    coated_sphere_coefficients,
-    coated_sphere_slopes,
-    sphere_coefficients,
-    sphere_slopes,
-)
-from vrte.formats import scene_family
+from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_coefficients, sphere_slopes
+from vrte.formats import scene_slopes
 from vrte.optics.spheres import count_orders
 from vrte.optics.vary_spheres import SphereNumbers, vary_spheres
 from vrte.scene.vary_layer import Filling, assemble_layer
@@ -27,17 +22,12 @@ from .sphere_oracle import make_ball, solve_literally
 
 def differentiate_literally(n: int, given: tuple[complex, ...]) -> Any:
     """Derivatives of a_n and b_n with each argument, (arguments, 2), with as many bits as it takes."""
-    precision = ctx.prec
-    try:
-        for ctx.prec in (700, 4000):
+    for precision in (700, 4000):
+        with ctx.workprec(precision):
             slopes = np.array([difference(n, given, place) for place in range(len(given))])
-            if all(slope.rel_accuracy_bits() > 60 for slope in slopes.flat):
-                break
-        else:
-            raise AssertionError("not enough bits")
-        return np.vectorize(lambda slope: complex(float(slope.real.mid()), float(slope.imag.mid())))(slopes)
-    finally:
-        ctx.prec = precision
+        if all(slope.rel_accuracy_bits() > 60 for slope in slopes.flat):
+            return np.vectorize(complex)(slopes)
+    raise AssertionError("not enough bits")
 
 
 def difference(n: int, given: tuple[complex, ...], place: int) -> list[acb]:
@@ -69,11 +59,9 @@ def difference(n: int, given: tuple[complex, ...], place: int) -> list[acb]:
 )
 def test_the_recursions_against_ball_arithmetic(given: tuple[Any, ...], orders: tuple[int, ...], within: float) -> None:
     """Of each argument, relative to its largest derivative; the values are those of the plain kernels, to all bits."""
-    count = count_orders(given[-1])
-    if len(given) == 2:
-        found, plain = sphere_slopes(*given, count), sphere_coefficients(*given, count)
-    else:
-        found, plain = coated_sphere_slopes(*given, count), coated_sphere_coefficients(*given, count)
+    coated = coated_sphere_slopes, coated_sphere_coefficients
+    kernels: Any = (sphere_slopes, sphere_coefficients) if len(given) == 2 else coated
+    found, plain = (kernel(*given, count_orders(given[-1])) for kernel in kernels)
     assert (found[0] == plain).all()
     for n in orders:
         error = abs(found[1:, :, n - 1] - differentiate_literally(n, given)).max(axis=1)
@@ -175,7 +163,7 @@ def test_closed_forms_are_what_differences_come_to(name: str, monkeypatch: pytes
             LAYERS[:1] if "coat" not in name else [{"particles": "coat", "thickness": 1.0, "volume_fraction": 0.1}]
         )
     (closed,) = vrte.SceneFamily(content, [name]).variations()
-    monkeypatch.setattr(scene_family.Draft, "needs_differences", lambda *_: True)
+    monkeypatch.setattr(scene_slopes.Neighbourhood, "needs_differences", lambda *_: True)
     (differences,) = vrte.SceneFamily(content, [name]).variations()
     for one, other in ((closed.thickness, differences.thickness), (closed.albedo, differences.albedo)):
         assert one == close_to(other, rtol=2e-9, atol=1e-11 * abs(other).max())

@@ -123,8 +123,7 @@ def test_azimuths_go_on_for_ever(count: int) -> None:
 
 def test_missing_azimuths_are_mirror_images(scene: vrte.Scene) -> None:
     half, full = (solved(scene, 0.6, [0.5, 1.0], np.arange(0, most, 30)) for most in (181, 360))
-    grid, matrices = extend_azimuths(half.phi, half.mueller)
-    whole, everything = extend_azimuths(full.phi, full.mueller)
+    (grid, matrices), (whole, everything) = (extend_azimuths(one.phi, one.mueller) for one in (half, full))
     np.testing.assert_array_equal(grid, whole)
     assert_close(matrices, everything, rtol=0.0, atol=1e-13)
     some, _ = extend_azimuths(half.phi, half.mueller, 0.0, 180.0)
