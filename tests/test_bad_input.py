@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import re
 import tempfile
 import time
 from collections.abc import Callable
@@ -15,11 +16,12 @@ from hypothesis import strategies as st
 
 import vrte
 from vrte import cli
-from vrte.formats.scene_file import read_scene
+from vrte.formats.scene_file import make_scene_file
+from vrte.formats.toml_table import parse_toml
 
 from .helpers import assert_close
 
-QUICK, FULL = {"calls": 100, "parts": 80, "files": 60}, {"calls": 1000, "parts": 800, "files": 600}
+QUICK, FULL = {"calls": 60, "parts": 80, "files": 40}, {"calls": 1000, "parts": 800, "files": 600}
 PATIENCE = 10.0  # seconds an example may take
 
 
@@ -69,44 +71,33 @@ def tried(example: Callable[[], Any], *names: str) -> Any:
         return example()
     except vrte.SceneError as error:
         text = str(error)
-        assert text
-        assert "\n" not in text
+        assert text.isprintable()
         assert "Traceback" not in text
-        assert len(text) < 1000
+        assert 0 < len(text) < 1000
         assert any(name in text for name in names), f"none of {names} in: {text}"
         return None
     finally:
         assert time.monotonic() - start < PATIENCE
 
 
-def is_right(found: Any, scene: vrte.Scene) -> None:
+def is_right(found: Any) -> None:
     """Finite, not negative, no more light than came in."""
     if isinstance(found, vrte.Field):
         assert np.isfinite(found.stokes).all()
         size = max(float(np.abs(found.incident_stokes).max()), 1e-300)
-        passive = found.incident_stokes[0] >= np.sqrt((found.incident_stokes[1:] ** 2).sum())
-        if passive:
-            assert found.stokes[..., 0].min() >= -1e-9 * size
+        if found.incident_stokes[0] >= np.sqrt((found.incident_stokes[1:] ** 2).sum()):
+            assert found.stokes[..., 0].min(initial=0.0) >= -1e-9 * size
             assert np.all(found.flux_up[..., 0] <= found.mu0 * found.incident_stokes[0] * (1 + 1e-9))
-    else:
-        assert np.isfinite(found.mueller).all()
-        assert found.mueller[..., 0, 0].min() >= -1e-9
-        assert found.reflectance.min() >= -1e-12
-        assert found.reflectance.max() <= 1 + 1e-9
-    assert isinstance(scene, vrte.Scene)
+        return
+    assert np.isfinite(found.mueller).all()
+    assert found.mueller[..., 0, 0].min(initial=0.0) >= -1e-9
+    assert ((found.reflectance >= -1e-12) & (found.reflectance <= 1 + 1e-9)).all()
 
 
+QUICKLY = {"nodes": 3, "threads": 1}
 REQUESTS: dict[str, dict[str, Any]] = {
-    "radiance": {
-        "mu0": 0.6,
-        "stokes": (1, 0, 0, 0),
-        "mu": [0.5, -0.5],
-        "phi": 0.0,
-        "tau": 0.5,
-        "nodes": 3,
-        "threads": 1,
-    },
-    "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0], "phi": [0, 90], "nodes": 3, "threads": 1, "transmission": True},
+    "radiance": {"mu0": 0.6, "stokes": (1, 0, 0, 0), "mu": [0.5, -0.5], "phi": 0.0, "tau": 0.5, **QUICKLY},
+    "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0], "phi": [0, 90], "transmission": True, **QUICKLY},
 }
 
 
@@ -140,7 +131,7 @@ def property_of_calls(call: tuple[str, dict[str, Any], list[str]], pile: list[vr
         request["tau"] = scene.thickness / 2
     found = tried(lambda: getattr(vrte, name)(scene, **request), *spoilt, "memory")
     if found is not None:
-        is_right(found, scene)
+        is_right(found)
 
 
 PARTS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
@@ -175,12 +166,7 @@ def parts(draw: st.DrawFn) -> tuple[str, dict[str, Any], str]:
 @given(parts())
 def property_of_parts(part: tuple[str, dict[str, Any], str]) -> None:
     name, arguments, spoilt = part
-    words = {
-        "layers": ("layer",),
-        "depolarization": ("depolar",),
-        "material": ("index", "k "),
-        "size": ("size",),
-    }
+    words = {"layers": ("layer",), "depolarization": ("depolar",), "material": ("index", "k ")}
     tried(lambda: PARTS[name][0](**arguments), spoilt, *words.get(spoilt, ()), "phase matrix is not physical")
 
 
@@ -242,43 +228,28 @@ def property_of_files(text: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
         scene, output = Path(folder, "scene.toml"), Path(folder, "out.nc")
         scene.write_bytes(text)
-        told, errors, start = io.StringIO(), io.StringIO(), time.monotonic()
-        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
+        errors, start = io.StringIO(), time.monotonic()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
             code = cli.main(["brdf", str(scene), "-o", str(output), "--threads", "1"])
         assert time.monotonic() - start < PATIENCE
-        left = {file.name for file in Path(folder).iterdir()}
         if code == 0:
-            found = vrte.load(output)
-            assert np.isfinite(found.mueller).all()
+            assert np.isfinite(vrte.load(output).mueller).all()
             return
         assert code == 2
-        assert left == {"scene.toml"}
-        complaint = errors.getvalue()
-        assert complaint.startswith("vrte: error: ")
-        assert complaint.count("\n") == 1
-        assert "scene.toml" in complaint
+        assert {file.name for file in Path(folder).iterdir()} == {"scene.toml"}
+        assert re.fullmatch(r"vrte: error: .*scene\.toml.*\n", errors.getvalue())
 
 
 PROPERTIES = {"calls": property_of_calls, "parts": property_of_parts, "files": property_of_files}
 
 
-def run(name: str, examples: int) -> None:
-    """The property, with examples that are the same every time."""
-    chosen = settings(
-        max_examples=examples, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck)
-    )
-    chosen(PROPERTIES[name])()
-
-
-@pytest.mark.parametrize("name", sorted(PROPERTIES))
-def test_a_right_answer_or_a_clear_error(name: str) -> None:
-    run(name, QUICK[name])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(PROPERTIES))
-def test_a_right_answer_or_a_clear_error_at_length(name: str) -> None:
-    run(name, FULL[name])
+@pytest.mark.parametrize(
+    ("name", "examples"), [*QUICK.items(), *(pytest.param(*one, marks=pytest.mark.slow) for one in FULL.items())]
+)
+def test_a_right_answer_or_a_clear_error(name: str, examples: int) -> None:
+    """With examples that are the same every time."""
+    how: dict[str, Any] = {"deadline": None, "suppress_health_check": list(HealthCheck)}
+    settings(max_examples=examples, derandomize=True, database=None, **how)(PROPERTIES[name])()
 
 
 def spoiling(mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
@@ -312,9 +283,9 @@ ANSWERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: vrte.spheres(1e-5, radius_um=0.1, wavelength_um=0.5), "index"),
     (lambda: vrte.spheres(1.5, radius_um=0.1, wavelength_um="0.5"), "wavelength_um"),
     (lambda: vrte.henyey_greenstein(1 - 1e-9, 50), "at most"),
-    (lambda: cli_scene('"a\\nb" = 1'), "a\\nb"),
-    (lambda: cli_scene("a" + ".a" * 5000 + " = 1"), "30 keys"),
-    (lambda: cli_scene("nodes = " + "9" * 5000), "4000 digits"),
+    (lambda: make_scene_file(parse_toml('"a\\nb" = 1')), "a\\nb"),
+    (lambda: parse_toml("a" + ".a" * 5000 + " = 1"), "30 keys"),
+    (lambda: parse_toml("nodes = " + "9" * 5000), "4000 digits"),
     # what the machine found: it hung, overflowed, raised what the object raised, and gave two lines
     (lambda: vrte.spheres(1e308, radius_um=1.0, wavelength_um=0.5), "n and k must be at most 10000"),
     (lambda: vrte.PhaseMatrix([1.0], b1=[0.0, 0.0, 1e308]), "b1 holds 1e+308"),
@@ -327,14 +298,6 @@ ANSWERS: list[tuple[Callable[[], Any], str]] = [
     ],
     (lambda: vrte.brdf(SCENE, 0.5, 0.5, nodes=2, verify=np.array([])), "verify must be True or False"),
 ]
-
-
-def cli_scene(text: str) -> Any:
-    """A scene file of one line, read."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "scene.toml")
-        path.write_text(text)
-        return read_scene(path)
 
 
 @pytest.mark.parametrize(("call", "named"), ANSWERS)

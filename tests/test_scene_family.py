@@ -1,5 +1,6 @@
 """Scenes by the values of a few of their numbers, and how their ingredients change with each."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +122,8 @@ def test_what_moves_surfaces_says_so() -> None:
     assert len(vary("base.roughness", base=rough).base) == 6
 
 
-def test_numbers_of_a_ready_material() -> None:
-    """Its particles have names of their own."""
+def test_numbers_of_a_ready_material_and_of_a_paint() -> None:
+    """A material's particles have names of their own."""
     content = {"wavelength_um": 0.55, "layer": [{"material": "gold powder"}]}
     kind = 'particles."gold powder: gold"'
     family = vrte.SceneFamily(content, [f"{kind}.size.lognormal.median_um"])
@@ -130,9 +131,6 @@ def test_numbers_of_a_ready_material() -> None:
     assert family.content_at([0.1])["particles"]["gold powder: gold"]["size"]["lognormal"]["median_um"] == 0.1
     with pytest.raises(vrte.SceneError, match="the scene has no"):
         vrte.SceneFamily(content, [f"{kind}.radii"])
-
-
-def test_numbers_of_a_paint() -> None:
     paint = {"pigment": "rutile", "volume_fraction": 0.1, "binder": 1.5, "thickness_um": 50.0, "packing": "independent"}
     family = vrte.SceneFamily({"wavelength_um": 0.55, "paint": paint}, "paint.thickness_um")
     (found,) = family.variations()
@@ -157,16 +155,22 @@ def test_what_is_no_number_of_the_scene(name: str, words: str) -> None:
         vary(name, particles=particles, layer=layers, brdf={"mu_i": 0.5, "mu_o": 0.5})
 
 
-def test_bad_names_and_values() -> None:
-    name = "layer[2].thickness"
-    with pytest.raises(vrte.SceneError, match="comes twice"):
-        vrte.SceneFamily(make_content(), [name, name])
-    with pytest.raises(vrte.SceneError, match="must be 1, one for each name, not 2"):
-        vrte.SceneFamily(make_content(), name).at([1.0, 2.0])
-    with pytest.raises(vrte.SceneError, match="only a finite number has a derivative"):
-        vrte.SceneFamily(make_content(), name).variations([np.inf])
-    with pytest.raises(vrte.SceneError, match="thickness"):
-        vrte.SceneFamily(make_content(), name).at([-1.0])
+NAME = "layer[2].thickness"
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (lambda: vrte.SceneFamily(make_content(), [NAME, NAME]), "comes twice"),
+        (lambda: vrte.SceneFamily(make_content(), [NAME, "'layer'[2].thickness"]), "two of them are the same number"),
+        (lambda: vrte.SceneFamily(make_content(), NAME).at([1.0, 2.0]), "must be 1, one for each name, not 2"),
+        (lambda: vrte.SceneFamily(make_content(), NAME).variations([np.inf]), "only a finite number has a derivative"),
+        (lambda: vrte.SceneFamily(make_content(), NAME).at([-1.0]), "thickness"),
+    ],
+)
+def test_bad_names_and_values(act: Callable[[], Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        act()
 
 
 def test_slopes_of_one_side_and_of_kinks() -> None:
