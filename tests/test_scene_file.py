@@ -21,8 +21,7 @@ from vrte.basics.errors import Place
 from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_scene
-from vrte.formats.scene_keys import split_key
-from vrte.formats.toml_table import DEEPEST, parse_toml, show_place, write_toml
+from vrte.formats.toml_table import DEEPEST, parse_toml, show_place, split_key, write_toml
 from vrte.optics.phase_matrix import count_henyey_greenstein_terms
 from vrte.optics.refractive_index import refractive_index
 from vrte.sweep.optics import KeptOptics

@@ -7,11 +7,11 @@ particles and its layer are put in the name's place. One's own is a file of the 
 import copy
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from vrte.formats.atomic import read_text
 from vrte.formats.keys import FilePath, Key, read_beside
@@ -24,32 +24,27 @@ WORDS = ("title", "description", "approximations", "sources")  # what a file may
 KEYS = (*WORDS, "particles", "layer")
 CHANGED = ("thickness", "thickness_um", "volume_fraction", "packing", "host_index")  # by a layer that names a material
 HOW_THICK = CHANGED[:2]
-Ready = TypeVar("Ready", bound="ReadyFile")
 
 
 @dataclass(frozen=True, eq=False)
-class ReadyFile:
-    """What the file of a ready material or paint says of itself: its ``name``; a heading; what it is; in which ways it
-    is not the real thing; and where its numbers come from."""
+class ReadyMaterial:
+    """A ready material or paint: its ``name``; a heading; what it is; in which ways it is not the real thing; where its
+    numbers come from; and its tables as scene files have them, ``particles`` by name and ``layer``, or ``paint``."""
 
     name: str
     title: str
     description: str
     approximations: tuple[str, ...]
     sources: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ReadyMaterial(ReadyFile):
-    """A ready material: what its file says of itself, and its tables of ``particles`` by name and of its ``layer``, as
-    scene files have them."""
-
-    particles: dict[str, Any]
-    layer: dict[str, Any]
+    particles: dict[str, Any] = field(default_factory=dict)
+    layer: dict[str, Any] = field(default_factory=dict)
+    paint: dict[str, Any] = field(default_factory=dict)
 
     @property
     def content(self) -> dict[str, Any]:
-        """A scene file's content of one layer of it, but for light and directions."""
+        """A scene file's content of the paint, or of one layer of the material, but for light and directions."""
+        if self.paint:
+            return {"title": self.title, "paint": copy.deepcopy(self.paint)}
         return expand_materials({"layer": [{"material": self.name}]})
 
 
@@ -68,23 +63,24 @@ def list_materials() -> dict[str, ReadyMaterial]:
     >>> vrte.materials()["chalk"].particles["calcite"]["index"]
     'calcite'
     """
-    return list_ready("materials", read_material_file)
+    return list_ready("materials", "particles", "layer")
 
 
-def list_ready(folder: str, read: Callable[[Path, str], Ready]) -> dict[str, Ready]:
-    """What is in the files of a folder of vrte, by name."""
+def list_ready(folder: str, *tables: str) -> dict[str, ReadyMaterial]:
+    """What is in the files of a folder of vrte, by name, each with those tables."""
     paths = {path.stem.replace("_", " "): path for path in (FOLDER / folder).glob(f"*{SUFFIX}")}
-    return {name: read(paths[name], name) for name in sorted(paths)}
+    return {name: read_ready_file(paths[name], name, *tables) for name in sorted(paths)}
 
 
-def read_ready_file(path: Path, name: str, *keys: str) -> tuple[Table, dict[str, Any]]:
-    """A file of a ready material or paint with those tables, and the fields of a `ReadyFile`. Raises SceneError."""
-    file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, *keys))
-    for key in keys:
+def read_ready_file(path: Path, name: str, *tables: str) -> ReadyMaterial:
+    """What the file of a ready material or paint says. Raises SceneError naming the key, OSError."""
+    file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, *tables))
+    for key in tables:
         file.right(key, f"a table [{key}]", lambda value: isinstance(value, dict))
     words = {key: read_words(file, key) for key in WORDS}
     title, description = (" ".join(words[key]) for key in WORDS[:2])
-    return file, {**words, "name": name, "title": title or name, "description": description}
+    found = {key: file.content[key] for key in tables}
+    return ReadyMaterial(name, title or name, description, words["approximations"], words["sources"], **found)
 
 
 def read_words(file: Table, key: str) -> tuple[str, ...]:
@@ -97,19 +93,19 @@ def read_words(file: Table, key: str) -> tuple[str, ...]:
 
 
 def read_material_file(path: Path, name: str) -> ReadyMaterial:
-    """What a material's file says. Raises SceneError naming the key, OSError."""
-    file, words = read_ready_file(path, name, "particles", "layer")
-    particles, layer = file.content["particles"], file.content["layer"]
-    for kind, table in particles.items():
+    """A material of one's own, which stands by itself. Raises SceneError naming the key, OSError."""
+    found = read_ready_file(path, name, "particles", "layer")
+    file = Table((), {"particles": found.particles}, KEYS)
+    for kind, table in found.particles.items():
         if not isinstance(table, dict):
             raise file.wrong("particles", f"must be tables headed [particles.NAME], which {show_key(kind)} is not")
         for key, value in table.items():
             if isinstance(value, str) and value.endswith(".csv"):
                 place = Table(("particles", kind), table, tuple(table))
                 raise place.wrong(key, "a material names no other files; such particles go into the scene file")
-    if "material" in layer:
-        raise Table(("layer",), layer, tuple(layer)).wrong("material", "a material is not made of another")
-    return ReadyMaterial(**words, particles=particles, layer=layer)
+    if "material" in found.layer:
+        raise Table(("layer",), found.layer, tuple(found.layer)).wrong("material", "a material is not made of another")
+    return found
 
 
 def find_material(name: str) -> ReadyMaterial | None:

@@ -6,22 +6,13 @@ Before anything else is read, ordinary particles, layers and a base are put in i
 import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import INTERFACE
-from vrte.formats.materials import (
-    ReadyFile,
-    expand_materials,
-    list_materials,
-    list_named,
-    list_ready,
-    name_kind,
-    read_ready_file,
-)
+from vrte.formats.materials import ReadyMaterial, expand_materials, list_materials, list_named, list_ready, name_kind
 from vrte.formats.particle_sources import COATED, SIZE_KEYS, SPHERES
 from vrte.formats.toml_table import Table, show_place, show_toml, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
@@ -46,29 +37,11 @@ PIGMENTS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class ReadyPaint(ReadyFile):
-    """A ready paint: what its file says of itself, and its table ``paint``, as scene files have it."""
-
-    paint: dict[str, Any]
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """A scene file's content of it, but for light and directions."""
-        return {"title": self.title, "paint": copy.deepcopy(self.paint)}
-
-
 @cache
-def list_paints() -> dict[str, ReadyPaint]:
+def list_paints() -> dict[str, ReadyMaterial]:
     """The ready paints by name, in alphabetical order, such as list_paints()["white gloss"]: what each is, in which
     ways it is approximated, where its numbers come from, and its table [paint]."""
-    return list_ready("paints", read_paint_file)
-
-
-def read_paint_file(path: Path, name: str) -> ReadyPaint:
-    """What a paint's file says."""
-    file, words = read_ready_file(path, name, "paint")
-    return ReadyPaint(**words, paint=file.content["paint"])
+    return list_ready("paints", "paint")
 
 
 def find_pigment(name: str) -> dict[str, Any] | None:

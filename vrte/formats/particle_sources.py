@@ -101,34 +101,28 @@ SHAPED: dict[str, Key] = {"index": INDEX, "aspect_ratio": WIDTH}
 Compute = Callable[[str, dict[str, Any]], Particles]  # a source's name and its keywords: the particles
 
 
-def put_index_first(make: Callable[..., Particles]) -> Callable[..., Particles]:
-    """The same function, called with the key ``index`` of a table for its first argument."""
-    return lambda index, **how: make(index, **how)
-
-
-def make_row(words: str, make: Callable[..., Particles], check: Callable[..., Particles], keys: dict[str, Key]) -> Row:
-    """A source of particles of any size; who makes and who checks them takes their ``index`` first."""
-    return Row(words, put_index_first(make), keys, put_index_first(check), sized=True)
-
-
 SOURCES: dict[str, Row] = {
-    SPHERES: make_row("spheres", spheres, check_spheres, {"index": INDEX}),
+    SPHERES: Row("spheres", spheres, {"index": INDEX}, check_spheres, sized=True),
     "coated-spheres": Row("coated spheres", coated_spheres, COATED, check_coated_spheres, sized=True),
-    "spheroids": make_row("spheroids", spheroids, check_spheroids, SHAPED),
-    "cylinders": make_row("cylinders", cylinders, check_cylinders, SHAPED),
+    "spheroids": Row("spheroids", spheroids, SHAPED, check_spheroids, sized=True),
+    "cylinders": Row("cylinders", cylinders, SHAPED, check_cylinders, sized=True),
 }
 
 
 def make_particles(source: str, given: dict[str, Any]) -> Particles:
     """The particles of a source, by its name and its keywords."""
-    found: Particles = SOURCES[source].make(**given)
-    return found
+    return call_source(SOURCES[source].make, **given)
 
 
 def check_particles(source: str, given: dict[str, Any]) -> Particles:
     """Particles to go on with, all that makes them checked."""
-    found: Particles = (SOURCES[source].check or SOURCES[source].make)(**given)
-    return found
+    return call_source(SOURCES[source].check or SOURCES[source].make, **given)
+
+
+def call_source(make: Callable[..., Particles], **given: Any) -> Particles:
+    """What a function makes of the keys of a table, of which an ``index`` is its first argument."""
+    first = [given.pop("index")] if "index" in given else []
+    return make(*first, **given)
 
 
 def describe_particles(source: str, given: dict[str, Any]) -> str:

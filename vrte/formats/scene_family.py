@@ -15,8 +15,8 @@ from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import find_base_limits
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
-from vrte.formats.scene_keys import convert_to_plain_content
 from vrte.formats.scene_slopes import ChangingFile, Neighbourhood
+from vrte.formats.toml_table import convert_to_plain_content
 from vrte.scene.scene import Scene
 from vrte.scene.variation import Variation
 from vrte.scene.vary import vary_scene

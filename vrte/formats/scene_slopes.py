@@ -24,8 +24,7 @@ from vrte.formats.materials import expand_materials
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute, check_particles, describe_particles, make_particles
 from vrte.formats.scene_file import FILE_KEYS, REQUESTS, SceneFile, make_scene_file
-from vrte.formats.scene_keys import convert_to_plain_number, find_number, put, split_key
-from vrte.formats.toml_table import Table
+from vrte.formats.toml_table import Table, convert_to_plain_number, find_number, put, split_key
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Held, SizeDistribution

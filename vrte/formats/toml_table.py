@@ -9,8 +9,10 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,6 +27,7 @@ STEPS = re.compile(
     r'"(?:[^"\\\n]|\\.)*+"?|' + r"'[^'\n]*+'?|#[^\n]*|[\[\]{}.,\n]",
     re.DOTALL,
 )
+STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
@@ -267,6 +270,56 @@ def show_place(place: Place, most: int | None = SHOWN) -> str:
     """A place as complaints name it, layers counted from 1; without ``most``, as a dotted key with nothing left out."""
     steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step, most)}" for step in place)
     return "".join(steps).removeprefix(".")
+
+
+def convert_to_plain_content(value: Any) -> Any:
+    """Content as a file would give it: arrays and tuples are lists there."""
+    if isinstance(value, Mapping):
+        return {str(key): convert_to_plain_content(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return [convert_to_plain_content(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def convert_to_plain_number(value: float) -> float | int:
+    """A number as a file would give it: what counts something is a whole one."""
+    return int(value) if float(value).is_integer() else float(value)
+
+
+def split_key(key: str) -> Place:
+    """A dotted key as keys of tables (text) and places in lists (numbers from 0)."""
+    places: list[str | int] = []
+    position = 0
+    while match := STEP.match(key, position):
+        places.append(match[1].strip("\"'"))
+        if match[2] is not None:
+            places.append(int(match[2]) - 1)
+        position = match.end()
+        if key[position : position + 1] != ".":
+            break
+        position += 1
+    if position != len(key) or not places or -1 in places:
+        words = "is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
+        raise SceneError(f"{show_toml(key)} {words}")
+    return tuple(places)
+
+
+def put(content: dict[str, Any], places: Place, value: float | int) -> None:
+    """Sets one number."""
+    reduce(getitem, places[:-1], cast(Any, content))[places[-1]] = value
+
+
+def find_number(content: Mapping[str, Any], places: Place, key: str, default: float | None = None) -> float:
+    """The number at a place, or ``default`` where its table has no such key yet. Raises SceneError, naming ``key``."""
+    try:
+        parent: Any = reduce(getitem, places[:-1], cast(Any, content))
+        missing = default is not None and isinstance(parent, dict)
+        there = parent.get(places[-1], default) if missing else parent[places[-1]]
+    except (LookupError, TypeError):
+        raise SceneError(f"the scene has no {key}") from None
+    if not is_number(there):
+        raise SceneError(f"{key} is {show_toml(there)}, and only a number can be changed")
+    return float(there)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import compute_weights
 from vrte.formats.scene_file import make_scene_file
-from vrte.formats.scene_keys import convert_to_plain_number, put, split_key
+from vrte.formats.toml_table import convert_to_plain_number, put, split_key
 from vrte.sweep.chunks import make_processor_solver
 from vrte.sweep.results import make_scene_request
 from vrte.sweep.template import Sweep, read_sweep

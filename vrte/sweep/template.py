@@ -29,14 +29,18 @@ from vrte.formats.named import find_named_tables
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
-from vrte.formats.scene_keys import (
+from vrte.formats.toml_table import (
+    RANGE_KEYS,
+    Table,
     convert_to_plain_content,
     convert_to_plain_number,
     find_number,
+    is_number,
     put,
+    show_place,
+    show_toml,
     split_key,
 )
-from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_place, show_toml
 from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic

@@ -16,7 +16,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.keys import make_start
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_materials, list_named
 from vrte.formats.named import find_named_tables
-from vrte.formats.paints import ReadyPaint, expand_paint, list_paints
+from vrte.formats.paints import expand_paint, list_paints
 from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml, write_toml
 
@@ -57,17 +57,17 @@ def adopt_with_notes(
     return found, notes
 
 
-def begin_with_material(material: ReadyMaterial | ReadyPaint) -> tuple[Content, tuple[str, ...]]:
+def begin_with_material(material: ReadyMaterial) -> tuple[Content, tuple[str, ...]]:
     """A scene of a ready material or paint, with all its numbers, and the sentences about its approximations."""
     light = {"wavelength_um": GREEN_UM, "brdf": copy.deepcopy(START["brdf"])}
     words = (material.description, *material.approximations)
     return adopt_with_notes(light | material.content)[0], tuple(text.rstrip(".") for text in words)
 
 
-def list_films() -> dict[str, ReadyMaterial | ReadyPaint]:
+def list_films() -> dict[str, ReadyMaterial]:
     """Ready paints, and materials of which there is a film, by their titles."""
     films = [one for one in list_materials().values() if "thickness_um" in one.layer]
-    known: list[ReadyMaterial | ReadyPaint] = [*list_paints().values(), *films]
+    known: list[ReadyMaterial] = [*list_paints().values(), *films]
     return {one.title: one for one in known}
 
 
