@@ -13,9 +13,9 @@ from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS
 from vrte.formats import materials, paints
 from vrte.formats.bases import BASES, INTERFACE
-from vrte.formats.keys import Choice, FilePath, Key
+from vrte.formats.keys import Choice, FilePath, Key, list_names
 from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS
-from vrte.formats.particle_sources import DIAMETERS, SIZE_KEYS, SIZES, SOURCES
+from vrte.formats.particle_sources import SIZE_KEYS, SIZES, SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
 from vrte.formats.toml_table import RANGE_KEYS, write_value
@@ -39,20 +39,18 @@ def read_rows(section: str) -> dict[str, list[str]]:
 
 
 ROWS = {heading.replace("`", ""): read_rows(section) for heading, section in HEADINGS.findall(PAGE)}
+REGISTRIES = {'source = "{}"': SOURCES, "phase = {{ {} = ... }}": PHASES, 'kind = "{}"': BASES, "size.{}": SIZES}
 KEYS: dict[str, Mapping[str, Key]] = {  # sections of which the registries know more than the names of keys
-    **{f'source = "{name}"': source.keys for name, source in SOURCES.items()},
-    **{f"phase = {{ {name} = ... }}": row.keys for name, row in PHASES.items() if row.keys},
-    **{f'kind = "{name}"': row.keys for name, row in BASES.items() if row.keys},
-    **{f"size.{name}": row.keys for name, row in SIZES.items() if name not in row.keys},
+    **{
+        form.format(name): row.keys
+        for form, registry in REGISTRIES.items()
+        for name, row in registry.items()
+        if row.keys and not (registry is SIZES and name in row.keys)
+    },
     "paint.surface": INTERFACE,
 }
 KNOWN: dict[str, tuple[str, ...]] = {
-    **{heading: tuple(keys) for heading, keys in KEYS.items()},
-    **{
-        f"size.{name}": (*row.keys, *(DIAMETERS[key] for key in row.keys if key in DIAMETERS))
-        for name, row in SIZES.items()
-        if name not in row.keys
-    },
+    **{heading: list_names(keys) for heading, keys in KEYS.items()},
     "The file": (*FILE_KEYS, "appearance", "axes"),
     "[particles.NAME]": ("source", *SIZE_KEYS, "host_index"),
     "size": tuple(SIZES),
@@ -90,15 +88,11 @@ CHOICES = {  # section and key: names that its row must have, and no others in q
 }
 
 
-@pytest.mark.parametrize("heading", [*KNOWN])
-def test_every_key_has_a_row_and_every_row_a_key(heading: str) -> None:
-    assert set(ROWS[heading]) == set(KNOWN[heading])
-    assert all(len(cells) == 4 for cells in ROWS[heading].values())  # meaning, unit, default, allowed
-    assert all(cells[0] and cells[2] and cells[3] for cells in ROWS[heading].values())
-
-
-def test_no_section_is_of_what_scene_files_do_not_know() -> None:
-    assert set(ROWS) == set(KNOWN)
+def test_every_key_has_a_row_and_every_row_a_key() -> None:
+    assert {heading: {*rows} for heading, rows in ROWS.items()} == {name: {*keys} for name, keys in KNOWN.items()}
+    for cells in (cells for rows in ROWS.values() for cells in rows.values()):
+        assert len(cells) == 4  # meaning, unit, default, allowed
+        assert all((cells[0], cells[2], cells[3])), cells
 
 
 @pytest.mark.parametrize(("place", "names"), CHOICES.items(), ids=lambda value: ".".join(value))
@@ -116,19 +110,13 @@ def test_defaults_are_those_of_the_program() -> None:
         assert said == write_value(default).removesuffix(".0"), f"{heading}, {key}: {said}"
 
 
-def test_what_may_be_left_out_is_no_dash_and_what_is_needed_has_no_default() -> None:
+def test_defaults_ranges_and_suffixes_are_those_of_the_program() -> None:
     """A dash alone says that a key is needed; what stands in for another says so."""
     for heading, keys in KEYS.items():
         for name, key in keys.items():
-            said = ROWS[heading][name][2]
+            _, _, said, allowed = ROWS[heading][name]
             assert (said == "—" or said.startswith(("this", "these"))) or not key.needed, f"{heading}, {name}: {said}"
             assert said != "—" or key.needed, f"{heading}, {name}: {said}"
-
-
-def test_ranges_and_suffixes_are_those_of_the_program() -> None:
+            assert not isinstance(key, FilePath) or {*allowed.split(", ")} == {*key.suffixes}, f"{heading}, {name}"
     for name, (low, high, _) in RANGES.items():
         assert ROWS["[render]"][name][3] == f"{low:g} to {high:g}"
-    for heading, keys in KEYS.items():
-        for name, key in keys.items():
-            if isinstance(key, FilePath):
-                assert set(ROWS[heading][name][3].split(", ")) == set(key.suffixes), f"{heading}, {name}"

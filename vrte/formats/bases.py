@@ -1,7 +1,6 @@
 """Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/how_to/extending.md)."""
 
 import inspect
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -143,11 +142,6 @@ def read_base(reading: Reading) -> Boundary | None:
             raise table.wrong(key, f"goes with kind = {' or '.join(owners)} only")
     base: Boundary | None = make_of_keys(row, table, reading)
     return base
-
-
-def find_base_limits(kind: str) -> Mapping[str, tuple[float, float]]:
-    """What the numbers of a kind of base may be, from and to, as far as it says."""
-    return getattr(BASES[kind].make, "LIMITS", {})
 
 
 INTERFACE: dict[str, Key] = {**FACETS, "roughness": replace(FACETS["roughness"], needed=False)}

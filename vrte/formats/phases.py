@@ -110,24 +110,16 @@ class Phase(FilePath):
         if "tolerance" in table:
             raise table.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
         inner = Table((*table.place, name), {}, ())
-        found = [value] if isinstance(value, str) and value in list_bare() else []
+        bare = [own for own, row in PHASES.items() if not any(key.needed for key in row.keys.values())]
+        found = [own for own in bare if own == value]
         if isinstance(value, dict):
             inner = table.table(name, tuple(self.inside))
             found = [own for own in PHASES if own in inner and {*value} <= {*PHASES[own].keys}]
         if len(found) != 1:
-            raise table.wrong(name, f"must be {describe_phases()}{suggest_nearest(value, PHASES)}")
+            tables = [f"{{ {own} = {row.keys[own].label} }}" for own, row in PHASES.items() if row.keys]
+            words = ", ".join([*(f'"{own}"' for own in bare), *tables])
+            words += " or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
+            raise table.wrong(name, f"must be {words}{suggest_nearest(value, PHASES)}")
         values = read_keys(PHASES[found[0]].keys, inner, reading)
         with locate_errors((*inner.place, found[0])):
             return make_once(found[0], table.place, tuple(values.items()))
-
-
-def list_bare() -> list[str]:
-    """The rows that need no key."""
-    return [name for name, row in PHASES.items() if not any(key.needed for key in row.keys.values())]
-
-
-def describe_phases() -> str:
-    """How a phase can be written, in words."""
-    named = [f'"{name}"' for name in list_bare()]
-    tables = [f"{{ {name} = {row.keys[name].label or '...'} }}" for name, row in PHASES.items() if row.keys]
-    return f"{', '.join(named + tables)} or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"

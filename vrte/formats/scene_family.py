@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
-from vrte.formats.bases import find_base_limits
+from vrte.formats.bases import BASES
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
 from vrte.formats.scene_slopes import ChangingFile, Neighbourhood
 from vrte.formats.toml_table import convert_to_plain_content
@@ -86,10 +86,8 @@ class SceneFamily:
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
         """What the numbers of the base may be, from and to, by ``names``, as far as the base says."""
-        if self._file is None:
-            known = getattr(self._scene.base, "LIMITS", {})
-        else:
-            known = find_base_limits(self._file.content["base"]["kind"]) if "base" in self._file.content else {}
+        kind = "black" if self._file is None else self._file.content.get("base", {}).get("kind", "black")
+        known = getattr(self._scene.base if self._file is None else BASES[kind].make, "LIMITS", {})
         keys = {name: name.partition(".")[2] for name in self.names if name.startswith("base.")}
         return {name: known[key] for name, key in keys.items() if key in known}
 

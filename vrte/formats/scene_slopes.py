@@ -86,10 +86,6 @@ class ChangingFile:
         kind = next((name for name in REQUESTS if name in content), None)
         return make_scene_file(content if kind else content | ANYTHING, kind, self.folder, compute)
 
-    def make_base(self, values: Array) -> Boundary | None:
-        """The base with other values, and nothing else of the file."""
-        return read_base(Reading(Table((), self.content_at(values), FILE_KEYS), self.folder))
-
 
 class Optics:
     """Makes particles of a source and its keywords, each kind once."""
@@ -224,6 +220,9 @@ class Neighbourhood:
         def scene_at(number: float) -> Scene:
             return file.make(move(number), self.held.start()).scene
 
+        def base_at(number: float) -> Boundary | None:
+            return read_base(Reading(Table((), file.content_at(move(number)), FILE_KEYS), file.folder))
+
         def numbers_at(number: float) -> list[Array]:
             recipe, here = Recipe(file, move(number)), self.recipe
             same = recipe.scene.media == here.scene.media and recipe.scene.interfaces == here.scene.interfaces
@@ -241,7 +240,7 @@ class Neighbourhood:
             draft.slopes = dict(zip(self.list_numbers(self.recipe), slopes, strict=True))
             if file.places[which][0] in ("base", "wavelength_um"):
                 step = BASE_STEP * max(abs(value), LEAST_SCALE)
-                draft.base = vary_base(lambda number: file.make_base(move(number)), value, step)
+                draft.base = vary_base(base_at, value, step)
             if self.needs_differences(draft):
                 here = list_ingredients(self.scene, self.scene)
                 slopes = find_slopes(ingredients_at, value, reach, [*here.values()])
@@ -282,11 +281,11 @@ class Neighbourhood:
         for number, layer in enumerate(self.recipe.layers if not draft.ingredients else ()):
             row = rows[layer.place]
             bulk[row], bulk[n + row], known["table", row] = self.vary_layer(draft, number, layer)
-        is_outside = draft.is_outside or any(one.keeps_beams for _, one in draft.base)
-        tables = tuple(cut_zeros(known["table", row]) for row in range(n))
-        found = Variation(
-            draft.name, draft.value, bulk[:n], bulk[n:], tables, draft.base, draft.scene_at, is_outside=is_outside
-        )
+        outside = draft.is_outside or any(one.keeps_beams for _, one in draft.base)
+        tables = [known["table", row] for row in range(n)]
+        ends = [max(np.flatnonzero(table.any(axis=1)), default=-1) + 1 for table in tables]  # of rows that are not 0
+        cut = tuple(table[:end] for table, end in zip(tables, ends, strict=True))
+        found = Variation(draft.name, draft.value, bulk[:n], bulk[n:], cut, draft.base, draft.scene_at, outside)
         if found.changes_nothing:
             raise SceneError(f"{draft.name} changes nothing in the scene")
         return found
@@ -321,9 +320,3 @@ def list_ingredients(scene: Scene, like: Scene) -> Arrays:
         known, terms = layer.phase_matrix.coefficients, other.phase_matrix.terms
         found["table", row] = np.pad(known[:terms], ((0, max(terms - len(known), 0)), (0, 0)))
     return found
-
-
-def cut_zeros(table: Array) -> Array:
-    """A table without the rows at its end that are zero."""
-    there = np.flatnonzero(table.any(axis=1))
-    return table[: 1 + there[-1] if there.size else 0]
