@@ -112,19 +112,17 @@ def surfaced(chance: np.random.Generator) -> vrte.Scene:
         return vrte.Layer(matrix, albedo, float(10.0 ** chance.uniform(-5, thickest)))
 
     base = None if chance.random() < 0.5 else vrte.Lambertian(float(chance.uniform()))
-    kind = str(
-        chance.choice(["none", "smooth", "rough", "plate", "stack", "between"], p=[0.2, 0.2, 0.1, 0.2, 0.15, 0.15])
-    )
     top = vrte.Interface(1.0, index)
-    piles: dict[str, Callable[[], list[Any]]] = {
-        "none": lambda: [layer(3.0), *([layer()] if chance.random() < 0.5 else [])],
-        "smooth": lambda: [top, layer(3.0)],
-        "rough": lambda: [vrte.Interface(1.0, index, roughness=0.3, shadowing=True, conserving=True), layer()],
-        "plate": lambda: [top, layer(), vrte.Interface(index, 1.0)],
-        "stack": lambda: [top, layer(), vrte.Interface(index, other), layer()],
-        "between": lambda: [layer(), top, layer()],
+    piles: dict[str, tuple[float, Callable[[], list[Any]]]] = {  # by kind, its probability
+        "none": (0.2, lambda: [layer(3.0), *([layer()] if chance.random() < 0.5 else [])]),
+        "smooth": (0.2, lambda: [top, layer(3.0)]),
+        "rough": (0.1, lambda: [vrte.Interface(1.0, index, roughness=0.3, shadowing=True, conserving=True), layer()]),
+        "plate": (0.2, lambda: [top, layer(), vrte.Interface(index, 1.0)]),
+        "stack": (0.15, lambda: [top, layer(), vrte.Interface(index, other), layer()]),
+        "between": (0.15, lambda: [layer(), top, layer()]),
     }
-    return vrte.Scene(piles[kind](), base)
+    kind = str(chance.choice([*piles], p=[probability for probability, _ in piles.values()]))
+    return vrte.Scene(piles[kind][1](), base)
 
 
 def cosines(chance: np.random.Generator, count: int) -> Array:
@@ -148,14 +146,6 @@ def asked(seed: int, draw: Callable[[np.random.Generator], vrte.Scene] = scene) 
         tau.append(float(deepest * chance.choice([chance.uniform(), 10.0 ** chance.uniform(-3, 0)])))
     mu = cosines(chance, int(chance.integers(2, 6)))
     mu0 = float(chance.choice([1.0, *cosines(chance, 3)]))
-    return Asked(
-        found,
-        "radiance",
-        {
-            "mu0": mu0,
-            "stokes": NATURAL if chance.random() < 0.6 else POLARIZED,
-            "mu": [] if chance.random() < 0.1 else np.concatenate([mu, -mu]),
-            "phi": phi,
-            "tau": sorted(tau),
-        },
-    )
+    stokes = NATURAL if chance.random() < 0.6 else POLARIZED
+    both = [] if chance.random() < 0.1 else np.concatenate([mu, -mu])
+    return Asked(found, "radiance", {"mu0": mu0, "stokes": stokes, "mu": both, "phi": phi, "tau": sorted(tau)})

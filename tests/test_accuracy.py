@@ -31,11 +31,8 @@ def check(outcomes: Sequence[accuracy.Outcome], slack: float = 100.0) -> None:
     assert accuracy.compute_median_slack(outcomes) < slack
 
 
-def test_requested_is_achieved_on_given_nodes() -> None:
+def test_requested_is_achieved_on_nodes_given_and_chosen() -> None:
     check(accuracy.make_study(QUICK_GIVEN, [True], 4).measure_rows(Path()))
-
-
-def test_requested_is_achieved_on_chosen_nodes() -> None:
     check(accuracy.make_study(QUICK_CHOSEN, [False], 2).measure_rows(Path()), 1000.0)
 
 
@@ -67,47 +64,57 @@ def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
         assert found["nodes"] <= 2 * next(count for count in choose_quadrature.SERIES if count >= hold)
 
 
-def test_a_peak_of_many_terms_takes_fewer_nodes_for_a_hundredth() -> None:
-    """914 terms, of which a bound on the strongest that is cut asks 111 nodes to carry 222; 36 hold."""
-    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.98, 914), 0.9, 2.0)])
-    call = {"mu_i": 0.6, "mu_o": [0.2, 0.5, 0.9], "phi": [0.0, 90.0, 180.0]}
-    found, right = vrte.brdf(scene, accuracy=1e-2, **call), vrte.brdf(scene, nodes=100, accuracy=1e-5, **call)
+RAYLEIGH = vrte.rayleigh()
+GRADED = [  # forty layers, each of which by itself would have asked for 256 nodes: 9 minutes
+    vrte.Layer(vrte.rayleigh(0.03 * (k % 2)), 0.99, x) for k, x in enumerate(np.geomspace(1e-3, 0.3, 40).tolist())
+]
+FEW: dict[str, tuple[vrte.Scene, float, int, int]] = {  # scene, accuracy, most nodes, those that are right
+    # 914 terms, of which a bound on the strongest that is cut asks 111 nodes to carry 222; 36 hold
+    "a peak of many terms": (vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.98, 914), 0.9, 2.0)]), 1e-2, 71, 100),
+    "forty layers": (vrte.Scene(GRADED, vrte.Lambertian(0.3)), 1e-6, 24, 32),
+    "a layer of no thickness": (vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.0)], vrte.Lambertian(0.3)), 1e-6, 24, 32),
+}
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_few_nodes_hold(name: str) -> None:
+    scene, requested, most, nodes = FEW[name]
+    call = {"mu_i": 0.6, "mu_o": [0.2, 0.5, 0.9], "phi": [0.0, 90.0, 180.0], "threads": 1}
+    found, right = vrte.brdf(scene, accuracy=requested, **call), vrte.brdf(scene, nodes=nodes, **call)
     assert found.diagnostics["promised"]
-    assert found.diagnostics["nodes"] < 72
-    assert np.abs(found.mueller - right.mueller).max() <= 1e-2 * right.mueller[..., 0, 0].max()
+    assert found.diagnostics["nodes"] <= most
+    assert found.diagnostics["choosing_seconds"] > 0.0
+    assert np.abs(found.mueller - right.mueller).max() <= requested * right.mueller[..., 0, 0].max()
 
 
 def mie(radius_um: float, index: complex = 1.45) -> vrte.PhaseMatrix:
     return vrte.spheres(index, radius_um=radius_um, wavelength_um=0.6).phase_matrix
 
 
-@pytest.mark.parametrize(
-    "layers",
-    [
-        [vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0), vrte.Layer(vrte.rayleigh(), 0.99, 0.01)],
-        [vrte.Layer(vrte.rayleigh(), 0.99, 0.01), vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0)],
-        [vrte.Layer(mie(0.25), 0.1, 0.4), vrte.Layer(mie(0.1), 0.99, 0.2)],
-        [vrte.Layer(mie(0.8, 1.6), 0.9, 0.64)],
-    ],
-)
-@pytest.mark.parametrize("requested", [2e-3, 3e-6, 3e-9])
-def test_orders_to_come_are_not_judged_by_a_layer_of_other_particles(
-    layers: list[vrte.Layer], requested: float
-) -> None:
+MIXED: dict[str, tuple[list[vrte.Layer], dict[str, Any]]] = {
+    "strong above": ([vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0), vrte.Layer(RAYLEIGH, 0.99, 0.01)], {}),
+    "strong below": ([vrte.Layer(RAYLEIGH, 0.99, 0.01), vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0)], {}),
+    "spheres": ([vrte.Layer(mie(0.25), 0.1, 0.4), vrte.Layer(mie(0.1), 0.99, 0.2)], {}),
+    "large spheres": ([vrte.Layer(mie(0.8, 1.6), 0.9, 0.64)], {}),
+    **{  # one azimuth alone is compared with its own light
+        f"{phi} degrees": (
+            [vrte.Layer(vrte.henyey_greenstein(0.8, 90), 0.3, 1.0)],
+            {"mu": 0.1, "phi": phi, "nodes": 45},
+        )
+        for phi in (0.0, 90.0, 180.0)
+    },
+}
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_orders_to_come_are_not_judged_by_a_layer_of_other_particles(name: str) -> None:
     """The strong layer's bounds stop at order 2, far too careful for it: the weak one's go on, and are not."""
-    scene, mu = vrte.Scene(layers), [0.25, 0.4, 0.6]
-    call = {"mu0": 0.1, "mu": mu, "phi": [0.0, 45.0, 92.0], "nodes": 24}
+    layers, more = MIXED[name]
+    scene, call = vrte.Scene(layers), {"mu0": 0.1, "mu": [0.25, 0.4, 0.6], "phi": [0.0, 45.0, 92.0], "nodes": 24} | more
     right = exact.radiance(scene, **call).stokes
-    got = vrte.radiance(scene, accuracy=requested, **call).stokes
-    assert np.abs(got - right).max() <= requested * right[..., 0].max()
-
-
-def test_one_azimuth_alone_is_compared_with_its_own_light() -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 90), 0.3, 1.0)])
-    for phi in (0.0, 90.0, 180.0):
-        call = {"mu0": 0.1, "mu": 0.1, "phi": phi, "nodes": 45}
-        right, got = exact.radiance(scene, **call).stokes, vrte.radiance(scene, accuracy=1e-4, **call).stokes
-        assert np.abs(got - right).max() <= 1e-4 * right[..., 0].max()
+    for requested in (1e-4,) if more else (2e-3, 3e-6, 3e-9):
+        got = vrte.radiance(scene, accuracy=requested, **call).stokes
+        assert np.abs(got - right).max() <= requested * right[..., 0].max()
 
 
 def solve(scene: vrte.Scene, accuracy: float = 1e-6, mu0: float = 0.5, tau: float = 0.0) -> dict[str, Any]:
@@ -121,16 +128,16 @@ def rayleigh(thickness: float) -> vrte.Scene:
 def test_nodes_follow_accuracy_terms_thickness_and_grazing_light() -> None:
     counts = [solve(rayleigh(1.0), accuracy)["nodes"] for accuracy in (1e-2, 1e-4, 1e-6, 1e-8)]
     assert counts == sorted(set(counts))
-    assert solve(rayleigh(0.01))["nodes"] > solve(rayleigh(1.0))["nodes"]
-    assert solve(rayleigh(1.0), tau=0.01)["nodes"] > solve(rayleigh(1.0))["nodes"]
-    assert solve(rayleigh(1.0), mu0=1e-3)["nodes"] >= solve(rayleigh(1.0))["nodes"]
-    peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.85, 142), 0.9, 1.0)])
-    assert solve(peaked)["nodes"] > 1.5 * solve(rayleigh(1.0))["nodes"]
-
-
-def test_smooth_phase_functions_take_graded_nodes_and_many_terms_do_not() -> None:
+    usual = solve(rayleigh(1.0))["nodes"]
+    assert solve(rayleigh(0.01))["nodes"] > usual
+    assert solve(rayleigh(1.0), tau=0.01)["nodes"] > usual
+    assert solve(rayleigh(1.0), mu0=1e-3)["nodes"] >= usual
+    assert solve(vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.85, 142), 0.9, 1.0)]))["nodes"] > 1.5 * usual
     peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9), 0.9, 1.0)])
     assert [solve(scene)["grading"] for scene in (rayleigh(1.0), rayleigh(1e-3), peaked)] == [2, 2, 1]
+    field = vrte.radiance(rayleigh(1.0), 0.5)
+    assert field.mu.size == 2 * field.diagnostics["nodes"]
+    assert field.diagnostics["promised"]
 
 
 @pytest.mark.parametrize(("wrong", "first"), [(1e-20, 4), (1.0, 16)])
@@ -157,22 +164,6 @@ def test_what_cannot_be_promised_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "12 nodes differ by" in found["notes"][0]
 
 
-def test_a_layer_of_no_thickness_hides_nothing() -> None:
-    assert solve(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.0)], vrte.Lambertian(0.3)))["promised"]
-
-
-def test_forty_layers_take_few_nodes() -> None:
-    """Each thin layer by itself would have asked for 256 nodes: 9 minutes."""
-    thickness = np.geomspace(1e-3, 0.3, 40)
-    layers = [vrte.Layer(vrte.rayleigh(0.03 * (k % 2)), 0.99, x) for k, x in enumerate(thickness.tolist())]
-    scene, call = vrte.Scene(layers, vrte.Lambertian(0.3)), {"mu_i": 0.5, "mu_o": [0.2, 0.9], "threads": 1}
-    found, right = vrte.brdf(scene, **call), vrte.brdf(scene, nodes=32, **call)
-    assert found.diagnostics["promised"]
-    assert found.diagnostics["nodes"] <= 24
-    assert 0.0 < found.diagnostics["choosing_seconds"] < 3.0 * found.diagnostics["wall_seconds"]
-    assert np.abs(found.mueller - right.mueller).max() <= 1e-6 * right.mueller[..., 0, 0].max()
-
-
 def test_a_plan_estimates_without_solving(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discrete_ordinates, "solve_plans", None)
     plan = vrte.plan("radiance", rayleigh(1.0), 0.5, mu=[0.5], accuracy=1e-4)
@@ -197,7 +188,7 @@ def test_nodes_given_promise_nothing_without_a_second_count() -> None:
 BACKWARD = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(-0.99, 2500), 0.99, 5.0)])
 
 
-def test_terms_that_nodes_given_do_not_carry_are_told() -> None:
+def test_terms_that_nodes_given_do_not_carry_are_reported() -> None:
     """-165 was promised; and a peak straight back is not taken off as if light went straight on."""
     with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few .* 229 nodes do"):
         found = vrte.brdf(BACKWARD, 0.6, [0.1, 0.5, 0.9], [0.0, 90.0, 180.0], nodes=12)
@@ -206,21 +197,18 @@ def test_terms_that_nodes_given_do_not_carry_are_told() -> None:
     assert found.diagnostics["peak_fractions"] == [0.0]
     with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few"):
         vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], nodes=12)
-
-
-@pytest.mark.slow
-def test_the_nodes_that_a_warning_names_do() -> None:
-    found = vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], phi=[0.0, 180.0], nodes=229, accuracy=1e-2)
-    assert (found.stokes[..., 0] > 0.0).all()
-
-
-def test_terms_cut_are_told_by_other_methods_and_in_many_scenes() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.9, 1.0)])
     many = vrte.brdfs([scene], 0.5, [0.2, 0.7], nodes=4)[0]
     other = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=4, method="adding-doubling")
     every = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=15)
     told = [any("carry 8 of the 30 terms" in note for note in one.diagnostics["notes"]) for one in (many, other, every)]
     assert told == [True, True, False]
+
+
+@pytest.mark.slow
+def test_the_nodes_that_a_warning_names_do() -> None:
+    found = vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], phi=[0.0, 180.0], nodes=229, accuracy=1e-2)
+    assert (found.stokes[..., 0] > 0.0).all()
 
 
 def lobe(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
@@ -244,12 +232,6 @@ def test_the_result_says_how_its_nodes_were_found(base: vrte.Lambertian | vrte.M
     assert right.diagnostics["nodes_rule"] == "as asked for"
 
 
-def test_directions_are_the_nodes_that_were_chosen() -> None:
-    field = vrte.radiance(rayleigh(1.0), 0.5)
-    assert field.mu.size == 2 * field.diagnostics["nodes"]
-    assert field.diagnostics["promised"]
-
-
 @pytest.mark.parametrize("mu", [[], [0.5]])
 def test_no_light_along_the_directions_is_no_reason_for_more_nodes(mu: list[float]) -> None:
     """Fluxes alone, or light going up at the bottom: relative to 0, nothing is ever good enough."""
@@ -259,16 +241,6 @@ def test_no_light_along_the_directions_is_no_reason_for_more_nodes(mu: list[floa
     assert found.diagnostics["nodes"] < 16
     for flux, other in ((found.flux_up, right.flux_up), (found.flux_down, right.flux_down)):
         assert np.abs(flux - other).max() < 1e-3 * right.flux_down[1]
-
-
-def test_nothing_is_lowered_before_two_orders_are_known() -> None:
-    found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
-    bounds = 0.1 ** np.arange(5.0)[:, None, None]
-    known = order_bounds.OrderBounds(np.full((1, 5), 0.1), np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
-    assert np.array_equal(order_bounds.calibrate_bounds(known, bounds, found), bounds)
-    lowered = order_bounds.calibrate_bounds(known, bounds, found | {2: np.full((1, 1), 1e-10)})
-    assert (lowered[3:] < bounds[3:]).all()
-    assert np.array_equal(lowered[:3], bounds[:3])
 
 
 def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
@@ -287,12 +259,23 @@ def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     assert (tmp_path / "accuracy.png").stat().st_size < 90_000
 
 
-def test_bounds_beyond_all_numbers_make_no_arithmetic_go_wrong() -> None:
+def test_bounds_are_lowered_when_two_orders_are_known_and_make_no_arithmetic_go_wrong() -> None:
+    def make_known(count: int) -> order_bounds.OrderBounds:
+        return order_bounds.OrderBounds(
+            np.full((1, count), 0.1), np.full(count, 0.1), np.ones(count), np.ones((count, 2))
+        )
+
+    found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
+    bounds = 0.1 ** np.arange(5.0)[:, None, None]
+    assert np.array_equal(order_bounds.calibrate_bounds(make_known(5), bounds, found), bounds)
+    lowered = order_bounds.calibrate_bounds(make_known(5), bounds, found | {2: np.full((1, 1), 1e-10)})
+    assert (lowered[3:] < bounds[3:]).all()
+    assert np.array_equal(lowered[:3], bounds[:3])
     bounds = np.full((6, 1, 1), 1e308)
     bounds[1], bounds[4] = np.inf, 1e-310
-    known = order_bounds.OrderBounds(np.full((1, 6), 0.1), np.full(6, 0.1), np.ones(6), np.ones((6, 2)))
     found = {order: np.full((1, 1), size) for order, size in enumerate((1.0, 1e-320, 1e-10, 0.0))}
     with np.errstate(all="raise", under="ignore"):
         assert order_bounds.count_orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
-        assert np.isfinite(order_bounds.calibrate_bounds(known, bounds, found)[2:]).all()
-        order_bounds.calibrate_bounds(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})
+        assert np.isfinite(order_bounds.calibrate_bounds(make_known(6), bounds, found)[2:]).all()
+        few = {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)}
+        order_bounds.calibrate_bounds(make_known(6), bounds[:4], few)
