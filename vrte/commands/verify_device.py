@@ -14,12 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from vrte import __version__
+import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
-from vrte.calls.brdf import brdf
-from vrte.calls.brdfs import brdfs
-from vrte.calls.radiance import radiance
 from vrte.cl import device
 from vrte.cl.device import Device
 from vrte.cl.extended import Algebra, Sizes
@@ -28,13 +25,7 @@ from vrte.cl.session import FORMS, WORK_GROUP, Session, Traffic, open_session
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
-from vrte.optics.phase_matrix import henyey_greenstein, rayleigh
-from vrte.optics.spheres import spheres
 from vrte.request.request import make_brdf_request
-from vrte.scene.boundary import Lambertian
-from vrte.scene.interface import Interface
-from vrte.scene.layer import Layer
-from vrte.scene.scene import Scene
 
 LONGEST = 120.0  # seconds of all checks together
 SAME, CLOSE = 1e-11, 1e-10  # of the largest light: by the same steps, and by fixed points that end at some accuracy
@@ -95,25 +86,26 @@ class MistakeError(Exception):
     """Something other than a number is wrong."""
 
 
-def make_scenes() -> dict[str, Scene]:
+def make_scenes() -> dict[str, vrte.Scene]:
     """Scenes by name: semi-infinite, of four layers on a base, under a surface; the gold powder of Table 3."""
-    powder = spheres(1.6 + 0.01j, radius_um=0.15, wavelength_um=0.5)
-    pigment = spheres(2.0 + 0.01j, radius_um=0.1, wavelength_um=0.5, host_index=1.5)
-    gap, cloud = Layer(rayleigh(), 0.0, 0.1), Layer(henyey_greenstein(0.5), 0.9, 2.0)
-    glass: list[Any] = [Interface(1.0, 1.5), Layer.of(pigment, thickness=1.0)]
-    stack = [Layer.of(powder, thickness=0.4), Layer(rayleigh(), 1.0, 0.7), gap, cloud]
+    powder = vrte.spheres(1.6 + 0.01j, radius_um=0.15, wavelength_um=0.5)
+    pigment = vrte.spheres(2.0 + 0.01j, radius_um=0.1, wavelength_um=0.5, host_index=1.5)
+    gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
+    gap, cloud = vrte.Layer(vrte.rayleigh(), 0.0, 0.1), vrte.Layer(vrte.henyey_greenstein(0.5), 0.9, 2.0)
+    stack = [vrte.Layer.of(powder, thickness=0.4), vrte.Layer(vrte.rayleigh(), 1.0, 0.7), gap, cloud]
+    glass: list[Any] = [vrte.Interface(1.0, 1.5), vrte.Layer.of(pigment, thickness=1.0)]
     return {
-        "semi-infinite": Scene([Layer.of(powder, thickness=np.inf)]),
-        "stack": Scene(stack, Lambertian(0.4)),
-        "surface": Scene(glass, Lambertian(0.3)),
-        "gold": Scene([Layer.of(spheres("gold", radius_um=0.6, wavelength_um=0.4), thickness=100.0)]),
+        "semi-infinite": vrte.Scene([vrte.Layer.of(powder, thickness=np.inf)]),
+        "stack": vrte.Scene(stack, vrte.Lambertian(0.4)),
+        "surface": vrte.Scene(glass, vrte.Lambertian(0.3)),
+        "gold": vrte.Scene([vrte.Layer.of(gold, thickness=100.0)]),
     }
 
 
-def make_batch(count: int = 6) -> list[Scene]:
+def make_batch(count: int = 6) -> list[vrte.Scene]:
     """Scenes that are solved in one call: the wavelengths of a spectrum of gold."""
-    gold = [spheres("gold", radius_um=0.05, wavelength_um=each) for each in np.linspace(0.45, 0.65, count)]
-    return [Scene([Layer.of(each, thickness=np.inf)]) for each in gold]
+    gold = [vrte.spheres("gold", radius_um=0.05, wavelength_um=each) for each in np.linspace(0.45, 0.65, count)]
+    return [vrte.Scene([vrte.Layer.of(each, thickness=np.inf)]) for each in gold]
 
 
 def measure_gap(found: Any, right: Any) -> float:
@@ -175,7 +167,7 @@ class Verification:
 
     def compare(self, name: str, asked: Mapping[str, Any], at_once: bool = True) -> float:
         """One scene on the device beside the compiled core; ``at_once``: doubling in one launch, not one a step."""
-        call: Callable[..., Any] = brdf if "mu_i" in asked else radiance
+        call: Callable[..., Any] = vrte.brdf if "mu_i" in asked else vrte.radiance
         scene = make_scenes()[name]
         with change(self.session, at_once=at_once):
             found = call(scene, **self.ask(asked))
@@ -198,7 +190,7 @@ class Verification:
 
     def solve_batch(self, progress: Callable[[int, int], None] | None = None) -> list[Array]:
         """Mueller matrices of the batch on the device."""
-        return [each.mueller for each in brdfs(make_batch(), **self.ask(BRDF), progress=progress)]
+        return [each.mueller for each in vrte.brdfs(make_batch(), **self.ask(BRDF), progress=progress)]
 
     def compare_with_batch(self, found: Sequence[Array]) -> float:
         """Mueller matrices beside those that the batch gave first."""
@@ -207,11 +199,11 @@ class Verification:
 
     def compare_batch(self) -> float:
         """Scenes solved in one call beside the compiled core."""
-        return self.compare_with_batch([each.mueller for each in brdfs(make_batch(), **BRDF)])
+        return self.compare_with_batch([each.mueller for each in vrte.brdfs(make_batch(), **BRDF)])
 
     def compare_alone(self) -> float:
         """The first two of the batch, each by itself."""
-        return self.compare_with_batch([brdf(scene, **self.ask(BRDF)).mueller for scene in make_batch()[:2]])
+        return self.compare_with_batch([vrte.brdf(scene, **self.ask(BRDF)).mueller for scene in make_batch()[:2]])
 
     def compare_little_memory(self) -> float:
         """The batch on a device that holds a part of it at once."""
@@ -300,7 +292,7 @@ def describe_verified(found: Verified) -> str:
     """The text of a report: the machine, every check, what was left out, times."""
     own = found.device
     lines = [
-        f"vrte {__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
+        f"vrte {vrte.__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}",
         f"{own.name} ({own.kind}, {'doubles' if own.double_precision else 'no doubles'}) on {own.platform}, driver "
         f"{own.driver}, {own.handle.version.strip()}",

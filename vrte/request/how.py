@@ -32,16 +32,8 @@ FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
 PRECISIONS = ("auto", "double", "single", "mixed")  # of an OpenCL device
 OF_SINGLE = 1e-4  # accuracy that single precision is good for, and what it is by default there
-NOT_FOR_ALL = (
-    "nodes",
-    "grading",
-    "accuracy",
-    "algorithm",
-    "verify",
-    "truncation",
-    "backend",
-    "precision",
-)  # methods say which they use
+# options of which each method says whether it uses them
+NOT_FOR_ALL = ("nodes", "grading", "accuracy", "algorithm", "verify", "truncation", "backend", "precision")
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 
