@@ -22,10 +22,10 @@ import numpy as np
 import scipy
 
 import vrte
+from vrte.basics.errors import SceneError
 from vrte.basics.running import count_usable_cpus
 from vrte.cli import main
-from vrte.commands.common import Parser, join_progress, make_folder, say_written, show_progress
-from vrte.commands.common import make_markdown_table as make_markdown_table
+from vrte.commands.common import Parser, join_progress, say_written, show_progress
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.describe import BLUE, FAINT, GREEN, ORANGE, PURPLE, RED
 
@@ -111,6 +111,26 @@ def carry_out(study: Study[Any, Any, Any], output: Path | None, fresh: bool = Fa
         for path in study.page(rows, folder, "; ".join(filter(None, [study.settings, busy]))):
             say_written(path)
     study.require(rows)
+
+
+def make_folder(folder: Path) -> Path:
+    """A folder to write in, made if absent."""
+    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise SceneError(f"the output {folder} must be a folder that can be written in")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """With every row's cells between bars.
+
+    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
+    | a | b |
+    |---|---|
+    | 1 | x\\|y |
+    """
+    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
+    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
 def make_command(name: str, told: str, *examples: tuple[str, str]) -> Parser:

@@ -8,13 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from vrte import _core
 
 ROOT = Path(__file__).parents[1]
-STUB = ast.parse((ROOT / "vrte" / "_core.pyi").read_text())
-DECLARED = {node.name: node.args for node in ast.walk(STUB) if isinstance(node, ast.FunctionDef)}
+STUB = list(ast.walk(ast.parse((ROOT / "vrte" / "_core.pyi").read_text())))
+DECLARED = {node.name: node.args for node in STUB if isinstance(node, ast.FunctionDef)}
+FIELDS: dict[str, set[str]] = {}  # of classes of arguments that several functions share
+for node in STUB:
+    if isinstance(node, ast.ClassDef):
+        above = set().union(*(FIELDS.get(base.id, set()) for base in node.bases if isinstance(base, ast.Name)))
+        FIELDS[node.name] = above | {ast.unparse(one.target) for one in node.body if isinstance(one, ast.AnnAssign)}
 CALL = (
     "_core.order_bounds(crew, coefficients=a, terms=i, albedo=a, directions=a, weights=a, n_out=1, strength=a, "
     "bounds=a, effect=a)"
@@ -28,13 +31,14 @@ MISTAKES = [  # what is written instead of what, and what mypy says of it
 ]
 
 
-@pytest.mark.parametrize("name", sorted(DECLARED))
-def test_what_is_declared_is_what_is_compiled(name: str) -> None:
-    args = DECLARED[name]
-    declared = [[arg.arg for arg in group if arg.arg != "self"] for group in (args.args, args.kwonlyargs)]
-    compiled = inspect.signature(getattr(_core, name)).parameters.values()
-    kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
-    assert declared == [[each.name for each in compiled if each.kind is kind] for kind in kinds]
+def test_what_is_declared_is_what_is_compiled() -> None:
+    for name, args in DECLARED.items():
+        shared = FIELDS[args.kwarg.annotation.slice.id] if args.kwarg else set()  # type: ignore[union-attr]
+        compiled = inspect.signature(getattr(_core, name)).parameters.values()
+        in_order = [each.name for each in compiled if each.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+        named = {each.name for each in compiled if each.kind is inspect.Parameter.KEYWORD_ONLY}
+        assert in_order == [arg.arg for arg in args.args if arg.arg != "self"], name
+        assert named == {arg.arg for arg in args.kwonlyargs} | shared, name
 
 
 def test_mypy_finds_a_swapped_argument(tmp_path: Path) -> None:
@@ -50,6 +54,6 @@ def test_mypy_finds_a_swapped_argument(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     found = re.findall(r"^calls\.py:(\d+): error: (.*)$", done.stdout, re.MULTILINE)
     first = setup.count("\n") + 2
-    assert sorted({int(line) for line, _ in found}) == list(range(first, first + len(MISTAKES))), done.stdout
+    assert {int(line) for line, _ in found} == {*range(first, first + len(MISTAKES))}, done.stdout
     for line, (_, _, said) in enumerate(MISTAKES, first):
         assert any(said in text for number, text in found if int(number) == line), done.stdout

@@ -1,6 +1,6 @@
 """Types of the compiled core; shapes and units are in the docstrings of core/*.pxi."""
 
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,52 +65,49 @@ def path_integrals(
     mu: Array,
     slab_stacks: int = ...,
 ) -> Array: ...
+
+class Modes(TypedDict):
+    """The homogeneous and particular solutions of slabs, and their amplitudes."""
+
+    lam_re: Array
+    lam_im: Array
+    even: Array
+    odd: Array
+    c: Array
+    zeta: Array
+    mu0: Array
+
 def mode_coordinates_of_stacks(
-    *,
-    lam_re: Array,
-    lam_im: Array,
-    even: Array,
-    odd: Array,
-    c: Array,
-    zeta: Array,
-    mu0: Array,
-    decaying: IntArray,
-    thickness: Array,
-    above: Array,
-    depth: Array,
+    *, decaying: IntArray, thickness: Array, above: Array, depth: Array, **modes: Unpack[Modes]
 ) -> Array: ...
 def mode_coordinates(
-    *,
-    lam_re: Array,
-    lam_im: Array,
-    even: Array,
-    odd: Array,
-    c: Array,
-    zeta: Array,
-    mu0: Array,
-    decaying: bool,
-    thickness: float,
-    above: float,
-    depth: float,
+    *, decaying: bool, thickness: float, above: float, depth: float, **modes: Unpack[Modes]
 ) -> Array: ...
+
+class Slabs(TypedDict):
+    """Fourier orders of slabs, directions and incident columns, and what is found."""
+
+    orders: IntArray
+    members: IntArray
+    coefficients: Array
+    terms: IntArray
+    albedo: Array
+    thickness: Array
+    directions: Array
+    weights: Array
+    n_out: int
+    columns: Array
+    out: Array
+    residual: Array
+
 def fused_modes(
     crew: ThreadTeam,
     *,
-    orders: IntArray,
-    members: IntArray,
-    coefficients: Array,
-    terms: IntArray,
-    albedo: Array,
-    directions: Array,
-    weights: Array,
     n_up: int,
-    n_out: int,
-    columns: Array,
     conserving: bool,
     quick: bool,
     clear: bool,
     clear_layers: IntArray,
-    thickness: Array,
     above: Array,
     base_row: IntArray,
     base: Array,
@@ -123,10 +120,9 @@ def fused_modes(
     modes: Array,
     amplitudes: Array,
     decaying: IntArray,
-    residual: Array,
     spent: Array,
     missed: IntArray,
-    out: Array,
+    **others: Unpack[Slabs],
 ) -> None: ...
 
 # doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions
@@ -134,32 +130,26 @@ def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
 def solve_by_factors(lu: Array, pivots: IntArray, b: Array, from_right: bool = ..., wide: bool = ...) -> Array: ...
 def symmetric_eigenproblem(matrix: Array, wide: bool = True) -> tuple[Array, Array]: ...
 def fractions_work(n: int, n_out: int, n_rhs: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
+
+class Fractions(Slabs):
+    """The poles of tanh with their weights, as well."""
+
+    place: Array
+    share: Array
+    constant: float
+    on_nodes: Array
+    info: IntArray
+
 def reflect_by_fractions(
     crew: ThreadTeam,
     *,
-    orders: IntArray,
-    members: IntArray,
-    coefficients: Array,
-    terms: IntArray,
-    albedo: Array,
-    thickness: Array,
-    directions: Array,
-    weights: Array,
-    n_out: int,
-    columns: Array,
-    place: Array,
-    share: Array,
-    constant: float,
     E: Array,
     F: Array,
     G_E: Array,
     G_F: Array,
     source_s: Array,
     source_d: Array,
-    out: Array,
-    on_nodes: Array,
-    residual: Array,
-    info: IntArray,
+    **others: Unpack[Fractions],
 ) -> None: ...
 def scatterings_work(
     n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int, depths: int = ...
@@ -167,27 +157,11 @@ def scatterings_work(
 def scatter_by_fractions(
     crew: ThreadTeam,
     *,
-    orders: IntArray,
-    members: IntArray,
-    coefficients: Array,
-    terms: IntArray,
-    albedo: Array,
-    thickness: Array,
-    directions: Array,
-    weights: Array,
-    n_out: int,
-    columns: Array,
-    place: Array,
-    share: Array,
-    constant: float,
     inside: Array,
     tolerance: float,
-    out: Array,
-    on_nodes: Array,
     out_inside: Array,
     on_nodes_inside: Array,
-    residual: Array,
-    info: IntArray,
+    **others: Unpack[Fractions],
 ) -> None: ...
 def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int

@@ -82,8 +82,8 @@ def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -
 
 def _answer(error: BaseException) -> int:
     """One line on what went wrong, and the exit code; what nobody has foreseen is raised again."""
-    if isinstance(error, OSError) and not _is_open(sys.stdout):
-        _let_go_of(sys.stdout)
+    if isinstance(error, OSError):
+        _release(sys.stdout)
     if isinstance(error, BrokenPipeError):
         return 1  # whoever read our output has gone: nobody is left to tell
     if isinstance(error, KeyboardInterrupt):
@@ -96,19 +96,13 @@ def _answer(error: BaseException) -> int:
     raise error
 
 
-def _is_open(stream: TextIO) -> bool:
-    """Whether what is printed still gets somewhere."""
+def _release(stream: TextIO) -> None:
+    """Sends a stream that cannot be written to nowhere: its flush at exit would fail again."""
     try:
         stream.flush()
     except OSError:
-        return False
-    return True
-
-
-def _let_go_of(stream: TextIO) -> None:
-    """Nothing more comes to a stream that cannot be written to: its flush at exit would fail again."""
-    with suppress(OSError), open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), stream.fileno())
+        with suppress(OSError), open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _complain(message: str, code: int) -> int:

@@ -188,14 +188,6 @@ def check_extra(purpose: str, extra: str, modules: Iterable[str]) -> None:
         raise MissingExtraError(purpose, extra)
 
 
-def make_folder(folder: Path) -> Path:
-    """A folder to write in, made if absent."""
-    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise SceneError(f"the output {folder} must be a folder that can be written in")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
 def write(path: Path | None, writer: Callable[[Path], object]) -> None:
     """Writes a file, where one is asked for, and says so."""
     if path is not None:
@@ -264,15 +256,3 @@ def join_progress(phase: Callable[[str], None], tick: Tick) -> Callable[[int, in
         tick(done, total)
 
     return tell
-
-
-def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """With every row's cells between bars.
-
-    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
-    | a | b |
-    |---|---|
-    | 1 | x\\|y |
-    """
-    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
-    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
