@@ -30,15 +30,14 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
     at the faces of layers stay there, others where they are below the top of all. Raises SceneError where there is no
     derivative: a bound on either side of the number.
     """
-    request = plan.request
-    scenes = sample_scenes(request, variation)
+    scenes = sample_scenes(plan.request, variation)
     plans = [plan_batch(plan, scene, run) for _, scene in scenes]
-    total: Solution | None = None
+    sums: list[Array] = []
     for place, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
         (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))
-        total = add_weighted(total, weight, found)
-    assert total is not None
-    return total
+        weighted = [weight * array for array in (found.flux_up, found.flux_down, *found.parts)]
+        sums = [one + other for one, other in zip(sums, weighted, strict=True)] if sums else weighted
+    return Solution(sums[2:], sums[0], sums[1], found.diagnostics)
 
 
 def differentiate_beams(
@@ -58,8 +57,10 @@ def sample_scenes(request: Request, variation: Variation, beams: bool = False) -
     Raises SceneError where a bound is on either side."""
     if request.illuminate == "bottom":
         variation = turn_variation(variation)
-    if is_along_whole_scenes(variation):
-        assert variation.scene_at is not None
+    # steps are those of the number itself where ingredients do not say all, and of facets, whose lobes are averaged
+    # over the nodes as long as nothing is added to them
+    facets = any(part.facets is not None for _, part in variation.base)
+    if variation.scene_at is not None and (variation.is_outside or facets):
         return sample_around(variation.scene_at, variation.value, find_whole_step(request, variation))
     return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation, beams))
 
@@ -84,23 +85,6 @@ def find_whole_step(request: Request, variation: Variation) -> float:
     return step
 
 
-def is_along_whole_scenes(variation: Variation) -> bool:
-    """Whether steps are those of the number itself: where ingredients do not tell all, and of facets, whose lobes are
-    averaged over the nodes as long as nothing is added to them."""
-    facets = any(part.facets is not None for _, part in variation.base)
-    return variation.scene_at is not None and (variation.is_outside or facets)
-
-
-def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solution:
-    """A solution times a weight, added to a sum of others."""
-    parts = [weight * part for part in found.parts]
-    fluxes = [weight * found.flux_up, weight * found.flux_down]
-    if total is not None:
-        parts = [one + other for one, other in zip(total.parts, parts, strict=True)]
-        fluxes = [one + other for one, other in zip((total.flux_up, total.flux_down), fluxes, strict=True)]
-    return Solution(parts, fluxes[0], fluxes[1], found.diagnostics)
-
-
 def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:
     """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
     known, request = (plan.choice, FINEST), place_request(plan.request, scene)
@@ -111,22 +95,18 @@ def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:
 
 
 def place_request(request: Request, scene: Scene) -> Request:
-    """The same asked of another scene, whose layers may have other thicknesses."""
-    return replace(request, scene=scene, tau=follow_depths(request, scene), verify=False)
-
-
-def follow_depths(request: Request, scene: Scene) -> Array:
-    """The request's depths (n_tau,) in a scene whose layers have other thicknesses: those at faces of layers stay
-    there, all others stay where they are below the top of all."""
+    """The same asked of another scene, whose layers may have other thicknesses: depths at faces of layers stay there,
+    all others stay where they are below the top of all."""
     given, now = (np.array([layer.thickness for layer in one.layers]) for one in (request.scene, scene))
-    if np.array_equal(given, now):
-        return request.tau
+    tau = request.tau
     if request.kind == "brdf":
-        return np.array([0.0, scene.thickness])[: request.tau.size]
-    at, upper, lower = find_faces(request)
-    faces = np.concatenate([[0.0], np.cumsum(now)])
-    found: Array = np.where(upper, faces[at], np.where(lower, faces[at + 1], request.tau))
-    return np.where(request.tau >= request.scene.thickness, scene.thickness, np.where(found > 0.0, found, 0.0))
+        tau = np.array([0.0, scene.thickness])[: tau.size]
+    elif not np.array_equal(given, now):
+        at, upper, lower = find_faces(request)
+        faces = np.concatenate([[0.0], np.cumsum(now)])
+        found = np.where(upper, faces[at], np.where(lower, faces[at + 1], tau))
+        tau = np.where(tau >= request.scene.thickness, scene.thickness, np.where(found > 0.0, found, 0.0))
+    return replace(request, scene=scene, tau=tau, verify=False)
 
 
 def find_faces(request: Request) -> tuple[IntArray, BoolArray, BoolArray]:
