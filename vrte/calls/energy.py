@@ -85,22 +85,17 @@ def locate_levels(request: Request) -> tuple[Array, list[bool]]:
 
 def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Iterator[str]:
     """Facets that, without shadowing, send on more than falls on them along beams; a warning where it is much more."""
-    surfaces = [
-        (f"interface {number}", k, interface.facets)
-        for number, (k, interface) in enumerate(((k, one) for k, one in enumerate(scene.interfaces) if one), 1)
-        if not interface.is_smooth
-    ]
-    if scene.below.facets is not None:
-        surfaces.append(("the base", -1, scene.below.facets))
-    for name, place, facets in surfaces:
+    there = [(k, one) for k, one in enumerate(scene.interfaces) if one]
+    surfaces = [(f"interface {number}", k, one.facets) for number, (k, one) in enumerate(there, 1) if not one.is_smooth]
+    for name, place, facets in (*surfaces, ("the base", -1, scene.below.facets)):
+        if facets is None or facets.shadowing:
+            continue
         cosines = find_cosines(scene.media, scene.index_above, mu0)[place]
         lit = cosines > 0.0
-        if facets.shadowing or not lit.any():
-            continue
         sent = np.sum(share_energy(facets, cosines[lit]), axis=0)
-        worst = int(sent.argmax())
-        if sent[worst] <= 1.0 + allowed:
+        if sent.max(initial=0.0) <= 1.0 + allowed:
             continue
+        worst = int(sent.argmax())
         words = f"{ENERGY}facets of {name} make light without shadowing: along mu = {mu0[lit][worst]:g} they send on"
         note = f"{words} {sent[worst]:.6g} of what falls on them"
         if sent[worst] > MUCH:
@@ -110,14 +105,13 @@ def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Ite
 
 def find_cause(request: Request, allowed: float) -> str:
     """Who makes or loses light that should balance."""
-    scene, base = request.scene, request.scene.below
-    rough = [one.facets for one in scene.interfaces if one and not one.is_smooth]
+    base = request.scene.below
+    rough = [one.facets for one in request.scene.interfaces if one and not one.is_smooth]
     if any(not facets.shadowing for facets in (*rough, base.facets) if facets is not None):
         return "facets without shadowing make light"
     reflectance = getattr(base, "reflectance", None)
     most = reflectance(CHECKED_COSINES).max() if reflectance else 0.0
     if most > 1.0 + allowed:
         return f"the base gives back up to {most:.6g} of what it gets"
-    if request.method != EXACT:
-        return f"method {request.method!r} does not conserve it"
-    return "the nodes are too few to conserve it"
+    exact = request.method == EXACT
+    return "the nodes are too few to conserve it" if exact else f"method {request.method!r} does not conserve it"
