@@ -477,30 +477,22 @@ def solve(
 
 def collect(asked: Order, mu: Sequence[float], media: Sequence[float], fields: list[tuple[Jet, Jet]]) -> Light:
     """Radiance, beams and fluxes of the fields at levels that lie in these media."""
-    first, count = asked.size - len(asked.mu0), len(asked.mu0)
-    radiance, beams, cosines, fluxes = [], [], [], []
+    count, places = len(asked.mu0), range(len(asked.mu0))
+    radiance, beams, fluxes, cosines = [], [], [], []
     for n, both in zip(media, fields, strict=True):
         medium = asked.find_medium(n)
-        down, up = (light.value if asked.derivative is None else light.changes for light in both)
-
-        def cut(i: int, b: int, upward: bool, down: arb_mat = down, up: arb_mat = up) -> list[list[arb]]:
-            light = up if upward else down
-            return [[light[4 * i + s, 4 * b + t] * (FLIP[s] if upward else 1) for t in range(4)] for s in range(4)]
-
+        matrices = (light.value if asked.derivative is None else light.changes for light in both)
+        blocks = (np.array(one.tolist(), dtype=object).reshape(asked.size, 4, count, 4) for one in matrices)
+        down, up = (block.swapaxes(1, 2) for block in blocks)  # (direction, beam, 4, 4)
+        up = up * np.array(FLIP)[:, None]
         rows = [len(asked.nodes) + asked.seen.index((n, abs(float(u)))) for u in mu]
-        radiance.append([[cut(i, b, u > 0) for i, u in zip(rows, mu, strict=True)] for b in range(count)])
-        beams.append([[cut(first + b, b, upward) for b in range(count)] for upward in (False, True)])
-        cosines.append([float(x.mid()) if (x := medium.mu[first + b]) is not None else 0.0 for b in range(count)])
-        through = [(4 * i, medium.weights[i] * medium.mu[i]) for i in medium.nodes] if asked.m == 0 else []
-        fluxes.append(
-            [
-                [[sum((w * light[i, 4 * b + t] for i, w in through), arb(0)) for t in range(4)] for b in range(count)]
-                for light in (down, up)
-            ]
-        )
-    straight, passing = np.moveaxis(find_centres(beams), 1, 0), np.moveaxis(find_centres(fluxes), 1, 0)
-    shape = len(media), count, len(mu), 4, 4
-    seen = find_centres(radiance).reshape(shape) / (2 * math.pi)
+        radiance.append([[(up if u > 0 else down)[i, b] for i, u in zip(rows, mu, strict=True)] for b in places])
+        beams.append([[light[b - count, b] for b in places] for light in (down, up)])
+        through = [(i, medium.weights[i] * medium.mu[i]) for i in medium.nodes] if asked.m == 0 else []
+        fluxes.append([sum((w * light[i, :, 0] for i, w in through), 0 * light[0, :, 0]) for light in (down, up)])
+        cosines.append([float(x.mid()) if (x := medium.mu[b - count]) is not None else 0.0 for b in places])
+    seen = find_centres(radiance).reshape(len(media), count, len(mu), 4, 4) / (2 * math.pi)
+    straight, passing = (np.moveaxis(find_centres(each), 1, 0) for each in (beams, fluxes))
     return Light(seen, *straight, np.array(cosines), *passing)
 
 
@@ -535,12 +527,17 @@ def brdf(
     orders: Iterable[int],
     derivative: str | None = None,
     polarized: bool = True,
+    least: float = 0.0,
 ) -> Answer:
-    """All that leaves a scene, in the Fourier orders asked for; mu_o in the medium above of what is reflected, below of
-    what is transmitted (nothing through a semi-infinite layer)."""
+    """All that leaves a scene, in the Fourier orders asked for, up to one that is less than ``least`` of the largest;
+    mu_o in the medium above of what is reflected, below of what is transmitted."""
     mu = np.array([*mu_o, *(-np.array(mu_o))])
     levels: list[Level] = [(-1, 0.0), *([(len(scene.layers), 0.0)] if math.isfinite(scene.thickness) else [])]
-    found = [solve(scene, mu_i, mu, levels, nodes, m, derivative, polarized) for m in orders]
+    found: list[Light] = []
+    for m in orders:
+        found.append(solve(scene, mu_i, mu, levels, nodes, m, derivative, polarized))
+        if np.abs(found[-1].radiance).max(initial=0.0) < least * np.abs(found[0].radiance).max(initial=0.0):
+            break
     per_area = np.array(mu_i)[:, None, None, None]
     top, bottom = found[0], len(levels) - 1
     light = np.array([each.radiance for each in found])  # (order, level, in, mu, 4, 4)
