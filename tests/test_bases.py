@@ -1,7 +1,9 @@
-"""Bases of one's own: published surfaces, how their azimuths are integrated, and what is refused."""
+"""What bounds a stack below: orders of bases, published surfaces, a user's own, how azimuths are integrated, and what
+is refused."""
 
 import runpy
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +14,108 @@ import vrte
 from vrte.discrete_ordinates.orders.base import find_reflected_orders
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.formats.bases import BASES
+from vrte.formats.keys import FilePath
+from vrte.methods import find_method
+from vrte.request.how import EXACT, METHODS
 from vrte.scene.azimuths import sum_over_azimuths, sum_pieces
-from vrte.scene.boundary import Boundary
+from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary, Lambertian, MuellerBase, make_azimuth_rule
 
 from .helpers import assert_close
+from .samples import spheroids
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Function = Callable[..., np.ndarray]
+
+
+DIRECTIONS: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0]}
+PILE = [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)]
+FOUR = [BLACK, TRANSPARENT, Lambertian(0.3), MuellerBase(lambda mu_i, mu_o, phi: np.diag([0.1, 0.05, 0.05, 0.02]))]
+
+
+@dataclass(frozen=True)
+class Grey(Boundary):
+    """Reflects half of the light evenly, as a third party would write it."""
+
+    orders_reflected = 1
+
+    @property
+    def even_albedo(self) -> float:
+        return 0.5
+
+    def reflect(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
+        return np.array([[0.5 / np.pi]])
+
+    def reflect_orders(self, mu_i: Any, mu_o: Any, pairs: Any, n_order: int, allowed: Any) -> Any:
+        orders = np.zeros((1, mu_i.size, mu_o.size, 4, 4))
+        orders[..., 0, 0] = 1.0
+        return orders, 0
+
+
+BOUNDARIES: dict[str, Boundary] = {f"{k}: {one.name}": one for k, one in enumerate(FOUR)} | {
+    kind: base
+    for kind, row in BASES.items()
+    if not any(isinstance(key, FilePath) for key in row.keys.values())
+    and (base := row.make(**{name: key.start for name, key in row.keys.items() if key.needed})) is not None
+}
+
+
+def combine(cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """R^m, (1:35), of integrals of f with cos(m phi) and with sin(m phi)."""
+    found = cosine.copy()
+    found[..., 2:, :2], found[..., :2, 2:] = sine[..., 2:, :2], -sine[..., :2, 2:]
+    return found
+
+
+@pytest.mark.parametrize("kind", BOUNDARIES)
+def test_orders_are_the_integrals_of_the_reflection(kind: str) -> None:
+    """By a literal sum over azimuths; half of R^0 is the share of light that comes back, at most 1."""
+    base, mu_i, mu_o, n_order = BOUNDARIES[kind], np.array([0.25, 0.8]), np.array([0.4, 0.95]), 4
+    orders, _ = base.reflect_orders(mu_i, mu_o, np.ones((2, 2), bool), n_order, lambda size: 1e-9 * (1.0 + size))
+    assert len(orders) <= base.orders_reflected
+    phi, weight = make_azimuth_rule(np.arange(1, 8192), 8192)
+    f = np.zeros((phi.size, 2, 2, 4, 4))
+    found = base.reflect(mu_i[:, None], mu_o, np.degrees(phi)[:, None, None])
+    f[..., : found.shape[-1], : found.shape[-1]] = found
+    for m in range(n_order):
+        expected = combine(*(np.einsum("p,pioab->ioab", 2.0 * weight * w(m * phi), f) for w in (np.cos, np.sin)))
+        given = orders[m] if m < len(orders) else np.zeros((2, 2, 4, 4))
+        assert_close(given, expected, rtol=0.0, atol=2e-7 * max(1.0, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("algorithm", ["modes", "doubling"])
+def test_light_over_a_base_that_mixes_stokes_is_reciprocal(algorithm: str) -> None:
+    """f(mu_o, mu_i) = P f(mu_i, mu_o)^T P, P = diag(1, 1, 1, -1), as the base's own: light scattered once."""
+    low = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
+
+    def reflect(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+        given = (np.unique(axis, return_inverse=True) for axis in np.broadcast_arrays(mu_i, mu_o, phi_deg))
+        axes, index = zip(*given, strict=True)
+        return vrte.brdf(low, *axes, method="single-scattering").mueller[index]
+
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.3)], MuellerBase(reflect))
+    f = vrte.brdf(scene, [0.3, 0.8], [0.3, 0.8], [0.0, 50.0, 130.0], nodes=6, algorithm=algorithm).mueller
+    P = np.diag([1.0, 1.0, 1.0, -1.0])
+    assert_close(f, P @ f.transpose(1, 0, 2, 4, 3) @ P, rtol=0.0, atol=1e-12 * f.max())
+
+
+def test_light_reaches_and_passes_what_it_can() -> None:
+    """Straight through what is transparent alone; below a semi-infinite layer everything is black."""
+    assert [bool(one.transmit_straight(np.array([0.4])).any()) for one in FOUR] == [False, True, False, False]
+    assert vrte.Scene(PILE).above is TRANSPARENT
+    assert vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, np.inf)], Lambertian(0.5)).below is BLACK
+    assert vrte.Scene(PILE, Lambertian(0.5)).below == Lambertian(0.5)
+
+
+def test_a_boundary_of_ones_own() -> None:
+    """The same bits as the one of the house that does the same, by every method that takes it."""
+    for method in METHODS:
+        if method != EXACT and find_method(method).base == "none":
+            continue
+        how: dict[str, Any] = {"method": method} | ({"nodes": 6} if method not in ("diffusion", "two-stream") else {})
+        pile = [vrte.Layer(vrte.henyey_greenstein(0.3, 8), 0.9, 0.4)]
+        found, expected = (vrte.brdf(vrte.Scene(pile, base), **DIRECTIONS, **how) for base in (Grey(), Lambertian(0.5)))
+        assert np.array_equal(found.mueller, expected.mueller), method
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +199,7 @@ def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) 
     angle = np.arange(5)[:, None] * np.radians(phi)
     into, out = np.append(problem.nodes, 0.35), np.append(problem.nodes, 0.7)
     f = base(into[:, None, None], out[:, None], phi)
-    cosine, sine = (np.tensordot(np.pi * weight * turn(angle), f, (1, 2)) for turn in (np.cos, np.sin))
-    expected = cosine.copy()
-    expected[..., 2:, :2], expected[..., :2, 2:] = sine[..., 2:, :2], -sine[..., :2, 2:]
+    expected = combine(*(np.tensordot(np.pi * weight * turn(angle), f, (1, 2)) for turn in (np.cos, np.sin)))
     expected[:, -1, -1] = 0.0  # from the beam straight to the direction asked for: in closed form, not here
     scale = np.sqrt(np.append(problem.weights * problem.nodes, 1.0))
     gap = np.abs(found - expected).max(axis=(0, 3, 4)) * scale[:, None] * scale
@@ -148,11 +243,8 @@ def test_facets_that_end_at_a_tilt_have_the_orders_of_both_sides_of_the_jump(
         phi = 0.5 * np.array([t_jump * (1 + x), np.pi + t_jump + (np.pi - t_jump) * x])
         share = 0.5 * np.array([t_jump * weight, (np.pi - t_jump) * weight])
         f = cut_sea(into[i], out[o], np.degrees(phi), rough_sea)
-        even, odd = (
-            np.einsum("mqp,qp,qpab->mab", turn(np.arange(4)[:, None, None] * phi), 2 * share, f)
-            for turn in (np.cos, np.sin)
-        )
-        even[..., 2:, :2], even[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
+        waves = (turn(np.arange(4)[:, None, None] * phi) for turn in (np.cos, np.sin))
+        even = combine(*(np.einsum("mqp,qp,qpab->mab", wave, 2 * share, f) for wave in waves))
         gap[i, o] = np.abs(found[:, i, o] - even).max() * scale[i] * scale[o]
         largest[i, o] = np.abs(even).max() * scale[i] * scale[o]
     assert gap.max() <= 0.1 * accuracy * largest.max()
