@@ -18,6 +18,7 @@ from vrte.request.how import EXACT, METHODS
 from . import exact
 from .helpers import assert_close
 from .samples import slow_but
+from .scenes import make_leaf
 
 OTHERS = tuple(name for name in METHODS if name != EXACT)
 BY_ACCURACY = [name for name in OTHERS if "accuracy" in find_method(name).options]
@@ -34,21 +35,8 @@ FINE = {
 ISOTROPIC, RAYLEIGH, HAZE = vrte.isotropic(), vrte.rayleigh(), vrte.henyey_greenstein(0.3, 5)
 SPHERES = vrte.spheres((1.5, 2.0), radius_um=0.05, wavelength_um=0.5).phase_matrix  # with b2: V, and signs of U and V
 THIN = vrte.Scene([vrte.Layer(ISOTROPIC, albedo=0.5, thickness=0.1)])
+LEAF = vrte.MuellerBase(make_leaf)  # polarizes, and reflects other azimuthal orders than 0
 GLASS, WATER, SILVER = vrte.Interface(1.0, 1.5), vrte.Interface(1.0, 1.34), vrte.Mirror((0.05, 3.0))
-
-
-def depolarizing_base() -> vrte.MuellerBase:
-    """Reflects other azimuthal orders than 0, and polarizes."""
-
-    def matrix(mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        cosine = np.cos(np.radians(phi))
-        result = np.zeros((*np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi)), 4, 4))
-        result[..., 0, 0] = 0.1 + 0.02 * cosine * mu_i * mu_o
-        result[..., 1, 0] = result[..., 0, 1] = 0.02 * mu_i * mu_o
-        result[..., 1, 1] = result[..., 2, 2] = 0.03
-        return result
-
-    return vrte.MuellerBase(matrix)
 
 
 @pytest.fixture(params=OTHERS)
@@ -136,7 +124,7 @@ def test_options_that_it_does_not_use_are_refused_by_name(method: Method, option
 CALLS = [
     (lambda: vrte.radiance(THIN, 0.5, tau=0.05, method="invariant-imbedding"), "takes no depth inside a layer"),
     *(
-        (lambda name=name: vrte.brdf(vrte.Scene(layers(), depolarizing_base()), 0.5, 0.5, method=name), words)
+        (lambda name=name: vrte.brdf(vrte.Scene(layers(), LEAF), 0.5, 0.5, method=name), words)
         for name in ("two-stream", "diffusion", "synthetic-iteration")
         for words in [f"method '{name}' takes no base but a Lambertian one"]
     ),
@@ -175,8 +163,8 @@ def test_files_and_spectra_are_refused_alike(tmp_path: Path, capsys: pytest.Capt
 # beside the scenes of tests/scenes.py, which every method is tried on: tests/test_every_way.py
 TWO = [vrte.Layer(HAZE, 0.95, 0.4), vrte.Layer(RAYLEIGH, 0.9, 0.8)]
 SAME = {
-    "stack over Mueller": vrte.Scene(TWO, depolarizing_base()),
-    "scalar over Mueller": vrte.Scene([vrte.Layer(ISOTROPIC, 0.9, 0.5)], depolarizing_base()),
+    "stack over Mueller": vrte.Scene(TWO, LEAF),
+    "scalar over Mueller": vrte.Scene([vrte.Layer(ISOTROPIC, 0.9, 0.5)], LEAF),
     "clear and empty layers": vrte.Scene([vrte.Layer(HAZE, 0.9, 0.0), vrte.Layer(ISOTROPIC, 0.0, 0.5), TWO[0]]),
     "spheres": vrte.Scene([vrte.Layer(SPHERES, 0.95, 1.0)]),
     "white, thick": vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 1e4)]),
@@ -342,7 +330,7 @@ def test_a_base_sends_all_its_orders_to_and_fro(method: str) -> None:
     how = {"truncation": "none"} if method == EXACT else {"settings": FINE[method][0]}
     found = [
         vrte.brdf(
-            vrte.Scene([GLASS, vrte.Layer(phase, 0.0, 0.1)], depolarizing_base()), [0.3, 0.8], [0.2, 0.9],
+            vrte.Scene([GLASS, vrte.Layer(phase, 0.0, 0.1)], LEAF), [0.3, 0.8], [0.2, 0.9],
             phi=[0.0, 70.0], nodes=6, method=method, **how,
         ).mueller
         for phase in (ISOTROPIC, vrte.henyey_greenstein(0.5, 6))
