@@ -1,7 +1,5 @@
 """Bases from files: results of vrte and Mitsuba's tensor, in scene files and sweeps, and files that are damaged."""
 
-import os
-import random
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from vrte.formats.measured_polarized import write_mitsuba
 from vrte.formats.mitsuba_files import read_tensors, write_tensors
 from vrte.formats.named import find_named_tables
 from vrte.formats.scene_file import make_scene_file
+from vrte.formats.toml_table import write_toml
 from vrte.sweep.template import read_sweep
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
@@ -50,7 +49,7 @@ def few_directions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(base_file, "directions", partial(directions, 24, 15))
 
 
-def found_at(base: vrte.TabulatedBase) -> np.ndarray:
+def found_at(base: Any) -> np.ndarray:
     return base.reflect(MU[:, None, None], MU[:, None], PHI)
 
 
@@ -88,19 +87,7 @@ def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path:
     assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.5)), exact) > 1e-2
 
 
-@pytest.mark.usefixtures("few_directions")
-@pytest.mark.parametrize(
-    ("wavelength", "words"),
-    [
-        (0.7, r"wavelength_um must be one of the file's wavelengths, 0\.45, 0\.5, 0\.55, 0\.6, 0\.65, not 0\.7"),
-        (0.551, r"wavelength_um must be one of the file's wavelengths, .*, not 0\.551"),
-        (None, "wavelength_um is needed: one of the file's wavelengths"),
-    ],
-)
-def test_a_wavelength_that_a_file_has_not_is_refused(wavelength: Any, words: str, tensor: Path) -> None:
-    with pytest.raises(vrte.SceneError, match=words) as refused:
-        vrte.read_base(tensor, wavelength)
-    assert str(refused.value).count(str(tensor)) == 1
+AXES = {"axes": {"layer[1].thickness": [0.1, 0.3]}}
 
 
 def content(**base: Any) -> dict[str, Any]:
@@ -119,7 +106,7 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
     read = make_scene_file(content(file="all.nc"), folder=tmp_path).scene
     assert read.base is not None
     expected = vrte.read_base(tmp_path / "all.nc", 0.55)
-    np.testing.assert_array_equal(found_at(read.base), found_at(expected))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found_at(read.base), found_at(expected))
     assert find_named_tables(content(file="all.nc")) == {("base", "file"): "all.nc"}
     assert find_named_tables(content(file="paint.bsdf")) == {("base", "file"): "paint.bsdf"}
 
@@ -129,6 +116,8 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
     [
         ({"file": "all.nc"}, 0.7, r'base\.file = "all\.nc": wavelength_um must be one of .*, not 0\.7'),
         ({"file": "all.nc"}, None, r'base\.file = "all\.nc": wavelength_um is needed: one of'),
+        ({"file": "a.bsdf"}, 0.7, r"must be one of the file's wavelengths, 0\.45, 0\.5, 0\.55, 0\.6, 0\.65, not 0\.7"),
+        ({"file": "a.bsdf"}, 0.551, r"must be one of the file's wavelengths, .*, not 0\.551"),
         ({"file": "none.nc"}, 0.5, r'base\.file = "none\.nc": the file cannot be read: No such file'),
         ({"file": "all.txt"}, 0.5, r"the path of a \.nc or \.csv or \.bsdf or \.pbsdf file beside the scene file"),
         ({}, 0.5, r"base\.file"),
@@ -137,9 +126,10 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
     ],
 )
 def test_what_a_scene_file_says_of_a_table_wrongly(
-    base: dict[str, Any], wavelength: float | None, words: str, spectrum: vrte.Spectrum, tmp_path: Path
+    base: dict[str, Any], wavelength: float | None, words: str, spectrum: vrte.Spectrum, tensor: Path, tmp_path: Path
 ) -> None:
     spectrum.save(tmp_path / "all.nc")
+    (tmp_path / "a.bsdf").symlink_to(tensor)
     given = content(**base) | {"wavelength_um": wavelength}
     if wavelength is None:
         del given["wavelength_um"]
@@ -148,12 +138,21 @@ def test_what_a_scene_file_says_of_a_table_wrongly(
 
 
 def test_a_sweep_has_the_table_in_its_fingerprint(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
-    axes = {"layer[1].thickness": [0.1, 0.2]}
     prints = []
     for one in (spectrum[0], spectrum[2]):
         one.save(tmp_path / "one.nc")
-        prints.append(read_sweep(content(file="one.nc") | {"axes": axes}, tmp_path).fingerprint())
+        prints.append(read_sweep(content(file="one.nc") | AXES, tmp_path).fingerprint())
     assert prints[0] != prints[1]
+
+
+@pytest.mark.slow
+def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    spectrum[2].save(tmp_path / "one.nc")
+    (tmp_path / "sweep.toml").write_text(write_toml(content(file="one.nc") | AXES))
+    found = vrte.sweep(tmp_path / "sweep.toml", workers=2)
+    alone = make_scene_file(content(file="one.nc"), folder=tmp_path)
+    expected = vrte.brdf(alone.scene, **alone.keywords({}))
+    np.testing.assert_array_equal(found.mueller.values[1], expected.mueller)
 
 
 def test_a_file_is_read_again_where_it_has_changed(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
@@ -166,27 +165,10 @@ def test_a_file_is_read_again_where_it_has_changed(spectrum: vrte.Spectrum, tmp_
     np.testing.assert_array_equal(now.mueller, spectrum[2].mueller)  # type: ignore[union-attr]
 
 
-@pytest.mark.slow
-def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
-    spectrum[2].save(tmp_path / "one.nc")
-    (tmp_path / "sweep.toml").write_text(
-        'nodes = 6\nwavelength_um = 0.55\nbase = { kind = "table", file = "one.nc" }\n'
-        '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 0.1\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
-        '[axes]\n"layer[1].thickness" = [0.1, 0.3]\n'
-    )
-    found = vrte.sweep(tmp_path / "sweep.toml", workers=2)
-    alone = make_scene_file(content(file="one.nc"), folder=tmp_path)
-    expected = vrte.brdf(alone.scene, **alone.keywords({}))
-    np.testing.assert_array_equal(found.mueller.values[1], expected.mueller)
-
-
 def test_a_radiance_field_is_no_base(tmp_path: Path) -> None:
     vrte.radiance(SCENE, 0.5, mu=[0.5], nodes=2).save(tmp_path / "field.nc")
     with pytest.raises(vrte.SceneError, match=r"field\.nc holds a radiance field, and a base is a BRDF"):
         vrte.read_base(tmp_path / "field.nc")
-    os.mkfifo(tmp_path / "pipe.bsdf")
-    with pytest.raises(vrte.SceneError, match=r"pipe\.bsdf: it is no file"):
-        vrte.read_base(tmp_path / "pipe.bsdf")
 
 
 def nothing(fields: dict[str, Any]) -> None:
@@ -204,12 +186,10 @@ def leaning(fields: dict[str, Any]) -> None:
     [
         (
             lambda fields: fields.pop("wvls"),
-            "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h, wvls",
+            "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h",
         ),
-        (
-            lambda fields: fields.update(M=fields["M"][1:]),
-            r"its field M must have the shape \(25, 13, 13, 5, 4, 4\) to fit",
-        ),
+        (lambda fields: fields.update(M=fields["M"][1:]), r"its field M must have the shape \(25, 13, 13, 5, 4, 4\)"),
+        (lambda fields: fields.update(phi_d=fields["phi_d"] ** 3 / np.pi**2 + 0.01), "its field phi_d must "),
         (nothing, "its field M must have values, all of them finite"),
         (leaning, r"its mirror image, phi_d turned over, differs from it by .* \(average_mirrored takes the mean\)"),
         (lambda fields: fields.update(theta_h=fields["theta_h"][:, ::-1]), r"theta_h must ascend from 0 to 1\.571 rad"),
@@ -235,27 +215,3 @@ def test_what_leans_is_averaged_where_it_is_asked_for(tensor: Path, tmp_path: Pa
     leaning(fields)
     write_tensors(fields, tmp_path / "changed.bsdf")
     assert largest_gap(found_at(vrte.read_base(tmp_path / "changed.bsdf", 0.55, average_mirrored=True)), exact) < 0.1
-
-
-def test_damaged_tensors_end_in_one_sentence(tmp_path: Path) -> None:
-    """Cut anywhere, or with any byte of the head changed: refused, or read as what it then says."""
-    write_tensors({"M": np.zeros((3, 2, 2, 4, 4), np.float32), "wvls": np.array([450], np.uint16)}, tmp_path / "a.bsdf")
-    whole, path, dice = (tmp_path / "a.bsdf").read_bytes(), tmp_path / "damaged.bsdf", random.Random(1)
-    head = 100
-    said = []
-    for turn in range(300):
-        place = dice.randrange(head)
-        damaged = bytearray(whole)
-        if turn % 3:
-            damaged[place] ^= 1 << dice.randrange(8)
-        else:
-            damaged = damaged[: dice.choice([place, dice.randrange(len(whole))])]
-        path.write_bytes(damaged)
-        try:
-            read_tensors(path)
-        except vrte.SceneError as error:
-            said.append(str(error))
-    assert len(said) > 100
-    assert all(words.startswith(str(path)) and words.isprintable() for words in said)
-    with pytest.raises(vrte.SceneError, match=r"longer than the 1e-07 GB that are read"):
-        read_tensors(tmp_path / "a.bsdf", most_bytes=1e2)

@@ -26,18 +26,18 @@ from vrte.optics.spheres import spheres
 from .helpers import assert_close, close_to
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
-GOLD: dict[str, Any] = {
+ALBEDO, INDEX = 0.5, 1.5
+GREY: dict[str, Any] = {
+    "nodes": 4,
+    "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 0.0}],
+    "base": {"kind": "lambertian", "albedo": ALBEDO},
+    "brdf": {"mu_i": 0.5, "mu_o": 0.5},
+}
+WHITE = GREY | {"base": {"kind": "lambertian", "albedo": 1.0}}
+GOLD = GREY | {
     "nodes": 16,
     "particles": {"gold": {"index": "gold", "radius_um": 0.2}},
     "layer": [{"particles": "gold", "thickness": 5.0}],
-    "base": {"kind": "lambertian", "albedo": 0.5},
-    "brdf": {"mu_i": 0.5, "mu_o": 0.5},
-}
-WHITE: dict[str, Any] = {
-    "nodes": 4,
-    "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 0.0}],
-    "base": {"kind": "lambertian", "albedo": 1.0},
-    "brdf": {"mu_i": 0.5, "mu_o": 0.5},
 }
 
 
@@ -63,80 +63,77 @@ def random_directions(count: int, seed: int, lowest: float = 0.0) -> Array:
     )
 
 
-class TestTable:
-    def test_a_convergent_table(self, gold: Spectrum) -> None:
-        """The error of linear interpolation falls with the square of the step."""
-        pairs = np.linspace(0.15, 0.95, 6)
-        exact = vrte.spectrum(GOLD, [0.65], mu_i=pairs, mu_o=pairs[:5], phi=np.arange(7.0, 360.0, 50.0))
-        last = Spectrum([0.65], (gold[4],))
-        found = []
-        for step in (10.0, 5.0, 2.5):
-            angles = measured_polarized.make_axes(step)
-            table = measured_polarized.tabulate_spectrum(last, angles)
-            found.append(measured_polarized.measure_errors(table, angles, exact).median)
-        assert_close(np.log2(np.divide(found[:-1], found[1:])), 2.0, rtol=0.0, atol=0.4)
-        assert found[-1] < 3e-3
-
-    def test_directions_must_be_those_of_a_table(self, gold: Spectrum, tmp_path: Path) -> None:
-        other = vrte.spectrum(WHITE, WAVELENGTHS)
-        with pytest.raises(SceneError, match="its own directions"):
-            measured_polarized.write_mitsuba(other, tmp_path / "a.bsdf")
-        with pytest.raises(SceneError, match="exactly 5 wavelengths, not 2"):
-            measured_polarized.write_mitsuba(gold.at([0.45, 0.5]), tmp_path / "a.bsdf")
-        odd = Spectrum(np.add(WAVELENGTHS, 0.0005), gold.brdfs)
-        with pytest.raises(SceneError, match="whole nanometres"):
-            measured_polarized.write_mitsuba(odd, tmp_path / "a.bsdf")
-        with pytest.raises(SceneError, match=r"step_deg must be between 0\.5 and 15 degrees, not 0"):
-            measured_polarized.write_mitsuba(gold, tmp_path / "a.bsdf", 0)
-        assert not list(tmp_path.iterdir())
+def test_a_table_converges(gold: Spectrum) -> None:
+    """The error of linear interpolation falls with the square of the step."""
+    pairs = np.linspace(0.15, 0.95, 6)
+    exact = vrte.spectrum(GOLD, [0.65], mu_i=pairs, mu_o=pairs[:5], phi=np.arange(7.0, 360.0, 50.0))
+    found = []
+    for step in (10.0, 5.0, 2.5):
+        axes = measured_polarized.make_axes(step)
+        table = measured_polarized.tabulate_spectrum(Spectrum([0.65], (gold[4],)), axes)
+        found.append(measured_polarized.measure_errors(table, axes, exact).median)
+    assert_close(np.log2(np.divide(found[:-1], found[1:])), 2.0, rtol=0.0, atol=0.4)
+    assert found[-1] < 3e-3
 
 
-class TestTensorFile:
-    FIELDS = {  # noqa: RUF012
-        "a": np.arange(6, dtype=np.float32).reshape(1, 2, 3),
-        "wvls": np.array([450, 650], np.uint16),
-        "none": np.zeros((0, 3)),
-        "ü": np.array(7, np.int64),
-    }
+def test_what_is_no_table_is_refused(gold: Spectrum, tmp_path: Path) -> None:
+    other, odd = vrte.spectrum(WHITE, WAVELENGTHS), Spectrum(np.add(WAVELENGTHS, 0.0005), gold.brdfs)
+    for spectrum, step, words in (
+        (other, 5, "its own directions"),
+        (gold.at([0.45, 0.5]), 5, "exactly 5 wavelengths, not 2"),
+        (odd, 5, "whole nanometres"),
+        (gold, 0, r"step_deg must be between 0\.5 and 15 degrees, not 0"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            measured_polarized.write_mitsuba(spectrum, tmp_path / "a.bsdf", step)
+    with pytest.raises(SceneError, match="a must be real numbers of a plain type, not complex128"):
+        write_tensors({"a": np.zeros(2, complex)}, tmp_path / "a.bsdf")
+    assert not list(tmp_path.iterdir())
 
-    def test_everything_comes_back(self, tmp_path: Path) -> None:
-        write_tensors(self.FIELDS, tmp_path / "a.bsdf")
-        found = read_tensors(tmp_path / "a.bsdf")
-        assert list(found) == list(self.FIELDS)
-        for name, array in self.FIELDS.items():
-            assert found[name].dtype == array.dtype
-            np.testing.assert_array_equal(found[name], array, strict=True)
 
-    def test_mitsuba_reads_it(self, mitsuba: Any, tmp_path: Path) -> None:
-        fields = {name: array for name, array in self.FIELDS.items() if array.ndim}  # its reader knows no single number
-        write_tensors(fields, tmp_path / "a.bsdf")
-        found = mitsuba.tensor_io.read(str(tmp_path / "a.bsdf"))
-        for name, array in fields.items():
-            np.testing.assert_array_equal(found[name], array, strict=True)
+FIELDS = {
+    "a": np.arange(6, dtype=np.float32).reshape(1, 2, 3),
+    "wvls": np.array([450, 650], np.uint16),
+    "none": np.zeros((0, 3)),
+    "ü": np.array(7, np.int64),
+}
 
-    def test_any_cut_is_noticed(self, tmp_path: Path) -> None:
-        write_tensors(self.FIELDS, tmp_path / "a.bsdf")
-        content = (tmp_path / "a.bsdf").read_bytes()
-        for end in range(len(content)):
-            (tmp_path / "cut.bsdf").write_bytes(content[:end])
-            with pytest.raises(SceneError):
-                read_tensors(tmp_path / "cut.bsdf")
 
-    def test_hostile_heads(self, tmp_path: Path) -> None:
-        write_tensors(self.FIELDS, tmp_path / "a.bsdf")
-        content = bytearray((tmp_path / "a.bsdf").read_bytes())
-        for place in range(12, 60):
-            damaged = content.copy()
-            damaged[place] = 255
-            (tmp_path / "bad.bsdf").write_bytes(damaged)
-            try:
-                read_tensors(tmp_path / "bad.bsdf")
-            except SceneError as error:
-                assert "\n" not in str(error)  # noqa: PT017
+def test_tensors_come_back_and_any_damage_is_one_sentence(tmp_path: Path) -> None:
+    """Cut anywhere; or with a bit of the head flipped: refused, or read as what it then says."""
+    write_tensors(FIELDS, tmp_path / "a.bsdf")
+    found = read_tensors(tmp_path / "a.bsdf")
+    assert list(found) == list(FIELDS)
+    for name, array in FIELDS.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array, strict=True)
+    whole, path = (tmp_path / "a.bsdf").read_bytes(), tmp_path / "damaged.bsdf"
+    cuts = [whole[:end] for end in range(len(whole))]
+    damaged = [
+        whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :]
+        for place in range(130)
+        for bit in (0, 5, 7)
+    ]
+    said = []
+    for content in (*cuts, *damaged):
+        path.write_bytes(content)
+        try:
+            read_tensors(path)
+            assert len(content) == len(whole)
+        except SceneError as error:
+            said.append(str(error))
+    assert len(said) > len(cuts) + 50
+    assert all(words.startswith(str(path)) and words.isprintable() for words in said)
+    with pytest.raises(SceneError, match=r"longer than the 1e-07 GB that are read"):
+        read_tensors(tmp_path / "a.bsdf", most_bytes=1e2)
 
-    def test_numbers_of_another_kind(self, tmp_path: Path) -> None:
-        with pytest.raises(SceneError, match="a must be real numbers of a plain type, not complex128"):
-            write_tensors({"a": np.zeros(2, complex)}, tmp_path / "a.bsdf")
+
+def test_mitsuba_reads_tensors(mitsuba: Any, tmp_path: Path) -> None:
+    fields = {name: array for name, array in FIELDS.items() if array.ndim}  # its reader knows no single number
+    write_tensors(fields, tmp_path / "a.bsdf")
+    found = mitsuba.tensor_io.read(str(tmp_path / "a.bsdf"))
+    for name, array in fields.items():
+        np.testing.assert_array_equal(found[name], array, strict=True)
 
 
 def in_stokes_basis(mitsuba: Any, travel: Array) -> Array:
@@ -160,65 +157,66 @@ def evaluated(mitsuba: Any, bsdf: Any, light: Array, view: Array, nanometres: fl
     return np.array(bsdf.eval(mitsuba.BSDFContext(), interaction, mitsuba.Vector3f(*light)))[..., 0]
 
 
-class TestInMitsuba:
-    @pytest.mark.parametrize(
-        ("place", "nanometres", "step", "median", "most"),
+@pytest.mark.parametrize(
+    ("place", "nanometres", "step", "median", "most"),
+    [
+        (0, 450.0, 5.0, 0.013, 0.06),
+        pytest.param(4, 650.0, 5.0, 0.006, 0.03, marks=pytest.mark.slow),
+        pytest.param(4, 650.0, 2.5, 0.0015, 0.01, marks=pytest.mark.slow),
+    ],
+)
+def test_evaluations_are_ours(
+    place: int, nanometres: float, step: float, median: float, most: float, mitsuba: Any, gold: Spectrum,
+    tmp_path: Path,
+) -> None:  # fmt: skip
+    """The bounds are those of linear interpolation: a quarter at half the step. Each element by itself, too, so
+    that no small one can have the wrong sign."""
+    measured_polarized.write_mitsuba(gold, tmp_path / "gold.bsdf", step)
+    bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "gold.bsdf")})
+    light, view = random_directions(500, 1, 0.15), random_directions(500, 2, 0.15)
+    matrices = between_directions.Splines(gold[place])(light, view)
+    ours = np.array(
         [
-            (0, 450.0, 5.0, 0.013, 0.06),
-            pytest.param(4, 650.0, 5.0, 0.006, 0.03, marks=pytest.mark.slow),
-            pytest.param(4, 650.0, 2.5, 0.0015, 0.01, marks=pytest.mark.slow),
-        ],
+            into[2] * in_stokes_basis(mitsuba, out) @ matrix @ in_stokes_basis(mitsuba, -into).T
+            for into, out, matrix in zip(light, view, matrices, strict=True)
+        ]
     )
-    def test_evaluations_are_ours(
-        self, place: int, nanometres: float, step: float, median: float, most: float, mitsuba: Any, gold: Spectrum,
-        tmp_path: Path,
-    ) -> None:  # fmt: skip
-        """The bounds are those of linear interpolation: a quarter at half the step. Each element by itself, too, so
-        that no small one can have the wrong sign."""
-        measured_polarized.write_mitsuba(gold, tmp_path / "gold.bsdf", step)
-        bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "gold.bsdf")})
-        light, view = random_directions(500, 1, 0.15), random_directions(500, 2, 0.15)
-        matrices = between_directions.Splines(gold[place])(light, view)
-        ours = np.array(
-            [
-                into[2] * in_stokes_basis(mitsuba, out) @ matrix @ in_stokes_basis(mitsuba, -into).T
-                for into, out, matrix in zip(light, view, matrices, strict=True)
-            ]
-        )
-        theirs = [evaluated(mitsuba, bsdf, *pair, nanometres) for pair in zip(light, view, strict=True)]
-        off = np.abs(theirs - ours)
-        relative = off.max(axis=(1, 2)) / ours[:, 0, 0]
-        assert np.median(relative) < median
-        assert np.quantile(relative, 0.95) < most
-        assert ((off**2).mean(axis=0) < 0.1 * (ours**2).mean(axis=0)).all()
+    theirs = [evaluated(mitsuba, bsdf, *pair, nanometres) for pair in zip(light, view, strict=True)]
+    off = np.abs(theirs - ours)
+    relative = off.max(axis=(1, 2)) / ours[:, 0, 0]
+    assert np.median(relative) < median
+    assert np.quantile(relative, 0.95) < most
+    assert ((off**2).mean(axis=0) < 0.1 * (ours**2).mean(axis=0)).all()
 
-    def test_the_sign_of_v(self, mitsuba: Any) -> None:
-        """A sphere that is large and opaque reflects as its surface does, a mirror at half the supplement of the
-        scattering angle: our scattering matrix against Mitsuba's of a conductor, in axes perpendicular to the plane."""
-        index = 1.5 + 1.0j
-        ball = spheres((index.real, index.imag), radius_um=160.0, wavelength_um=0.5)
-        axes = np.outer([1.0, -1.0, 1.0, 1.0], [1.0, -1.0, 1.0, 1.0])
-        for angle in (60.0, 90.0, 120.0):
-            ours = ball.phase_matrix.scattering_matrix(angle)
-            cosine = float(np.cos(np.radians(0.5 * (180.0 - angle))))
-            mirror = np.array(mitsuba.mueller.specular_reflection(cosine, mitsuba.Complex2f(index)))
-            assert_close(axes * ours / ours[0, 0], mirror / mirror[0, 0], rtol=0.0, atol=2e-3)
-            assert abs(mirror[3, 2] / mirror[0, 0]) > 0.1
 
-    def test_a_white_furnace_closes(self, mitsuba: Any, tmp_path: Path) -> None:
-        white = vrte.spectrum(WHITE, WAVELENGTHS, **between_directions.directions(24, 9))
-        measured_polarized.write_mitsuba(white, tmp_path / "white.bsdf", 15.0)
-        material = {"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf"), "alpha_sample": 1.0}
-        bsdf = mitsuba.load_dict(material)
-        points, weights = vrte.hemisphere(4)
-        view = np.array([0.6, 0.0, 0.8])
-        flux = sum(
-            2.0 * np.pi * weight * evaluated(mitsuba, bsdf, into, view, 523.0)
-            for into, weight in zip(measured_polarized.make_unit_vectors(points, np.ones(4)), weights, strict=True)
-        )
-        assert_close(flux, np.diag([1.0, 0.0, 0.0, 0.0]), rtol=0.0, atol=1e-6)
-        mean = mitsuba.render(ball_under(mitsuba, material, 16)).array
-        assert np.mean(mean) == close_to(1.0, rtol=0.0, atol=0.01)
+def test_the_sign_of_v(mitsuba: Any) -> None:
+    """A sphere that is large and opaque reflects as its surface does, a mirror at half the supplement of the
+    scattering angle: our scattering matrix against Mitsuba's of a conductor, in axes perpendicular to the plane."""
+    index = 1.5 + 1.0j
+    ball = spheres((index.real, index.imag), radius_um=160.0, wavelength_um=0.5)
+    axes = np.outer([1.0, -1.0, 1.0, 1.0], [1.0, -1.0, 1.0, 1.0])
+    for angle in (60.0, 90.0, 120.0):
+        ours = ball.phase_matrix.scattering_matrix(angle)
+        cosine = float(np.cos(np.radians(0.5 * (180.0 - angle))))
+        mirror = np.array(mitsuba.mueller.specular_reflection(cosine, mitsuba.Complex2f(index)))
+        assert_close(axes * ours / ours[0, 0], mirror / mirror[0, 0], rtol=0.0, atol=2e-3)
+        assert abs(mirror[3, 2] / mirror[0, 0]) > 0.1
+
+
+def test_a_white_furnace_closes(mitsuba: Any, tmp_path: Path) -> None:
+    white = vrte.spectrum(WHITE, WAVELENGTHS, **between_directions.directions(24, 9))
+    measured_polarized.write_mitsuba(white, tmp_path / "white.bsdf", 15.0)
+    material = {"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf"), "alpha_sample": 1.0}
+    bsdf = mitsuba.load_dict(material)
+    points, weights = vrte.hemisphere(4)
+    view = np.array([0.6, 0.0, 0.8])
+    flux = sum(
+        2.0 * np.pi * weight * evaluated(mitsuba, bsdf, into, view, 523.0)
+        for into, weight in zip(measured_polarized.make_unit_vectors(points, np.ones(4)), weights, strict=True)
+    )
+    assert_close(flux, np.diag([1.0, 0.0, 0.0, 0.0]), rtol=0.0, atol=1e-6)
+    mean = mitsuba.render(ball_under(mitsuba, material, 16)).array
+    assert np.mean(mean) == close_to(1.0, rtol=0.0, atol=0.01)
 
 
 def ball_under(mitsuba: Any, material: dict[str, Any], samples: int) -> Any:
@@ -237,46 +235,38 @@ def ball_under(mitsuba: Any, material: dict[str, Any], samples: int) -> Any:
     )
 
 
-class TestFromAScene:
-    def test_the_command_line_and_the_call_write_the_same(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(mitsuba_call, "COSINES", 16)  # fewer than anybody would ask for
-        monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 19)
+def test_the_command_line_and_the_call_write_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mitsuba_call, "COSINES", 16)  # fewer than anybody would ask for
+    monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 19)
 
-        (tmp_path / "haze.toml").write_text(
-            'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
-        )
-        told: list[tuple[int, int]] = []
-        errors = vrte.to_mitsuba(
-            tmp_path / "haze.toml",
-            WAVELENGTHS,
-            tmp_path / "call.bsdf",
-            step_deg=15,
-            progress=lambda done, total: told.append((done, total)),
-        )
-        assert told[-1] == (1000, 1000)
-        command = ["--wavelengths-um", "0.45,0.5,0.55,0.6,0.65", "--mitsuba", tmp_path / "line.bsdf"]
-        out = tmp_path / "haze.nc"
-        assert run("brdf", tmp_path / "haze.toml", "-o", out, *command, "--mitsuba-step-deg", 15) == 0
-        assert f"Mitsuba's table: {errors}" in capsys.readouterr().out
-        call, line = read_tensors(tmp_path / "call.bsdf"), read_tensors(tmp_path / "line.bsdf")
-        # to rounding: the spectra are the same bits, SciPy 1.14's matrices of splines are not always
-        assert_close(call["M"], line["M"], rtol=0.0, atol=1e-15)
-        assert call["M"].shape == (13, 7, 7, 5, 4, 4)
-        assert call["wvls"].tolist() == [450, 500, 550, 600, 650]
-        text = call["description"].tobytes().decode("utf-8")
-        assert f"interpolation: {errors}" in text
-        assert 'phase = "rayleigh"' in text
+    (tmp_path / "haze.toml").write_text(
+        'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
+    )
+    told: list[tuple[int, int]] = []
+    errors = vrte.to_mitsuba(
+        tmp_path / "haze.toml",
+        WAVELENGTHS,
+        tmp_path / "call.bsdf",
+        step_deg=15,
+        progress=lambda done, total: told.append((done, total)),
+    )
+    assert told[-1] == (1000, 1000)
+    command = ["--wavelengths-um", "0.45,0.5,0.55,0.6,0.65", "--mitsuba", tmp_path / "line.bsdf"]
+    out = tmp_path / "haze.nc"
+    assert run("brdf", tmp_path / "haze.toml", "-o", out, *command, "--mitsuba-step-deg", 15) == 0
+    assert f"Mitsuba's table: {errors}" in capsys.readouterr().out
+    call, line = read_tensors(tmp_path / "call.bsdf"), read_tensors(tmp_path / "line.bsdf")
+    # to rounding: the spectra are the same bits, SciPy 1.14's matrices of splines are not always
+    assert_close(call["M"], line["M"], rtol=0.0, atol=1e-15)
+    assert call["M"].shape == (13, 7, 7, 5, 4, 4)
+    assert call["wvls"].tolist() == [450, 500, 550, 600, 650]
+    text = call["description"].tobytes().decode("utf-8")
+    assert f"interpolation: {errors}" in text
+    assert 'phase = "rayleigh"' in text
 
 
-ALBEDO, INDEX = 0.5, 1.5
-GREY: dict[str, Any] = {
-    "nodes": 4,
-    "layer": [{"phase": "isotropic", "albedo": 1.0, "thickness": 0.0}],
-    "base": {"kind": "lambertian", "albedo": ALBEDO},
-    "brdf": {"mu_i": 0.5, "mu_o": 0.5},
-}
 HAZE = GREY | {"nodes": 12, "layer": [{"phase": "rayleigh", "albedo": 0.95, "thickness": 1.0}]}
 BINDER = {"interface": {"above": 1.0, "below": INDEX}}
 EXTRA = """
@@ -372,16 +362,13 @@ def test_the_surface_is_taken_off() -> None:
 def test_what_cannot_be_nested_is_refused(layers: list[dict[str, Any]], words: str) -> None:
     with pytest.raises(vrte.SceneError, match=words):
         take_off_surface(prepare(*layers))
-
-
-def test_a_beam_from_below_is_refused() -> None:
     grey = vrte.spectrum(GREY, WAVELENGTHS)
     check_below_surface(grey)
     mirrored = vrte.Spectrum(WAVELENGTHS, [replace(one, specular=[0.01 * np.eye(4)]) for one in grey])
     with pytest.raises(vrte.SceneError, match=r"up to 0\.01 of it comes back as a beam from below"):
         check_below_surface(mirrored)
-    for path, asked, words in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
-        with pytest.raises(vrte.SceneError, match=words):
+    for path, asked, said in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
+        with pytest.raises(vrte.SceneError, match=said):
             check_nested(path, asked)
 
 

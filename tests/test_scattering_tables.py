@@ -360,7 +360,7 @@ def scene_of(folder: Path, phase: str) -> Path:
     return written(folder, SCENE.format(phase=phase), "scene.toml")
 
 
-def test_a_scene_file_names_a_table_over_angle(tmp_path: Path) -> None:
+def test_a_scene_file_names_a_table_over_angle(mie_table: Path, tmp_path: Path) -> None:
     sphere = make_reference_sphere().phase_matrix
     angles, about = sphere.to_angles().angle_deg, CONVENTIONS["granada"]
     as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *tabulate_card(about, angles)], "dust.csv")
@@ -368,6 +368,9 @@ def test_a_scene_file_names_a_table_over_angle(tmp_path: Path) -> None:
     first, again = (read_scene(path).scene.layers[0].phase_matrix for _ in range(2))
     assert_matrix(first, sphere)
     assert first is again
+    of_mie = scene_of(tmp_path, f'table = "{mie_table}", effective_radius_um = 0.3')
+    assert_matrix(read_scene(of_mie, wavelength_um=0.65).scene.layers[0].phase_matrix, powder(0.65, 0.3).phase_matrix)
+    path = scene_of(tmp_path, 'table = "dust.csv", convention = "granada", normalise = true')
     assert find_named_tables(read_content(path)) == {("layer", 0, "phase", "table"): "dust.csv"}
     as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *(2.0 * tabulate_card(about, angles))], "dust.csv")
     with pytest.raises(SceneError, match=r"layer\[1\]\.phase\.table: the table is not physical"):
@@ -397,12 +400,6 @@ def test_a_scene_file_says_what_is_wrong_with_its_table(phase: str, said: str, m
     written(tmp_path, "angle_deg,F11\n0,nan\n180,1\n", "bad.csv")
     with pytest.raises(SceneError, match=re.escape(said)):
         read_scene(scene_of(tmp_path, phase))
-
-
-def test_a_scene_takes_the_table_of_its_wavelength(mie_table: Path, tmp_path: Path) -> None:
-    (tmp_path / "mie.cdf").write_bytes(mie_table.read_bytes())
-    path = scene_of(tmp_path, 'table = "mie.cdf", effective_radius_um = 0.3')
-    assert_matrix(read_scene(path, wavelength_um=0.65).scene.layers[0].phase_matrix, powder(0.65, 0.3).phase_matrix)
 
 
 @pytest.fixture
