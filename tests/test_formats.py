@@ -232,6 +232,7 @@ def table(tmp_path: Path) -> Path:
         (swapped(SECOND, f"\n{SECOND}"), "there must be 16 rows, one a direction, not 17"),
         (lambda text: text[:-1], "there must be 16 rows, one a direction, not 15"),
         (lambda text: text[: text.rindex("\n0.6")] + "\n", "there must be 16 rows, one a direction, not 15"),
+        (lambda text: text[: text.rindex("\n0.6")] + "\n\n", "there must be 16 rows of 20 numbers, not 15 of 20"),
         (swapped("# diagnostics = [{", "# diagnostics = [{}, {"), "diagnostics for each wavelength"),
         (swapped("# wavelength_um = [0.45, 0.6]", "# wavelength_um = [1e999, 0.6]"), "line 20: the row"),
         (swapped("# title", f"# {'x' * 50_000_000}"), "longer than 50000000 bytes"),
