@@ -23,6 +23,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.polarization import find_angle_of_linear_polarization, find_degree_of_linear_polarization
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
+from vrte.request.how import complete_docstring
 from vrte.results.spectrum import Spectrum
 
 VISUAL = "45:0"  # the default: the surface's mirror image is left out
@@ -186,6 +187,7 @@ def list_colour_readings(colour: Colour, geometry: str, of: str = "") -> Iterato
         yield InstrumentReading(quantity + of, geometry, None, value, unit, light, standard)
 
 
+@complete_docstring
 def appearance(
     scene: Source | Spectrum | Panel,
     wavelengths_um: Any = None,
@@ -205,27 +207,16 @@ def appearance(
     scene : path, mapping, Spectrum or Panel
         A scene file or its content; or a spectrum that was solved at the directions of the geometries, which is read
         without another solve, as far as it goes.
-    wavelengths_um : sequence of float, optional
-        Ascending [um]; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its substances are
-        known.
+    {wavelengths_um}
     geometries : sequence of str, optional
         By CIE's names, light first: "8:di" (sphere, mirrored beam included), "8:de" (excluded), "di:di", "45:0",
         "0:45", "45:as15" (15 degrees off the mirrored beam, towards the light), "30:di" or "60:-20" (any angles; below
         0: on the side of the light); or as laboratories write them: "d/8", "8/d", "SCI", "SCE", "45/0". By
         default the standard ones, of a spectrum those that it has directions for.
-    illuminant : str, optional
-        "D65", "A", "FL11" or another of CIE's, for colours.
-    observer : {10, 2}, optional
-        Degrees of the standard observer.
+    {illuminant, observer}
     port_deg : float, optional
         Full angle of the round specular port of "de" geometries.
-    layer : int, optional
-        Which layer is the film, whose thickness hiding and Kubelka-Munk are about; by default the only one that
-        scatters.
-    progress : callable, optional
-        Called with (steps done, steps).
-    folder : path, optional
-        Where the tables that a parsed content names lie.
+    {layer, progress, folder}
     **asked
         How to solve, as for `vrte.brdf`: accuracy (1e-4 by default), nodes, method, ...
 
@@ -238,8 +229,7 @@ def appearance(
     ------
     SceneError
         For bad input; where a spectrum lacks directions; for colours, where the wavelengths do not cover the visible.
-    MissingExtraError
-        For colours, without the extra "appearance".
+    {MissingExtraError}
 
     References
     ----------

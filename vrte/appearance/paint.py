@@ -33,6 +33,7 @@ from vrte.calls.spectrum import Source
 from vrte.formats.paints import KEYS, expand_content
 from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import PACKINGS
+from vrte.request.how import complete_docstring
 from vrte.results.brdf import Brdf
 
 GLOSS_ANGLES = 20.0, 60.0, 85.0
@@ -157,6 +158,7 @@ def cut_lobe(lobe: Brdf) -> tuple[Array, Array]:
     return np.concatenate([-angle[behind], angle[order]]), np.concatenate([back[behind], ahead[order]])
 
 
+@complete_docstring
 def paint(
     scene: Source | Panel | None = None,
     wavelengths_um: Any = None,
@@ -176,21 +178,10 @@ def paint(
         A scene file with a table [paint], or any other whose film lies in one layer; or its content. Without it, the
         keys of [paint] are given as keywords: pigment, volume_fraction, binder, thickness_um, surface, substrate,
         packing, particles (docs/how_to/materials.md).
-    wavelengths_um : sequence of float, optional
-        Ascending [um], over the visible; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its
-        substances are known.
-    illuminant : str, optional
-        "D65", "A", "FL11" or another of CIE's.
-    observer : {10, 2}, optional
-        Degrees of the standard observer.
+    {wavelengths_um, illuminant, observer}
     white : float, optional
         Albedo of the white card, 0.8 on drawdown charts.
-    layer : int, optional
-        Which layer is the film; by default the only one that scatters.
-    progress : callable, optional
-        Called with (steps done, steps).
-    folder : path, optional
-        Where the tables that a parsed content names lie.
+    {layer, progress, folder}
     **asked
         Keys of [paint]; and how to solve, as for `vrte.brdf`: accuracy (1e-4 by default), nodes, method, ...
 
@@ -203,10 +194,7 @@ def paint(
     ------
     SceneError
         For bad input, and where the wavelengths do not cover the visible.
-    MissingExtraError
-        Without the extra "appearance".
-    OSError
-        Where a file cannot be read.
+    {MissingExtraError, OSError}
 
     References
     ----------

@@ -15,6 +15,7 @@ from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
 from vrte.formats.columns import write_table
 from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns
 from vrte.formats.toml_table import suggest_nearest
+from vrte.request.how import complete_docstring
 
 if TYPE_CHECKING:
     from vrte.formats.scene_family import SceneFamily
@@ -244,6 +245,7 @@ def check_quantities(given: Sequence[str]) -> None:
             raise SceneError(f"row {row + 1}: there is no quantity {show_value(name)}{hint}", "quantity")
 
 
+@complete_docstring
 def read_measurement(path: str | os.PathLike[str]) -> Measurement:
     """A measurement from a file.
 
@@ -264,10 +266,7 @@ def read_measurement(path: str | os.PathLike[str]) -> Measurement:
     ------
     SceneError
         Naming the line or the row, from 1 without header and comments.
-    MissingExtraError
-        For NetCDF without the extra "files".
-    OSError
-        Where the file cannot be read.
+    {MissingExtraError, OSError}
 
     Examples
     --------

@@ -41,6 +41,7 @@ from vrte.fit.verdict import (
     write_chance,
 )
 from vrte.formats.scene_family import SceneFamily
+from vrte.request.how import complete_docstring
 from vrte.scene.scene import Scene
 
 NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
@@ -62,6 +63,7 @@ class FitStep(NamedTuple):
 Watch = Callable[[FitStep], None]
 
 
+@complete_docstring
 def fit(
     measurement: Measurement,
     scene: Source | Scene | SceneFamily,
@@ -121,12 +123,7 @@ def fit(
         far as all substances are known there; beyond, reflectance stays as at the end, which a note tells.
     most_steps : int, optional
         How many trials each start has at most.
-    threads : int, optional
-        How many; default: all CPUs that may be used.
-    folder : path, optional
-        Where the tables that a parsed content names lie.
-    progress : callable, optional
-        Called with (steps done, steps at most).
+    {threads, folder, progress}
     watch : callable, optional
         Called with a `vrte.fit.run.FitStep` after each step: numbers, chi2, and what the scene shows there.
     resume : path, optional
@@ -142,8 +139,7 @@ def fit(
     SceneError
         For bad input: data outside the model, a number that does nothing to the data, fewer rows than free numbers,
         bounds that exclude the start; for a file to resume that is another fit's.
-    OSError
-        Where a file cannot be read.
+    {OSError}
 
     Warns
     -----

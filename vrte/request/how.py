@@ -246,6 +246,14 @@ WORDS: dict[str, tuple[str, str]] = {  # of parameters of public calls that are 
         "phi : float or sequence of float, optional",
         "Azimuths from the heading of the incident light [degrees], n_phi.",
     ),
+    "wavelengths_um": (
+        "wavelengths_um : sequence of float, optional",
+        "Ascending [um]; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its substances are "
+        "known.",
+    ),
+    "illuminant": ("illuminant : str, optional", '"D65", "A", "FL11" or another of CIE\'s, for colours.'),
+    "observer": ("observer : {10, 2}, optional", "Degrees of the standard observer."),
+    "layer": ("layer : int, optional", "Which layer is the film, from 1; by default the only one that scatters."),
     "transmission": ("transmission : bool, optional", "Adds the BTDF; not for a semi-infinite layer."),
     "derivatives": (
         "derivatives : sequence of str or Variation, optional",
@@ -256,6 +264,7 @@ WORDS: dict[str, tuple[str, str]] = {  # of parameters of public calls that are 
     "AccuracyError": ("AccuracyError", "Where no algorithm can verify its answer."),
     "DeviceError": ("DeviceError", "Where an OpenCL device is missing or fails."),
     "OSError": ("OSError", "Where a file cannot be read or written."),
+    "MissingExtraError": ("MissingExtraError", "Without an extra, which it names."),
 }
 
 

@@ -19,7 +19,7 @@ from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import warn_runtime_of_all
 from vrte.formats.atomic import check_file_name
-from vrte.request.how import PRECISIONS
+from vrte.request.how import PRECISIONS, complete_docstring
 from vrte.request.request import Request
 from vrte.sweep import store
 from vrte.sweep.chunks import Shared, collect_warnings, prepare
@@ -40,6 +40,7 @@ class SweepWarning(UserWarning):
     """What the scenes of a sweep warned of, and those that failed: one of each kind stands for all."""
 
 
+@complete_docstring
 def sweep(
     source: str | os.PathLike[str] | Mapping[str, Any],
     output: str | os.PathLike[str] | None = None,
@@ -68,8 +69,7 @@ def sweep(
         Cores or worker processes, all there are by default.
     chunk : int, optional
         How many scenes are computed, written and kept in memory together.
-    progress : callable, optional
-        Called with (scenes done, scenes).
+    {progress}
     time_limit_s : float, optional
         A sweep whose scenes that are left are predicted to take longer is refused; without it none is. Above 20 seconds
         what they take is said at once in a LongSolveWarning.
@@ -92,12 +92,7 @@ def sweep(
         For bad input, or another sweep than the output was begun with.
     SweepError
         Where another process is at the same output, or the cluster is lost.
-    DeviceError
-        Where the OpenCL device is missing or fails.
-    MissingExtraError
-        Without the extras "files" or "dask".
-    OSError
-        Where a file cannot be read or written.
+    {DeviceError, MissingExtraError, OSError}
 
     Examples
     --------
