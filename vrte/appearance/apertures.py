@@ -21,7 +21,6 @@ from vrte.basics.arrays import Array, check_cosines, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.optics.facet_energy import restore_lost
-from vrte.optics.facets import RoughSurface
 from vrte.scene.interface import Interface
 
 POINTS, MOST_POINTS = 8, 64  # of a panel; half as many of what has no peak
@@ -170,7 +169,13 @@ def integrate_share(
     widths = receptor.scale(interface.roughness, interface.roughness * math.cos(angle))  # half of a lobe's
     found = 0.0
     for (beam, weight), up in zip(beams, mirrored, strict=True):
-        found += weight * integrate_lobe(once, receptor, angle, up, make_rule(receptor, beam, widths, points))
+        s, t, weights = make_rule(receptor, beam, widths, points)
+        direction, density = receptor.aim(s, t)
+        out = turn_up(direction, angle)
+        mu_o = np.clip(out[:, 2], 1e-9, 1.0)
+        azimuth = np.degrees(np.arctan2(out[:, 1], out[:, 0]) - math.atan2(up[1], up[0]))
+        f = once.reflect(min(float(up[2]), 1.0), mu_o, azimuth)[:, 0, 0]
+        found += weight * float((weights * density * mu_o) @ f)
     if interface.conserving:  # even but for the cosines, and slow
         s, t, weights = make_rule(receptor, AXIS, EVEN, points // 2)
         direction, density = receptor.aim(s, t)
@@ -188,19 +193,6 @@ def list_beams(source: Rectangular) -> list[tuple[Array, float]]:
     half = t > 0.0
     shares = (weights * density)[half]
     return list(zip(directions[half], shares / shares.sum(), strict=True))
-
-
-def integrate_lobe(
-    surface: RoughSurface, receptor: Receptor, angle: float, mirrored: Array, rule: tuple[Array, Array, Array]
-) -> float:
-    """What facets send into a receptor, of one beam whose mirror image is along ``mirrored`` (3,)."""
-    s, t, weights = rule
-    direction, density = receptor.aim(s, t)
-    out = turn_up(direction, angle)
-    mu_o = np.clip(out[:, 2], 1e-9, 1.0)
-    azimuth = np.degrees(np.arctan2(out[:, 1], out[:, 0]) - math.atan2(mirrored[1], mirrored[0]))
-    f = surface.reflect(min(float(mirrored[2]), 1.0), mu_o, azimuth)[:, 0, 0]
-    return float((weights * density * mu_o) @ f)
 
 
 def turn_up(direction: Array, angle: float) -> Array:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.appearance.colours import weigh_wavelengths
-from vrte.appearance.geometries import Geometry, measure_panel, read_geometry
+from vrte.appearance.geometries import measure_panel, read_geometry
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
@@ -107,8 +107,8 @@ class Conditions:
 
 @dataclass(eq=False)
 class Drawdown:
-    """The film of a panel over cards, at any thickness over its own, each solved for once; Y of both cards by the
-    thickness. The nodes of all solves are chosen here. Raises SceneError."""
+    """The film of a panel over cards, at any thickness over its own, each solved for once. The nodes of all solves are
+    chosen at first, where neither they nor the method are given. Raises SceneError."""
 
     panel: Panel
     conditions: Conditions
@@ -119,7 +119,11 @@ class Drawdown:
 
     def __post_init__(self) -> None:
         self.weights = self.conditions.weigh(self.panel.wavelength_um)  # what is refused is refused before the work
-        self.panel = fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
+        asked = self.panel.asked
+        if "nodes" not in asked and asked.get("method", EXACT) == EXACT:  # as many as the film takes over black
+            over_black = self.panel.put_over(Lambertian(self.conditions.black))
+            found = over_black.choose_quadrature(*read_geometry(self.conditions.geometry).directions)
+            self.panel = replace(self.panel, asked={**asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
     def read(self, times: float, albedo: float) -> Array:
         """The reflectance factor (wavelength,) of a film so many times as thick over a Lambertian base."""
@@ -164,15 +168,6 @@ class Drawdown:
             steps = math.ceil(math.log(thick / thin) / widest)
             listed += [thin * (thick / thin) ** (step / steps) for step in range(1, steps)] + [thick]
         return listed
-
-
-def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
-    """The same with as many nodes at all wavelengths as the film over that albedo takes at the first, the middle and
-    the last, and a few to spare. A panel whose nodes or method are given stays as it is."""
-    if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
-        return panel
-    found = panel.put_over(Lambertian(albedo)).choose_quadrature(*geometry.directions)
-    return replace(panel, asked={**panel.asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
 
 def find_hiding_times(contrast: Callable[[float], float], target: float, limit: float) -> tuple[float | None, str]:

@@ -214,8 +214,9 @@ def make_panel(
     how = options | asked
     if not {"nodes", "accuracy", "method"} & {*how}:
         how["accuracy"] = ACCURACY
-    scenes = tuple(file.scene for file in files)
-    found = Panel(at, scenes, list_lengths(content, folder, scenes[0]), how, layer, str(content.get("title", "")))
+    scenes, listed = tuple(file.scene for file in files), expand_content(content, folder).get("layer", ())
+    lengths = (0.0 if place is None else listed[place].get("thickness_um") for place in scenes[0].places)
+    found = Panel(at, scenes, tuple(lengths), how, layer, str(content.get("title", "")))
     if layer is not None:
         _ = found.film
     return found
@@ -256,10 +257,3 @@ def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float]
         known = f"{substance} is known from {low:g} to {high:g} um, outside of the visible"
         raise SceneError(f"wavelengths_um are missing: {known}")
     return np.linspace(first, last, WAVELENGTHS).round(6).clip(first, last)
-
-
-def list_lengths(content: dict[str, Any], folder: Path, scene: Scene) -> tuple[float | None, ...]:
-    """How thick the layers of a scene are [um], None where the file says it optically."""
-    listed = expand_content(content, folder).get("layer", ())
-    given = [None if place is None else listed[place].get("thickness_um") for place in scene.places]
-    return tuple(0.0 if place is None else length for place, length in zip(scene.places, given, strict=True))

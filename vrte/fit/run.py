@@ -180,7 +180,10 @@ def fit(
     parameters = read_parameters(free, bounds, begun, model.source.limits)
     problem = FitProblem(model, parameters, read_priors(priors, names), choose_sigma(model), loss)
     first = np.array([one.start for one in parameters])
-    check_count(problem)
+    rows, known = len(measurement), int(problem.known.sum())
+    if rows + known < len(names):
+        words = f"{rows} row{'s'[: rows != 1]}" + (f" and {known} priors" if known else "")
+        raise SceneError(f"measurement has {words}, too few for {len(names)} free numbers: at least as many are needed")
     begins = spread_starts(parameters, count, seed)
     how = {"starts": count, "seed": seed, "loss": loss}
     journal = Journal(resume, "" if resume is None else find_fingerprint(problem, how))
@@ -197,14 +200,6 @@ def fit(
             raise
         interrupted = True
     return make_fit(problem, search, interrupted)
-
-
-def check_count(problem: FitProblem) -> None:
-    """Whether there are enough rows. Raises SceneError."""
-    rows, priors, free = len(problem.model.measurement), int(problem.known.sum()), len(problem.parameters)
-    if rows + priors < free:
-        words = f"{rows} row{'s'[: rows != 1]}" + (f" and {priors} priors" if priors else "")
-        raise SceneError(f"measurement has {words}, too few for {free} free numbers: at least as many are needed")
 
 
 def check_slopes(problem: FitProblem, values: Array) -> None:

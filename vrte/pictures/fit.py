@@ -145,12 +145,6 @@ def describe_spread(residuals: Array) -> PlotPanel:
     return PlotPanel([bars, Curve(normal, fine, "", ORANGE)], Axis("rows", low=0.0), title=title)
 
 
-def describe_profile(profile: Profile) -> PlotPanel:
-    """The rise of chi2 along one number, and the 1 that ends its interval."""
-    rise = Curve(profile.values, profile.chi2 - profile.chi2.min(), "", BLUE, "-", "o", width=1.0)
-    return PlotPanel([rise, Line(y=1.0, colour=ORANGE)], title=f"chi2 above its least along\n{profile.name}")
-
-
 # ---- the page
 
 
@@ -162,7 +156,9 @@ def save_fit_page(
     image = f"<figure>{make_image(draw_fit(fit), 'measured, fitted')}</figure>"
     sections.append(make_section("Measured and fitted", image))
     for profile in profiles:
-        figure = draw_picture(Picture([[describe_profile(profile)]], 5.0, 3.6))
+        rise = Curve(profile.values, profile.chi2 - profile.chi2.min(), "", BLUE, "-", "o", width=1.0)
+        panel = PlotPanel([rise, Line(y=1.0, colour=ORANGE)], title=f"chi2 above its least along\n{profile.name}")
+        figure = draw_picture(Picture([[panel]], 5.0, 3.6))
         low, high = (f"{end:.6g}" if abs(end) < float("inf") else "beyond" for end in (profile.low, profile.high))
         words = f"{profile.name}: chi2 is 1 above its least at {low} and {high}, all other numbers fitted anew."
         sections.append(f"<figure style='max-width:32rem'>{make_image(figure, words)}</figure><p>{words}</p>")

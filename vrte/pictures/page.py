@@ -4,6 +4,7 @@ import base64
 import html
 import os
 from collections.abc import Iterable
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from vrte.basics.errors import SceneError
@@ -14,25 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONG = 30  # characters of a table's cell; a longer text may be broken into lines
-STYLE = """
-.vrte-page { font: 15px/1.5 system-ui, sans-serif; max-width: 76rem; margin: 0 auto; padding: 1rem; }
-.vrte-page h1 { font-size: 1.6rem; margin: 0 0 .3rem; } .vrte-page h2 { font-size: 1.15rem; margin: 1.6rem 0 .5rem; }
-.vrte-page .made { opacity: .8; margin: 0; padding-left: 1.1rem; overflow-wrap: anywhere; }
-.vrte-page .numbers, .vrte-page .figures { display: grid; gap: .8rem; }
-.vrte-page .numbers { grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); margin-top: 1rem; }
-.vrte-page .numbers div { border: 1px solid #8886; border-radius: .4rem; padding: .5rem .8rem; }
-.vrte-page .numbers b { display: block; font-weight: 600; }
-.vrte-page .numbers span { opacity: .75; font-size: .85em; }
-.vrte-page .chip { display: inline-block; width: 1em; height: 1em; border: 1px solid #8888; vertical-align: -.12em; }
-.vrte-page .figures { grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); }
-.vrte-page figure { margin: 0; background: #fff; border: 1px solid #8886; border-radius: .4rem; }
-.vrte-page img { display: block; width: 100%; height: auto; }
-.vrte-page .wide { overflow-x: auto; } .vrte-page table { border-collapse: collapse; font-size: .9em; }
-.vrte-page th, .vrte-page td { text-align: left; padding: .2rem .8rem .2rem 0; border-bottom: 1px solid #8884;
-  white-space: nowrap; }
-.vrte-page td.w { white-space: normal; min-width: 14rem; }
-.vrte-page td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-"""
 
 
 def make_page(title: str, body: str, style: str = "", script: str = "") -> str:
@@ -53,7 +35,8 @@ def make_page(title: str, body: str, style: str = "", script: str = "") -> str:
 def make_body(title: str, made: Iterable[str], *sections: str) -> str:
     """A title, lines on how the page was made, and sections of HTML, in the style of all pages."""
     head = f"<h1>{html.escape(title)}</h1><ul class='made'>{make_items(made)}</ul>"
-    return f"<style>{STYLE}</style><main class='vrte-page'>{head}{''.join(sections)}</main>"
+    style = (files(__package__) / "page.css").read_text("utf-8")
+    return f"<style>\n{style}</style><main class='vrte-page'>{head}{''.join(sections)}</main>"
 
 
 def make_section(heading: str, *parts: str) -> str:

@@ -33,7 +33,7 @@ from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.sweep.results import TABLE, Sample, get_values, make_result, make_scene_request
+from vrte.sweep.results import TABLE, Sample, make_result, make_scene_request
 from vrte.sweep.store import Work, read_work
 from vrte.sweep.template import make_scene_at
 
@@ -115,7 +115,8 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
             failed[str(row)] = kind + put_in_one_line(str(outcome), LONGEST_MESSAGE)
             continue
         for name, values in arrays.items():
-            values[row] = get_values(outcome, name)
+            value = outcome[name] if isinstance(outcome, Mapping) else getattr(outcome, name)
+            values[row] = 0.0 if value is None else value  # of surfaces that others of the table may have
     work.keep(chunk, arrays, {"failed": failed, "warnings": warned, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
     return len(places)

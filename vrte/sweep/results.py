@@ -90,12 +90,6 @@ def make_result(request: Request, directions: Array, solution: Solution) -> Brdf
     return replace(found, index=index, direct_up=np.zeros_like(found.direct))
 
 
-def get_values(found: Brdf | Field | Mapping[str, Any], name: str) -> Array | float:
-    """An array of a result, or 0 for light of surfaces that it has not and others of its table may have."""
-    values: Array | None = found[name] if isinstance(found, Mapping) else getattr(found, name)
-    return 0.0 if values is None else values
-
-
 def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfaces: bool = False) -> Results:
     """The results of a sweep by its first scene, whose particles nobody needs to know yet, and by the roughnesses of
     the surfaces of all."""

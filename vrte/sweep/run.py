@@ -125,20 +125,15 @@ def sweep(
     # a device's speed is not known
     predict = None if engine == "opencl" else partial(predict_sweep, workers=count, limit=limit)
     if output is not None:
-        return make_table(given, check_output_path(output), chunk, predict, engine_of, progress)
+        path = Path(check_file_name(output)).absolute()
+        if path.suffix not in SUFFIXES:
+            raise SceneError(f"the output {path.name} must end in {' or '.join(SUFFIXES)}")
+        if not path.parent.is_dir():
+            raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
+        return make_table(given, path, chunk, predict, engine_of, progress)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
         output = Path(folder) / "table.zarr"
         return make_table(given, output, chunk, predict, engine_of, progress, on_disk=False).load()
-
-
-def check_output_path(output: str | os.PathLike[str]) -> Path:
-    """The path of the table. Raises SceneError."""
-    path = Path(check_file_name(output)).absolute()
-    if path.suffix not in SUFFIXES:
-        raise SceneError(f"the output {path.name} must end in {' or '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
-    return path
 
 
 def make_table(

@@ -16,11 +16,11 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import make_seal, read_blocks
-from vrte.formats.contents import CONVENTIONS, WAVELENGTH
+from vrte.formats.contents import CONVENTIONS
 from vrte.formats.netcdf import check_netcdf, create_netcdf
 from vrte.results.quantities import STOKES
 from vrte.sweep.results import TABLE, Results
-from vrte.sweep.template import Sweep, SweepAxis
+from vrte.sweep.template import Sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -100,7 +100,7 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
     group, about = open_group(path, "w"), {**results.kind.coordinates, **results.kind.variables}
     group.attrs.update(describe_table(sweep, grid.box))
     known: list[tuple[str, tuple[str, ...], Any, dict[str, str]]] = [
-        *((axis.name, (axis.dimension,), axis.values, describe_axis(axis)) for axis in sweep.axes),
+        *((axis.name, (axis.dimension,), axis.values, axis.attributes) for axis in sweep.axes),
         *((name, (name,), values, about[name].attributes) for name, values in results.coordinates.items()),
         *((name, (name,), np.array(STOKES, object), {"long_name": "Stokes parameter"}) for name in results.labels),
         *((name, dims, values, about[name].attributes) for name, (dims, values) in results.constants.items()),
@@ -129,13 +129,6 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
     with warnings.catch_warnings():  # all metadata in one place, where xarray looks for them first
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
         zarr.consolidate_metadata(path)
-
-
-def describe_axis(axis: SweepAxis) -> dict[str, str]:
-    """Attributes of the values of an axis."""
-    if axis.key == "wavelength_um":
-        return WAVELENGTH.attributes
-    return {"units": "um" if axis.key.endswith("_um") else "1", "long_name": axis.key}
 
 
 def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:

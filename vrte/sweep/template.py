@@ -25,6 +25,7 @@ import numpy as np
 from vrte.appearance.panel import make_panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place, SceneError
+from vrte.formats.contents import WAVELENGTH
 from vrte.formats.named import find_named_tables
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute
@@ -73,6 +74,13 @@ class SweepAxis:
     places: Place
     values: Array
     dimension: str
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Unit and name in the table."""
+        if self.key == "wavelength_um":
+            return WAVELENGTH.attributes
+        return {"units": "um" if self.key.endswith("_um") else "1", "long_name": self.key}
 
 
 @dataclass(frozen=True, eq=False)
