@@ -511,9 +511,12 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
     for label, rows in {"what": SOURCES, "size": SIZES, "what lies beneath": BASES, "filled with": PHASES}.items():
         for place in range(len(rows)):
             tab.label(label).first.click()
+            tab.evaluate("() => { window.drawn = document.querySelector('.vrte-left .q-field'); }")
             tab.page.locator(".q-menu .q-item").nth(place).click()
             tab.page.locator(".q-menu").wait_for(state="detached")
-            tab.rest(300)
+            # drawn anew, unless it was chosen already
+            tab.waits_for("begun => !drawn.isConnected || Date.now() - begun > 2000", arg=tab.evaluate("Date.now()"))
+            tab.rest(200)
             assert tab.evaluate(CUT) == [], f"{label} {place}"
     tab.button("add a surface or interface").click()
     tab.choose("surface", "rough: many small facets")
