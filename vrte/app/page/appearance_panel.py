@@ -44,7 +44,10 @@ class AppearancePanel:
         self.shown: Any = None
         self.moved: Place | None = None
         with ui.row().classes("w-full gap-2 pt-3 items-center vrte-looks"):
-            begin = controls.add_button("Begin with a paint", "format_paint", None, "outline dense", "px-2 vrte-begin")
+            classes = "px-2 vrte-begin"
+            begin = controls.add_button(
+                "Begin with a paint", "format_paint", None, "outline dense", classes, plain=True
+            )
             with begin, controls.make_menu():
                 for title in list_films():
                     controls.add_menu_item(title, partial(self.begin_with, title))

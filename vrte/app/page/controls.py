@@ -60,9 +60,11 @@ def add_menu_item(text: str, act: Callable[[], Any] | None = None) -> Any:
     return ui.menu_item(text, act).props("role=menuitem")
 
 
-def add_button(text: str, icon: str, act: Callable[[], Any] | None = None, props: str = "", classes: str = "") -> Any:
-    """A button; one that is GO has no colour of Quasar's."""
-    colour = "primary" if props != GO else None
+def add_button(
+    text: str, icon: str, act: Callable[[], Any] | None = None, props: str = "", classes: str = "", plain: bool = False
+) -> Any:
+    """A button, in no colour of Quasar's where it is ``plain``, or has its colour of a class as GO has."""
+    colour = None if plain or props == GO else "primary"
     return ui.button(text, icon=icon, on_click=act, color=colour).props(f"no-caps {props}").classes(classes)
 
 
