@@ -649,7 +649,7 @@ def test_skylight_on_the_ground_before_a_long_wall() -> None:
     light = SceneLight.of(sky, 0.0, stage.ground)
     assert stage.ground is not None
     distance = np.array([0.3, 1.0, 2.5])
-    found = (stage.ground.rows(distance, 0.0 * distance) @ light.skylight_shares)[:, 0]
+    found = (stage.ground.rows(distance, 0.0 * distance) @ light.skylight_fractions)[:, 0]
     assert_close(found, 0.5 * (1.0 + distance / np.hypot(distance, 1.0)), rtol=0.0, atol=0.02)
 
 

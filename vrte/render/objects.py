@@ -42,7 +42,7 @@ class Samples:
         return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @property
-    def shares(self) -> Array:
+    def weights(self) -> Array:
         """The weights (n, 3) of the triangles' corners."""
         return np.concatenate([1.0 - self.where.sum(axis=1, keepdims=True), self.where], axis=1)
 
@@ -84,9 +84,9 @@ class Stage:
     def find_points(self, samples: Samples) -> Points:
         """The places that samples, all of one body, show."""
         body = self.bodies[int(samples.body[0])]
-        corner, shares = body.triangles[samples.triangle], samples.shares
-        normal = normalize(np.einsum("nk,nkc->nc", shares, body.normals[corner]))
-        return Points.seen(np.einsum("nk,nkc->nc", shares, body.corners[corner]), normal, self.lens)
+        corner, weights = body.triangles[samples.triangle], samples.weights
+        normal = normalize(np.einsum("nk,nkc->nc", weights, body.normals[corner]))
+        return Points.seen(np.einsum("nk,nkc->nc", weights, body.corners[corner]), normal, self.lens)
 
     def find_lit(self, samples: Samples, points: Points) -> Any:
         """Whether the sun reaches the places (n,) that samples show; rays begin outside flat triangles, on the surface
@@ -94,7 +94,7 @@ class Stage:
         body = self.bodies[int(samples.body[0])]
         corner = body.triangles[samples.triangle]
         below = ((body.corners[corner] - points.position[:, None]) * body.normals[corner]).sum(axis=2)
-        raised = np.einsum("nk,nkc->nc", samples.shares * np.maximum(below, 0.0), body.normals[corner])
+        raised = np.einsum("nk,nkc->nc", samples.weights * np.maximum(below, 0.0), body.normals[corner])
         start = points.position + raised + OFF_SURFACE * points.normal
         return ~self.rays.find_blocked(start, self.suns[samples.sun])
 
@@ -105,9 +105,9 @@ def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[A
     lens, rays = stage.lens, stage.rays
     count = lens.width * lens.height
     found, kept = np.zeros((count, CHANNELS)), []
-    share = 1.0 / SAMPLES**2
+    fraction = 1.0 / SAMPLES**2
     sunlit, skylit = observer @ light.sunlit, observer @ light.skylit
-    shares = light.skylight_shares * light.skylit @ observer.T if light.ground is not None else None
+    skylight = light.skylight_fractions * light.skylit @ observer.T if light.ground is not None else None
     for block in split(count, BLOCK):
         pixel = np.arange(count)[block]
         clear = np.zeros(pixel.size)
@@ -118,15 +118,15 @@ def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[A
             sun = (place + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
             missed = body < 0
             kept.append(Samples(pixel.astype(np.int32), body, triangle, where, sun).choose(~missed))
-            clear[missed & (heading[:, 2] >= 0.0)] += share
+            clear[missed & (heading[:, 2] >= 0.0)] += fraction
             below = np.flatnonzero(missed & (heading[:, 2] < 0.0))
             spot = lens.place + heading[below] * (lens.place[2] / -heading[below, 2])[:, None]
-            if light.ground is None or shares is None:
-                found[pixel[below], :3] += share * (sunlit + skylit)
+            if light.ground is None or skylight is None:
+                found[pixel[below], :3] += fraction * (sunlit + skylit)
                 continue
             lit = ~rays.find_blocked(spot + OFF_SURFACE * UP, stage.suns[sun[below]])
-            bright = lit[:, None] * sunlit + light.ground.rows(spot[:, 0], spot[:, 1]) @ shares
-            found[pixel[below], :3] += share * bright
+            bright = lit[:, None] * sunlit + light.ground.rows(spot[:, 0], spot[:, 1]) @ skylight
+            found[pixel[below], :3] += fraction * bright
         free = np.flatnonzero(clear)
         travel = -lens.look(pixel[free] % lens.width + 0.5, pixel[free] // lens.width + 0.5)
         turn = find_turn_from_world(travel, lens.find_upright(travel))
@@ -169,7 +169,7 @@ def draw_object(
         stokes = surfaces.reflect_sunlight(points, stage.find_lit(some, points), lookup, light.sky)
         if tables[0].specular is not None:
             stokes += surfaces.mirror_surroundings(points, lookup, light, stage.rays)
-        seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", some.shares, smooth[own[block]])
+        seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", some.weights, smooth[own[block]])
         np.add.at(found, some.pixel, seen / SAMPLES**2)
     if tables[0].specular is not None:
         add_glints(found, stage, samples, tables, light, observer)

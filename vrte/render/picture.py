@@ -221,8 +221,8 @@ def colour_angles(stokes: Array, cover: Array) -> Array:
 
     hues = colormaps[ANGLE_COLOURS](np.nan_to_num(find_angle_of_linear_polarization(stokes)) / 180.0)
     degree = np.nan_to_num(find_degree_of_linear_polarization(stokes))
-    share = np.clip(degree / FAINT_DEGREE, 0.0, 1.0)[..., None]
-    hues[..., :3] = share * hues[..., :3] + (1.0 - share) * 0.6
+    weight = np.clip(degree / FAINT_DEGREE, 0.0, 1.0)[..., None]
+    hues[..., :3] = weight * hues[..., :3] + (1.0 - weight) * 0.6
     hues[..., 3] = cover
     return np.asarray(hues)
 
@@ -355,13 +355,13 @@ def describe_layers(content: Mapping[str, Any]) -> str:
 
 
 def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) -> str:
-    """Substances and sizes of a layer's particles, with their shares where there are more; "" where they are named
+    """Substances and sizes of a layer's particles, with their fractions where there are more; "" where they are named
     alone, or there are none."""
     given = layer.get("volume_fractions", layer.get("particles", {}))
-    shares = {given: 1.0} if isinstance(given, str) else given
-    several = len(shares) > 1
+    fractions = {given: 1.0} if isinstance(given, str) else given
+    several = len(fractions) > 1
     found = []
-    for name, share in shares.items():
+    for name, fraction in fractions.items():
         source = content.get("particles", {}).get(name)
         if not isinstance(source, Mapping):
             return ""
@@ -371,6 +371,6 @@ def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) ->
         if key is not None:
             kind = "diameter " if "diameter" in key else "" if several else "radius "
             words += f"{' ' if several else ', '}{kind}{sizes[key]:g} µm"
-        number = read_share(share) if several or "volume_fractions" in layer else None
+        number = read_share(fraction) if several or "volume_fractions" in layer else None
         found.append(words if number is None else f"{100.0 * number:.3g} % {words}")
     return " + ".join(found) + (" by volume" if found and "volume_fractions" in layer else "")

@@ -34,7 +34,7 @@ class Rendering:
 
     CIE ``xyz`` (height, width, 3) and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a white
     Lambertian surface that faces the sun, NaN around a sphere. Stokes axes: l upright, r to the right. ``cover``
-    (height, width) is a sphere's share of each pixel, 1 around what stands on the ground. ``errors`` of the BRDFs
+    (height, width) is a sphere's fraction of each pixel, 1 around what stands on the ground. ``errors`` of the BRDFs
     between the directions of their tables; middles of objects are ``apart`` [pixels].
     """
 
@@ -213,7 +213,7 @@ def find_facets(brdf: Brdf, surface: RoughSurface | None) -> RoughSurface | None
 
 def measure_interpolation_error(material: Material, wavelength_um: float, table: BrdfTable) -> float:
     """The largest error of any element of the BRDF times mu_i in 512 directions off the table's grid, all cosines above
-    0.05, over the largest such value; or that of the share mirrored as a beam, where it is larger."""
+    0.05, over the largest such value; or that of the fraction mirrored as a beam, where it is larger."""
     draw = np.random.default_rng(0)
     mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
     phi = draw.uniform(0.0, 180.0, 8)

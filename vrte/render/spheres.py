@@ -53,7 +53,7 @@ class View:
 
     @cached_property
     def cover(self) -> Array:
-        """The share (size, size) of each pixel that the sphere covers."""
+        """The fraction (size, size) of each pixel that the sphere covers."""
         across = np.arange(self.size) + 0.5 - 0.5 * self.size
         return np.clip(self.radius - np.hypot(across, across[:, None]) + 0.5, 0.0, 1.0)
 

@@ -11,9 +11,9 @@ direction of k that its normal does,
 
     L(p) = R_camera S(mu) R_surface L(k),    k = k_camera - 2 (k_camera.n) n,    mu = k_camera.n,
 
-S (4x4) the share of a beam that is reflected as a beam. Of a rough surface the facets h take the place of n, each with
-the BRDF of all of them, 4 (k_camera.h) dh being the solid angle that it mirrors: a quadrature over slopes finds the
-peak wherever it is.
+S (4x4) the fraction of a beam that is reflected as a beam. Of a rough surface the facets h take the place of n, each
+with the BRDF of all of them, 4 (k_camera.h) dh being the solid angle that it mirrors: a quadrature over slopes finds
+the peak wherever it is.
 """
 
 from collections.abc import Iterator, Sequence
@@ -108,8 +108,8 @@ class Points:
 @dataclass(frozen=True, eq=False)
 class ShadedGround:
     """Where the objects' shadow lies: ``east`` and ``north`` (steps,) span places, which the ``sun`` reaches or not,
-    and ``seen`` (place, direction) of the sky above, light from ``travel`` (direction, 3) with the shares ``weights``
-    of the irradiance that the same light from everywhere would make."""
+    and ``seen`` (place, direction) of the sky above, light from ``travel`` (direction, 3) whose ``weights`` are parts
+    of the irradiance under an even sky."""
 
     east: Array
     north: Array
@@ -129,14 +129,14 @@ class ShadedGround:
         )
         places = np.stack([*(part.ravel() for part in np.meshgrid(east, north, indexing="ij")), 0.0 * t.repeat(t.size)])
         start = places.T + OFF_SURFACE * UP
-        points, shares = np.polynomial.legendre.leggauss(GROUND_ALONG)
+        points, quadrature = np.polynomial.legendre.leggauss(GROUND_ALONG)
         cosine = np.sqrt(0.5 * (points + 1.0))  # even steps of its square: of what falls on level ground
         steps = np.arange(GROUND_AROUND) + 0.5 * (np.arange(GROUND_ALONG) % 2)[:, None]
         around = steps * (2.0 * np.pi / GROUND_AROUND)
         sine = np.sqrt(1.0 - cosine**2)[:, None]
         level = np.broadcast_to(cosine[:, None], around.shape)
         travel = -np.stack([sine * np.cos(around), sine * np.sin(around), level], axis=-1).reshape(-1, 3)
-        weights = np.repeat(0.5 * shares / GROUND_AROUND, GROUND_AROUND)
+        weights = np.repeat(0.5 * quadrature / GROUND_AROUND, GROUND_AROUND)
         sun, *seen = (~rays.find_blocked(start, np.broadcast_to(-one, start.shape)) for one in (beam, *travel))
         return cls(east, north, sun.astype(float), np.stack(seen, axis=1), travel, weights)
 
@@ -162,8 +162,8 @@ class SceneLight:
         return cls(sky, sunlit, sky.ground - sunlit, ground)
 
     @cached_property
-    def skylight_shares(self) -> Array:
-        """The share of the sky's light that reaches the places of the ground (place, wavelength)."""
+    def skylight_fractions(self) -> Array:
+        """The fraction of the sky's light that reaches the places of the ground (place, wavelength)."""
         assert self.ground is not None
         light = self.sky.find(self.ground.travel)[..., 0] * self.ground.weights[:, None]
         total = light.sum(axis=0)
@@ -174,7 +174,7 @@ class SceneLight:
     def at_places(self) -> Array:
         """Radiance of the ground at its places (place, wavelength)."""
         assert self.ground is not None
-        return self.sunlit * self.ground.sun[:, None] + self.skylit * self.skylight_shares
+        return self.sunlit * self.ground.sun[:, None] + self.skylit * self.skylight_fractions
 
     def find_ground(self, position: Array, travel: Array) -> Array:
         """Radiance (n, wavelength) that comes up along ``travel`` from the ground to these places."""
@@ -188,9 +188,9 @@ class SceneLight:
         """Stokes radiance (n, wavelength, 3) along ``travel`` at these places, where no object is in its way; ``edge``,
         of all or of each (n,): the height over which the horizon is spread."""
         if edge is not None:
-            share = np.clip(0.5 - travel[:, 2] / edge, 0.0, 1.0)[:, None]
-            found = share[..., None] * self.sky.find(travel)
-            found[..., 0] += (1.0 - share) * self.find_ground(position, travel)
+            weight = np.clip(0.5 - travel[:, 2] / edge, 0.0, 1.0)[:, None]
+            found = weight[..., None] * self.sky.find(travel)
+            found[..., 0] += (1.0 - weight) * self.find_ground(position, travel)
             return found
         found = np.zeros((len(travel), self.sky.sun.size, 3))
         down = travel[:, 2] < 0.0
@@ -203,9 +203,8 @@ class SceneLight:
 def find_incoming_directions(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array, Array]:
     """Directions of travel (normal, n, 3) of light from above the tangent planes, and weights (normal, n) [sr].
 
-    Tangent plane and horizon cut the sphere of directions into lunes, of sky and of ground, which share the axis where
-    both planes meet. Gauss quadrature takes each lune by itself, from pole to pole and across: no edge of the sky lies
-    within one.
+    Tangent plane and horizon cut the sphere of directions into lunes, of sky and of ground. Gauss quadrature takes each
+    by itself, from pole to pole and across: no edge of the sky lies within one.
     """
     axis = np.cross(normal, UP)
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -215,9 +214,9 @@ def find_incoming_directions(normal: Array, resolution: Resolution, ground: bool
     tilt = np.arctan2(across @ UP, normal @ UP)
     quarter = np.full_like(tilt, 0.5 * np.pi)
     lunes = [(tilt - quarter, quarter), *([(-quarter, tilt - quarter)] if ground else [])]
-    points, shares = np.polynomial.legendre.leggauss(resolution.along)
-    pole, pole_weights = 0.5 * np.pi * (points + 1.0), 0.5 * np.pi * shares
-    points, shares = np.polynomial.legendre.leggauss(resolution.across)
+    points, quadrature = np.polynomial.legendre.leggauss(resolution.along)
+    pole, pole_weights = 0.5 * np.pi * (points + 1.0), 0.5 * np.pi * quadrature
+    points, quadrature = np.polynomial.legendre.leggauss(resolution.across)
     travel, weights = [], []
     for low, high in lunes:
         half = 0.5 * (high - low)[:, None]
@@ -225,7 +224,9 @@ def find_incoming_directions(normal: Array, resolution: Resolution, ground: bool
         equator = np.cos(around)[..., None] * normal[:, None] + np.sin(around)[..., None] * across[:, None]
         toward = np.sin(pole)[:, None, None] * equator[:, None] + np.cos(pole)[:, None, None] * axis[:, None, None]
         travel.append(-toward.reshape(len(normal), -1, 3))
-        weights.append(((np.sin(pole) * pole_weights)[:, None] * (half * shares)[:, None, :]).reshape(len(normal), -1))
+        weights.append(
+            ((np.sin(pole) * pole_weights)[:, None] * (half * quadrature)[:, None, :]).reshape(len(normal), -1)
+        )
     return np.concatenate(travel, axis=1), np.concatenate(weights, axis=1)
 
 
@@ -341,21 +342,21 @@ def sample_slopes(surface: RoughSurface) -> tuple[Array, Array, Array]:
     """Slopes of facets (n,) along x and y, and weights of a quadrature that have the slopes' density in them."""
     count = SLOPES[surface.distribution]
     if surface.distribution == "beckmann":
-        square, share = np.polynomial.laguerre.laggauss(count)
+        square, weight = np.polynomial.laguerre.laggauss(count)
     else:
-        points, share = np.polynomial.legendre.leggauss(count)
-        square, share = (1.0 + points) / (1.0 - points), 0.5 * share
+        points, weight = np.polynomial.legendre.leggauss(count)
+        square, weight = (1.0 + points) / (1.0 - points), 0.5 * weight
     turned = 2.0 * np.pi * (np.arange(AROUND) + 0.5 * (np.arange(count) % 2)[:, None]) / AROUND
     slope = surface.roughness * np.sqrt(square)[:, None]
-    return (slope * np.cos(turned)).ravel(), (slope * np.sin(turned)).ravel(), np.repeat(share, AROUND) / AROUND
+    return (slope * np.cos(turned)).ravel(), (slope * np.sin(turned)).ravel(), np.repeat(weight, AROUND) / AROUND
 
 
 def spread_over_facets(surface: RoughSurface, points: Points) -> tuple[Array, Array]:
     """Directions of travel (n facets, 3) of the light that each facet at the points (n) mirrors to the camera, and
     operators (n facets, 4, 4) from its Stokes vectors in the world's frame to their parts of the reflection, in the
     surface's frame."""
-    along, across, share = sample_slopes(surface)
-    n, facets = len(points.normal), share.size
+    along, across, weight = sample_slopes(surface)
+    n, facets = len(points.normal), weight.size
     facet = points.normal[:, None] - along[:, None] * points.x[:, None] - across[:, None] * points.y[:, None]
     upright = 1.0 / np.linalg.norm(facet, axis=-1)  # cosine between facet and surface
     facet, upright = (facet * upright[..., None]).reshape(-1, 3), upright.ravel()
@@ -365,9 +366,9 @@ def spread_over_facets(surface: RoughSurface, points: Points) -> tuple[Array, Ar
     travel = toward - 2.0 * cosine[:, None] * facet
     mu, azimuth, on_surface = convert_to_polar(travel, x, y, normal)
     lit = (cosine > 0.0) & (mu < 0.0)
-    mu_i, share = np.where(lit, -mu, 1.0), np.tile(share, n)
+    mu_i, weight = np.where(lit, -mu, 1.0), np.tile(weight, n)
     density = surface.find_density(1.0 / upright**2 - 1.0)
-    weights = share / density * upright**3 * 4.0 * cosine * mu_i
+    weights = weight / density * upright**3 * 4.0 * cosine * mu_i
     matrices = surface.reflect(mu_i, points.mu_o[owner], -np.degrees(azimuth))
     matrices = matrices * np.where(lit, weights, 0.0)[:, None, None]
     turns = turn_stokes(np.eye(4), find_turn_from_world(travel, on_surface)[:, None])  # each column turned

@@ -58,7 +58,7 @@ class BrdfTable:
 
     What is splined is f over a slab's reflection of single scattering at this optical ``thickness``,
     (1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o): that is steep where light grazes, and most of it.
-    ``specular`` (theta, 16): splines of the share that is reflected as a beam, None where none is; ``facets``: the
+    ``specular`` (theta, 16): splines of the fraction that is reflected as a beam, None where none is; ``facets``: the
     rough surface on top, whose own reflection is not in ``splines``.
     """
 
@@ -70,8 +70,8 @@ class BrdfTable:
 
     def slab(self, mu_i: Array, mu_o: Array) -> Array:
         """That factor; 1/(mu_i + mu_o) for a bare base."""
-        share = -np.expm1(-self.thickness * (1.0 / mu_i + 1.0 / mu_o)) if self.thickness else 1.0
-        return np.asarray(share / (mu_i + mu_o))
+        fraction = -np.expm1(-self.thickness * (1.0 / mu_i + 1.0 / mu_o)) if self.thickness else 1.0
+        return np.asarray(fraction / (mu_i + mu_o))
 
     def rows(self, mu_i: Array, mu_o: Array, phi: Array) -> Any:
         """The matrix from the flat splines to directions (n,), phi in radians."""
@@ -84,7 +84,7 @@ class BrdfTable:
         return (found * self.slab(mu_i, mu_o)[:, None]).reshape(-1, 4, 4)
 
     def mirror(self, mu: Array) -> Array:
-        """The share (n, 4, 4) of light along mu (n,) that is reflected as a beam."""
+        """The fraction (n, 4, 4) of light along mu (n,) that is reflected as a beam."""
         found: Array = make_spline_matrix((self.resolution.theta,), (np.arccos(mu),)) @ self.specular
         return found.reshape(-1, 4, 4)
 
@@ -152,10 +152,10 @@ class Lookup:
         """The splines at one of the tables' own outgoing angles, by its index."""
         resolution = self.tables[0].resolution
         theta, turn = resolution.theta, resolution.turn
-        share = make_spline_matrix((theta,), (theta[place : place + 1],)).toarray()[0]
-        near = slice(int(np.flatnonzero(share)[0]), int(np.flatnonzero(share)[-1]) + 1)
+        weight = make_spline_matrix((theta,), (theta[place : place + 1],)).toarray()[0]
+        near = slice(int(np.flatnonzero(weight)[0]), int(np.flatnonzero(weight)[-1]) + 1)
         splines = self.values.reshape(theta.size, theta.size, turn.size, -1)[:, near]
-        values = np.einsum("o,iopx->ipx", share[near], splines).reshape(-1, *self.values.shape[1:])
+        values = np.einsum("o,iopx->ipx", weight[near], splines).reshape(-1, *self.values.shape[1:])
 
         def find_rows(mu_i: Array, _: Array, phi: Array) -> tuple[Any, Any]:
             return make_spline_matrix((theta, turn), (np.arccos(mu_i), phi)), np.zeros(phi.size, bool)
