@@ -196,19 +196,19 @@ def make_study(
         probe, is_given = case
         right, uncertain = solve_references(probe, is_given)
         found = answer_probe(probe, requested, probe.nodes if is_given else None)
-        told = found.diagnostics
+        reported = found.diagnostics
         return Outcome(
             scene=probe.name,
             given=is_given,
             requested=requested,
             achieved=max(measure_difference(found, answered) for answered in right),
             uncertain=uncertain,
-            nodes=told["nodes"],
-            orders=told["orders"],
-            unknowns=int(told["unknowns"]),
-            seconds=told["wall_seconds"],
-            promised=told["promised"],
-            saved=int(told["unknowns"]) < count_finest_unknowns(probe, is_given, min(list_requests(case))),
+            nodes=reported["nodes"],
+            orders=reported["orders"],
+            unknowns=int(reported["unknowns"]),
+            seconds=reported["wall_seconds"],
+            promised=reported["promised"],
+            saved=int(reported["unknowns"]) < count_finest_unknowns(probe, is_given, min(list_requests(case))),
         )
 
     return Study(
@@ -367,10 +367,10 @@ def draw_figure(outcomes: Sequence[Outcome]) -> "Figure":
     panels: Any = figure.subplots(1, 2, sharey=True)
     names = list(dict.fromkeys(outcome.scene for outcome in outcomes))
     for panel, (given, title) in zip(panels, KINDS, strict=True):
-        for place, name in enumerate(names):
+        for index, name in enumerate(names):
             line = [outcome for outcome in outcomes if outcome.given == given and outcome.scene == name]
             x, y = [outcome.requested for outcome in line], [max(outcome.achieved, 1e-16) for outcome in line]
-            style = {"color": LINES[place % len(LINES)], "marker": MARKERS[place % len(MARKERS)]}
+            style = {"color": LINES[index % len(LINES)], "marker": MARKERS[index % len(MARKERS)]}
             panel.plot(x, y, markersize=3.5, linewidth=0.8, label=name, **style)
         requests = [outcome.requested for outcome in outcomes if outcome.given == given]
         ends = [min(requests, default=1e-9), max(requests, default=1e-3)]

@@ -90,10 +90,10 @@ def find_benchmarks(folder: Path | None = None, scene: str | None = None) -> lis
     >>> len(find_benchmarks(scene="plate"))
     1
     """
-    place = folder or FOLDER
-    found = [path for path in sorted(place.glob("*.csv")) if is_benchmark(path)]
+    index = folder or FOLDER
+    found = [path for path in sorted(index.glob("*.csv")) if is_benchmark(path)]
     if not found:
-        raise SceneError(f"no benchmarks in {place}")
+        raise SceneError(f"no benchmarks in {index}")
     chosen = [path for path in found if scene in (None, path.stem)]
     if not chosen:
         raise SceneError(f"--scene must be one of {', '.join(path.stem for path in found)}, not {scene!r}")
@@ -150,25 +150,25 @@ def list_brdf_numbers(found: Brdf) -> dict[Key, Array]:
     for name in ("mueller", "transmission", "surface"):
         matrices = getattr(found, name)
         if matrices is not None:
-            for place, matrix in iterate_matrices(matrices):
-                cosines = found.mu_i[place[0]], found.mu_o[place[1]], found.phi[place[2]]
+            for index, matrix in iterate_matrices(matrices):
+                cosines = found.mu_i[index[0]], found.mu_o[index[1]], found.phi[index[2]]
                 for column, parameter in enumerate(STOKES):
                     numbers[(name, *map(show_key, cosines), "", "", parameter)] = matrix[:, column]
     for name in ("specular", "specular_transmission"):
         matrices = getattr(found, name)
         if matrices is not None:
-            for place, matrix in iterate_matrices(matrices):
+            for index, matrix in iterate_matrices(matrices):
                 for column, parameter in enumerate(STOKES):
-                    numbers[(name, show_key(found.mu_i[place[0]]), "", "", "", "", parameter)] = matrix[:, column]
-    for mu, share in zip(found.mu_i, found.reflectance, strict=True):
-        numbers[("reflectance", show_key(mu), "", "", "", "", "I")] = make_single(share)
+                    numbers[(name, show_key(found.mu_i[index[0]]), "", "", "", "", parameter)] = matrix[:, column]
+    for mu, fraction in zip(found.mu_i, found.reflectance, strict=True):
+        numbers[("reflectance", show_key(mu), "", "", "", "", "I")] = make_single(fraction)
     return numbers
 
 
 def iterate_matrices(matrices: Array) -> Iterator[tuple[tuple[int, ...], Array]]:
     """Places and matrices of an array (..., 4, 4)."""
-    for place in np.ndindex(matrices.shape[:-2]):
-        yield place, matrices[place]
+    for index in np.ndindex(matrices.shape[:-2]):
+        yield index, matrices[index]
 
 
 def list_field_numbers(found: Field, side: str, chosen: Any = True) -> dict[Key, Array]:
@@ -213,8 +213,8 @@ def show_numbers(numbers: dict[Key, Array], digits: int = DIGITS) -> dict[Key, l
     found = {}
     for key, values in numbers.items():
         size = largest[key[0]]
-        places = digits - 1 - math.floor(math.log10(size)) if size > 0.0 else digits
-        texts = ["" if math.isnan(value) else f"{value:.{places}f}" for value in values]
+        indices = digits - 1 - math.floor(math.log10(size)) if size > 0.0 else digits
+        texts = ["" if math.isnan(value) else f"{value:.{indices}f}" for value in values]
         found[key] = [text.lstrip("-") if text and float(text) == 0.0 else text for text in texts]
     return found
 
@@ -265,8 +265,10 @@ def describe_comparisons(found: Sequence[Comparison]) -> str:
         + f"  {one.seconds:7.1f}  {f'{len(one.changed)} changed' if one.changed else 'as told'}"
         for one in found
     ]
-    told = "  largest change by each algorithm in units of the last place told; rounding alone is 0.50"
-    return "\n".join([f"{head}  seconds", *lines, told, *(f"  {text}" for one in found for text in one.changed[:5])])
+    reported = "  largest change by each algorithm in units of the last place told; rounding alone is 0.50"
+    return "\n".join(
+        [f"{head}  seconds", *lines, reported, *(f"  {text}" for one in found for text in one.changed[:5])]
+    )
 
 
 def require_unchanged(found: Sequence[Comparison]) -> None:

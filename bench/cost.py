@@ -330,8 +330,8 @@ def make_exponent_table(axis: str, found: Lines) -> tuple[list[str], list[list[s
             if line is None:
                 rows[-1] += ["-", "-", "-"]
             else:
-                share = line.seconds[-1] / lines[TOTAL].seconds[-1]
-                rows[-1] += [line.exponent(), line.exponent(mark_upper_half(line.x)), f"{share:.1%}"]
+                fraction = line.seconds[-1] / lines[TOTAL].seconds[-1]
+                rows[-1] += [line.exponent(), line.exponent(mark_upper_half(line.x)), f"{fraction:.1%}"]
     return header, rows
 
 
@@ -378,7 +378,7 @@ def draw_step_times(axis: str, found: Lines) -> "Figure":
 def choose_colours(steps: Sequence[str]) -> dict[str, str]:
     """Of each step: the paper's have theirs everywhere."""
     ours = [step for step in steps if step not in COLOURS and step != REST]
-    return COLOURS | {step: OTHERS[place % len(OTHERS)] for place, step in enumerate(ours)} | {REST: FAINT}
+    return COLOURS | {step: OTHERS[index % len(OTHERS)] for index, step in enumerate(ours)} | {REST: FAINT}
 
 
 def describe_series(line: Series, colour: str, count: int, label: str) -> list[Curve]:
@@ -402,12 +402,12 @@ def describe_panel(axis: str, parts: Sequence[Curve], title: str, **legend: Any)
 
 def measure_costs(options: Any) -> None:
     """The study that the command line asks for."""
-    told = list_configurations(options.threads)
+    reported = list_configurations(options.threads)
     require_pictures()
-    points, settings = list_points(options.quick), f"{'quick, ' if options.quick else ''}{' against '.join(told)}"
-    for how in told.values():
+    points, settings = list_points(options.quick), f"{'quick, ' if options.quick else ''}{' against '.join(reported)}"
+    for how in reported.values():
         points[0].solve(how)  # the first solve of a process loads modules
-    carry_out(make_study(points, told, ROUNDS_QUICK if options.quick else ROUNDS, settings), options.output)
+    carry_out(make_study(points, reported, ROUNDS_QUICK if options.quick else ROUNDS, settings), options.output)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

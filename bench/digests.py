@@ -51,8 +51,8 @@ def specular(mu_i: Any, mu_o: Any, phi: Any) -> Any:
     """A Mueller base: a lobe about the mirror's direction that polarizes a little."""
     lobe = 0.1 * np.exp(-4.0 * (mu_i - mu_o) ** 2) * (1.2 + np.cos(np.radians(phi)))
     found = np.zeros((*np.shape(lobe), 4, 4))
-    for place, share in enumerate((1.0, 0.5, 0.5, 0.4)):
-        found[..., place, place] = share * lobe
+    for index, fraction in enumerate((1.0, 0.5, 0.5, 0.4)):
+        found[..., index, index] = fraction * lobe
     found[..., 0, 1] = found[..., 1, 0] = 0.2 * lobe
     return found
 

@@ -410,7 +410,7 @@ class Reference:
     def of(case: Case, field: Field, within: float = 0.0) -> "Reference":
         """What was found, in units of its own largest I."""
         light, level = field.stokes[case.outgoing], np.nonzero(case.outgoing)[0]
-        most = np.array([np.abs(light[level == place, :, 0]).max() for place in range(len(case.tau))])
+        most = np.array([np.abs(light[level == index, :, 0]).max() for index in range(len(case.tau))])
         largest = np.maximum(most, NO_LIGHT)[level][:, None, None]
         return Reference(light / largest, find_flux_shares(case, field), largest, within)
 
@@ -438,8 +438,8 @@ def solve_twice(case: Case) -> Reference:
         solve_case(case, nodes=nodes, accuracy=FINEST, algorithm=algorithm, truncation="none")
         for nodes, algorithm in zip(case.nodes, ("modes", "doubling"), strict=True)
     )
-    gaps = Reference.of(case, fine).gaps(case, coarse)
-    return Reference.of(case, fine, float(max(np.abs(gap).max() for gap in gaps)))
+    differences = Reference.of(case, fine).gaps(case, coarse)
+    return Reference.of(case, fine, float(max(np.abs(difference).max() for difference in differences)))
 
 
 @cache
@@ -530,7 +530,7 @@ def make_study(
 
     return Study(
         cases=[find_case(name) for name in names],
-        ways=lambda one: [Run(curve, place) for curve in curves for place in range(len(curve.settings))],
+        ways=lambda one: [Run(curve, index) for curve in curves for index in range(len(curve.settings))],
         measure=measure,
         name=lambda one, run: f"{one.name}: {run.curve.name}, {run.setting.label}",
         page=write,
@@ -598,8 +598,8 @@ def measure_run_errors(one: Case, field: Field, right: Reference, is_partial: bo
     light, lost = right.gaps(one, field)
     level = np.nonzero(one.outgoing)[0]
     result = {}
-    for place, letter in enumerate(STOKES):
-        by_depth = [measure_gap_sizes(light[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
+    for index, letter in enumerate(STOKES):
+        by_depth = [measure_gap_sizes(light[level == depth, :, index], is_partial) for depth in range(len(one.tau))]
         by_depth = [part for part in by_depth if part.size] or [np.array([np.nan])]
         result[f"{letter}_max"] = float(max(part.max() for part in by_depth))
         result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part**2)) for part in by_depth))
@@ -608,9 +608,9 @@ def measure_run_errors(one: Case, field: Field, right: Reference, is_partial: bo
     return result | {"energy": float(measure_gap_sizes(lost, is_partial).max())}
 
 
-def measure_gap_sizes(gaps: Array, is_partial: bool) -> Array:
+def measure_gap_sizes(differences: Array, is_partial: bool) -> Array:
     """Their sizes, (any,), without those that are NaN where that is no error."""
-    sizes = np.abs(gaps)
+    sizes = np.abs(differences)
     return sizes[~np.isnan(sizes)] if is_partial else sizes.ravel()
 
 

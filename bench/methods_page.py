@@ -225,7 +225,7 @@ def assign_markers(rows: Sequence[Row]) -> dict[str, int]:
     for row in rows:
         curves = found.setdefault(find_curve_method(row), {})
         curves.setdefault(row.curve, len(curves))
-    return {name: place for curves in found.values() for name, place in curves.items()}
+    return {name: index for curves in found.values() for name, index in curves.items()}
 
 
 def find_curve_method(row: Row) -> str:
@@ -250,11 +250,11 @@ def make_hover_text(row: Row) -> str:
     )
 
 
-def make_scene_figure(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
+def make_scene_figure(rows: Sequence[Row], indices: dict[str, int]) -> dict[str, Any]:
     """The interactive figure of a scene: a trace a curve, the Pareto front first, a menu of what is measured."""
     best = find_pareto_front(rows)
     lines = [("Pareto front", best), *group_by_curve(rows).items()]
-    data = [make_trace(name, some, places.get(name)) for name, some in lines]
+    data = [make_trace(name, some, indices.get(name)) for name, some in lines]
     buttons = [
         {
             "label": label,
@@ -279,8 +279,8 @@ def make_scene_figure(rows: Sequence[Row], places: dict[str, int]) -> dict[str, 
 def make_reference_line(within: float) -> dict[str, Any]:
     """Across the figure, where errors cannot be told from the reference's; none where that is not known."""
     line = {"color": "black", "width": 1, "dash": "dot"}
-    place = max(within, SMALLEST) if math.isfinite(within) else 1.0
-    ends = {"x0": 0.0, "x1": 1.0, "y0": place, "y1": place}
+    index = max(within, SMALLEST) if math.isfinite(within) else 1.0
+    ends = {"x0": 0.0, "x1": 1.0, "y0": index, "y1": index}
     return {"type": "line", "xref": "paper", "line": line, "visible": math.isfinite(within), **ends}
 
 
@@ -290,11 +290,11 @@ def list_heights(rows: Sequence[Row], field: str) -> list[float | None]:
     return [None if math.isnan(value) else max(value, SMALLEST) for value in values]
 
 
-def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
-    """Of one curve; ``place`` None: the front."""
+def make_trace(name: str, rows: Sequence[Row], index: int | None) -> dict[str, Any]:
+    """Of one curve; ``index`` None: the front."""
     x = [row.seconds for row in rows]
     found: dict[str, Any] = {"name": name, "type": "scatter", "x": x, "y": list_heights(rows, "worst")}
-    if place is None:
+    if index is None:
         line = {"color": FAINT, "width": 9, "shape": "hv"}
         return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
     colour, bold = choose_colour(rows), (BOLD if rows[0].curve == AUTO else 1.0)
@@ -309,7 +309,7 @@ def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, A
     return found | {
         "mode": "lines+markers",
         "line": {"color": colour, "width": 1.2 * bold, "dash": "dash" if rows[0].is_peer else "solid"},
-        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 7 * bold**0.5},
+        "marker": {"color": colour, "symbol": SYMBOLS[index % len(SYMBOLS)], "size": 7 * bold**0.5},
         "error_x": spread,
         "text": [make_hover_text(row) for row in rows],
         "hoverinfo": "text",
@@ -318,8 +318,8 @@ def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, A
 
 def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
     """The page: what was measured, what to take for how much, and a figure a scene."""
-    scenes, places, score = group_rows(rows), assign_markers(rows), make_score_rows(rows)
-    figures = {make_file_stem(name): make_scene_figure(some, places) for name, some in scenes.items()}
+    scenes, indices, score = group_rows(rows), assign_markers(rows), make_score_rows(rows)
+    figures = {make_file_stem(name): make_scene_figure(some, indices) for name, some in scenes.items()}
     data = json.dumps(figures).replace("</", "<\\/")
     facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in circumstances)
     return "\n".join(
@@ -367,7 +367,7 @@ def make_scene_section(name: str, rows: Sequence[Row]) -> str:
     )
 
 
-def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure":
+def draw_scene_errors(name: str, rows: Sequence[Row], indices: dict[str, int]) -> "Figure":
     """Error against seconds, a line a curve."""
     from matplotlib.figure import Figure
 
@@ -378,10 +378,10 @@ def draw_scene_errors(name: str, rows: Sequence[Row], places: dict[str, int]) ->
     panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
     # auto above the others, and first in the legend
     for curve, some in group_by_curve(rows).items():
-        place, bold = places[curve], BOLD if some[0].curve == AUTO else 1.0
+        index, bold = indices[curve], BOLD if some[0].curve == AUTO else 1.0
         style: dict[str, Any] = {
             "color": choose_colour(some),
-            "marker": MARKERS[place % len(MARKERS)],
+            "marker": MARKERS[index % len(MARKERS)],
             "zorder": 2 + bold,
         }
         style["linestyle"] = "--" if some[0].is_peer else "-"

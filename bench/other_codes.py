@@ -149,8 +149,8 @@ def make_nanodisort_state(asked: Asked, streams: int, accuracy: float) -> Any:
 def solve_nanodisort(asked: Asked, state: Any) -> Field:
     """Solved, in the order of directions that was asked for."""
     state.solve()
-    places = np.argsort(np.argsort(asked.mu))
-    found = np.asarray(state.uu)[places].swapaxes(0, 1)  # (mu, tau, phi) there
+    indices = np.argsort(np.argsort(asked.mu))
+    found = np.asarray(state.uu)[indices].swapaxes(0, 1)  # (mu, tau, phi) there
     return asked.answer(make_unpolarized(found), np.array(state.flup), np.array(state.rfldn))
 
 

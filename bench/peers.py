@@ -183,9 +183,9 @@ def check_of_reference(problem: Problem) -> float:
     if problem.peer == "nanodisort":
         other = with_vrte(problem, REFERENCE_STREAMS)()
     else:
-        places = [int(np.argmin(np.abs(problem.mu - mu))) for mu in SIEWERT_QUOTED]
+        indices = [int(np.argmin(np.abs(problem.mu - mu))) for mu in SIEWERT_QUOTED]
         other = there.copy()
-        other[0, places, list(problem.phi).index(90.0)] = list(SIEWERT_QUOTED.values())
+        other[0, indices, list(problem.phi).index(90.0)] = list(SIEWERT_QUOTED.values())
     return max(errors(problem, other))
 
 

@@ -50,8 +50,8 @@ def page(comparisons: Sequence[list[Row]], checks: dict[Problem, float], load_be
     """Markdown: with what it was made, the table, what falls short, and what is compared."""
     short = [text for rows in comparisons for text in shortfalls(rows)]
     references = [
-        f"- reference of {problem.name}: within {show_two_digits(gap)} of {CHECKED_WITH[problem.peer]}\n"
-        for problem, gap in checks.items()
+        f"- reference of {problem.name}: within {show_two_digits(difference)} of {CHECKED_WITH[problem.peer]}\n"
+        for problem, difference in checks.items()
     ]
     blocks = [
         INTRODUCTION,
@@ -92,6 +92,6 @@ def made_with(load_before: str) -> str:
     """Date, machine, load and versions, as a Markdown list."""
     codes = ", ".join(f"{name} {version(name)}" for name in ("nanodisort", "sasktran2"))
     wanted = ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items())
-    said = f"load (1, 5, 15 minutes) {load_before} before, {load()} after"
+    reported = f"load (1, 5, 15 minutes) {load_before} before, {load()} after"
     keywords = f"keywords of vrte.radiance: {wanted or 'none beyond nodes and threads'}"
-    return make_markdown_list([*list_run_facts(said), codes, keywords])
+    return make_markdown_list([*list_run_facts(reported), codes, keywords])

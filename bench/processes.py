@@ -179,12 +179,14 @@ def start_processes(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
 
 def describe_processes(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
     """With what linear algebra and on what device they computed, a sentence each."""
-    told = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
+    reported = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
     if any(each.needs_device for each in configurations):
         from importlib.metadata import version
 
         from vrte.cl.device import find_chosen_device
 
         device = find_chosen_device()
-        told.append(f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}")
-    return told
+        reported.append(
+            f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}"
+        )
+    return reported

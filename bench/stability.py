@@ -234,27 +234,27 @@ def check_case(case: Case, oracle: OracleAnswer | None, options: Options, limit:
     # the BRDF times the irradiance is the radiance at the top, the BTDF times the irradiance that at the bottom
     lit = case.mu0 * np.array(case.beam)
     up = field.mu > 0.0
-    gap = measure_relative_difference((brdf.mueller[0] @ lit)[None], field.stokes[:1, up][:, :, few])
-    yield Check("BRDF and radiance", gap, limit)
+    difference = measure_relative_difference((brdf.mueller[0] @ lit)[None], field.stokes[:1, up][:, :, few])
+    yield Check("BRDF and radiance", difference, limit)
     if brdf.transmission is not None:
-        places = [brdf.mu_o.tolist().index(-mu) for mu in case.mu[case.mu < 0.0]]
-        below = (brdf.transmission[0, places] @ lit)[None]
-        gap = measure_relative_difference(below, field.stokes[-1:, ~up][:, :, few])
-        yield Check("BTDF and radiance", gap, limit)
+        indices = [brdf.mu_o.tolist().index(-mu) for mu in case.mu[case.mu < 0.0]]
+        below = (brdf.transmission[0, indices] @ lit)[None]
+        difference = measure_relative_difference(below, field.stokes[-1:, ~up][:, :, few])
+        yield Check("BTDF and radiance", difference, limit)
     yield Check("layer cut otherwise", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit)
     yield Check("layer cut otherwise, fluxes", measure_flux_gap(other, field), limit)
     counts = oracle is None and not case.is_thin
     with suppress(AccuracyError):  # the other algorithm may say that it cannot
         other = solve_field(case, case.scene, phi[few], OTHER[field.diagnostics["algorithm"]], options.threads)
-        gap = measure_relative_difference(other.stokes, field.stokes[:, :, few])
-        yield Check("both algorithms", gap, limit, counts)
+        difference = measure_relative_difference(other.stokes, field.stokes[:, :, few])
+        yield Check("both algorithms", difference, limit, counts)
         yield Check("both algorithms, fluxes", measure_flux_gap(other, field), limit, counts)
     net = field.flux_down + field.direct - field.flux_up - (0.0 if field.direct_up is None else field.direct_up)
     for part, where in zip(np.split(net, net.size // case.tau.size), ("", " on lower sides"), strict=False):
         yield from check_energy(case, part, field.direct[0], where)
     if case.reflects_everything and case.is_white((0, 0.0)):  # it reflects everything
-        gap = find_largest(np.abs(brdf.total_reflectance - 1.0))
-        yield Check("reflectance of 1", gap, choose_energy_limit(case), kind="energy")
+        difference = find_largest(np.abs(brdf.total_reflectance - 1.0))
+        yield Check("reflectance of 1", difference, choose_energy_limit(case), kind="energy")
     yield Check("reciprocity", measure_reciprocity_gap(brdf), limit)
     if case.media and case.base is None and brdf.transmission is not None:
         from_below = solve_brdf(case, options, phi[few], "bottom")
@@ -340,15 +340,17 @@ def check_flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) ->
     white = all(slab.albedo == 1.0 for slab in case.slabs)
     if white and case.base_kind == "black" and 0.0 < case.thickness <= 1e6:
         through = oracle.flux_down[-1] + field.direct[-1]
-        gap = abs(field.flux_down[-1] - oracle.flux_down[-1])
-        yield Check("transmitted flux, omega = 1", float(gap / max(through, NOTHING)), TRANSMITTED, kind="oracle")
+        difference = abs(field.flux_down[-1] - oracle.flux_down[-1])
+        yield Check(
+            "transmitted flux, omega = 1", float(difference / max(through, NOTHING)), TRANSMITTED, kind="oracle"
+        )
 
 
 def measure_flux_gap(got: Field, right: Field) -> float:
     """Fluxes of two fields, relative to all that crosses that depth, the beam included."""
     size = np.abs(right.flux_up) + np.abs(right.flux_down) + np.abs(right.direct)
-    gap = np.maximum(np.abs(got.flux_up - right.flux_up), np.abs(got.flux_down - right.flux_down))
-    return find_largest(gap / np.maximum(size, NOTHING))
+    difference = np.maximum(np.abs(got.flux_up - right.flux_up), np.abs(got.flux_down - right.flux_down))
+    return find_largest(difference / np.maximum(size, NOTHING))
 
 
 def check_energy(case: Case, net: Array, entering: float, which: str = "") -> Iterator[Check]:
@@ -375,8 +377,8 @@ def choose_energy_limit(case: Case) -> float:
 
 def measure_reciprocity_gap(brdf: Brdf) -> float:
     """f(a, b) = Q f(b, a)^T Q, relative to the largest element that either direction sends anywhere."""
-    places = [brdf.mu_o.tolist().index(mu) for mu in brdf.mu_i]
-    f = brdf.mueller[:, places]  # (a, b, phi, 4, 4)
+    indices = [brdf.mu_o.tolist().index(mu) for mu in brdf.mu_i]
+    f = brdf.mueller[:, indices]  # (a, b, phi, 4, 4)
     back = SIGN[:, None] * f.transpose(1, 0, 2, 4, 3) * SIGN
     return measure_pairwise_gap(f, back, np.abs(brdf.mueller).max(axis=(1, 2, 3, 4)))
 
@@ -386,18 +388,18 @@ def measure_passing_gap(case: Case, down: Brdf, up: Brdf) -> float:
     either direction sends anywhere."""
     assert down.transmission is not None
     assert up.transmission is not None
-    places = [down.mu_o.tolist().index(mu) for mu in down.mu_i]
+    indices = [down.mu_o.tolist().index(mu) for mu in down.mu_i]
     ratio = (case.media[-1] / case.media[0]) ** 2
-    back = ratio * SIGN[:, None] * up.transmission[:, places].transpose(1, 0, 2, 4, 3) * SIGN
+    back = ratio * SIGN[:, None] * up.transmission[:, indices].transpose(1, 0, 2, 4, 3) * SIGN
     sizes = [np.abs(each).max(axis=(1, 2, 3, 4)) for each in (down.transmission, ratio * up.transmission)]
-    gap = np.abs(down.transmission[:, places] - back).max(axis=(2, 3, 4))
-    return find_largest(gap / np.maximum(np.maximum(sizes[0][:, None], sizes[1]), NOTHING))
+    difference = np.abs(down.transmission[:, indices] - back).max(axis=(2, 3, 4))
+    return find_largest(difference / np.maximum(np.maximum(sizes[0][:, None], sizes[1]), NOTHING))
 
 
 def measure_pairwise_gap(f: Array, other: Array, size: Array) -> float:
     """The largest difference for each pair (a, b, ...) of directions, over the larger size (a,) of the two."""
-    gap = np.abs(f - other).max(axis=tuple(range(2, f.ndim)))
-    return find_largest(gap / np.maximum(np.maximum(size[:, None], size), NOTHING))
+    difference = np.abs(f - other).max(axis=tuple(range(2, f.ndim)))
+    return find_largest(difference / np.maximum(np.maximum(size[:, None], size), NOTHING))
 
 
 def measure_mirror_gap(brdf: Brdf) -> float:
@@ -568,11 +570,11 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
             found["trouble"] = f"{type(error).__name__}: {error}"
     # that a solve takes long says nothing of digits; too few nodes for the phase matrix are told, and do not count
     for counts, few in ((True, False), (case.resolved, True)):
-        told = [each for each in caught if issubclass(each.category, AccuracyWarning) == few]
-        told = [each for each in told if not issubclass(each.category, LongSolveWarning)]
-        if told and "checks" in found:
-            text = " ".join(str(told[0].message).split())
-            found["checks"].append(Check(f"warnings ({text})", float(len(told)), 0.0, counts, "other"))
+        reported = [each for each in caught if issubclass(each.category, AccuracyWarning) == few]
+        reported = [each for each in reported if not issubclass(each.category, LongSolveWarning)]
+        if reported and "checks" in found:
+            text = " ".join(str(reported[0].message).split())
+            found["checks"].append(Check(f"warnings ({text})", float(len(reported)), 0.0, counts, "other"))
     return Record(
         name=case.name,
         group=case.group,

@@ -327,7 +327,7 @@ def make_covering_cases(name: str) -> Iterator[Case]:
     """The covering array's cases; their number decides which higher Fourier order is looked at."""
     axes = SURFACE_AXES if name == "under surfaces" else AXES
     for number, row in enumerate(read_covering_rows(name)):
-        of = {axis: choices[place] for (axis, choices), place in zip(axes.items(), row, strict=True)}
+        of = {axis: choices[index] for (axis, choices), index in zip(axes.items(), row, strict=True)}
         scatters = f"{of['phase']} w={show_albedo(of['albedo'])} t={of['thickness']:g}"
         asked = f"{of['base']} sun={of['sun']} view={of['view']} N={of['nodes']}"
         media: tuple[float, ...] = ()

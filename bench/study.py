@@ -79,11 +79,11 @@ class Study(Generic[Case, Way, Row]):
         ways = [self.ways(case) for case in self.cases]
         wanted, rows = [fewest] * len(ways), list[Row]()
         for number in range(most):
-            for place, case in enumerate(self.cases):
-                if number >= wanted[place]:
+            for index, case in enumerate(self.cases):
+                if number >= wanted[index]:
                     continue
                 start = time.perf_counter()
-                for way in ways[place]:
+                for way in ways[index]:
                     total = sum(count * len(each) for count, each in zip(wanted, ways, strict=True))
                     tick(len(rows), total, self.name(case, way))
                     row = known.get(self.mark(case, way)) if log is not None else None
@@ -93,7 +93,7 @@ class Study(Generic[Case, Way, Row]):
                             log.append(row)
                     rows.append(row)
                 if number == 0 and most > fewest:
-                    wanted[place] = count_fitting_rounds(time.perf_counter() - start, available, fewest, most)
+                    wanted[index] = count_fitting_rounds(time.perf_counter() - start, available, fewest, most)
         tick(len(rows), len(rows), "")
         return rows
 
@@ -212,7 +212,7 @@ def read_machine_seconds() -> float | None:
     try:
         with open("/proc/stat", encoding="ascii") as file:
             ticks = [int(text) for text in file.readline().split()[1:]]
-        return sum(ticks[place] for place in BUSY_FIELDS) / os.sysconf("SC_CLK_TCK")
+        return sum(ticks[index] for index in BUSY_FIELDS) / os.sysconf("SC_CLK_TCK")
     except (OSError, ValueError, IndexError):
         return None
 

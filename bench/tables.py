@@ -534,10 +534,10 @@ def draw_stacked_bars(panel: Any, bars: Bars, totals: dict[str, float], scale: f
         panel.bar(range(len(bars)), heights, 0.7, list(low.values()), color=colour, label=step)
         low = {label: below + height for (label, below), height in zip(low.items(), heights, strict=True)}
     whole = totals.get(Configuration.TWO.label)
-    for place, (label, top) in enumerate(low.items()):
+    for index, (label, top) in enumerate(low.items()):
         relative = "" if whole is None else f"\n{totals[label] / whole:.2f} x"
         text = f"{scale * totals[label]:.3g}{relative}"
-        panel.annotate(text, (place, top), (0, 2), textcoords="offset points", ha="center", fontsize=8)
+        panel.annotate(text, (index, top), (0, 2), textcoords="offset points", ha="center", fontsize=8)
     panel.set_xticks(range(len(bars)), [label.replace(" ", "\n") for label in bars], fontsize=8)
     panel.set_ylim(0.0, 1.18 * max(low.values(), default=1.0))
     panel.set_ylabel(unit)

@@ -97,9 +97,9 @@ def test_many_scenes(kind: str) -> None:
     ratio = least["alone"] / least["both"]
     print(f"\n{kind}: {1.0 / least['both']:.0f} a second together, {ratio:.2f} times two processes", end="")
     if peers:
-        share = least["peer"] / least["one"]
-        print(f", on one thread {share:.1f} times nanodisort's loop", end="")
-        assert share >= HELD_OF_PEER
+        fraction = least["peer"] / least["one"]
+        print(f", on one thread {fraction:.1f} times nanodisort's loop", end="")
+        assert fraction >= HELD_OF_PEER
     print()
     assert ratio >= HELD
 

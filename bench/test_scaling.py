@@ -42,6 +42,8 @@ def test_two_threads_scale_like_two_processes() -> None:
         taken.append(processes / threads)
     for worker in (both, alone, second):
         worker.end()
-    share = float(np.median(taken))
-    print(f"\ntwo threads: {share:.2f} of what two processes reach (each pair: {', '.join(f'{x:.2f}' for x in taken)})")
-    assert share >= WORTH
+    fraction = float(np.median(taken))
+    print(
+        f"\ntwo threads: {fraction:.2f} of what two processes reach (each pair: {', '.join(f'{x:.2f}' for x in taken)})"
+    )
+    assert fraction >= WORTH

@@ -77,7 +77,7 @@ def test_tiny_call(kind: str) -> None:
     """One Rayleigh layer, 4 nodes, one direction, one thread, the same scene again and scenes never seen. CPU time,
     medians of 200 calls; the target is 0.4 ms."""
     call = getattr(vrte, kind)
-    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5 + 1e-4 * place)]) for place in range(250)]
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5 + 1e-4 * index)]) for index in range(250)]
 
     def measure(asked: list[vrte.Scene]) -> float:
         seconds = []
@@ -124,12 +124,12 @@ print(table.diagnostics["wall_seconds"], len(done), done[-1])
 def test_table_for_a_renderer() -> None:
     """90 x 90 x 181 directions, all distinct: memory beside the result, seconds from Fourier orders to the table."""
     output = subprocess.run([sys.executable, "-c", PEAK + TABLE], capture_output=True, check=True, text=True).stdout
-    megabytes, orders, single, wall, calls, share = (float(word) for word in output.split())
+    megabytes, orders, single, wall, calls, fraction = (float(word) for word in output.split())
     print(
         f"\n90 x 90 x 181 table: {wall:.2f} s, of which {orders:.2f} s the sum over Fourier orders and {single:.2f} s "
         f"single scattering; peak memory beside the result {megabytes:.0f} MB; {calls:.0f} steps of progress"
     )
     assert orders + single < 3.0
     assert megabytes <= 300.0
-    assert share == 1.0
+    assert fraction == 1.0
     assert calls > 10

@@ -191,15 +191,15 @@ def choose(
             passed = ", ".join(map(str, sorted(complaints)))
             return index, f"{reason} (passed over: {passed})" if passed else reason
         complaints[index] = complaint
-    told = "; ".join(f"{index} = {found[index].name}: {complaint}" for index, complaint in complaints.items())
-    raise DeviceError(f"no OpenCL device compiles kernels ({told}): {INSTALL}")
+    reported = "; ".join(f"{index} = {found[index].name}: {complaint}" for index, complaint in complaints.items())
+    raise DeviceError(f"no OpenCL device compiles kernels ({reported}): {INSTALL}")
 
 
 def _rank(device: Device) -> tuple[bool, int, bool, bool, float]:
     """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
     slower_driver = device.kind == "cpu" and device.platform != probe.POCL
-    place = PREFERENCE.index(device.kind)
-    return not device.double_precision, place, slower_driver, device.is_built_in, -device.rate
+    index = PREFERENCE.index(device.kind)
+    return not device.double_precision, index, slower_driver, device.is_built_in, -device.rate
 
 
 def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
@@ -214,8 +214,8 @@ def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> 
     if len(apart) == 1 and len(among) > 1:
         return f"the only {WORDS[kind]} with memory of its own"
     equal = len({device.rate for device in apart or among}) == 1
-    told = f"about {found[best].rate:.2g} operations a second in doubles"
-    return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {told}"
+    reported = f"about {found[best].rate:.2g} operations a second in doubles"
+    return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {reported}"
 
 
 def select_output(
@@ -299,9 +299,9 @@ def session(precision: str = "double") -> Session:
     with _lock:
         opened: dict[int, Session] = _state["sessions"]
         if id(device) not in opened:
-            told = {} if device.double_precision else {"precision": "single"}
+            reported = {} if device.double_precision else {"precision": "single"}
             with raise_device_errors():
-                opened[id(device)] = open_session(device.handle, **told)
+                opened[id(device)] = open_session(device.handle, **reported)
         found = opened[id(device)]
         if precision == device.widest:
             return found

@@ -287,10 +287,10 @@ class Doubling:
             for matrix in (self.Ze, self.Zo):
                 algebra.combine(active, 1.0, matrix, matrix, factor=factor)
             algebra.product(active, 1.0, self.Zo, self.Ze, self.a)
-            gap = self.gap(active, skip) if (ratio[active] > 0.999).any() else np.ones(self.count)
+            difference = self.gap(active, skip) if (ratio[active] > 0.999).any() else np.ones(self.count)
             self.double(active)
             self.doublings[active] += 1
-            active &= ~((gap < SETTLED[self.session.precision]) & (ratio > 0.999))
+            active &= ~((difference < SETTLED[self.session.precision]) & (ratio > 0.999))
             ratio = np.minimum(2.0 * ratio * np.sqrt(used) / (used + ratio * ratio), 2.0 * np.sqrt(used) / (1.0 + used))
 
     def gap(self, chosen: BoolArray, skip: Any) -> Array:

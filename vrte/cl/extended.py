@@ -256,9 +256,9 @@ class Algebra:
     def mirror_flux(self, chosen: BoolArray, a: Extended) -> None:
         """Reciprocity of the flux's row and column of order 0."""
         s = self.sizes
-        told = s.axis, 3 if s.stokes == 4 else -1, s.stokes
-        if not self.add("mirror", chosen, None, None, a, shape=told):
-            self.launch("mirror_flux", chosen, s, *told, a.data)
+        reported = s.axis, 3 if s.stokes == 4 else -1, s.stokes
+        if not self.add("mirror", chosen, None, None, a, shape=reported):
+            self.launch("mirror_flux", chosen, s, *reported, a.data)
 
     def lead_straight(self, chosen: BoolArray, a: Extended, straight: Extended, out: Extended) -> None:
         """out's NI = a's NI times the II of ``straight``; out's ON = the OO of it times a's ON."""

@@ -153,11 +153,11 @@ def begin_sort(session: Session, sort: Sort, memory: dict[str, Any], converged: 
     n_node, to = int(asked.weights.size), sort.first["mus"]
     for first, number, row in ((0, n_node, 0), (n_node, asked.n_off, pad_to_strips(sort.n))):
         put_cosines(session, what, asked.directions, first, number, memory["mus"], to + row)
-    places = sort.first["items"], sort.first["pairs"], sort.columns
+    indices = sort.first["items"], sort.first["pairs"], sort.columns
     made = converged.pairs, converged.weights, converged.counts, asked.tolerance, converged.tolerance, converged.rate
     size = max(what.n_term, 1), what.items.size
     session.launch(
-        "invariance_pairs", size, what, *places, columns.counts, *made, converged.listed, what.items, group=(1, 1)
+        "invariance_pairs", size, what, *indices, columns.counts, *made, converged.listed, what.items, group=(1, 1)
     )
     return columns.counts
 
@@ -174,7 +174,7 @@ def converge_rows(
 ) -> None:
     """Steps for R and H of some rows, the "nodes" or "off" them, as many as each item needs; ``led``: to which R the
     last steps led, ``moved``: by how much, this one first."""
-    places = session.upload(np.concatenate([sort.places(rows) for sort in sorts]))
+    indices = session.upload(np.concatenate([sort.places(rows) for sort in sorts]))
     sheets = [sort.sheet(rows, memory) for sort in sorts]
     items, H = converged.residual.size, memory[f"{rows}_H"]
     steps, renewals = (
@@ -188,7 +188,7 @@ def converge_rows(
     group = (GROUP, GROUP, 1)
 
     def renew(step: int, before: tuple[Any, Any], after: tuple[Any, Any]) -> None:
-        arrays = places, converged.counts, memory["phi"], H, memory["R"], *led, *moved, tiles, found
+        arrays = indices, converged.counts, memory["phi"], H, memory["R"], *led, *moved, tiles, found
         judged = converged.rate, converged.tolerance, converged.residual, converged.steps
         state = before[0], after[0], before[1], after[1]
         size = *(max(pair) for pair in zip(*renewals, strict=True)), items
@@ -200,7 +200,7 @@ def converge_rows(
     look = next(looks)
     size = *(max(pair) for pair in zip(*steps, strict=True)), items
     for step in range(_core.MOST_STEPS):
-        arrays = places, converged.counts, memory["mus"], converged.pairs, converged.weights, memory["nodes_H"], H
+        arrays = indices, converged.counts, memory["mus"], converged.pairs, converged.weights, memory["nodes_H"], H
         last = memory["R"], *led, *moved, tiles, found, now[1]
         session.launch("invariance_step_gpu", size, *arrays, *last, group=group)
         renew(step, now, other)

@@ -117,21 +117,21 @@ class Joining:
         """c = alpha a b + beta c."""
         self.algebra.multiply(self.all, a, b, c, alpha, beta)
 
-    def decay(self, place: int, a: Stack, out: Stack, straight: Any = None, running: Stack | None = None) -> None:
+    def decay(self, index: int, a: Stack, out: Stack, straight: Any = None, running: Stack | None = None) -> None:
         """out = what the beam, attenuated on its way to the interface, makes by `a`, and what went on straight."""
         before = out if running is None else running
         weak, each = (self.rate_II, 0) if straight is None else (straight, self.sizes.o)
-        arguments = a.rows, self.rate_II, self.depths[place], a, running is not None, weak, each, before, out
+        arguments = a.rows, self.rate_II, self.depths[index], a, running is not None, weak, each, before, out
         self.algebra.launch("decay", self.all, *arguments, columns=self.sizes.r)
 
-    def bring(self, place: int) -> None:
+    def bring(self, index: int) -> None:
         """R, T and lost of what lies there as r, t and lost_here; r and t are kept where there is room for them."""
-        of = self.session.constant(np.ascontiguousarray(self.slab_stacks.slab[:, place]))
-        if place in self.brought:
-            self.r, self.t = self.brought[place]
+        of = self.session.constant(np.ascontiguousarray(self.slab_stacks.slab[:, index]))
+        if index in self.brought:
+            self.r, self.t = self.brought[index]
         else:
             if self.kept:
-                self.brought[place] = self.r, self.t = self.algebra.new(), self.algebra.new()
+                self.brought[index] = self.r, self.t = self.algebra.new(), self.algebra.new()
             for source, target in ((self.R, self.r), (self.T, self.t)):
                 self.algebra.combine(self.all, 1.0, source, target, places=of)
         if self.slab_stacks.turned.any():
@@ -141,19 +141,19 @@ class Joining:
         """From the base up, then from the top down, then out of the nodes."""
         found: list[tuple[Stack | None, Stack | None]] = []
         up: list[Stack | None] = [self.emitted_by_base()]
-        for place in range(self.places - 1, -1, -1):
-            self.bring(place)
-            G, g, above = self.put_upon(place, up[0])
+        for index in range(self.places - 1, -1, -1):
+            self.bring(index)
+            G, g, above = self.put_upon(index, up[0])
             found.insert(0, (G, g))
             up.insert(0, above)
             if stop[0]:
                 break
         down: list[Stack | None] = [None]
-        for place in range(self.places if not stop[0] else 0):
-            self.bring_again(place)
-            falling, rising = self.downward_sweep(place, down[-1], *found[place])
+        for index in range(self.places if not stop[0] else 0):
+            self.bring_again(index)
+            falling, rising = self.downward_sweep(index, down[-1], *found[index])
             down.append(falling)
-            up[place + 1] = rising
+            up[index + 1] = rising
         if stop[0]:
             return Joined(None, None, None, self.algebra.info, self.residual())
         return self.leave(up, down)
@@ -166,31 +166,31 @@ class Joining:
         self.decay(self.places, source, out)
         return out
 
-    def put_upon(self, place: int, up: Stack | None) -> tuple[Stack | None, Stack | None, Stack]:
+    def put_upon(self, index: int, up: Stack | None) -> tuple[Stack | None, Stack | None, Stack]:
         """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T,
         and what comes up above it, emitted up + T (G emitted down + g)."""
         r, t, above = self.r, self.t, self.beams()
-        self.decay(place, r.NI, above)
+        self.decay(index, r.NI, above)
         if self.below is None:
             self.below = self.square()
             self.copy(r.N, self.below)
             self.flux_row_of(self.lost_here, self.absorbed)  # a black base absorbs all
             return None, None, above
         assert up is not None
-        G, g = self.solve(place, up)
+        G, g = self.solve(index, up)
         GT = self.square()
         self.multiply(G, t.N, GT)
         self.absorb(GT)
         self.copy(r.N, self.below)
         self.multiply(t.N, GT, self.below, beta=1.0)
         emitted, through = self.vectors
-        self.decay(place, t.NI, emitted)
+        self.decay(index, t.NI, emitted)
         self.copy(g, through)
         self.multiply(G, emitted, through, beta=1.0)
         self.multiply(t.N, through, above, beta=1.0)
         return G, g, above
 
-    def solve(self, place: int, up: Stack) -> tuple[Stack, Stack]:
+    def solve(self, index: int, up: Stack) -> tuple[Stack, Stack]:
         """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, small where nothing absorbs, is
         summed from what is lost: lost + T's row + absorbed R."""
         s, algebra, below, turned = self.sizes, self.algebra, self.below, self.slab_stacks.turned
@@ -211,14 +211,14 @@ class Joining:
         self.multiply(M, vector, g)
         size = algebra.largest(self.all, vector)
         self.multiply(known, g, vector, beta=1.0, alpha=-1.0)
-        self.missing[place] = algebra.largest(self.all, vector), size
+        self.missing[index] = algebra.largest(self.all, vector), size
         return G, g
 
     def residual(self) -> Reading:
         """What each interface's system misses, relative, (item, place)."""
         arrays = [array for pair in self.missing.values() for array in pair]
-        shape, places, faintest = (self.count, self.places), list(self.missing), self.session.faintest
-        return Reading(arrays, partial(find_relative_misses, shape, places, faintest))
+        shape, indices, faintest = (self.count, self.places), list(self.missing), self.session.faintest
+        return Reading(arrays, partial(find_relative_misses, shape, indices, faintest))
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:
         """out = x M + beta out, rows of order 0."""
@@ -248,12 +248,12 @@ class Joining:
         self.absorbed = new
 
     def downward_sweep(
-        self, place: int, down: Stack | None, G: Stack | None, g: Stack | None
+        self, index: int, down: Stack | None, G: Stack | None, g: Stack | None
     ) -> tuple[Stack, Stack | None]:
         """What falls at the bottom of a slab and what rises there: T down + emitted, then G falling + g, then R up on
         top of it."""
         falling = self.beams()
-        self.decay(place, self.t.NI, falling)
+        self.decay(index, self.t.NI, falling)
         if down is not None:
             self.multiply(self.t.N, down, falling, beta=1.0)
         if G is None or g is None:
@@ -271,62 +271,62 @@ class Joining:
         if self.out is not None and falling is not None:
             running = make_stack(self.session, self.count, s.o, s.r)
             self.multiply(self.out, falling, running)
-        for place in range(self.places, -1, -1):
-            self.put(place, running, upward)
-            if place > 0 and (interface < place).any():
-                self.bring_again(place - 1)
-                running = self.pass_on(place - 1, self.r.OI, running, up[place], down[place - 1])
+        for index in range(self.places, -1, -1):
+            self.put(index, running, upward)
+            if index > 0 and (interface < index).any():
+                self.bring_again(index - 1)
+                running = self.pass_on(index - 1, self.r.OI, running, up[index], down[index - 1])
         running = None
-        for place in range(self.places + 1):
-            self.put(place, running, downward)
-            if place < self.places and (interface > place).any():
-                self.bring_again(place)
-                running = self.pass_on(place, self.t.OI, running, down[place], up[place + 1])
-        for place, pair in enumerate(zip(up, down, strict=True)):
-            self.put_flux(place, pair, flux)
+        for index in range(self.places + 1):
+            self.put(index, running, downward)
+            if index < self.places and (interface > index).any():
+                self.bring_again(index)
+                running = self.pass_on(index, self.t.OI, running, down[index], up[index + 1])
+        for index, pair in enumerate(zip(up, down, strict=True)):
+            self.put_flux(index, pair, flux)
         return Joined(upward, downward, flux, self.algebra.info, self.residual())
 
-    def bring_again(self, place: int) -> None:
+    def bring_again(self, index: int) -> None:
         """A single slab is there already."""
         if self.places > 1:
-            self.bring(place)
+            self.bring(index)
 
     def pass_on(
-        self, place: int, OI: Stack, running: Stack | None, through: Stack | None, turned: Stack | None
+        self, index: int, OI: Stack, running: Stack | None, through: Stack | None, turned: Stack | None
     ) -> Stack:
         """direct running + T_ON through + R_ON turned + OI of the attenuated beam."""
         out = make_stack(self.session, self.count, self.sizes.o, self.sizes.r)
-        self.decay(place, OI, out, None if running is None else self.t.OO, running)
+        self.decay(index, OI, out, None if running is None else self.t.OO, running)
         if through is not None:
             self.multiply(self.t.ON, through, out, beta=1.0)
         if turned is not None:
             self.multiply(self.r.ON, turned, out, beta=1.0)
         return out
 
-    def put(self, place: int, running: Stack | None, out: Any) -> None:
+    def put(self, index: int, running: Stack | None, out: Any) -> None:
         """What leaves at an interface goes to the levels (item, level, r, o) that lie there."""
         s = self.sizes
-        for level in np.flatnonzero(self.slab_stacks.interface == place).tolist() if running is not None else ():
+        for level in np.flatnonzero(self.slab_stacks.interface == index).tolist() if running is not None else ():
             assert running is not None
             each = s.r * s.o
             self.copy(running, Stack(out, s.o, s.r, s.o, self.slab_stacks.interface.size * each, level * each))
 
-    def put_flux(self, place: int, going: tuple[Stack | None, Stack | None], out: Any) -> None:
+    def put_flux(self, index: int, going: tuple[Stack | None, Stack | None], out: Any) -> None:
         """The flux of order 0, up and down, at the levels (item, level, 2, r) that lie at an interface."""
         r, size = self.sizes.r, float(np.sqrt((self.frame.flux**2).sum()))
-        for level in np.flatnonzero(self.slab_stacks.interface == place).tolist():
+        for level in np.flatnonzero(self.slab_stacks.interface == index).tolist():
             for way, light in enumerate(going):
                 if light is not None:
                     to = Stack(out, 1, r, 1, self.slab_stacks.interface.size * 2 * r, (2 * level + way) * r)
                     self.algebra.blend(self.slab_stacks.turned, -size, take_row(light, self.sizes.axis), to)
 
 
-def find_relative_misses(shape: tuple[int, int], places: list[int], faintest: float, *sizes: Array) -> Array:
+def find_relative_misses(shape: tuple[int, int], indices: list[int], faintest: float, *sizes: Array) -> Array:
     """(item, place) of what interfaces at some places miss and of their sizes, (item,) each in turn; 0 elsewhere."""
     found = np.zeros(shape)
-    for place, missing, size in zip(places, sizes[::2], sizes[1::2], strict=True):
+    for index, missing, size in zip(indices, sizes[::2], sizes[1::2], strict=True):
         lit = size > faintest
-        found[:, place] = np.where(lit, missing / np.where(lit, size, 1.0), 0.0)
+        found[:, index] = np.where(lit, missing / np.where(lit, size, 1.0), 0.0)
     return found
 
 

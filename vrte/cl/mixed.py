@@ -113,8 +113,8 @@ class Mixing:
             found.append(R)
             doubted, missing = np.union1d(doubted, left).astype(np.int32), np.maximum(missing, misses)
         Ru = found[1]
-        places = 0, Ru.stride, self.n, (STRIP, Ru.ld)
-        up, on_nodes = compute_off_node_results(high, wide.asked, wide.counts, wide.off, Ru.data, *places)
+        indices = 0, Ru.stride, self.n, (STRIP, Ru.ld)
+        up, on_nodes = compute_off_node_results(high, wide.asked, wide.counts, wide.off, Ru.data, *indices)
         return SemiInfinite(up, on_nodes, high.upload(missing), steps), doubted
 
     def make_K(self) -> Stack:
@@ -157,22 +157,22 @@ class Mixing:
         high, room, n, left = self.high, self.wide.what.room, self.n, self.items
         R, Y = (make_stack(high, room, rows.phi.rows, n, bare=True) for _ in range(2))
         high.launch("widen", (n, left.size), begin, R, self.wide.what.items)
-        gap, missing, found = high.empty((room,)), high.zeros((room,)), high.empty((room, n, 2))
+        difference, missing, found = high.empty((room,)), high.zeros((room,)), high.empty((room, n, 2))
         sizes = rows.phi.rows, rows.signed_mu, self.wide.nodes.signed_mu
         for turn in range(MOST_ROUNDS + 1):
             items = high.constant(left)
             self.renew(high, rows, R, Y, items)
             high.launch("find_missing", (n, left.size), *sizes, Y, R, found, items)
-            high.launch("judge_missing", (left.size,), n, found, self.wide.rate, gap, missing, items)
+            high.launch("judge_missing", (left.size,), n, found, self.wide.rate, difference, missing, items)
             misses = high.download(missing)
             left = left[~(misses[left] <= self.tolerance[left])]
             if not left.size or turn == MOST_ROUNDS or (stop is not None and stop[0]):
                 break
             items = high.constant(left)
             r, d = (self.low.zeros((room, n, R.ld)) for _ in range(2))
-            high.launch("narrow_missing", (n, left.size), *sizes, gap, Y, R, r, items)
+            high.launch("narrow_missing", (n, left.size), *sizes, difference, Y, R, r, items)
             self.correct(rough_rows, r, d, K, items, stop)
-            high.launch("add_correction", (n, left.size), rows.phi.rows, gap, d, R, items)
+            high.launch("add_correction", (n, left.size), rows.phi.rows, difference, d, R, items)
         return R, left, misses
 
     def correct(self, rows: FactorColumns, r: Any, d: Any, K: Stack, items: Any, stop: IntArray | None = None) -> None:

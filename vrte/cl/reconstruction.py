@@ -72,16 +72,16 @@ def reconstruct_orders(session: Session, sizes: Sizes, of: Any, out: Any, has_ba
     rows of light going up come first, flipped by D. of: what `_core.reconstruct` takes, on the device."""
     orders, layers, ld, launch = sizes.orders, sizes.layers, pad_to_strips(sizes.rows), session.launch
     lit, fed, part = (session.empty((orders * count,)) for count in sizes.doubles)
-    places = of.thickness, of.above, of.mu0, of.mu_out, of.level, of.level_layer
+    indices = of.thickness, of.above, of.mu0, of.mu_out, of.level, of.level_layer
     lighting = sizes, sizes.rows, ld, of.G_E, of.G_F, of.X, of.Y, lit
     launch("light_of_modes", (ld // STRIP, orders * layers, 2), *lighting)
-    launch("feed_modes", (sizes.stops, sizes.n_in, orders), sizes, of.lam_re, of.lam_im, of.c, *places, fed)
+    launch("feed_modes", (sizes.stops, sizes.n_in, orders), sizes, of.lam_re, of.lam_im, of.c, *indices, fed)
     modes = of.lam_re, of.lam_im, of.decaying, of.even, of.odd, of.c, of.zeta
     stops = sizes.stops if layers > 1 else sizes.levels
-    launch("sum_sources", (sizes.n_out, stops, orders), sizes, ld, lit, *modes, fed, *places, out, part)
+    launch("sum_sources", (sizes.n_out, stops, orders), sizes, ld, lit, *modes, fed, *indices, out, part)
     if layers > 1 or has_base:
         base = of.base_down, of.base_row, of.base_out
-        launch("pass_layers", (sizes.n_out, sizes.n_rhs, orders), sizes, *base, *places, out, part)
+        launch("pass_layers", (sizes.n_out, sizes.n_rhs, orders), sizes, *base, *indices, out, part)
 
 
 @stand_in_for(_core.reconstruct)

@@ -131,12 +131,12 @@ class Steps:
         if not self.told:
             self.session.waiting.append(self.carry_out)
         flags = self.chosen.setdefault(chosen.tobytes(), len(self.chosen) * self.items)
-        told = [KINDS.index(kind), flags, *shape, *sizes, way]
-        told += [-1 if h is None else self.put(h), *(self.put(rate) for rate in rates)]
-        told += [0] * (OF_OPERANDS - len(told))
+        reported = [KINDS.index(kind), flags, *shape, *sizes, way]
+        reported += [-1 if h is None else self.put(h), *(self.put(rate) for rate in rates)]
+        reported += [0] * (OF_OPERANDS - len(reported))
         for operand in operands:
-            told += self.tell(operand)
-        self.told.append(told)
+            reported += self.tell(operand)
+        self.told.append(reported)
         self.shares.append(shares)
         self.work += work
         if self.work > LONGEST * find_rate(self.session):
@@ -163,18 +163,18 @@ class Steps:
 
     def carry_out(self) -> None:
         """Launches all steps of the list."""
-        session, told = self.session, np.array(self.told, np.int64)
+        session, reported = self.session, np.array(self.told, np.int64)
         chosen = np.concatenate([np.frombuffer(flags, bool) for flags in self.chosen]).astype(np.int32)
         numbers = np.concatenate([np.zeros(0), *(np.frombuffer(key) for key in self.numbers), np.zeros(1)])
         taking = np.flatnonzero(chosen.reshape(-1, self.items).any(axis=0))
-        programs = np.stack(np.broadcast_arrays(0, len(told), taking), axis=1).astype(np.int32)
+        programs = np.stack(np.broadcast_arrays(0, len(reported), taking), axis=1).astype(np.int32)
         memories = [memory.data for memory in self.memories]
         width, shelf = 0, 1
         if session.form == "gpu":
             width = choose_panel_width(max(self.rows, 1), session.device.local_mem_size)
             shelf = max(TILES, PANEL + 2 * CREW + self.rows * width)
         arguments = (
-            *(session.constant(each) for each in (programs, told, np.array(self.shares), chosen, numbers)),
+            *(session.constant(each) for each in (programs, reported, np.array(self.shares), chosen, numbers)),
             *(
                 memories[0],
                 memories[-1],

@@ -88,13 +88,13 @@ class Entries:
 
 
 def upload_entries(
-    session: Session, stokes: Array, kind: Array, place: Array, n_place: int, cosine: Array, sine: Array
+    session: Session, stokes: Array, kind: Array, index: Array, n_place: int, cosine: Array, sine: Array
 ) -> Entries:
     """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V); arguments as
     those of `azimuthal_sum`."""
     groups: dict[tuple[int, int], list[tuple[int, int, int, float]]] = {}
     used = [0] * (4 * n_place)
-    for column, (second, at) in enumerate(zip(kind.tolist(), place.tolist(), strict=True)):
+    for column, (second, at) in enumerate(zip(kind.tolist(), index.tolist(), strict=True)):
         for component, s in enumerate(stokes.tolist()):
             target, with_sine = s * n_place + at, (s >= 2) != (second == 1)
             group = groups.setdefault((target // 4, used[target]), [(0, 0, 0, 0.0)] * 4)
@@ -214,12 +214,12 @@ class Directions:
 
 
 def upload_directions(
-    session: Session, mu0: Array, mu: Array, cosine: Array, sine: Array, columns: Array, kind: Array, place: Array
+    session: Session, mu0: Array, mu: Array, cosine: Array, sine: Array, columns: Array, kind: Array, index: Array
 ) -> Directions:
     """Arguments as those of `add_single_scattering`."""
     waves = np.zeros((2, pad_to_strips(cosine.size)))
     waves[:, : cosine.size] = cosine, sine
-    return Directions(*(session.constant(values) for values in (mu0, mu, *waves, columns, kind, place)))
+    return Directions(*(session.constant(values) for values in (mu0, mu, *waves, columns, kind, index)))
 
 
 def add_scattering(

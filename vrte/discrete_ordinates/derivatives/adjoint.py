@@ -225,9 +225,9 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
                 some = orders[first : first + step]
                 forward = prepare_orders(route, some, run)
                 lit = forward, forward if same else prepare_orders(eyes, some, run)
-                for place, order in enumerate(some.tolist()):
+                for index, order in enumerate(some.tolist()):
                     weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
-                    pull_order(route, eyes, place, order, lit, weights, multiple)
+                    pull_order(route, eyes, index, order, lit, weights, multiple)
         weights = cotangent[..., plan.wanted.place] * plan.wanted.scale[:, None, None, None, None]
         pull_once(BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
     return multiple, single
@@ -280,15 +280,15 @@ def weigh_sent(route: Differentiating, weights: Array) -> tuple[Array, Array]:
 def pull_order(
     route: Differentiating,
     eyes: Differentiating,
-    place: int,
+    index: int,
     order: int,
     lit: tuple[Prepared, Prepared],
     weights: Array,
     multiple: list[Array],
 ) -> None:
     """Adds what an order has of the derivatives with the layers' scattering."""
-    forward = OrderOfStack(route, place, order, *lit[0], alone=False)
-    back = forward if eyes is route else OrderOfStack(eyes, place, order, *lit[1], alone=False)
+    forward = OrderOfStack(route, index, order, *lit[0], alone=False)
+    back = forward if eyes is route else OrderOfStack(eyes, index, order, *lit[1], alone=False)
     seen, sent = weigh_sent(route, weights)
     stokes = list(route.problem.stokes)
     n = route.problem.size
@@ -396,14 +396,14 @@ def pull_side(side: Side, of: Blocks, into: Aside, out: Aside) -> Blocks:
 
 
 def pull_basis(
-    modes: SlabModes, of: Blocks, left: Array, right: Array, inward: Array, outward: Array, share: Array | float
+    modes: SlabModes, of: Blocks, left: Array, right: Array, inward: Array, outward: Array, fraction: Array | float
 ) -> Blocks:
     """From the derivatives with e or p of `SlabModes.differentiate` to those with dE or dF."""
     row = of.ON + of.OI @ inward.T
     in_ = of.NI - outward.T @ of.OI
     own = of.N - outward.T @ of.ON + in_ @ inward.T
     first_in, first_out = (np.flatnonzero(np.diff(aside.of, prepend=-1)) for aside in (modes.into, modes.out))
-    in_ = np.add.reduceat(in_ * share, first_in, axis=1)
+    in_ = np.add.reduceat(in_ * fraction, first_in, axis=1)
     row = np.add.reduceat(row, first_out, axis=0)
     corner = np.zeros((row.shape[0], in_.shape[1]))
     return Blocks(left.T @ own @ right.T, left.T @ in_, row @ right.T, corner)
@@ -453,7 +453,7 @@ def pull_phase(
 def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Array]) -> None:
     """Adds the derivatives with each layer's coefficients, over its gain, of light that is scattered once: all orders
     in closed form. `make_scatterer` read backwards; weights (n_in, n_out, n_phi, 4, n_col)."""
-    cut, sights, place = beam_paths.cut, beam_paths.sights, beam_paths.sights.place[0]
+    cut, sights, index = beam_paths.cut, beam_paths.sights, beam_paths.sights.place[0]
     escapes = beam_paths.escapes[0] * (beam_paths.problem.flip * sights.index[0] ** 2)[..., None, None]
     for k, layer in enumerate(cut.layer.tolist()):
         medium = 1 + layer
@@ -465,9 +465,9 @@ def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Ar
             way, power = int(end != side), (beam_paths.falling, beam_paths.mirrored)[side][k]
             sent = escapes[:, :, 2 * k + end] if way else escapes[:, :, 2 * k + end] * FLIP
             for i in np.flatnonzero(power.any(axis=(1, 2)) & sent.any()).tolist():
-                lit = paths[way][place, i][:, None, None, None]
+                lit = paths[way][index, i][:, None, None, None]
                 seen = lit * (sent.swapaxes(1, 2)[:, None] @ (weights[i] @ power[i].T))  # (n_out, n_phi, 4, 4)
-                signed = (-mu_out if way else mu_out)[place]
+                signed = (-mu_out if way else mu_out)[index]
                 single[layer] += pull_matrix(float(mu_in[i]), signed, phi, seen, single[layer].shape[0])
 
 

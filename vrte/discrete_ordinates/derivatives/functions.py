@@ -59,10 +59,10 @@ class Decay:
         sinc z = sinh(z)/z it is -h^2 sinc(h (x - y)) sinc(h (x + y)) sech(h x)^2 sech(h y)^2."""
         root = self.half * np.sqrt(points)
         x, y = np.broadcast_arrays(root[:, None], root)
-        low, gap = np.where(x.real < y.real, x, y), np.where(x.real < y.real, y - x, x - y)
+        low, difference = np.where(x.real < y.real, x, y), np.where(x.real < y.real, y - x, x - y)
         more = 1.0 + np.exp(-2.0 * root)
         near, far = (
-            np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (gap, x + y)
+            np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (difference, x + y)
         )
         found: Array = -((4.0 * self.half / (more[:, None] * more)) ** 2) * near * far * np.exp(-2.0 * low)
         return found
@@ -96,8 +96,8 @@ class Decay:
                 term = v * term + power
             found[thin] = self.half**3 * total
         if near.any():
-            centre, gap = 0.5 * (x[near] + y[near]), x[near] - y[near]
-            found[near] = WEIGHTS @ self.find_slope(centre + POINTS[:, None] * gap)
+            centre, difference = 0.5 * (x[near] + y[near]), x[near] - y[near]
+            found[near] = WEIGHTS @ self.find_slope(centre + POINTS[:, None] * difference)
         return found
 
     def find_slope(self, lam: Array) -> Array:

@@ -86,14 +86,14 @@ def list_vertices_of(
                     for table, path in change_scatterer(beam_paths, change, k, way):
                         scatter = make_scatterer(*given, table=table, path=path)
                         found.append(Vertex(power, seen, scatter))
-    for k, place in enumerate(beam_paths.rough):
+    for k, index in enumerate(beam_paths.rough):
         sides = (
-            (beams.arriving[place], None if moved is None else moved.arriving[place], 0),
-            (beams.rising[place], None if moved is None else moved.rising[place], 1),
+            (beams.arriving[index], None if moved is None else moved.arriving[index], 0),
+            (beams.rising[index], None if moved is None else moved.rising[index], 1),
         )
         for light, new_light, side in sides:
             for transmitted in (False, True):
-                scatter = make_facet_scatterer(media, int(cut.joint[place]), side, transmitted, into, sights, azimuths)
+                scatter = make_facet_scatterer(media, int(cut.joint[index]), side, transmitted, into, sights, azimuths)
                 add(light, new_light, 2 * cut.layer.size + 2 * k + (side ^ transmitted), scatter, is_surface=True)
     if beams.arriving[-1].any() or (moved is not None and moved.arriving[-1].any()):
         light, new_light = beams.arriving[-1], None if moved is None else moved.arriving[-1]
@@ -111,8 +111,8 @@ def change_scatterer(beam_paths: BeamPaths, change: Change, k: int, way: int) ->
     gain times path, (n_in, n_sight)."""
     problem, layer = beam_paths.problem, int(beam_paths.cut.layer[k])
     own, deeper = change.layers[layer], float(change.pieces[k])
-    place, length, gain = 1 + layer, float(beam_paths.cut.thickness[k]), float(problem.gain[layer])
-    mu_in, mu_out = (np.where(mu > 0.0, mu, 1.0) for mu in (beam_paths.into[place], beam_paths.sights.cosines[place]))
+    index, length, gain = 1 + layer, float(beam_paths.cut.thickness[k]), float(problem.gain[layer])
+    mu_in, mu_out = (np.where(mu > 0.0, mu, 1.0) for mu in (beam_paths.into[index], beam_paths.sights.cosines[index]))
     path = integrate_slab_paths(length, mu_in, mu_out)[way].T
     found = []
     strength = own.gain * path

@@ -77,8 +77,8 @@ def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> As
     the thicker, the closer, where light of that rate is not lost beside the slowest."""
     points, shares = [], []
     slowest = float(np.sqrt(lam).real.min())
-    for own, gap in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):
-        if gap < APART:
+    for own, difference in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):
+        if difference < APART:
             seen = thickness * own if thickness * (own - slowest) < LOST else 0.0
             short = min(1.0, FLAT / max(seen * STEPS[-1], FLAT))
             around = [own * (1.0 + short * step * ASIDE) for step in STEPS]
@@ -88,8 +88,8 @@ def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> As
             points.append(np.array([own]))
             shares.append(np.ones(1))
     count = np.repeat([part.size for part in points], stokes)
-    rate, share = (np.concatenate([part for part in parts for _ in range(stokes)]) for parts in (points, shares))
-    return Aside(rate, share, np.repeat(np.arange(count.size), count))
+    rate, fraction = (np.concatenate([part for part in parts for _ in range(stokes)]) for parts in (points, shares))
+    return Aside(rate, fraction, np.repeat(np.arange(count.size), count))
 
 
 def measure_gaps(rate: Array, lam: Array) -> Array:
@@ -220,7 +220,7 @@ class SlabModes:
 
     def make_tables(self, lam: Array, square: Array, square_out: Array) -> dict[str, tuple[Array, ...]]:
         """f[a, b], g[a, b] and a b f[a, b] for each block, and c[a, b] and c[a, b] b of a slab that has an end."""
-        points, place = np.unique(np.concatenate([lam, square, square_out]), return_inverse=True)
+        points, index = np.unique(np.concatenate([lam, square, square_out]), return_inverse=True)
         f, g = self.decaying.divide(points)
         with np.errstate(invalid="ignore"):
             product = points[:, None] * points * f
@@ -229,7 +229,7 @@ class SlabModes:
         if self.odd is not None:
             c = self.decaying.divide_c(points)
             tables += [c, c * points]
-        nodes, into, out = np.split(place, [lam.size, lam.size + square.size])
+        nodes, into, out = np.split(index, [lam.size, lam.size + square.size])
         blocks = {"N": (nodes, nodes), "NI": (nodes, into), "ON": (out, nodes), "OI": (out, into)}
         return {name: tuple(table[rows][:, columns] for table in tables) for name, (rows, columns) in blocks.items()}
 

@@ -114,21 +114,21 @@ class Differentiating(Refracting):
         flux = np.zeros((len(self.changes), 2, problem.level.size, problem.n_rhs))
         residual = np.zeros(orders.size)
 
-        def solve(place: int) -> None:
-            order = OrderOfStack(self, place, int(orders[place]), responses, sheets, modes)
+        def solve(index: int) -> None:
+            order = OrderOfStack(self, index, int(orders[index]), responses, sheets, modes)
             for k, (light, fluxes) in enumerate(order.change_all(turned)):
-                kernels[k, place] = light
-                if problem.conserves and orders[place] == 0:
+                kernels[k, index] = light
+                if problem.conserves and orders[index] == 0:
                     flux[k] = fluxes
-            residual[place] = order.residual
+            residual[index] = order.residual
 
         with run.recorded("derivatives"):
             if run.threads > 1 and orders.size > 1:
                 with ThreadPoolExecutor(run.threads) as pool:
                     list(pool.map(solve, range(orders.size)))
             else:
-                for place in range(orders.size):
-                    solve(place)
+                for index in range(orders.size):
+                    solve(index)
         return ChangedOrders(kernels, flux.reshape(*flux.shape[:3], *shape[1:3]), residual)
 
     def assemble_changes(self, orders: IntArray, run: Run) -> list[dict[int, Assembled]]:
@@ -154,23 +154,23 @@ class Differentiating(Refracting):
         return found
 
 
-def take_blocks(one: Problem, matrices: Assembled, place: int, layer: int) -> tuple[Blocks, Blocks]:
+def take_blocks(one: Problem, matrices: Assembled, index: int, layer: int) -> tuple[Blocks, Blocks]:
     """E and F on nodes and directions off them, as core/extended.pxi has them."""
     rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
     corner = np.zeros((rows.size, matrices.source_d.shape[2]))
     E = Blocks(
-        matrices.E[place, layer].T, -matrices.source_d[place, layer].T, -matrices.G_E[place, layer].T / rows, corner
+        matrices.E[index, layer].T, -matrices.source_d[index, layer].T, -matrices.G_E[index, layer].T / rows, corner
     )
     F = Blocks(
-        matrices.F[place, layer].T, -matrices.source_s[place, layer].T, -matrices.G_F[place, layer].T / rows, corner
+        matrices.F[index, layer].T, -matrices.source_s[index, layer].T, -matrices.G_F[index, layer].T / rows, corner
     )
     return E, F
 
 
-def take_modes(modes: Modes, place: int, layer: int) -> tuple[Array, Array, Array]:
+def take_modes(modes: Modes, index: int, layer: int) -> tuple[Array, Array, Array]:
     """lambda (n,), complex where pairs are, X and Y (n, n) of one order and layer, pairs as real columns."""
-    lam, oscillation = modes.lam_re[place, layer], modes.lam_im[place, layer]
-    return lam + 1j * oscillation if oscillation.any() else lam, modes.X[place, layer].T, modes.Y[place, layer].T
+    lam, oscillation = modes.lam_re[index, layer], modes.lam_im[index, layer]
+    return lam + 1j * oscillation if oscillation.any() else lam, modes.X[index, layer].T, modes.Y[index, layer].T
 
 
 class OrderOfStack:
@@ -179,14 +179,14 @@ class OrderOfStack:
     def __init__(
         self,
         route: Differentiating,
-        place: int,
+        index: int,
         order: int,
         responses: list[list[Response]],
         sheets: list[Assembled],
         modes: list[Modes | None],
         alone: bool = True,
     ) -> None:
-        self.route, self.place, self.order, self.sheets, self.modes = route, place, order, sheets, modes
+        self.route, self.place, self.order, self.sheets, self.modes = route, index, order, sheets, modes
         self.responses = [responses[medium][own] if responses[medium] else None for medium, own in route.places.slab]
         self.is_alone = alone and route.is_alone(order)
         self.known: dict[int, SlabModes] = {}
@@ -194,7 +194,7 @@ class OrderOfStack:
         self.sent: Array | None = None
         if not self.is_alone:
             self.pieces = [
-                Piece(self.response_of(piece), place, *self.medium_of(piece)) for piece in range(route.cut.layer.size)
+                Piece(self.response_of(piece), index, *self.medium_of(piece)) for piece in range(route.cut.layer.size)
             ]
             self.slab_stack = NodalStack(route, order, self.pieces)
             self.slab_stack.upward_sweep()
@@ -319,11 +319,11 @@ class OrderOfStack:
             for k in range(len(self.pieces))
         ]
         rough = {
-            place: (
-                np.hstack([part.rough[place][0] for part in parts]),
-                np.hstack([part.rough[place][1] for part in parts]),
+            index: (
+                np.hstack([part.rough[index][0] for part in parts]),
+                np.hstack([part.rough[index][1] for part in parts]),
             )
-            for place in route.rough_interfaces
+            for index in route.rough_interfaces
         }
         tangent = TangentStack(slab_stack, sources, np.hstack([part.below for part in parts]), rough)
         tangent.upward_sweep()
@@ -371,13 +371,13 @@ class OrderOfStack:
             dark = np.zeros((self.slab_stack.n, self.slab_stack.r))
             return dict.fromkeys(route.rough_interfaces, (dark, dark))
         members, problem = np.ix_(route.problem.stokes, route.problem.stokes), route.problem
-        for place, rough in route.rough_interfaces.items():
+        for index, rough in route.rough_interfaces.items():
             falls, rises = (
-                problem.mu0[:, None, None] * (part[place][..., members[0], members[1]] @ problem.columns.T)
+                problem.mu0[:, None, None] * (part[index][..., members[0], members[1]] @ problem.columns.T)
                 for part in (change.beams.arriving, change.beams.rising)
             )
             order = self.order
-            found[place] = (
+            found[index] = (
                 rough.above.collect(order, falls) + rough.up.collect(order, rises),
                 rough.down.collect(order, falls) + rough.below.collect(order, rises),
             )
@@ -409,8 +409,8 @@ class OrderOfStack:
         for k, piece in enumerate(self.pieces):
             dark = np.zeros_like(route.falling[k])
             sent[2 * k], sent[2 * k + 1] = piece.send(slab_stack.entering[k], slab_stack.leaving[k + 1], dark, dark)
-        for k, (place, rough) in enumerate(route.rough_interfaces.items(), len(self.pieces)):
-            arriving, rising = slab_stack.arriving[place], slab_stack.rising[place]
+        for k, (index, rough) in enumerate(route.rough_interfaces.items(), len(self.pieces)):
+            arriving, rising = slab_stack.arriving[index], slab_stack.rising[index]
             sent[2 * k] = rough.above.send(self.order, arriving) + rough.up.send(self.order, rising)
             sent[2 * k + 1] = rough.below.send(self.order, rising) + rough.down.send(self.order, arriving)
         if route.base is not None:
@@ -491,8 +491,8 @@ class TangentStack(NodalStack):
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
         self.own, self.own_below = [dark] * count, [dark] * count
         self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
-        for place, (leaving, entering) in rough.items():
-            self.leaving_beams[place], self.entering_beams[place] = leaving, entering
+        for index, (leaving, entering) in rough.items():
+            self.leaving_beams[index], self.entering_beams[index] = leaving, entering
 
     def put_slab(self, k: int) -> None:
         """Its own light and that from below, up at the top of slab k."""

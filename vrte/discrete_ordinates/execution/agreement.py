@@ -33,8 +33,8 @@ class Agreement:
         if not both.any():
             return
         twice = np.where(light.orders[both] == 0, 1.0, 2.0)
-        gap = twice @ np.abs(other.light.kernels - light.kernels[both]).max(axis=(2, 3, 4, 5))
-        self.gap = gap if self.gap is None else self.gap + gap
+        difference = twice @ np.abs(other.light.kernels - light.kernels[both]).max(axis=(2, 3, 4, 5))
+        self.gap = difference if self.gap is None else self.gap + difference
         if both[0] and light.orders[0] == 0 and piece.block.stokes[0] == 0:
             self.flux_gap = np.abs(other.flux - answer.flux).max(axis=(0, 2, 3))
 
@@ -43,11 +43,11 @@ class Agreement:
         the largest there."""
         found: dict[str, Any] = {"with": " and ".join(sorted(self.by)), "orders_compared": self.compared}
         brightest = find_largest_intensity(target, parts, flux.shape[1])
-        for name, gap, size in (
+        for name, difference, size in (
             ("radiance", self.gap, brightest),
             ("flux", self.flux_gap, np.abs(flux).max(axis=(0, 2, 3))),
         ):
-            found[name] = None if gap is None else float((gap / np.maximum(size, NO_LIGHT)).max())
+            found[name] = None if difference is None else float((difference / np.maximum(size, NO_LIGHT)).max())
         return found
 
 

@@ -36,7 +36,7 @@ def solve_together(alike: Alike, run: Run) -> Together:
     """All orders of all scenes, added up."""
     request, count = alike.request, alike.size
     assert request.wanted is not None
-    azimuths, place = fold_azimuths(request.phi), request.wanted.place
+    azimuths, index = fold_azimuths(request.phi), request.wanted.place
     n_mu, n_in = alike.mu.size // request.tau.size, request.mu0.size
     parts = [np.zeros((count, n_in, n_mu, request.phi.size, 4, 4)) for _ in request.wanted.parts]
     found = Together(
@@ -50,7 +50,7 @@ def solve_together(alike: Alike, run: Run) -> Together:
     for stokes, wanted in alike.wanted.items():
         kernels = solve_stokes(alike, stokes, wanted, found, run)
         add_orders(alike, stokes, wanted, kernels, azimuths, found, run)
-    add_once(alike, azimuths, place, found, run)
+    add_once(alike, azimuths, index, found, run)
     add_base(alike, found)
     for name, values in found.residuals.items():
         found.right[:] &= values <= Modes.allowed[name]  # not where it is no number
@@ -275,7 +275,7 @@ def add_orders(
             )
 
 
-def add_once(alike: Alike, azimuths: Azimuths, place: IntArray, found: Together, run: Run) -> None:
+def add_once(alike: Alike, azimuths: Azimuths, index: IntArray, found: Together, run: Run) -> None:
     """Light scattered once, by the phase matrices of all scenes, a layer at a time."""
     request = alike.request
     assert request.wanted is not None
@@ -299,7 +299,7 @@ def add_once(alike: Alike, azimuths: Azimuths, place: IntArray, found: Together,
                     sign=azimuths.sign,
                     columns=request.columns,
                     kind=find_column_kinds(request.columns),
-                    place=place,
+                    place=index,
                     first=0,
                     last=request.mu0.size,
                     out=values,

@@ -63,7 +63,7 @@ class Task:
     unknowns: int = 0
     agreement: Agreement | None = None
 
-    def next_pieces(self, place: int, ahead: bool = False) -> list[Piece]:
+    def next_pieces(self, index: int, ahead: bool = False) -> list[Piece]:
         """Blocks that come before the next look at how many orders are left, with their orders; all with ``ahead``."""
         blocks = self.plan.blocks
         if self.blocks < len(blocks) and blocks[self.blocks].orders[0] > max(self.found, default=self.left):
@@ -76,7 +76,7 @@ class Task:
             orders = block.orders if last < self.left else block.orders[block.orders < self.left]
             self.blocks, self.steps = self.blocks + 1, self.steps + block.orders.size
             if orders.size:
-                taken.append(Piece(place, self.plan, block, orders, block.choice.name))
+                taken.append(Piece(index, self.plan, block, orders, block.choice.name))
         return taken
 
     def cut(self, piece: Piece, answer: Answer) -> tuple[Piece, Answer] | None:
@@ -101,8 +101,8 @@ class Task:
         for order, largest in zip(orders, answer.largest, strict=True):
             self.found[order] = np.maximum(self.found[order], largest) if order in self.found else largest
         if orders[0] == 0:
-            for place, column in enumerate(block.columns):
-                self.flux[..., column] += answer.flux[..., place]
+            for index, column in enumerate(block.columns):
+                self.flux[..., column] += answer.flux[..., index]
             if block.stokes[0] == 0:
                 self.brightest = np.maximum(self.brightest, answer.brightest)
         self.unknowns += len(orders) * block.problem.size
@@ -141,7 +141,7 @@ def carry_out_batch(plans: Sequence[Plan], engine: Engine, run: Run, steps: Step
         tasks = [make_task(plan) for plan in plans]
         names = {block.choice.name for plan in plans for block in plan.blocks}
         ahead = names <= set(engine.looks_ahead) and not any(task.agreement for task in tasks)
-        while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place, ahead)]:
+        while pieces := [piece for index, task in enumerate(tasks) for piece in task.next_pieces(index, ahead)]:
             solved: dict[int, Answer] = {}
             for group in engine.grouped(pieces):
                 if ahead:

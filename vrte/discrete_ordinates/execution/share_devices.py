@@ -37,7 +37,7 @@ def carry_out_on_devices(
     for count in counts:
         first = sum(map(len, shares))
         shares.append(plans[first : first + count])
-    told = add_progress(progress, shares)
+    reported = add_progress(progress, shares)
     found: dict[int, list[Solution]] = {}
     errors: list[BaseException] = []
 
@@ -47,7 +47,7 @@ def carry_out_on_devices(
         try:
             with device.take_device_here(indices[place]):
                 fresh: Any = engine
-                found[place] = carry_out(shares[place], replace(fresh), own, told[place])
+                found[place] = carry_out(shares[place], replace(fresh), own, reported[place])
         except BaseException as error:
             run.stop[0] = 1
             errors.append(name_device(error, named))
@@ -70,9 +70,9 @@ def name_device(error: BaseException, named: device.Device) -> BaseException:
     """The error of one of several devices, which says of which."""
     if not isinstance(error, DeviceError):
         return error
-    told = DeviceError(f"{named.name} ({named.platform}), which shared the work: {error}")
-    told.__cause__ = error.__cause__
-    return told
+    reported = DeviceError(f"{named.name} ({named.platform}), which shared the work: {error}")
+    reported.__cause__ = error.__cause__
+    return reported
 
 
 def find_speeds(found: Sequence[device.Device]) -> list[float]:
@@ -101,12 +101,12 @@ def add_progress(progress: Progress | None, shares: Sequence[Sequence[Plan]]) ->
     lock, done = threading.Lock(), [0.0] * len(shares)
     steps = 100 * sum(map(len, shares))
 
-    def make(place: int) -> Progress:
+    def make(index: int) -> Progress:
         def tell(now: int, total: int) -> None:
             with lock:
-                done[place] = len(shares[place]) * now / max(total, 1)
+                done[index] = len(shares[index]) * now / max(total, 1)
                 progress(round(100 * sum(done)), steps)
 
         return tell
 
-    return [make(place) for place in range(len(shares))]
+    return [make(index) for index in range(len(shares))]

@@ -237,7 +237,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
     """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
     cosine, sine = compute_cos_sin(target.azimuths.distinct)
     columns, azimuths = target.problem.columns, target.azimuths
-    kind, place = target.kind, target.wanted.place
+    kind, index = target.kind, target.wanted.place
 
     def add(
         stage: str,
@@ -264,7 +264,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
                 sign=azimuths.sign,
                 columns=columns,
                 kind=kind,
-                place=place,
+                place=index,
                 first=first,
                 last=last,
                 out=values,
@@ -287,9 +287,9 @@ def prepare_spreading(target: Target, run: Run) -> Adder:
             mu0, strength = float(problem.mu0[i]), float(target.wanted.scale[i]) / (4.0 * np.pi)
             beams = anisotropic.beams(mu0)
             for t, level in enumerate(part.levels.tolist()):
-                for places, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
+                for indices, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
                     run.record("small angles", time.perf_counter() - begin)
-                    for before, first, last in list_runs(towards[places]):
+                    for before, first, last in list_runs(towards[indices]):
                         count = last - first
                         here = problem.mu0[i : i + 1], part.mu[first:last], 0, 1
                         path, values = np.full((1, 1, count), strength), part.values[t : t + 1, i : i + 1, first:last]
@@ -301,14 +301,14 @@ def prepare_spreading(target: Target, run: Run) -> Adder:
     return add
 
 
-def list_runs(places: IntArray) -> Iterator[tuple[int, int, int]]:
+def list_runs(indices: IntArray) -> Iterator[tuple[int, int, int]]:
     """Where numbers that rise by 1 begin in an array, which they are, first and last + 1.
 
     >>> list(list_runs(np.array([4, 5, 6, 9])))
     [(0, 4, 7), (3, 9, 10)]
     """
-    ends = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), places.size]
-    return ((begin, int(places[begin]), int(places[end - 1]) + 1) for begin, end in itertools.pairwise(ends))
+    ends = [0, *(np.flatnonzero(np.diff(indices) != 1) + 1).tolist(), indices.size]
+    return ((begin, int(indices[begin]), int(indices[end - 1]) + 1) for begin, end in itertools.pairwise(ends))
 
 
 def prepare_base(target: Target, run: Run) -> Adder:
@@ -316,9 +316,9 @@ def prepare_base(target: Target, run: Run) -> Adder:
     wanted, base = target.wanted, target.scene.below
 
     def add(share: Share, own: Run = run) -> None:
-        part, place = share.part, (wanted.place, wanted.scale, share.first, share.last)
+        part, index = share.part, (wanted.place, wanted.scale, share.first, share.last)
         with own.recorded("single scattering"):
-            add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
+            add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *index, part.values)
 
     return add
 

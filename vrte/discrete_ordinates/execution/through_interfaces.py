@@ -66,12 +66,12 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
                 if beam.any() and seen.any():
                     scatter = make_scatterer(problem, media, cut, k, into, sights, azimuths, int(end != below), run)
                     found.append(Vertex(lit * (beam @ columns), seen, scatter))
-    for k, place in enumerate(rough):
-        for light, side in ((beams.arriving[place], 0), (beams.rising[place], 1)):
+    for k, index in enumerate(rough):
+        for light, side in ((beams.arriving[index], 0), (beams.rising[index], 1)):
             for transmitted in (False, True):
                 seen = escapes[:, :, :, first_rough + 2 * k + (side ^ transmitted)]
                 if light.any() and seen.any():
-                    joint = int(cut.joint[place])
+                    joint = int(cut.joint[index])
                     scatter = make_facet_scatterer(media, joint, side, transmitted, into, sights, azimuths)
                     found.append(Vertex(lit * (light @ columns), seen, scatter, is_surface=True))
     if base.orders_reflected and beams.arriving[-1].any():

@@ -118,5 +118,5 @@ def find_allowed_errors(problem: Problem, accuracy: float, size: Array) -> Array
     strength[:n_node, :n_node] = weighted[:n_node, :n_node].sum() / n_node**2
     strength[n_node:, :n_node] = weighted[n_node:, :n_node].sum(axis=1, keepdims=True) / n_node
     strength[:n_node, n_node:] = weighted[:n_node, n_node:].sum(axis=0).max(initial=0.0) / n_node
-    share: Array = max(SHARE * accuracy, FINEST) * np.sqrt(strength) / (into * out)
-    return share + ROUNDING * size
+    fraction: Array = max(SHARE * accuracy, FINEST) * np.sqrt(strength) / (into * out)
+    return fraction + ROUNDING * size

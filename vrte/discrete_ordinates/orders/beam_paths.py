@@ -46,16 +46,16 @@ class BeamPaths:
         )
         self.base = self.expand(base, n_order, accuracy)
         self.rough_interfaces = {
-            place: make_rough_interface(
+            index: make_rough_interface(
                 self.media,
-                int(self.cut.joint[place]),
+                int(self.cut.joint[index]),
                 self.into,
                 self.sights.cosines,
                 list(problem.stokes),
                 n_order,
                 accuracy,
             )
-            for place in self.rough
+            for index in self.rough
         }
 
     @property
@@ -63,10 +63,10 @@ class BeamPaths:
         """Which interfaces of the pieces are rough."""
         return find_rough_places(self.media, self.cut)
 
-    def power_at(self, place: int, way: int) -> Array:
+    def power_at(self, index: int, way: int) -> Array:
         """Power of beams at a joint, (n_in, S, n_col), coming up below it or down above it."""
         members, part = np.ix_(self.problem.stokes, self.problem.stokes), self.beams
-        light = (part.rising if way == RISING else part.arriving)[place]
+        light = (part.rising if way == RISING else part.arriving)[index]
         found: Array = self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
         return found
 
@@ -156,7 +156,7 @@ def list_sources(cut: Cut, rough: Sequence[int], base: Boundary) -> list[tuple[i
     """Where light sets out for directions off the nodes, the interface and the way: two of each piece, two of each
     rough surface, one of a base that reflects."""
     found = [source for piece in range(cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
-    found += [source for place in rough for source in ((place, LEAVING), (place, ENTERING))]
+    found += [source for index in rough for source in ((index, LEAVING), (index, ENTERING))]
     return [*found, (cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
 
 

@@ -85,8 +85,8 @@ def note_stages(run: Run, wall: float, busy: list[float]) -> None:
 
 def complain_of_order(orders: IntArray, missed: IntArray) -> None:
     """Raises AccuracyError for the first of the orders (order, 2) that missed a stage: which, and its layer."""
-    place = int(np.argmax(missed[:, 0] != 0))
-    stage, layer = missed[place].tolist()
+    index = int(np.argmax(missed[:, 0] != 0))
+    stage, layer = missed[index].tolist()
     if stage == 1:
-        raise AccuracyError(f"the eigenproblem of order {orders[place]}, layer {layer + 1} did not converge")
-    raise AccuracyError(f"the boundary system of order {orders[place]} is singular")
+        raise AccuracyError(f"the eigenproblem of order {orders[index]}, layer {layer + 1} did not converge")
+    raise AccuracyError(f"the boundary system of order {orders[index]} is singular")

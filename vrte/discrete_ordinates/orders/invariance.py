@@ -22,7 +22,7 @@ class Reflected:
 
 def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
     """What the first layer of a problem, taken as semi-infinite, sends back in each order."""
-    off, places = problem.off_nodes
+    off, indices = problem.off_nodes
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
     stokes, terms = len(problem.stokes), int(problem.terms[0])
     up = np.empty((orders.size, n_in, n_col, stokes * n_out))
@@ -42,8 +42,8 @@ def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, 
             albedo=float(problem.albedo[0]),
             directions=np.concatenate([problem.nodes, off]),
             weights=problem.weights,
-            out=places[:n_out],
-            into=places[n_out:],
+            out=indices[:n_out],
+            into=indices[n_out:],
             columns=problem.columns,
             tolerance=tolerance,
             halves=problem.skip_flags.halves,

@@ -87,7 +87,7 @@ def find_rough_places(media: Media, cut: Cut) -> list[int]:
     """Which interfaces of the pieces are rough interfaces."""
     kinds = media.scene.interfaces
     rough = {k for k, kind in enumerate(kinds) if kind is not None and not kind.is_smooth}
-    return [place for place, joint in enumerate(cut.joint.tolist()) if joint in rough]
+    return [index for index, joint in enumerate(cut.joint.tolist()) if joint in rough]
 
 
 @dataclass(frozen=True, eq=False)

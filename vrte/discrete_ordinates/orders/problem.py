@@ -88,8 +88,8 @@ class Problem:
     @cached_property
     def off_nodes(self) -> tuple[Array, IntArray]:
         """Outgoing and incident cosines, each once and ascending, and the place of every one of them."""
-        cosines, places = np.unique(np.concatenate([self.mu_out, self.mu0]), return_inverse=True)
-        return cosines, places.astype(np.int32)
+        cosines, indices = np.unique(np.concatenate([self.mu_out, self.mu0]), return_inverse=True)
+        return cosines, indices.astype(np.int32)
 
     @cached_property
     def depth(self) -> Array:

@@ -97,9 +97,9 @@ class Refracting(BeamPaths):
         members = np.ix_(self.problem.stokes, self.problem.stokes)
         found: list[InterfaceOperators | None] = []
         scene = self.media.scene
-        for place, joint in enumerate(self.cut.joint.tolist()):
+        for index, joint in enumerate(self.cut.joint.tolist()):
             mere_cut = joint < 0 or (scene.interfaces[joint] is None and joint < len(scene.layers))
-            if mere_cut or place in self.rough:
+            if mere_cut or index in self.rough:
                 found.append(None)
                 continue
             parts = [part[joint][:, members[0], members[1]] for part in vars(joints).values()]
@@ -117,9 +117,9 @@ class Refracting(BeamPaths):
         fluxes = np.zeros((2, problem.level.size, problem.n_rhs))
         residual = np.zeros(orders.size)
 
-        def join(place: int) -> None:
+        def join(index: int) -> None:
             slabs = [responses[medium][own] for medium, own in self.places.slab]
-            kernels[place], residual[place] = self.join_order(place, int(orders[place]), slabs, fluxes)
+            kernels[index], residual[index] = self.join_order(index, int(orders[index]), slabs, fluxes)
 
         with run.recorded("joining"):
             if run.threads > 1 and orders.size > 1:
@@ -128,8 +128,8 @@ class Refracting(BeamPaths):
                 with ThreadPoolExecutor(run.threads) as pool:
                     list(pool.map(join, range(orders.size)))
             else:
-                for place in range(orders.size):
-                    join(place)
+                for index in range(orders.size):
+                    join(index)
         residuals: dict[str, Array] = {"residual_of_joints": residual}
         for medium in responses:
             for slab in medium:
@@ -138,12 +138,12 @@ class Refracting(BeamPaths):
         tail = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
         return Orders(kernels, fluxes[0].reshape(tail), fluxes[1].reshape(tail), residuals)
 
-    def join_order(self, place: int, order: int, slabs: list[Response], fluxes: Array) -> tuple[Array, float]:
+    def join_order(self, index: int, order: int, slabs: list[Response], fluxes: Array) -> tuple[Array, float]:
         """One order: radiance (n_tau, n_in, n_col, n_out, S) for unit beams, public frame, and the residual of the
         interfaces; the fluxes of order 0 (2, n_tau, n_rhs) are put where they belong."""
         problem = self.problem
         pieces = [
-            Piece(slabs[which], place, self.media.scene.media[1 + layer], self.into[1 + layer])
+            Piece(slabs[which], index, self.media.scene.media[1 + layer], self.into[1 + layer])
             for which, layer in zip(self.places.of.tolist(), self.cut.layer.tolist(), strict=True)
         ]
         slab_stack = NodalStack(self, order, pieces)
@@ -162,8 +162,8 @@ class Refracting(BeamPaths):
         for k, piece in enumerate(pieces):
             up, down = piece.send(slab_stack.entering[k], slab_stack.leaving[k + 1], self.falling[k], self.mirrored[k])
             sent[2 * k], sent[2 * k + 1] = up, down
-        for k, (place, rough) in enumerate(self.rough_interfaces.items(), len(pieces)):
-            arriving, rising = slab_stack.arriving[place], slab_stack.rising[place]
+        for k, (index, rough) in enumerate(self.rough_interfaces.items(), len(pieces)):
+            arriving, rising = slab_stack.arriving[index], slab_stack.rising[index]
             sent[2 * k] = rough.above.send(slab_stack.order, arriving) + rough.up.send(slab_stack.order, rising)
             sent[2 * k + 1] = rough.below.send(slab_stack.order, rising) + rough.down.send(slab_stack.order, arriving)
         if self.base is not None:
@@ -291,12 +291,12 @@ class NodalStack:
         self.interface_operators = list(route.interface_operators)
         # what beams send to the nodes where they meet a rough interface, going up above it and down below it
         self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
-        for place, rough in route.rough_interfaces.items():
+        for index, rough in route.rough_interfaces.items():
             ways = (rough.above, rough.below, rough.down, rough.up)
-            self.interface_operators[place] = InterfaceOperators(*(way.nodes[order] for way in ways))
-            falls, rises = route.power_at(place, ARRIVING), route.power_at(place, RISING)
-            self.leaving_beams[place] = rough.above.collect(order, falls) + rough.up.collect(order, rises)
-            self.entering_beams[place] = rough.down.collect(order, falls) + rough.below.collect(order, rises)
+            self.interface_operators[index] = InterfaceOperators(*(way.nodes[order] for way in ways))
+            falls, rises = route.power_at(index, ARRIVING), route.power_at(index, RISING)
+            self.leaving_beams[index] = rough.above.collect(order, falls) + rough.up.collect(order, rises)
+            self.entering_beams[index] = rough.down.collect(order, falls) + rough.below.collect(order, rises)
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
         # of what lies below: seen (n, n) or None, own (n, r); above each interface, and below it
         self.seen: list[Array | None] = [None] * count

@@ -107,8 +107,8 @@ class SingleInterface:
         light = (power @ kernels.reshape(*kernels.shape[:4], -1)).reshape(shape)  # public frame
         n_sight, n_up, first = self.sights.cosines.shape[1], problem.n_up, int(self.within.any())
         found = np.zeros((light.shape[0], problem.level.size, *light.shape[2:4], problem.mu_out.size, light.shape[5]))
-        for t, place in enumerate(self.sights.place):
-            here, up, down = light[:, t + first], place[:n_up], place[n_up:]
+        for t, index in enumerate(self.sights.place):
+            here, up, down = light[:, t + first], index[:n_up], index[n_up:]
             if self.within[t]:
                 straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, down])[0]
                 returned = light[:, 0][..., down, None, :] @ self.back[down].swapaxes(1, 2)

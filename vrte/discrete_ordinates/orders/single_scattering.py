@@ -103,7 +103,7 @@ def add_base_reflected(
     levels: IntArray,
     mu: Array,
     phi: Array,
-    place: IntArray,
+    index: IntArray,
     scale: Array,
     first: int,
     last: int,
@@ -124,7 +124,7 @@ def add_base_reflected(
     decay = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
     f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
     seen = f.shape[-1]
-    for column, at in zip(problem.columns, place, strict=True):
+    for column, at in zip(problem.columns, index, strict=True):
         light = f @ column[:seen]
-        for values, share in zip(out, decay, strict=True):
-            values[first:last, ..., :seen, at] += share[..., None, None] * light
+        for values, fraction in zip(out, decay, strict=True):
+            values[first:last, ..., :seen, at] += fraction[..., None, None] * light

@@ -135,12 +135,12 @@ def respond_by_beams(
         light = 2.0 * np.pi * kernels[slab].transpose(0, 1, 4, 5, 2, 3)
         paths = problem.albedo[kind] * integrate_slab_paths(length, wide.mu0, both)
         with run.recorded("single scattering"):
-            for place, order in enumerate(orders.tolist()):
+            for index, order in enumerate(orders.tolist()):
                 once = scatter_once(order, problem.coefficients[kind, : problem.terms[kind]], both, wide.mu0, shifts)
                 once = once[..., members, :][..., members].transpose(0, 1, 3, 2, 4)  # (2, out, S, in, S)
                 once = once * (0.5 * paths[:, :, None, :, None])
-                light[place, :, n_out:] += once[:, n_out:]
-                light[place, :, :n_out, :, n_in:] += once[:, :n_out, :, n_in:]
+                light[index, :, n_out:] += once[:, n_out:]
+                light[index, :, :n_out, :, n_in:] += once[:, :n_out, :, n_in:]
         light[..., n_in:, :] *= per_node[:, None]
         light[:, :, n_out:] *= scale[:, None, None, None]
         nodes = light[:, :, n_out:, :, n_in:].reshape(orders.size, 2, problem.size, problem.size)

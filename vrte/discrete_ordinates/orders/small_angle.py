@@ -191,11 +191,11 @@ class Anisotropic:
         coefficients (place, terms, 6), columns a1 .. b2. Directions that no light comes from are left out."""
         together = max(1, TOGETHER // self.terms)
         for up in (True, False):
-            places = np.flatnonzero((mu > 0.0) == up).astype(np.int32)
+            indices = np.flatnonzero((mu > 0.0) == up).astype(np.int32)
             rays = [Ray(self.problem, level, k, up) for k in range(len(self.scene.layers))]
             rays = [ray for ray in rays if ray.length > 0.0 and self.problem.gain[ray.layer] > 0.0]
-            for start in range(0, places.size if rays else 0, together):
-                some = places[start : start + together]
+            for start in range(0, indices.size if rays else 0, together):
+                some = indices[start : start + together]
                 yield some, sum(self.source(mu0, beams[ray.layer], ray, np.abs(mu[some])) for ray in rays)
 
     def source(self, mu0: float, beam: Beam, ray: "Ray", mu: Array) -> Any:

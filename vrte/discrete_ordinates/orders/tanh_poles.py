@@ -58,8 +58,8 @@ def fit_tangent(largest: float) -> Tangent:
         chosen.append(int(np.argmax(error)))
         left = np.setdiff1d(np.arange(x.size), chosen)
         cauchy = 1.0 / np.subtract.outer(square[left], square[chosen])
-        gaps = np.subtract.outer(wanted[left], wanted[chosen]) * cauchy / whole[left, None]
-        weights = np.linalg.svd(gaps, full_matrices=False)[2][-1]
+        differences = np.subtract.outer(wanted[left], wanted[chosen]) * cauchy / whole[left, None]
+        weights = np.linalg.svd(differences, full_matrices=False)[2][-1]
         found = wanted.copy()
         found[left] = (cauchy @ (weights * wanted[chosen])) / (cauchy @ weights)
     count = len(chosen) + 1
@@ -67,11 +67,11 @@ def fit_tangent(largest: float) -> Tangent:
     arrow[0, 1:], arrow[1:, 0], ones[0, 0] = weights, 1.0, 0.0
     arrow[1:, 1:] = np.diag(square[chosen])
     roots = np.asarray(scipy.linalg.eigvals(arrow, ones).real, float)
-    place: Array = np.concatenate([EXACT / largest**2, np.sort(-1.0 * roots[np.isfinite(roots)])])
-    columns = np.hstack([1.0 / np.add.outer(square, place), np.ones((x.size, 1))]) / whole[:, None]
+    index: Array = np.concatenate([EXACT / largest**2, np.sort(-1.0 * roots[np.isfinite(roots)])])
+    columns = np.hstack([1.0 / np.add.outer(square, index), np.ones((x.size, 1))]) / whole[:, None]
     lengths = np.linalg.norm(columns, axis=0)
     shares = np.linalg.lstsq(columns / lengths, np.ones(x.size), rcond=None)[0] / lengths
-    return Tangent(place * largest**2, shares[:-1] * largest**2, float(shares[-1]))
+    return Tangent(index * largest**2, shares[:-1] * largest**2, float(shares[-1]))
 
 
 def place_poles(largest: float) -> Array:
@@ -131,9 +131,9 @@ class Basis:
 def find_basis(largest: float) -> Basis:
     """For x from LOWEST up to ``largest``; errors at steep x, which grazing light meets that has little to lose, count
     more."""
-    place = place_poles(largest)
+    index = place_poles(largest)
     x = np.geomspace(LOWEST, largest, PLACES_INSIDE * math.ceil(math.log2(largest / LOWEST)))
-    columns = np.hstack([np.ones((x.size, 1)), 1.0 / np.add.outer(x * x, place)])
+    columns = np.hstack([np.ones((x.size, 1)), 1.0 / np.add.outer(x * x, index)])
 
     weights = np.sqrt(np.maximum(x, 1.0))[:, None]
 
@@ -141,7 +141,7 @@ def find_basis(largest: float) -> Basis:
         lengths = np.linalg.norm(weights * columns, axis=0)
         return Columns(weights, lengths, *np.linalg.qr(weights * columns / lengths))
 
-    return Basis(x, place, factor(columns), factor(columns * (x / np.tanh(x))[:, None]))
+    return Basis(x, index, factor(columns), factor(columns * (x / np.tanh(x))[:, None]))
 
 
 @dataclass(frozen=True, eq=False)

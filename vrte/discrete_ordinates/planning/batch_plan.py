@@ -191,14 +191,14 @@ def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], ru
     coefficients = np.zeros((len(each), int(terms.max()), 6))
     tables = np.zeros((len(each), longest + longest % 2, _core.SERIES))
     faint = np.zeros_like(tables) if peaked.any() else tables
-    for place, layer in enumerate(each):
-        coefficients[place, : terms[place]] = truncated[place].coefficients
-        if likeness.shared[place % layers] == place % layers:
+    for index, layer in enumerate(each):
+        coefficients[index, : terms[index]] = truncated[index].coefficients
+        if likeness.shared[index % layers] == index % layers:
             table = _core.series_table(layer.phase_matrix.coefficients)
-            tables[place, : table.shape[0]] = table
+            tables[index, : table.shape[0]] = table
             if faint is not tables:
-                table = _core.series_table(truncated[place].coefficients) if peaked[place] else table
-                faint[place, : table.shape[0]] = table
+                table = _core.series_table(truncated[index].coefficients) if peaked[index] else table
+                faint[index, : table.shape[0]] = table
     thickness = np.array([one.thickness for one in truncated]).reshape(count, layers)
     above = np.zeros_like(thickness)
     np.cumsum(thickness[:, :-1], axis=1, out=above[:, 1:])
@@ -232,14 +232,14 @@ def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], ru
     sets = list_sets(alike)
     wanted: dict[tuple[int, ...], BoolArray] = {}
     slow = choose_by_time(alike)
-    for place, (own, size) in enumerate(zip(sets, orders.tolist(), strict=True)):
+    for index, (own, size) in enumerate(zip(sets, orders.tolist(), strict=True)):
         blocks, at_once = sort_orders(own[:size])
-        if not (at_once and all(slow[len(stokes)][place] for stokes, _ in blocks)):
-            fits[place] = False
-        for stokes, members in blocks if fits[place] else ():
+        if not (at_once and all(slow[len(stokes)][index] for stokes, _ in blocks)):
+            fits[index] = False
+        for stokes, members in blocks if fits[index] else ():
             if stokes not in wanted:
                 wanted[stokes] = np.zeros((alike.coefficients.shape[2], count), bool)
-            wanted[stokes][list(members), place] = True
+            wanted[stokes][list(members), index] = True
     first = {stokes: (int(np.argmax(which.any(axis=1))), stokes) for stokes, which in wanted.items()}
     return replace_unchecked(alike, wanted={key: wanted[key] for key in sorted(wanted, key=first.__getitem__)}), fits
 
@@ -333,16 +333,16 @@ def find_all_seeing(alike: Alike, strength: Array, effect: Array, brightest: Arr
     least, stokes = total - max(1, -(-total // STEPS)), 1 if alike.likeness.scalar else 4
     own = alike.terms.max(axis=1).tolist()
     seen = np.ones(alike.size, bool)
-    for place, faintest in enumerate(brightest.min(axis=(1, 2)).tolist()):
-        size = own[place]
+    for index, faintest in enumerate(brightest.min(axis=(1, 2)).tolist()):
+        size = own[index]
         counts = _core.nodes_seen(
-            strength=strength[place, :size],
-            effect=effect[place, :size],
+            strength=strength[index, :size],
+            effect=effect[index, :size],
             allowed=SHARE * accuracy * faintest / size,
             largest_gain=LARGEST_GAIN,
         )
-        counts = counts[: orders[place]]
-        seen[place] = counts.min() > least or min(choose_node_counts(total, counts, stokes)) == total
+        counts = counts[: orders[index]]
+        seen[index] = counts.min() > least or min(choose_node_counts(total, counts, stokes)) == total
     if alike.request.tau.size > 1:  # the bottom is where the light is wanted
         return seen
     found: BoolArray = seen & (FADES * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * accuracy))
@@ -363,31 +363,31 @@ def choose_by_time(alike: Alike) -> dict[int, BoolArray]:
         thick = thickness[:, 0] > ONE_LAYER * alike.nodes[0] if layers == 1 else np.zeros(alike.size, bool)
         found[stokes] = scatters & (thick | (ratio >= cost.WORTH_DOUBLING))
         if layers == 1 and alike.request.algorithm == "auto":
-            found[stokes] &= [not is_partly_by_fractions(alike, place, stokes) for place in range(alike.size)]
+            found[stokes] &= [not is_partly_by_fractions(alike, index, stokes) for index in range(alike.size)]
     return found
 
 
-def is_partly_by_fractions(alike: Alike, place: int, stokes: int) -> bool:
+def is_partly_by_fractions(alike: Alike, index: int, stokes: int) -> bool:
     """Whether partial fractions are taken for some orders of a scene of one layer: see `split_at_fractions`."""
-    problem = make_frame(alike, tuple(range(stokes)), place)
+    problem = make_frame(alike, tuple(range(stokes)), index)
     if not is_for_fractions(problem, alike.request.accuracy):
         return False
-    orders = np.arange(alike.terms[place, 0], dtype=np.int32)
-    share = choose_fractions(problem, orders)[1] / count_operations_of_modes(problem)
-    return bool((share < cost.WORTH_FRACTIONS).any())
+    orders = np.arange(alike.terms[index, 0], dtype=np.int32)
+    fraction = choose_fractions(problem, orders)[1] / count_operations_of_modes(problem)
+    return bool((fraction < cost.WORTH_FRACTIONS).any())
 
 
-def make_frame(alike: Alike, stokes: tuple[int, ...], place: int = 0) -> Problem:
+def make_frame(alike: Alike, stokes: tuple[int, ...], index: int = 0) -> Problem:
     """What all scenes have in common for a set of Stokes parameters, with the layers of one."""
     request = alike.request
     columns: Array = request.columns.take(stokes, axis=0).take(stokes, axis=1)
     return Problem(
-        coefficients=alike.coefficients[place],
-        terms=alike.terms[place],
-        albedo=alike.albedo[place],
-        thickness=alike.thickness[place],
-        above=alike.above[place],
-        gain=alike.gain[place],
+        coefficients=alike.coefficients[index],
+        terms=alike.terms[index],
+        albedo=alike.albedo[index],
+        thickness=alike.thickness[index],
+        above=alike.above[index],
+        gain=alike.gain[index],
         fraction=np.zeros(alike.likeness.layers),
         nodes=alike.nodes,
         weights=alike.weights,
@@ -395,7 +395,7 @@ def make_frame(alike: Alike, stokes: tuple[int, ...], place: int = 0) -> Problem
         n_up=int(np.count_nonzero(alike.mu > 0.0)),
         mu0=request.mu0,
         columns=columns,
-        level=alike.level[place],
+        level=alike.level[index],
         level_layer=alike.level_layer,
         stokes=stokes,
     )
@@ -434,7 +434,7 @@ def sort_orders(sets: Sets) -> tuple[tuple[tuple[tuple[int, ...], tuple[int, ...
         sorted(((stokes, tuple(members)) for stokes, members in parts.items()), key=lambda b: (b[1][0], b[0]))
     )
     last, at_once = -1, True
-    for place, (_, members) in enumerate(blocks):
-        at_once = at_once and (place == 0 or members[0] <= last)
+    for index, (_, members) in enumerate(blocks):
+        at_once = at_once and (index == 0 or members[0] <= last)
         last = members[-1]
     return blocks, at_once

@@ -99,8 +99,8 @@ def make_blocks(
         if members[0] == 0 and not problem.is_exact:  # whose flux invariance would not conserve to rounding
             strength = np.concatenate([[1.0], strength[1:]])
         alone = chosen if below is BLACK else None
-        for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
-            blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))
+        for indices, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
+            blocks.append(Block(chosen[indices], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
 
 
@@ -159,7 +159,7 @@ def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
     elif (problem.mu_out == 1.0).all() and not part.straight:
         lit = []
     columns = problem.columns.tolist()
-    return tuple(place for place, column in enumerate(columns) if any(column[i] != 0.0 for i in lit))
+    return tuple(index for index, column in enumerate(columns) if any(column[i] != 0.0 for i in lit))
 
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:

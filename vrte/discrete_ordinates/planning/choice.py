@@ -65,12 +65,12 @@ def choose_algorithms(
     first = strength.size
     # under a surface the nodes' own light would have to be found as well, as of so many beams
     if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST and problem.media is None:
-        share = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
-        first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
+        fraction = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
+        first = int(np.count_nonzero((fraction >= 1.0) | (strength > STRONGEST)))
     given = orders if algorithm == "auto" else None
     parts = split_at_fractions(problem, given, first, accuracy) if first else []
     if first < strength.size:
-        reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
+        reason = f"auto: only the top is seen; predicted to take {fraction[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
     return parts
 
@@ -84,13 +84,13 @@ def split_at_fractions(
     first = count
     if orders is not None and is_for_fractions(problem, accuracy):
         name, operations = choose_fractions(problem, orders[:count])
-        share = operations / count_operations_of_modes(problem)
-        first = int(np.count_nonzero(share >= cost.WORTH_FRACTIONS))
+        fraction = operations / count_operations_of_modes(problem)
+        first = int(np.count_nonzero(fraction >= cost.WORTH_FRACTIONS))
     parts = [(slice(0, first), other)] if first else []
     if first < count:
         few = "terms" if name == "fractions" else "terms, few beams"
         reason = (
-            f"auto: few {few}, one slab on black; predicted to take {share[first]:.2g} of the time of modes and less"
+            f"auto: few {few}, one slab on black; predicted to take {fraction[first]:.2g} of the time of modes and less"
         )
         parts.append((slice(first, count), Choice(name, reason)))
     return parts

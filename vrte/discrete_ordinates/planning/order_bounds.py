@@ -117,9 +117,9 @@ def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: 
 @cache
 def spread_places(count: int) -> IntArray:
     """A few places among ``count``, first and last included."""
-    places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
-    places.setflags(write=False)  # shared by all who ask
-    return places
+    indices: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
+    indices.setflags(write=False)  # shared by all who ask
+    return indices
 
 
 def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
@@ -166,11 +166,11 @@ def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array])
         return bounds
     alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
-    share = np.minimum(seen / np.maximum(alone, 1.0 / LARGEST_BOUND), LARGEST_BOUND).max(axis=0)
+    fraction = np.minimum(seen / np.maximum(alone, 1.0 / LARGEST_BOUND), LARGEST_BOUND).max(axis=0)
     fall = (np.minimum(seen[1:], seen[:-1]) / np.maximum(seen[:-1], 1e-300)).max(axis=0)
-    trusted = STEEPER * share * np.minimum(bounds[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
-    lowered = np.broadcast_to(bounds, (bounds.shape[0], *share.shape)).copy()
-    factor = np.where(trusted, np.minimum(1.0, SAFETY * share), 1.0)
+    trusted = STEEPER * fraction * np.minimum(bounds[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
+    lowered = np.broadcast_to(bounds, (bounds.shape[0], *fraction.shape)).copy()
+    factor = np.where(trusted, np.minimum(1.0, SAFETY * fraction), 1.0)
     np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))
     lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
     return lowered
@@ -262,8 +262,8 @@ def explain_stokes_sets(problem: Problem, order_0: bool) -> str:
     if problem.is_scalar:
         return "Q, U and V: the phase functions are scalar and scatter I alone"
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=(0, 1))[1:].tolist()
-    missing = set(ALL) - {place for members in find_stokes_sets(True, *present) for place in members}
-    letters = " ".join("IQUV"[place] for place in sorted(missing))
+    missing = set(ALL) - {index for members in find_stokes_sets(True, *present) for index in members}
+    letters = " ".join("IQUV"[index] for index in sorted(missing))
     reasons = (
         (order_0, "order 0 keeps I, Q and U, V apart"),
         (not present[-1], "b2 = 0 keeps V apart from I, Q, U"),

@@ -395,8 +395,8 @@ def converge_on_nodes(request: Request) -> tuple[NodeChoice, float]:
     """The nodes, as given or as a search for them would start, and the accuracy that the discrete problem is solved
     to."""
     if request.nodes is not None:
-        share = DISCRETE if request.refined else 1.0
-        return take_given_nodes(request, request.nodes), share * request.accuracy
+        fraction = DISCRETE if request.refined else 1.0
+        return take_given_nodes(request, request.nodes), fraction * request.accuracy
     first = choose_first_nodes(request)
     nodes = find_next_count(request.scene, first.nodes) or first.nodes
     rule = f"estimate {nodes}, which the solve compares with {first.nodes}"

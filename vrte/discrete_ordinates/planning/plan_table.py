@@ -70,9 +70,11 @@ def write_derivatives(plan: "Plan") -> list[str]:
     if not facts:
         return []
     named = write_section("Derivatives", (f"{one.name}: {one.how}" for one in plan.derivatives))
-    told = f"{facts['operations_of_derivatives']:.1e} operations more, about {facts['solves_of_derivatives']:.3g} times"
+    reported = (
+        f"{facts['operations_of_derivatives']:.1e} operations more, about {facts['solves_of_derivatives']:.3g} times"
+    )
     kept = write_megabytes(facts["memory_bytes_of_derivatives"])
-    return [*named, "", f"Predicted for derivatives: {told} those of the light, {kept} of memory more"]
+    return [*named, "", f"Predicted for derivatives: {reported} those of the light, {kept} of memory more"]
 
 
 def list_derivative_facts(plan: "Plan", operations: float | None = None) -> dict[str, Any]:
@@ -200,7 +202,7 @@ def list_remarks(plan: "Plan") -> list[str]:
     found = [request.method_rule] if request.method_rule else []
     found += [f"nodes: {plan.choice.rule}", *plan.notes] if chosen else [*plan.notes]
     for number, shares in plan.diagnostics().get("facets_send_on", {}).items():
-        known = [share for share in shares if share is not None]
+        known = [fraction for fraction in shares if fraction is not None]
         found.append(
             f"facets of rough interface {number} send on {min(known):.3g} to {max(known):.3g} of a beam's light; what "
             "is missing is lost between facets, what is beyond 1 gained where they cast no shadows"
@@ -291,7 +293,7 @@ def name_stokes(stokes: Iterable[int]) -> str:
     >>> name_stokes((0, 1))
     'I Q'
     """
-    return " ".join("IQUV"[place] for place in sorted(stokes))
+    return " ".join("IQUV"[index] for index in sorted(stokes))
 
 
 def write_numbers(numbers: Iterable[int], name: str) -> str:

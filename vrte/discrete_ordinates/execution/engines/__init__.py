@@ -28,8 +28,8 @@ def choose_engine(backend: Backend, refracts: bool = False, precision: str = "au
             words = "is not for scenes that refract or mirror light: the processor joins their slabs, in doubles"
             raise SceneError(f"precision {precision!r} {words}", "precision")
         return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
-    told = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
-    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine(**told)
+    reported = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
+    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine(**reported)
     return engine
 
 

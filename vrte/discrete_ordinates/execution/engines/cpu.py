@@ -136,8 +136,8 @@ class Processor:
 
         def add(share: Share, own: Run = run) -> None:
             for table, path in tables[id(share.part)]:
-                place = mu0, share.part.mu, share.first, share.last
-                scatter("single scattering", table, path, *place, share.part.values, own)
+                index = mu0, share.part.mu, share.first, share.last
+                scatter("single scattering", table, path, *index, share.part.values, own)
 
         return add
 
@@ -155,9 +155,9 @@ class Processor:
                 jobs = [partial(add_shares, adders, [Share(part, *each) for part in result.parts]) for each in ends]
                 run_jobs(of, jobs, partial(tell_part, told, done, len(pieces), len(jobs)))
             else:
-                for place, (first, last) in enumerate(pieces, done + 1):
+                for index, (first, last) in enumerate(pieces, done + 1):
                     add_shares(adders, [Share(part, first, last) for part in result.parts], of)
-                    told(place)
+                    told(index)
             done += len(pieces)
 
 
@@ -285,19 +285,19 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
         return orders[:0], None, dict.fromkeys(orders.tolist(), str(error))
     doubts: dict[int, str] = {}
     for name, values in found.residuals.items():
-        for place, value in enumerate(values.tolist()):
+        for index, value in enumerate(values.tolist()):
             if not value <= route.allowed[name]:
-                doubts[place] = f"{name} {value:.2g}, allowed {route.allowed[name]:g}"
+                doubts[index] = f"{name} {value:.2g}, allowed {route.allowed[name]:g}"
     finite = np.isfinite(found.kernels)
     if not finite.all():
-        for place in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
-            doubts[place] = "the answer is not finite"
+        for index in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
+            doubts[index] = "the answer is not finite"
     if not doubts:
         return orders, found, {}
     kept = np.setdiff1d(np.arange(orders.size), list(doubts))
     residuals = {name: values[kept] for name, values in found.residuals.items()}
     right = replace_unchecked(found, kernels=found.kernels[kept], residuals=residuals)
-    return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
+    return orders[kept], right, {int(orders[index]): doubts[index] for index in sorted(doubts)}
 
 
 def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:

@@ -83,9 +83,9 @@ def take_down(coming: tuple[Chunk, list[Coming]] | None, run: Run) -> None:
         return
     chunk, tables = coming
     with run.recorded("from the device"):
-        for place, table in enumerate(tables):
+        for index, table in enumerate(tables):
             with table() as values:
-                chunk.take(values, place > 0)
+                chunk.take(values, index > 0)
 
 
 def cut_into_chunks(results: Sequence[Sum], piece_bytes: float) -> Iterator[tuple[list[Chunk], int]]:
@@ -120,8 +120,8 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, slot: int, scattering: bo
     table = sums.Table(room.data, tuple(one), scenes, 0, int(np.prod(one)))
     with note_stage(opened, run, "fourier sum"):
         most = max(len(result.lights) for result in chunk.results)
-        for place in range(most if orders else 0):
-            for lights in group_lights(chunk.results, place):
+        for index in range(most if orders else 0):
+            for lights in group_lights(chunk.results, index):
                 add_lights(opened, chunk, lights, table)
     if scattering and chunk.results[0].in_closed_form:
         with note_stage(opened, run, "single scattering"):
@@ -136,12 +136,12 @@ def note_stage(opened: Session, run: Run, name: str) -> Iterator[None]:
         yield
 
 
-def group_lights(results: Sequence[Sum], place: int) -> Iterator[list[tuple[int, Light]]]:
-    """The ``place``-th light of every result, with its number, those together that lie in the same memory."""
+def group_lights(results: Sequence[Sum], index: int) -> Iterator[list[tuple[int, Light]]]:
+    """The ``index``-th light of every result, with its number, those together that lie in the same memory."""
     groups: dict[Any, list[tuple[int, Light]]] = {}
     for number, result in enumerate(results):
-        if place < len(result.lights):
-            light = result.lights[place]
+        if index < len(result.lights):
+            light = result.lights[index]
             held = light.kernels
             key = id(held.data), held.strides, light.stokes.tobytes(), light.columns.tobytes(), id(light.factors)
             groups.setdefault(key, []).append((number, light))
@@ -182,14 +182,14 @@ def find_entries(opened: Session, target: Target, light: Light, n_place: int, mo
     """Which elements the light of ``most`` orders from 0 on adds to, and its waves, kept for the next time."""
     stokes: Any = light.stokes
     kind: Any = target.kind[light.columns]
-    place: Any = target.wanted.place[light.columns]
+    index: Any = target.wanted.place[light.columns]
     distinct = target.azimuths.distinct
 
     def make() -> sums.Entries:
         waves = target.azimuths.cos_sin(np.arange(most, dtype=np.int32))
-        return sums.upload_entries(opened, stokes, kind, place, n_place, *waves)
+        return sums.upload_entries(opened, stokes, kind, index, n_place, *waves)
 
-    tables = stokes, kind, place, distinct
+    tables = stokes, kind, index, distinct
     found: sums.Entries = opened.remembered(("entries", n_place, most, *(a.tobytes() for a in tables)), make)
     return found
 

@@ -240,9 +240,9 @@ class Device:
     def diagnostics(self) -> dict[str, Any]:
         """Which device it was, what it computed in, and what went to and from it for all scenes of the call so far."""
         precision, rule = self.precision
-        told: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
-        told |= {"orders_doubted": self.doubted} if precision == "mixed" else {}
-        return told | {"traffic": asdict(self.session.traffic.since(self.before))}
+        reported: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
+        reported |= {"orders_doubted": self.doubted} if precision == "mixed" else {}
+        return reported | {"traffic": asdict(self.session.traffic.since(self.before))}
 
     def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
         """Results that are alike together, in pieces that the device has room for; single scattering always in
@@ -319,14 +319,14 @@ def find_doubts(piece: Piece, found: Numbers, items: slice, precision: str) -> d
     allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
     if precision == "single" and piece.name != IN_DOUBLES:
         allowed |= ALLOWED_OF_FLOATS
-    doubts = {place: "a matrix is singular" for place in np.flatnonzero(found.singular[items]).tolist()}
+    doubts = {index: "a matrix is singular" for index in np.flatnonzero(found.singular[items]).tolist()}
     for name, values in found.residuals.items():
-        for place in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
-            doubts.setdefault(place, f"{name} {values[items][place]:.2g}, allowed {allowed[name]:g}")
+        for index in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
+            doubts.setdefault(index, f"{name} {values[items][index]:.2g}, allowed {allowed[name]:g}")
     if not doubts:
         return {}
     orders = piece.orders.tolist()
-    first = {orders[place]: reason for place, reason in doubts.items()}
+    first = {orders[index]: reason for index, reason in doubts.items()}
     return first | {order: "solved together with others in doubt" for order in orders if order not in first}
 
 
@@ -585,7 +585,7 @@ def find_semi_infinite_numbers(
 def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
     """The arguments of `reflect_semi_infinite` for a sort of pieces, on the host."""
     problem = pieces[0].problem
-    off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
+    off, indices = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     orders = np.concatenate([piece.orders for piece in pieces])
     return (
@@ -598,8 +598,8 @@ def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
         np.array([piece.problem.albedo[0] for piece in pieces]),
         np.concatenate([problem.nodes, off]),
         problem.weights,
-        places[:n_out].astype(np.int32),
-        places[n_out:].astype(np.int32),
+        indices[:n_out].astype(np.int32),
+        indices[n_out:].astype(np.int32),
         problem.columns,
         np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
     )
