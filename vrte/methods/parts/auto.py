@@ -10,11 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array
 from vrte.methods.parts.method import NODES
 from vrte.request.how import EXACT
 from vrte.request.request import Request
-from vrte.scene.layer import Layer
 
 EULER = 0.5772156649015329
 ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
@@ -71,28 +69,11 @@ def find_rule(request: Request) -> tuple[int, Rule]:
 
 
 def count_special_wishes(request: Request) -> float:
-    """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
-    on: the nodes as directions, a base that is no Lambertian one, surfaces that refract or mirror, an algorithm, a
-    truncation, a check, a device."""
-    return float(
-        (request.mu is None)
-        + (request.scene.below.orders_reflected > 1)
-        + request.scene.keeps_beams
-        + (request.algorithm != "auto")
-        + (request.truncation != "auto")
-        + request.verify
-        + request.backend.needs_device
-    )
-
-
-def count_terms(request: Request) -> float:
-    """The most of any layer's phase matrix."""
-    return float(max(layer.phase_matrix.terms for layer in request.scene.layers))
-
-
-def list_directions(request: Request) -> Array:
-    """The signed cosines asked for; a rule that looks at them has none of `count_special_wishes`."""
-    return np.ones(1) if request.mu is None else request.mu
+    """How many things are asked for besides scene, directions and accuracy, or lie beyond what rules were tried on:
+    nodes as directions, a base that is no Lambertian one, surfaces, an algorithm, a truncation, a check, a device."""
+    scene, chosen = request.scene, (request.algorithm != "auto", request.truncation != "auto")
+    bases = request.mu is None, scene.below.orders_reflected > 1, scene.keeps_beams
+    return float(sum((*chosen, *bases, request.verify, request.backend.needs_device)))
 
 
 def bound_multiple_scattering(request: Request) -> float:
@@ -113,23 +94,17 @@ def bound_multiple_scattering(request: Request) -> float:
     again = layer.albedo * bound_caught_share(layer.thickness)
     if again > request.accuracy:  # too much already, whatever the phase function: p_max >= 1 >= p_min
         return again / request.accuracy
-    least, most = find_phase_extremes(layer)
+    a1 = layer.phase_matrix.a1
+    phase = np.polynomial.legendre.legval(np.cos(np.linspace(0.0, np.pi, ANGLES_A_TERM * a1.size + 1)), a1)
+    least, most = float(phase.min()), float(phase.max())  # to about a percent
     again *= most
     if not (least > 0.0 and again < 1.0):
         return math.inf
     beam = float(request.mu0.min())
     fade = math.exp(min(layer.thickness / beam, 700.0))
     if not request.tau.any():
-        fade = min(fade, 1.0 + float(list_directions(request).max()) / beam)
+        fade = min(fade, 1.0 + float(np.max(1.0 if request.mu is None else request.mu)) / beam)
     return most / least * fade * again / (1.0 - again) / request.accuracy
-
-
-def find_phase_extremes(layer: Layer) -> tuple[float, float]:
-    """The least and the greatest of the phase function, to about a percent."""
-    a1 = layer.phase_matrix.a1
-    cosine = np.cos(np.linspace(0.0, np.pi, ANGLES_A_TERM * a1.size + 1))
-    values = np.polynomial.legendre.legval(cosine, a1)
-    return float(values.min()), float(values.max())
 
 
 def bound_caught_share(thickness: float) -> float:
@@ -141,6 +116,6 @@ def bound_caught_share(thickness: float) -> float:
 
 QUANTITIES: Mapping[str, Callable[[Request], float]] = {
     "special wishes": count_special_wishes,
-    "terms": count_terms,
+    "terms": lambda request: float(max(layer.phase_matrix.terms for layer in request.scene.layers)),
     "scattered again over accuracy": bound_multiple_scattering,
 }

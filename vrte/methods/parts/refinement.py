@@ -1,8 +1,7 @@
 """An accuracy without nodes: the request solved on neighbouring counts of nodes until their results agree.
 
-As adaptive quadrature does, the difference between two counts of a fixed series counts as the error of the finer one,
-whose result is returned. What is compared is what was asked for: all Stokes parameters, beams, depths, directions and
-fluxes, and of many azimuths a few. An estimate chooses where the series starts, never what is believed.
+The difference between two counts of a fixed series counts as the error of the finer one, whose result is returned. All
+that was asked for is compared, of many azimuths a few. An estimate chooses where the series starts, nothing else.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,9 +33,8 @@ Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 @dataclass(eq=False)
 class Refinement:
     """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
-    brightest light, by the finer count; ``unseen``, what the last two may both miss; ``coarse``, the last solution's
-    light at the azimuths compared; ``spent``, the seconds of each solve; ``failed``: why the last count found no
-    answer."""
+    brightest light, by the finer count; ``unseen``, what the last two may both miss; ``coarse``, the last light at the
+    azimuths compared; ``spent``, seconds of each solve; ``failed``: why the last count found no answer."""
 
     request: Request
     first: NodeChoice
@@ -75,11 +73,10 @@ class Refinement:
     @property
     def is_done(self) -> bool:
         """Whether the last two solutions agree to the accuracy, or to rounding."""
-        if self.failed is not None:
-            return False
         last = [*self.differences.values()][-2:]
-        stalled = len(last) == 2 and last[1] < ROUNDING and last[1] > STALLED * last[0]
-        return bool(last) and (max(last[-1], self.unseen) <= AIM * self.request.accuracy or stalled)
+        stalled = len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING
+        agrees = bool(last) and max(last[-1], self.unseen) <= AIM * self.request.accuracy
+        return self.failed is None and (agrees or stalled)
 
     def take(self, asked: Request, answer: Answer | AccuracyError) -> None:
         """Compares a solution with the one before; a count on which no algorithm finds an answer is passed over."""
@@ -87,7 +84,7 @@ class Refinement:
         if isinstance(answer, AccuracyError):
             self.nodes, self.coarse, self.failed = asked.nodes, None, answer
             return
-        cosines, found = answer
+        _, found = answer
         self.spent.append(float(found.diagnostics["wall_seconds"]))
         if self.request.mu is None and asked.mu is None:
             self.answer = answer
@@ -96,10 +93,8 @@ class Refinement:
         if self.coarse is not None:
             self.differences[asked.nodes] = measure_difference(self.request, self.coarse, seen)
             self.unseen = find_unseen_share(self.request.scene, self.nodes, self.first.grading)
-        self.coarse, self.failed = seen, None
-        self.nodes = asked.nodes
-        if self.request.mu is not None:
-            self.answer = cosines, found
+        self.nodes, self.coarse, self.failed = asked.nodes, seen, None
+        self.answer = None if self.request.mu is None else answer
 
     def finish(self) -> Answer:
         """The finest solution, with what its error is estimated to be. Raises AccuracyError where the finest count
@@ -107,8 +102,7 @@ class Refinement:
         if self.failed is not None:
             raise self.failed
         assert self.answer is not None
-        mu, found = self.answer
-        accuracy = self.request.accuracy
+        (mu, found), accuracy = self.answer, self.request.accuracy
         achieved = [*self.differences.values()][-1] if self.differences else np.inf
         steps = [f"{nodes}: {difference:.1g}" for nodes, difference in self.differences.items()]
         graded = f" with grading {self.first.grading}" if self.first.grading > 1 else ""
@@ -118,14 +112,8 @@ class Refinement:
         elif self.unseen > accuracy:
             notes.append(describe_unseen(self.unseen))
         rule = f"{self.first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
-        told = {
-            "accuracy": accuracy,
-            "nodes_rule": rule,
-            "achieved": float(achieved),
-            "promised": not notes,
-            "notes": notes,
-            "choosing_seconds": sum(self.spent[:-1]),
-        }
+        told = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
+        told |= {"notes": notes, "choosing_seconds": sum(self.spent[:-1])}
         return mu, replace(found, diagnostics=found.diagnostics | told)
 
 
