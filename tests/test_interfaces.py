@@ -135,6 +135,30 @@ def test_light_inside_is_what_the_oracle_has(name: str, algorithm: str) -> None:
                 assert_close(flux[t], diffuse[place, 0] @ STOKES, rtol=1e-11, atol=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("a plate", "layer[2].coefficients[2].b2"),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (
+                ("under a surface, over white", "base.albedo"),
+                ("varnish over paint on metal", "layer[2].albedo"),
+                ("three media", "layer[3].thickness"),
+            )
+        ),
+    ],
+)
+def test_derivatives_are_what_the_oracle_has(name: str, number: str) -> None:
+    """Of numbers of layers and of the base; relative to the largest: 1e-10."""
+    scene, orders = make_scene(name), (0, 1)
+    right = oracle.brdf(scene, MU_I[:2], MU_O[:2], 6, orders, number)
+    f = exact.brdf(scene, MU_I[:2], MU_O[:2], PHI, nodes=6, derivatives=[number])
+    for m in orders:
+        gap = np.abs(oracle.find_order(f.jacobian[number], m) - right.reflected[m]).max()
+        assert gap < 1e-10 * np.abs(right.reflected).max()
+
+
 @cache
 def cache_field(scene: vrte.Scene, mu: Any, levels: Any, nodes: int, m: int) -> oracle.Light:
     return oracle.solve(scene, [0.6], mu, levels, nodes, m)
@@ -360,25 +384,6 @@ def test_brdf_surface_is_the_facets_alone() -> None:
     fade = np.exp(-0.5 / mu[:, None, None] - 0.5 / mu[:, None])[..., None, None]
     assert_close(fog.surface, fade * closed, rtol=0.0, atol=1e-14 * closed.max())
     assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()
-
-
-@pytest.mark.parametrize("backend", ["opencl", pytest.param("opencl+lapack", marks=pytest.mark.slow), "sequential"])
-def test_devices_solve_the_slabs_too(backend: str, opencl: object) -> None:
-    """Interfaces, smooth and rough, and scenes without any in one call: 1e-12 of the largest."""
-    layer = vrte.Layer(RAYLEIGH, 1.0, 0.5)
-    piles = (
-        [vrte.Interface(1.0, 1.5), layer, vrte.Interface(1.5, 1.33), layer],
-        [vrte.Interface(1.0, 1.5, roughness=0.4), layer],
-        [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.9, np.inf)],
-        [layer],
-    )
-    scenes = [vrte.Scene(pile) for pile in piles]
-    there, here = (vrte.brdfs(scenes, 0.5, [0.2, 0.7], [0.0, 40.0], nodes=8, backend=name) for name in (backend, None))
-    for found, expected in zip(there, here, strict=True):
-        scale = np.abs(expected.mueller).max()
-        assert np.abs(found.mueller - expected.mueller).max() < 1e-12 * scale
-        assert np.abs(found.reflectance - expected.reflectance).max() < 1e-12
-    assert there[0].diagnostics["backend"] == backend
 
 
 def test_verify_compares_algorithms_under_surfaces() -> None:
