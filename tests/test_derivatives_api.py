@@ -16,7 +16,7 @@ MU_I, MU_O = np.array([0.2, 0.9]), np.array([0.3, 0.7])
 DEPTH, ALBEDO, BASE = "layer[1].thickness", "layer[1].albedo", "base.albedo"
 CLEAR = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=0.5)], vrte.Lambertian(0.3))
 HAZE = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=0.5)], vrte.Lambertian(0.3))
-ENDLESS = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=math.inf)], vrte.Lambertian(0.3))
+DEEP = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=math.inf)], vrte.Lambertian(0.3))
 GLOSSY = vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], vrte.Lambertian(0.3))
 
 
@@ -104,9 +104,9 @@ def test_results_keep_derivatives_read_only_and_checked():
         (GLOSSY, "interface[1].roughness", "smooth interface has no derivative"),
         (HAZE, "base.roughness", "whose numbers are base.albedo"),
         (vrte.Scene(HAZE.layers), BASE, "no base"),
-        (ENDLESS, DEPTH, "no thickness to change"),
-        (ENDLESS, ALBEDO, "infinite at 1"),
-        (ENDLESS, BASE, "no light reaches the base"),
+        (DEEP, DEPTH, "no thickness to change"),
+        (DEEP, ALBEDO, "infinite at 1"),
+        (DEEP, BASE, "no light reaches the base"),
         (HAZE, vrte.Variation("p", 1.0, [0.0], [0.0]), "does nothing"),
         (HAZE, vrte.Variation("p", 1.0, [0.0, 1.0], [0.0, 0.0]), "of 2 layers"),
     ],

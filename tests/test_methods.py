@@ -71,7 +71,7 @@ REFUSED = {
     "polarization": (vrte.Scene(layers(phase=RAYLEIGH)), "phase matrix that polarizes"),
     "layers": (vrte.Scene(layers(2)), "stack of several layers"),
     "base": (vrte.Scene(layers(), vrte.Lambertian(0.5)), "base"),
-    "endless": (vrte.Scene(layers(thickness=np.inf)), "semi-infinite layer"),
+    "semi_infinite": (vrte.Scene(layers(thickness=np.inf)), "semi-infinite layer"),
     "interfaces": (vrte.Scene([GLASS, *layers()]), "refracting or mirroring surface"),
     "interfaces below": (vrte.Scene([*layers(), GLASS.turned]), "refracting or mirroring surface"),
     "interfaces, a mirror": (vrte.Scene(layers(), SILVER), "refracting or mirroring surface"),
@@ -200,7 +200,7 @@ def test_the_same_on_the_same_nodes(fine: dict[str, object], name: str) -> None:
     ):
         pytest.skip("not claimed")
     ends = bool(np.isfinite(scene.thickness))
-    if not (ends or taken.endless):
+    if not (ends or taken.semi_infinite):
         pytest.skip("not claimed")
     left = FINE[taken.name][2 if scene.keeps_beams else 1]
     if name.startswith("semi-infinite"):
@@ -287,7 +287,7 @@ def h_function(mu: np.ndarray, albedo: float, nodes: np.ndarray, weights: np.nda
 @pytest.mark.parametrize("albedo", [0.3, 0.9, 0.99])
 def test_isotropic_semi_infinite_layer(fine: dict[str, object], albedo: float) -> None:
     """f = omega/(4 pi) H(mu) H(mu')/(mu + mu'), on many nodes."""
-    if not find_method(str(fine["method"])).endless:
+    if not find_method(str(fine["method"])).semi_infinite:
         pytest.skip("not claimed")
     scene = vrte.Scene([vrte.Layer(ISOTROPIC, albedo, np.inf)])
     points, weights = np.polynomial.legendre.leggauss(60)

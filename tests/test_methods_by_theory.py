@@ -510,11 +510,11 @@ def test_fluxes_are_those_of_the_regular_part(name: str) -> None:
 
 
 def test_what_synthetic_iteration_refuses() -> None:
-    asked, endless = {"mu0": 0.5, "mu": 0.5}, one_layer(SHARP, 0.9, np.inf)
+    asked, deep = {"mu0": 0.5, "mu": 0.5}, one_layer(SHARP, 0.9, np.inf)
     with pytest.raises(SceneError, match="separates small angles: leave truncation out"):
         iterate(SCENES["scalar"], asked | {"truncation": "none"})
     with pytest.raises(SceneError, match="setting 'regular' of method 'synthetic-iteration' must be"):
         iterate(SCENES["scalar"], asked, regular="synthetic-iteration")
     with pytest.raises(SceneError, match="needs layers that end"):
-        iterate(endless, asked, iterations=2)
-    assert iterate(endless, asked).stokes[..., 0].min() > 0.0
+        iterate(deep, asked, iterations=2)
+    assert iterate(deep, asked).stokes[..., 0].min() > 0.0

@@ -25,7 +25,7 @@ ABILITIES = {
     "interfaces": "interfaces, mirrors",
     "depths": "depths inside",
     "transmission": "light below the top",
-    "endless": "semi-infinite layer",
+    "semi_infinite": "semi-infinite layer",
 }
 OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
 KINDS: dict[Any, str] = {"any": "any", "even": "Lambertian", "smooth": "smooth", "none": "-"}

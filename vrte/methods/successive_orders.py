@@ -100,15 +100,9 @@ class Convergence:
             f"about {self.remainder:.1e} of the light, and energy is not conserved to better than that; ask for more "
             f"by its setting 'orders', or for {EXACT!r}"
         )
-        return {
-            "scattering_orders": self.used,
-            "scatterings": self.total,
-            "last_ratio": self.last,
-            "remainder": self.remainder,
-            "converged": converged,
-            "promised": converged,
-            "notes": [] if converged else [note],
-        }
+        told = {"scattering_orders": self.used, "scatterings": self.total, "last_ratio": self.last}
+        told |= {"remainder": self.remainder, "converged": converged, "promised": converged}
+        return told | {"notes": [] if converged else [note]}
 
 
 def estimate_remainder(added: list[float]) -> float:

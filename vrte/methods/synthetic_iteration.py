@@ -69,17 +69,10 @@ def solve_closed_form(regular: str, request: Request, run: Run) -> TwoFluxes:
 def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
     """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in), less those
     of the peaks that delta-M takes off for two terms."""
-    unit = np.array([[1.0, 0.0, 0.0, 0.0]])
-    request = replace(request, tau=tau, mu=np.ones(1), columns=unit)
+    request = replace(request, tau=tau, mu=np.ones(1), columns=np.array([[1.0, 0.0, 0.0, 0.0]]))
     if regular in CLOSED:
         found = solve_closed_form(regular, request, run)
         return found.down, found.up
-    down, up = solve_for_fluxes(regular, request, run)
-    return down - find_peak_flux(cut_to_two(request), tau)[1, ..., 0], up
-
-
-def solve_for_fluxes(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
-    """The same by any method, the peaks' with them."""
     asked = replace(
         request,
         scene=remove_polarization(request.scene),
@@ -91,9 +84,9 @@ def solve_for_fluxes(regular: str, request: Request, run: Run) -> tuple[Array, A
         fluxes_only=True,
         given=frozenset(),
     )
-    quiet = replace(run, stages={})
-    solution = solve_request(asked, quiet)[1]
-    return solution.flux_down[..., 0], solution.flux_up[..., 0]
+    solution = solve_request(asked, replace(run, stages={}))[1]
+    peaks = find_peak_flux(cut_to_two(request), tau)[1, ..., 0]
+    return solution.flux_down[..., 0] - peaks, solution.flux_up[..., 0]
 
 
 def remove_polarization(scene: Scene) -> Scene:
@@ -187,18 +180,16 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
     for m in range(count):
         task.tell(m, count)
         arriving = guess.find_arriving(m)
+        sights = [(each, slice(each.on_nodes.n, None), each.along_sights) for each in stack.sections]
+        nodes = [(each, slice(0, each.on_nodes.n), each.along_nodes) for each in stack.sections]
+        made = {
+            each.place: paths.carry(*guess.find_source(m, each, rows))
+            for each, rows, paths in (sights if iterations == 1 else nodes)
+        }
         if iterations == 1:
-            faces = {
-                each.place: each.along_sights.carry(*guess.find_source(m, each, slice(each.on_nodes.n, None)))[1]
-                for each in stack.sections
-            }
-            light = stack.look(m, faces, arriving)
+            light = stack.look(m, {place: faces for place, (_, faces) in made.items()}, arriving)
         else:
             order = Order(stack, m)
-            made = {
-                each.place: each.along_nodes.carry(*guess.find_source(m, each, slice(0, each.on_nodes.n)))
-                for each in stack.sections
-            }
             field = stack.carry(made, order.reflect(arriving)) + order.once
             for _ in range(iterations - 2):
                 field = order.scatter(field) + order.once

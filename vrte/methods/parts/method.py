@@ -155,7 +155,7 @@ class Method:
     fluxes balance to rounding where nothing absorbs, which is tested.
 
     What it takes: polarization (of phase matrices and light), layers (more than one), base, interfaces, depths (other
-    than the faces), transmission, endless (semi-infinite) layers, devices, options of the call. What takes an
+    than the faces), transmission, semi-infinite layers, devices, options of the call. What takes an
     "accuracy" solves the discrete problem to it, on nodes chosen for it, ``finest`` at best. ``operations`` of a task
     are right to a factor of 3, None where closed forms are a matter of seconds whatever is asked."""
 
@@ -170,7 +170,7 @@ class Method:
     base: Taken = "any"
     depths: bool = True
     transmission: bool = True
-    endless: bool = True
+    semi_infinite: bool = True
     interfaces: Literal["none", "smooth", "any"] = "none"
     devices: bool = False
     options: Sequence[str] = ("nodes", "backend")
@@ -231,6 +231,6 @@ class Method:
             (not self.transmission and bool((tau > 0.0).any()), "light below the top"),
             (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
-            (not self.endless and not np.isfinite(scene.thickness), "semi-infinite layer"),
+            (not self.semi_infinite and not np.isfinite(scene.thickness), "semi-infinite layer"),
         ]
         return [words for is_there, words in found if is_there]
