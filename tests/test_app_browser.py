@@ -517,7 +517,7 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
             tab.page.locator(".q-menu .q-item").nth(place).click()
             tab.page.locator(".q-menu").wait_for(state="detached")
             # drawn anew, unless it was chosen already
-            tab.waits_for("begun => !drawn.isConnected || Date.now() - begun > 2000", arg=tab.evaluate("Date.now()"))
+            tab.waits_for("begun => !drawn.isConnected || Date.now() - begun > 10000", arg=tab.evaluate("Date.now()"))
             tab.rest(200)
             assert tab.evaluate(CUT) == [], f"{label} {place}"
     tab.button("add a surface or interface").click()
