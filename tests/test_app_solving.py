@@ -170,10 +170,16 @@ def test_a_solve_is_cancelled_at_once_and_one_that_dies_is_a_sentence() -> None:
     query = Query()
     query.ask(Task("solve.solve", LONG))
     wait_until(lambda: "Fourier" in query.progress.stage or not query.waits)
-    start = time.monotonic()
+    assert query.take() is None  # not yet
+    start, worker = time.monotonic(), query.worker
     query.close()
+    query._hear(worker, 1, Refused("too late"))  # type: ignore[arg-type]
     assert (query.take(), query.take()) == (Refused("cancelled"), None)
     assert time.monotonic() - start < 2.0
+    query = Query()
+    query.ask(Task("solve.solve", LONG))
+    query.stop()  # before it has begun
+    assert query.take() == Refused("cancelled")
     query = Query()
     query.ask(Task("solve.solve", LONG))
     os.kill(get_process(query).pid, signal.SIGKILL)
