@@ -69,7 +69,7 @@ class AppearancePanel:
             self.stop = controls.add_button("Stop", "stop", self.end, f"{controls.QUIET} {controls.DANGER}")
         self.spoken = add_note("vrte-hidden", "status aria-live=polite")
         with ui.column().classes("w-full gap-2 no-wrap pb-4 vrte-below") as self.answer:
-            self.gaps, self.notes = add_message(), add_message("vrte-warning w-full")
+            self.beyond, self.notes = add_message(), add_message("vrte-warning w-full")
             with ui.element("div").classes("vrte-look"):
                 with ui.column().classes("gap-0 no-wrap vrte-spectra"):
                     results.add_plot("appearance")
@@ -181,7 +181,7 @@ class AppearancePanel:
     def _write(self, answer: Appeared) -> None:
         """Colours, numbers and spectra of an answer."""
         shades = answer.black, answer.white
-        gaps = []
+        beyond_screens = []
         for (swatch, below, words), side, shade, then in zip(
             self.swatches, SIDES, shades, answer.before or (None, None), strict=True
         ):
@@ -191,8 +191,10 @@ class AppearancePanel:
             below.set_visibility(then is not None)
             colour_swatch(below, then or shade)
             if shade.gamut_gap > 0.0:
-                gaps.append(f"{side}: no screen of sRGB shows it; the swatch is {shade.gamut_gap:.1f} ΔE2000 away")
-        self.gaps.set_text("; ".join(gaps))
+                beyond_screens.append(
+                    f"{side}: no screen of sRGB shows it; the swatch is {shade.gamut_gap:.1f} ΔE2000 away"
+                )
+        self.beyond.set_text("; ".join(beyond_screens))
         self.contrast.set_text(f"contrast ratio {answer.contrast:.4f}")
         self.apart.set_text(f"ΔE2000 between black and white: {answer.apart:.2f}")
         changed = [f"{side} {value:.2f}" for side, value in zip(SIDES, answer.changed or (), strict=False)]

@@ -99,9 +99,9 @@ class Guard:
         needed = scope["type"] == "websocket"  # every browser says it then
         if (origins or needed) and origins != [f"http://{hosts[0]}"]:
             raise RefusedError(403, ELSEWHERE)
-        said = dict(headers)
-        if said.get(b"sec-fetch-site") in ("cross-site", "same-site"):  # the latter: another port of this machine
-            followed = said.get(b"sec-fetch-mode") == "navigate" and said.get(b"sec-fetch-dest") == "document"
+        given = dict(headers)
+        if given.get(b"sec-fetch-site") in ("cross-site", "same-site"):  # the latter: another port of this machine
+            followed = given.get(b"sec-fetch-mode") == "navigate" and given.get(b"sec-fetch-dest") == "document"
             if not followed or scope.get("method") != "GET":
                 raise RefusedError(403, ELSEWHERE)
 
@@ -164,13 +164,10 @@ class Guard:
 async def answer(send: Any, code: int, text: str, headers: list[tuple[bytes, bytes]] | None = None) -> None:
     """A short answer, the last one of its connection: what else comes there is not read."""
     body = text.encode()
-    about = [
-        (b"content-type", b"text/plain; charset=utf-8"),
-        (b"connection", b"close"),
-        (b"cache-control", b"no-store"),
-        (b"content-length", str(len(body)).encode()),
-    ]
-    await send({"type": "http.response.start", "status": code, "headers": [*about, *HEADERS, *(headers or [])]})
+    about = {"content-type": "text/plain; charset=utf-8", "connection": "close", "cache-control": "no-store"}
+    about["content-length"] = str(len(body))
+    encoded = [(name.encode(), value.encode()) for name, value in about.items()]
+    await send({"type": "http.response.start", "status": code, "headers": [*encoded, *HEADERS, *(headers or [])]})
     await send({"type": "http.response.body", "body": body})
 
 

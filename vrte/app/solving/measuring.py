@@ -134,7 +134,7 @@ def fit_scene(exchange: Exchange, content: Content, folder: Path, data: bytes, s
 
 
 HEADS = ("quantity", "points", "incidence", "exit", "azimuth", "wavelength", "sigma")
-TOLD = ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um")
+COORDINATE_NAMES = ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um")
 FINE = 61  # points of a curve from its first to its last angle
 MOST_FINE = 1500  # directions that are worth a finer curve
 
@@ -163,7 +163,7 @@ def refine_curves(measured: Measurement) -> Measurement | None:
             parts += [(quantity, theta_i, abs(o), phi + (180.0 if o < 0.0 else 0.0), wavelength) for o in x.tolist()]
     if not 0 < len(parts) <= MOST_FINE:
         return None
-    columns = zip(("quantity", *TOLD), map(list, zip(*parts, strict=True)), strict=True)
+    columns = zip(("quantity", *COORDINATE_NAMES), map(list, zip(*parts, strict=True)), strict=True)
     return Measurement(value=0.0, **dict(columns))
 
 
@@ -171,7 +171,7 @@ def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
     """Rows of a table: quantity, number of points, angles, wavelengths, and whether their errors are known."""
     for quantity in measured.names:
         rows = find_rows(measured, quantity)
-        ranges = [write_range(getattr(measured, name)[rows], COORDINATES[name][2]) for name in TOLD]
+        ranges = [write_range(getattr(measured, name)[rows], COORDINATES[name][2]) for name in COORDINATE_NAMES]
         yield quantity, str(rows.size), *ranges, "yes" if measured.has_sigma else "no"
 
 
