@@ -15,7 +15,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
 from vrte.formats.atomic import PathName, check_file, check_file_name
 from vrte.formats.between_directions import directions
-from vrte.formats.measured_polarized import AXES, Axes, interpolate_table, make_unit_vectors, turn_to_meridian_planes
+from vrte.formats.measured_polarized import AXES, Axes, evaluate_table
 from vrte.formats.mitsuba_files import read_tensors
 from vrte.formats.result_file import load
 from vrte.results.brdf import Brdf
@@ -122,10 +122,8 @@ def read_measured(path: PathName, wavelength_um: float | None, average_mirrored:
         raise SceneError(f"its field M must have the shape {shape} to fit its angles and wvls, not {fields['M'].shape}")
     table = average_images(fields["M"][:, :, :, place].astype(np.float64), phi_d, average_mirrored)
     mu_i, mu_o, azimuths = directions().values()
-    into, out, phi = (axis.ravel() for axis in np.meshgrid(mu_i, mu_o, azimuths, indexing="ij"))
-    aside = np.clip(phi, ASIDE, 180.0 - ASIDE)
-    light, view = make_unit_vectors(into, np.full_like(into, np.pi)), make_unit_vectors(out, np.radians(aside))
-    found = turn_to_meridian_planes(interpolate_table(table[:, :, :, None], axes, light, view), light, view)
+    aside = np.clip(azimuths, ASIDE, 180.0 - ASIDE)
+    found = evaluate_table(table[:, :, :, None], axes, mu_i, mu_o, aside)
     mueller = found.reshape(mu_i.size, mu_o.size, azimuths.size, 4, 4)
     return TabulatedBase(mu_i, mu_o, azimuths, mueller, average_mirrored=True)  # which ASIDE is not, nearly
 
@@ -151,9 +149,6 @@ def average_images(table: Array, phi_d: Array, average_mirrored: bool) -> Array:
     image = table[::-1] * MIRROR
     gap, largest = np.abs(table - image).max(), np.abs(table).max()
     if gap > SINGLE * largest and not average_mirrored:
-        raise SceneError(
-            f"its mirror image, phi_d turned over, differs from it by {gap:.3g}, and it is at most {largest:.3g} "
-            "(average_mirrored takes the mean)"
-        )
-    found: Array = 0.5 * (table + image)
-    return found
+        words = f"differs from it by {gap:.3g}, and it is at most {largest:.3g} (average_mirrored takes the mean)"
+        raise SceneError(f"its mirror image, phi_d turned over, {words}")
+    return np.asarray(0.5 * (table + image))

@@ -78,19 +78,15 @@ class Columns:
         if len(kept) > most_rows + 1:
             raise SceneError(f"the table must have at most {most_rows} rows, not {len(kept) - 1}")
         self.separator = ";" if kept and ";" in kept[0][1] else ","
-        self.names: list[str] = []
-        self.lines: list[int] = []
+        self.lines = [number for number, _ in kept[1:]]
         self.rows: list[list[str]] = []
         for number, line in kept:
             try:
                 (cells,) = csv.reader([line], delimiter=self.separator, skipinitialspace=True)
             except csv.Error as error:
                 raise SceneError(f"line {number}: no row of a table ({error})") from error
-            self.lines.append(number)
             self.rows.append([cell.strip() for cell in cells])
-        if kept:
-            self.names = self.rows.pop(0)
-            self.lines.pop(0)
+        self.names = self.rows.pop(0) if kept else []
 
     def check(self, headers: Sequence[list[str]] = (), words: str = "", fewest: int = 1) -> None:
         """Raises SceneError unless the header is one of ``headers``, in ``words``, no name comes twice, enough
@@ -100,7 +96,7 @@ class Columns:
         if len({*self.names}) < len(self.names):
             raise SceneError("two columns have the same name")
         if len(self.rows) < fewest:
-            rows = "1 row" if fewest == 1 else f"{fewest} rows"
+            rows = f"{fewest} row{'s'[: fewest > 1]}"
             raise SceneError(f"there must be at least {rows} below the header, not {len(self.rows)}")
         for row, cells in enumerate(self.rows):
             if len(cells) != len(self.names):
@@ -132,7 +128,8 @@ class Columns:
         found = np.empty(len(self.rows))
         for row, text in enumerate(self.words(name)):
             try:
-                found[row] = math.nan if may_be_empty and not text else self._convert(text)
+                number = text.replace(",", ".") if self.separator == ";" else text
+                found[row] = math.nan if may_be_empty and not text else float(number)
             except ValueError:
                 raise self.fault(row, f"{name} must be a number, not {put_in_one_line(repr(text), 40)}") from None
             value = found[row]
@@ -143,9 +140,6 @@ class Columns:
             if ascending and row and value <= found[row - 1]:
                 raise self.fault(row, f"{name} must ascend, and {value:g} follows {found[row - 1]:g}")
         return found
-
-    def _convert(self, text: str) -> float:
-        return float(text.replace(",", ".") if self.separator == ";" else text)
 
 
 def read_index(path: str | os.PathLike[str]) -> IndexTable:

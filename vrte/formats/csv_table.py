@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
@@ -42,25 +42,18 @@ def write_csv(result: Result, path: PathName) -> None:
     header = [*format_header(kind, arrays, tables, describe_result(result))]
     by_row = [list_directions(kind, arrays)]
     for name, columns in tables.items():
-        # derivatives go behind the coordinates
-        values = (
-            np.moveaxis(arrays[name], 0, len(kind.coordinates)) if kind.variables[name].is_derivative else arrays[name]
-        )
-        by_row.append(values.reshape(len(by_row[0]), len(columns)))
+        behind = len(kind.coordinates) * kind.variables[name].is_derivative  # the coordinates, where derivatives go
+        by_row.append(np.moveaxis(arrays[name], 0, behind).reshape(len(by_row[0]), len(columns)))
     with write_sealed_text(path) as file:
         file.writelines(f"{line}\n" for line in [*header, ",".join([*kind.coordinates, *chain(*tables.values())])])
         for row in zip(*by_row, strict=True):
             file.write(",".join(map(repr, np.concatenate(row).tolist())) + "\n")
 
 
-def list_tables(kind: Kind, given: Iterable[str], derivatives: int) -> dict[str, list[str]]:
+def list_tables(kind: Kind, given: Mapping[str, Any], derivatives: int) -> dict[str, list[str]]:
     """The arrays ``given`` that are rows of the table, and the columns of each."""
-    there = {*given}
-    return {
-        name: about.name_columns(derivatives)
-        for name, about in kind.variables.items()
-        if name in there and about.columns
-    }
+    tables = {name: kind.variables[name] for name in kind.variables if name in given}
+    return {name: about.name_columns(derivatives) for name, about in tables.items() if about.columns}
 
 
 def list_directions(kind: Kind, arrays: dict[str, Any]) -> Array:
@@ -148,9 +141,6 @@ def read_tables(
     for name, columns in tables.items():
         start, end = end, end + len(columns)
         inner = (4,) * len([dim for dim in kind.variables[name].dims if dim.startswith("stokes")])
-        if kind.variables[name].is_derivative:
-            by_number = numbers[:, start:end].reshape(*shape, len(names), *inner)
-            found[name] = np.moveaxis(by_number, len(shape), 0)
-        else:
-            found[name] = numbers[:, start:end].reshape(*shape, *inner)
+        several = (len(names),) * kind.variables[name].is_derivative
+        found[name] = np.moveaxis(numbers[:, start:end].reshape(*shape, *several, *inner), len(shape) * len(several), 0)
     return found

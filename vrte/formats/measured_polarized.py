@@ -105,9 +105,8 @@ def make_axes(step_deg: float) -> Axes:
 def check_wavelengths(wavelengths_um: Sequence[float] | Array) -> NDArray[np.uint16]:
     """The wavelengths in nanometres, if they are five whole ones. Raises SceneError."""
     if len(wavelengths_um) != WAVELENGTHS:
-        raise SceneError(
-            f"Mitsuba's measured_polarized takes exactly {WAVELENGTHS} wavelengths, not {len(wavelengths_um)}"
-        )
+        words = f"exactly {WAVELENGTHS} wavelengths, not {len(wavelengths_um)}"
+        raise SceneError(f"Mitsuba's measured_polarized takes {words}")
     nanometres = 1e3 * np.asarray(wavelengths_um)
     if np.abs(nanometres - nanometres.round()).max() > 1e-6 or nanometres[-1] > np.iinfo(np.uint16).max:
         raise SceneError("Mitsuba's measured_polarized takes wavelengths of whole nanometres, up to 65535")
@@ -156,10 +155,7 @@ def make_direction_pairs(axes: Axes) -> tuple[Array, Array, Array]:
 
 def measure_errors(table: NDArray[np.float32], axes: Axes, exact: Spectrum) -> Errors:
     """How far the table is off at the directions of another spectrum."""
-    mu_i, mu_o, phi = (axis.ravel() for axis in np.meshgrid(exact.mu_i, exact.mu_o, exact.phi, indexing="ij"))
-    into = make_unit_vectors(mu_i, np.full_like(mu_i, np.pi))  # light that travels along the azimuth 0
-    out = make_unit_vectors(mu_o, np.radians(phi))
-    found = turn_to_meridian_planes(interpolate_table(table, axes, into, out), into, out)
+    found = evaluate_table(table, axes, exact.mu_i, exact.mu_o, exact.phi)
     wanted = exact.mueller.reshape(len(exact), -1, 4, 4).swapaxes(0, 1)
     off = np.abs(found - wanted).max(axis=(2, 3)) / wanted[:, :, 0, 0]
     return Errors(float(np.median(off)), float(np.quantile(off, 0.95)), len(off))
@@ -171,28 +167,26 @@ def make_unit_vectors(mu: Array, azimuth: Array) -> Array:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), mu], axis=1)
 
 
-def interpolate_table(table: NDArray[np.floating], axes: Axes, into: Array, out: Array) -> Array:
-    """What Mitsuba makes of the table M at pairs of directions (n, 3), in the table's axes: (n, wavelength, 4, 4)."""
+def evaluate_table(table: NDArray[np.floating], axes: Axes, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
+    """What Mitsuba makes of the table M at all pairs of these directions, in meridian planes: (n, wavelength, 4, 4)."""
     from scipy.interpolate import RegularGridInterpolator
 
-    middle = into + out
-    middle /= np.linalg.norm(middle, axis=1)[:, None]
-    sideways = np.cross([0.0, 0.0, 1.0], middle)
-    sideways /= np.linalg.norm(sideways, axis=1)[:, None]
+    cosine, seen, azimuth = (axis.ravel() for axis in np.meshgrid(mu_i, mu_o, phi_deg, indexing="ij"))
+    into = make_unit_vectors(cosine, np.full_like(cosine, np.pi))  # light that travels along the azimuth 0
+    out = make_unit_vectors(seen, np.radians(azimuth))
+    middle = normalise(into + out)
+    sideways = normalise(np.cross([0.0, 0.0, 1.0], middle))
     phi = np.arctan2((sideways * into).sum(axis=1), (np.cross(sideways, middle) * into).sum(axis=1))
     spread = np.arccos(np.clip((middle * into).sum(axis=1), -1.0, 1.0))
     places = np.stack([phi, spread, np.arccos(np.clip(middle[:, 2], -1.0, 1.0))], axis=1)
-    found: Array = RegularGridInterpolator(axes, table)(places)
-    return found
-
-
-def turn_to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
-    """Matrices (n, wavelength, 4, 4) in the table's axes as the package has them."""
-    across = np.cross(into, out)
-    across /= np.linalg.norm(across, axis=1)[:, None]
+    across = normalise(np.cross(into, out))
     from_light, to_view = turn(-into, across)[:, None], turn(out, across)[:, None]
-    found: Array = to_view.swapaxes(2, 3) @ matrices @ from_light
-    return found
+    return np.asarray(to_view.swapaxes(2, 3) @ RegularGridInterpolator(axes, table)(places) @ from_light)
+
+
+def normalise(vectors: Array) -> Array:
+    """Vectors (n, 3) of length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
 def sample_in_scattering_plane(splines: Splines, into: Array, out: Array, across: Array, lowest: float) -> Array:

@@ -54,12 +54,12 @@ def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]]:
 
 def check_names(given: Sequence[str], names: Sequence[str]) -> None:
     """Raises SceneError for an unknown column, and where one is missing without which the others say nothing."""
-    unknown = [name for name in given if name not in names]
-    if unknown:
-        raise SceneError(f"the column {unknown[0]!r} is unknown: there are {', '.join(names)}")
-    missing = [name for name in ("quantity", "value") if name not in given]
-    if missing:
-        raise SceneError(f"the column {missing[0]} is missing: the columns are {', '.join(names)}")
+    for name in given:
+        if name not in names:
+            raise SceneError(f"the column {name!r} is unknown: there are {', '.join(names)}")
+    for name in ("quantity", "value"):
+        if name not in given:
+            raise SceneError(f"the column {name} is missing: the columns are {', '.join(names)}")
 
 
 def spread_quantities(stored: Stored, names: Sequence[str]) -> dict[str, list[Any]]:

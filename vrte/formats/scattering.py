@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import check_number, put_in_one_line
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import SceneError, UnitsWarning, warn_user
 from vrte.formats.columns import Columns
 from vrte.formats.scattering_netcdf import AngleTable, WavelengthTable, read_wavelength_table
 from vrte.optics.angle_tables import MOST_ANGLES
@@ -66,11 +66,10 @@ def find_columns(header: list[str], about: Convention, convention: str) -> list[
     places = [None if name in (ANGLE, COSINE) else find_element(name, about, convention) for name in header]
     if places.count(None) != 1:
         raise SceneError(f"the first line must name the columns, one of them {ANGLE} or {COSINE}")
-    elements = [place for place in places if place is not None]
-    for place in elements:
-        if elements.count(place) > 1:
-            raise SceneError(f"the column {about.columns[place]} must be there once, not {elements.count(place)} times")
-    if 0 not in elements:
+    for place in places:
+        if place is not None and places.count(place) > 1:
+            raise SceneError(f"the column {about.columns[place]} must be there once, not {places.count(place)} times")
+    if 0 not in places:
         raise SceneError(f"the column {about.columns[0]} is missing: it is {', '.join(header)}")
     return places
 
@@ -91,10 +90,8 @@ def find_element(name: str, about: Convention, convention: str) -> int:
     meant = about.columns[place]
     other_sign = (found[1] == "-" and not meant.startswith("-")) or (found[3] == "43" and about.circular > 0)
     if other_sign or (found[4] and not meant.endswith(RATIO)):
-        raise SceneError(
-            f'the column {name} is {meant} in the convention "{convention}": give the one that the table is in, '
-            "convention=..."
-        )
+        words = f'is {meant} in the convention "{convention}": give the one that the table is in, convention=...'
+        raise SceneError(f"the column {name} {words}")
     return place
 
 
@@ -185,15 +182,14 @@ def read_scattering(
     if suffix not in NETCDF_SUFFIXES:
         raise SceneError(f"the file must end in {', '.join((CSV, *NETCDF_SUFFIXES))}, not in {suffix or 'nothing'!r}")
     data = read_wavelength_table(path, sizes)
-    of_file = partial(expand, convention=data.choose_convention(convention))
+    if convention is None and data.doubt:
+        warn_user(data.doubt, UnitsWarning)
+    of_file = partial(expand, convention=convention or data.convention)
     return take_wavelength(data, sizes["wavelength_um"], sizes["density_g_cm3"], of_file)
 
 
 def take_wavelength(
-    data: WavelengthTable,
-    wavelength_um: float | None,
-    density: float | None,
-    expand: Callable[[AngleTable], PhaseMatrix],
+    data: WavelengthTable, wavelength_um: float | None, density: float | None, expand: Callable[..., PhaseMatrix]
 ) -> PhaseMatrix | Particles:
     """What the data say at a wavelength, linear between the two nearest."""
     known = data.wavelengths_um
@@ -215,9 +211,8 @@ def take_wavelength(
     if not weights.sum() > 0.0:
         raise SceneError(f"nothing is scattered at {wavelength:g} um")
     matrices = [expand(data.find_table(k)) for k in near]
-    single = None if albedo is None else float(shares @ albedo[near])
-    if albedo is not None and extinction is not None:
-        single = float(weights.sum() / extinguished.sum())
+    mean = weights.sum() / extinguished.sum()
+    single = None if albedo is None else float(shares @ albedo[near] if extinction is None else mean)
     worst = max(matrices, key=lambda matrix: matrix.expansion.largest_error if matrix.expansion else 0.0)
     told = worst.expansion
     if told is not None:
@@ -229,8 +224,7 @@ def take_wavelength(
         return matrix
     if not data.per_mass or single is None or extinction is None:
         raise SceneError.of("density_g_cm3", "needs an albedo and an extinction per mass, which the file does not have")
-    radius = 1.0 if data.radius_um is None else data.radius_um
-    volume = 4.0 / 3.0 * np.pi * radius**3
+    volume = 4.0 / 3.0 * np.pi * (1.0 if data.radius_um is None else data.radius_um) ** 3
     area = float(PER_MASS * density * extinguished.sum() * volume)
     return Particles(
         phase_matrix=matrix,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vrte.basics.arrays import Array, put_in_one_line
-from vrte.basics.errors import SceneError, UnitsWarning, warn_user
+from vrte.basics.errors import SceneError
 from vrte.formats.atomic import PathName
 from vrte.formats.netcdf import Stored, read_netcdf
 
@@ -53,12 +53,6 @@ class WavelengthTable(NamedTuple):
     radius_um: float | None = None
     convention: str = "vrte"
     doubt: str = ""
-
-    def choose_convention(self, asked: str | None) -> str:
-        """The convention that is asked for, else the file's, with a UnitsWarning where that is in doubt."""
-        if asked is None and self.doubt:
-            warn_user(self.doubt, UnitsWarning)
-        return self.convention if asked is None else asked
 
     def find_table(self, k: int) -> AngleTable:
         """The table at wavelength ``k``, all elements at the angles of F11, between which cubic splines go."""
@@ -185,8 +179,8 @@ def select_size(stored: Stored, selection: dict[str, float | None], count: int) 
                 raise SceneError.of(name, "must not be given: the file has one table for all")
             continue
         if wanted is None and count > 1:
-            listed = f"{values.min():g} to {values.max():g}, {count} of them"
-            raise SceneError.of(name, f"is missing: the file has {listed}")
+            words = f"is missing: the file has {values.min():g} to {values.max():g}, {count} of them"
+            raise SceneError.of(name, words)
         if wanted is not None:
             place = int(np.argmin(np.abs(values - wanted)))
             if abs(values[place] - wanted) > 1e-6 * abs(wanted):

@@ -39,8 +39,8 @@ def save_zarr(result: Result, path: PathName) -> None:
 
 
 def load_zarr(path: PathName, most_bytes: float) -> Result:
-    """The result that `save_zarr` wrote to ``path``, every digit as it was; ``most_bytes`` and errors as of
-    `vrte.load`. Only plain numbers of format 3 are read, unpacked: nothing of a foreign folder is run."""
+    """The result that `save_zarr` wrote to ``path``; ``most_bytes`` and errors as of `vrte.load`. Only plain numbers of
+    format 3 are read, unpacked: nothing of a foreign folder is run."""
     zarr = import_extra("zarr", PURPOSE, "files")
     folder = Path(check_file_name(path))
     if not folder.is_dir():
@@ -54,10 +54,8 @@ def load_zarr(path: PathName, most_bytes: float) -> Result:
     group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
     arrays = {name: np.asarray(group[name][...]) for name in names}
     if SEAL in attributes and attributes[SEAL] != hash_content(attributes, arrays):
-        raise SceneError(
-            f"it is damaged: its numbers or texts are not those that were written (checksum); if they were changed on "
-            f"purpose, take its attribute {SEAL} away"
-        )
+        words = f"if they were changed on purpose, take its attribute {SEAL} away"
+        raise SceneError(f"it is damaged: its numbers or texts are not those that were written (checksum); {words}")
     return restore_result(attributes, arrays)
 
 
