@@ -243,33 +243,25 @@ def restore_result(texts: Mapping[str, str], arrays: Mapping[str, Any]) -> Resul
     """The result that has the texts of `describe_result` and these arrays. Raises SceneError where they do not fit
     together, another of MEANINGLESS where something is missing or not what it should be."""
     (kind, names), diagnostics = read_kind(texts), json.loads(texts["diagnostics"])
-    scene = {SCENE: texts[SCENE]} if SCENE in texts else {}
+    if kind is SPECTRUM:
+        if len(diagnostics) != len(arrays["wavelength_um"]):
+            raise SceneError("there must be diagnostics for each wavelength")
+        brdfs: list[Any] = []
+        for k, one in enumerate(diagnostics):
+            places = {name: (slice(None),) * about.is_derivative + (k,) for name, about in kind.variables.items()}
+            here = {name: values[places.get(name, ...)] for name, values in arrays.items()}
+            brdfs.append(restore_result({**texts, "kind": BRDF.name, "diagnostics": json.dumps(one)}, here))
+        return Spectrum(arrays["wavelength_um"], tuple(brdfs))
     found: dict[str, Any] = {}
     for name, about in kind.arrays.items():
         if name in arrays and name not in DERIVED:
             values = arrays[name]
             values = dict(zip(names, values, strict=True)) if about.is_derivative else values
             found[name.removesuffix("_deg")] = values
-    if kind is SPECTRUM:
-        wavelengths, directions = (
-            found.pop("wavelength_um"),
-            {name: found.pop(name) for name in ("mu_i", "mu_o", "phi")},
-        )
-        if len(diagnostics) != len(wavelengths):
-            raise SceneError("there must be diagnostics for each wavelength")
-        brdfs = (
-            Brdf(**directions, **{name: pick_wavelength(found[name], k) for name in found}, diagnostics=one | scene)
-            for k, one in enumerate(diagnostics)
-        )
-        return Spectrum(wavelengths, tuple(brdfs))
     if kind is FIELD:
         found["mu0"] = float(found["mu0"].item())
+    scene = {SCENE: texts[SCENE]} if SCENE in texts else {}
     return (Brdf if kind is BRDF else Field)(**found, diagnostics=diagnostics | scene)
-
-
-def pick_wavelength(values: Any, k: int) -> Any:
-    """The part of an array over wavelengths, or of each one of a dictionary of arrays, at wavelength ``k``."""
-    return {name: one[k] for name, one in values.items()} if isinstance(values, dict) else values[k]
 
 
 def check_size(size: float, most_bytes: float) -> None:
