@@ -30,7 +30,7 @@ from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
-from vrte.formats.toml_table import read_share
+from vrte.formats.toml_table import read_fraction
 from vrte.pictures import results as figures
 
 from .helpers import assert_close, close_to, wait_until
@@ -242,7 +242,7 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> 
     assert any(one.place[-1] == "thickness_um" for one in sliders)
     assert any(one.place[0] == "particles" for one in sliders)
     for slider in sliders:
-        value = read_share(get_value(content, slider.place))
+        value = read_fraction(get_value(content, slider.place))
         assert value is not None
         assert slider.reaches(value)
         assert 0 <= slider.find_step(value) <= STEPS

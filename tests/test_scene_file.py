@@ -142,6 +142,7 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
     (GOLD, {"particles.gold.index": 1.5}, lambda: of_gold(1.5)),
     (GOLD, {"host_index": 1.33}, lambda: of_gold(host_index=1.33)),
     (GOLD, {"base": None, "nodes": None}, lambda: vrte.Scene(of_gold())),
+    (GOLD, {"layer": None, "particles": None}, lambda: vrte.Scene([], vrte.Lambertian(0.3))),
     (GOLD, {"base.albedo": "30 %"}, lambda: vrte.Scene(of_gold(), vrte.Lambertian(0.3))),
     (
         GOLD,
@@ -398,6 +399,7 @@ GOLDS: Rows = [
     ({"truncation": "delta"}, 'truncation = "delta": must be "auto" or "none" or "delta-m" or '),
     ({"wavelength_um": "0.64"}, 'wavelength_um = "0.64": must be the wavelength in micrometres'),
     ({"layer[1].thickness": math.nan}, "layer[1].thickness = nan: must be a number >= 0"),
+    ({"layer[1].thickness": 10**400}, ": must be a number >= 0"),
     ({"layer[1].thickness": -2.0}, "layer[1].thickness must be an optical thickness >= 0"),
     ({"particles.gold.index": [1, 2, 3]}, "particles.gold.index = [1, 2, 3]: must be the name of a material"),
     ({"particles.gold.index": "glod"}, "particles.gold.index: 'glod' is neither"),

@@ -9,12 +9,12 @@ from vrte.formats.keys import (
     Choice,
     FilePath,
     Flag,
+    Fraction,
     Index,
     Key,
     Number,
     Reading,
     Row,
-    Share,
     join_rows,
     make_of_keys,
     read_beside,
@@ -71,7 +71,7 @@ def limit(make: type[Boundary], name: str, label: str, start: float | None = Non
 BASES: dict[str, Row] = {
     "black": Row("black", lambda: None, {}),
     "lambertian": Row(
-        "white or grey (Lambertian)", Lambertian, {"albedo": Share("albedo of the base", 0.5, allowed=ALBEDO)}
+        "white or grey (Lambertian)", Lambertian, {"albedo": Fraction("albedo of the base", 0.5, allowed=ALBEDO)}
     ),
     "mirror": Row("smooth metal or glass (a mirror)", Mirror, {"index": SUBSTANCE}),
     "facets": Row("rough metal or glass (facets)", Facets, {"index": SUBSTANCE, **FACETS}),
@@ -110,7 +110,7 @@ BASES: dict[str, Row] = {
         "regolith, powder (Hapke)",
         Hapke,
         {
-            "albedo": Share("albedo of a grain", 0.6, allowed=ALBEDO),
+            "albedo": Fraction("albedo of a grain", 0.6, allowed=ALBEDO),
             "opposition": limit(Hapke, "opposition", "opposition effect B0"),
             "width": limit(Hapke, "width", "its width h"),
             "linear": limit(Hapke, "linear", "phase function: cos g"),

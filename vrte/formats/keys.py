@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from vrte.basics.errors import SceneError
 from vrte.formats.columns import read_index
-from vrte.formats.toml_table import Said, Table, is_number, locate_errors
+from vrte.formats.toml_table import GivenAs, Table, is_number, locate_errors
 from vrte.optics.particle_kind import find_host_index
 from vrte.optics.refractive_index import refractive_index
 
@@ -85,10 +85,10 @@ class Number(Key):
     takes = (Table.number, "allowed")
 
 
-class Share(Key):
+class Fraction(Key):
     """A number, or per cent in quotes."""
 
-    takes = (Table.share, "allowed")
+    takes = (Table.fraction, "allowed")
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Medium(Index):
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         index = super().read(table, name, reading)
-        with locate_errors(table.place, table.allowed, said={"host_index": (name, None)}):
+        with locate_errors(table.place, table.allowed, given_as={"host_index": (name, None)}):
             return index if reading.form_only else find_host_index(index, 1.0).value  # whatever the wavelength
 
 
@@ -242,15 +242,19 @@ def read_keys(keys: Mapping[str, Key], table: Table, reading: Reading) -> dict[s
     return found
 
 
-def find_said(keys: Mapping[str, Key], table: Table) -> Said:
+def find_given_as(keys: Mapping[str, Key], table: Table) -> GivenAs:
     """The keys of a table that give arguments of other names, for sentences about these."""
-    said: dict[str, tuple[str, str | None]] = {key.argument: (name, None) for name, key in keys.items() if key.argument}
-    others = {name: key.other for name, key in keys.items() if key.other and key.other.name in table}
-    return said | {name: (other.name, other.words) for name, other in others.items()}
+    found: dict[str, tuple[str, str | None]] = {}
+    for name, key in keys.items():
+        if key.argument:
+            found[key.argument] = name, None
+        if key.other and key.other.name in table:
+            found[name] = key.other.name, key.other.words
+    return found
 
 
 def make_of_keys(row: Row, table: Table, reading: Reading) -> Any:
     """What a row makes of a table. Raises SceneError, with the table's place."""
     values = read_keys(row.keys, table, reading)
-    with locate_errors(table.place, table.allowed, said=find_said(row.keys, table)):
+    with locate_errors(table.place, table.allowed, given_as=find_given_as(row.keys, table)):
         return row.make(**values)

@@ -10,7 +10,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import ALBEDO, INTERFACE
-from vrte.formats.keys import Choice, Key, Medium, Number, Reading, Share, Substance, find_said, read_keys
+from vrte.formats.keys import Choice, Fraction, Key, Medium, Number, Reading, Substance, find_given_as, read_keys
 from vrte.formats.materials import MATERIAL
 from vrte.formats.particle_sources import HOST, Kinds
 from vrte.formats.phases import Phase
@@ -51,16 +51,16 @@ class Fractions(Key):
                 raise table.wrong(name, f"no table [particles.{show_key(kind)}]{hint} Defined: {defined}")
         if one:
             return {value: 1.0}
-        fractions = table.table(name, tuple(kinds))
-        shares = {kind: fractions.share(kind, self.allowed) for kind in value}
-        for kind, share in shares.items():
-            if not 0.0 <= share < (1.0 if self.by_volume else math.inf):
-                raise fractions.wrong(kind, f"must be {self.allowed}")
-        if not any(shares.values()):
+        below = table.table(name, tuple(kinds))
+        fractions = {kind: below.fraction(kind, self.allowed) for kind in value}
+        for kind, fraction in fractions.items():
+            if not 0.0 <= fraction < (1.0 if self.by_volume else math.inf):
+                raise below.wrong(kind, f"must be {self.allowed}")
+        if not any(fractions.values()):
             raise table.wrong(name, f"at least one {word} must be above 0")
-        if self.by_volume and math.fsum(shares.values()) >= 1.0:
+        if self.by_volume and math.fsum(fractions.values()) >= 1.0:
             raise table.wrong(name, "their sum must be below 1, the whole layer")
-        return shares
+        return fractions
 
 
 class Surface(Key):
@@ -79,14 +79,14 @@ class Surface(Key):
                 words = "absorbs, which no layer counts: give the layer there the same host_index, or n"
                 raise table.wrong(side, words)
             values[key.argument] = index.real
-        with locate_errors(table.place, INTERFACE_KEYS, said=find_said(SIDES, table)):
+        with locate_errors(table.place, INTERFACE_KEYS, given_as=find_given_as(SIDES, table)):
             return Interface(**values)
 
 
 FILLED: dict[str, Key] = {
     "thickness": Number(allowed="a number >= 0", needed=False),
     "thickness_um": Number(allowed="a number >= 0", needed=False),
-    "volume_fraction": Share(allowed=PART, needed=False),
+    "volume_fraction": Fraction(allowed=PART, needed=False),
     "packing": Choice(names={name: one.words for name, one in PACKINGS.items()}, needed=False),
     **HOST,
 }
@@ -106,7 +106,7 @@ LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a l
     "phase": (
         {
             "phase": Phase(),
-            "albedo": Share(allowed=ALBEDO),
+            "albedo": Fraction(allowed=ALBEDO),
             "thickness": OPTICAL,
             "tolerance": Number(needed=False),
             "host_index": Medium(needed=False),
@@ -115,7 +115,7 @@ LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a l
     ),
     "host_index": (
         {"host_index": Substance(), "thickness_um": LENGTH},
-        f"goes with {', '.join(FILLINGS[:-1])} or {FILLINGS[-1]}; a clear layer has none",
+        f"goes with {', '.join(FILLINGS[:-1])} or {FILLINGS[-1]}; a non-scattering layer has none",
     ),
 }
 LAYER: dict[str, Key] = MATERIAL | {name: key for keys, _ in LAYERS.values() for name, key in keys.items()}
@@ -197,17 +197,17 @@ def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[Filled
         return interface
     host: Any = values.get("host_index")
     if kind in FILLINGS[:2]:
-        shares, by_volume = [*values[kind].values()], kind == "volume_fractions"
+        fractions, by_volume = [*values[kind].values()], kind == "volume_fractions"
         how = {key: values[key] for key in THICKNESS_KEYS if key in values}
         packing = values.get("packing", INDEPENDENT)
         numbers, parts = zip(*(kinds.find(name, layer) for name in values[kind]), strict=True)
-        fraction, is_length = sum(shares) if by_volume else how.get("volume_fraction", 0.0), "thickness_um" in how
-        amounts = np.array([*shares, fraction, how["thickness_um" if is_length else "thickness"]])
+        filling, is_length = sum(fractions) if by_volume else how.get("volume_fraction", 0.0), "thickness_um" in how
+        amounts = np.array([*fractions, filling, how["thickness_um" if is_length else "thickness"]])
         filled.append(FilledLayer(int(layer.place[1]), [*numbers], amounts, by_volume, is_length, packing))
         if by_volume:  # how many of them make such a part of the volume
-            shares = [share / part.volume_um3 for part, share in zip(parts, shares, strict=True)]
+            fractions = [fraction / part.volume_um3 for part, fraction in zip(parts, fractions, strict=True)]
         with locate_errors(layer.place, LAYER_KEYS):
-            held = mixture([*zip(parts, shares, strict=True)]) if len(parts) > 1 else parts[0]
+            held = mixture([*zip(parts, fractions, strict=True)]) if len(parts) > 1 else parts[0]
             if by_volume and (is_length or is_fraction_needed(held, packing)):
                 how["volume_fraction"] = math.fsum(values[kind].values())
             return Layer.of(held, **how, packing=packing)

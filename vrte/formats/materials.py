@@ -168,15 +168,15 @@ def merge_layers(ready: Mapping[str, Any], given: Table, names: Mapping[str, str
     for key in ("particles", "volume_fractions"):
         held = found.get(key)
         if isinstance(held, dict):
-            found[key] = {names.get(kind, kind): share for kind, share in held.items()}
+            found[key] = {names.get(kind, kind): fraction for kind, fraction in held.items()}
         elif isinstance(held, str):
             found[key] = names.get(held, held)
-    shares = found.get("volume_fractions")
-    if "volume_fraction" in changed and isinstance(shares, dict):
-        part = given.share("volume_fraction", "a number above 0 and below 1")
+    fractions = found.get("volume_fractions")
+    if "volume_fraction" in changed and isinstance(fractions, dict):
+        part = given.fraction("volume_fraction", "a number above 0 and below 1")
         if not 0.0 < part < 1.0:
             raise given.wrong("volume_fraction", "must be above 0 and below 1")
-        whole = math.fsum(shares.values())
-        found["volume_fractions"] = {kind: share * part / whole for kind, share in shares.items()}
+        whole = math.fsum(fractions.values())
+        found["volume_fractions"] = {kind: fraction * part / whole for kind, fraction in fractions.items()}
         del changed["volume_fraction"]
     return found | changed

@@ -127,10 +127,10 @@ def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
     if not isinstance(paint, dict):
         return []
     film = 0 if paint.get("surface") == BARE else 1
-    shares: Place = ("layer", film, "volume_fractions")
+    fractions: Place = ("layer", film, "volume_fractions")
     found: list[tuple[str, Place]] = [
-        ("volume_fraction", (*shares, str(paint.get("pigment")))),
-        ("pigment", shares),
+        ("volume_fraction", (*fractions, str(paint.get("pigment")))),
+        ("pigment", fractions),
         ("particles", ("particles",)),
         ("binder", ("layer", film, "host_index")),
         ("binder", ("layer", 0, "interface", "below")),

@@ -22,7 +22,7 @@ from vrte.formats.keys import (
     Reading,
     Row,
     Substance,
-    find_said,
+    find_given_as,
     list_names,
     make_of_keys,
     read_keys,
@@ -182,7 +182,7 @@ class Kinds:
         outside = [key for key in WAVE_KEYS if key not in table]
         own = [key for key in table.allowed if key not in outside]
         try:
-            with locate_errors(table.place, own, outside, find_said(SIZED, table)):
+            with locate_errors(table.place, own, outside, find_given_as(SIZED, table)):
                 return self.compute(source, given)
         except SceneError as error:
             if around is layer and error.place == ("host_index",):

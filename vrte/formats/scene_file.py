@@ -16,7 +16,18 @@ from typing import Any
 from vrte.basics.errors import SceneError
 from vrte.formats.atomic import read_text
 from vrte.formats.bases import read_base
-from vrte.formats.keys import WAVE_KEYS, Choice, Flag, Key, Numbers, Other, Reading, find_said, list_names, read_keys
+from vrte.formats.keys import (
+    WAVE_KEYS,
+    Choice,
+    Flag,
+    Key,
+    Numbers,
+    Other,
+    Reading,
+    find_given_as,
+    list_names,
+    read_keys,
+)
 from vrte.formats.layers import FilledLayer, make_layer, read_layer_tables
 from vrte.formats.materials import WORDS, read_words
 from vrte.formats.paints import expand_content, locate_expanded_errors
@@ -117,8 +128,8 @@ class SceneFile:
 
     def located(self) -> AbstractContextManager[None]:
         """Puts the dotted key of the file in front of the library's complaints about the request."""
-        said = find_said(REQUESTS[self.kind], self.asked)
-        return locate_errors((self.kind,), REQUEST_KEYS[self.kind], said=said, keys_only=True)
+        given_as = find_given_as(REQUESTS[self.kind], self.asked)
+        return locate_errors((self.kind,), REQUEST_KEYS[self.kind], given_as=given_as, keys_only=True)
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:

@@ -39,7 +39,7 @@ from vrte.scene.vary_layer import Filling, vary_layer
 
 MOST_KINDS = 512  # of particles that are remembered, some 10 kB each
 LARGEST_STEP = 1.0 / 64.0  # of a number: what differences begin with
-SMALLEST_STEP = 1.0 / 4096.0  # of what is no length: shares, indices and albedos near 0
+SMALLEST_STEP = 1.0 / 4096.0  # of what is no length: fractions, indices and albedos near 0
 ANYTHING = {"field": {"mu0": 1.0}}  # a request where a file has none: its scene is asked for alone
 ONE_SIZE = (1, 6)
 UNCHANGED = ParticleSlopes(0.0, 0.0, 0.0, np.zeros((0, 6)))
@@ -98,14 +98,14 @@ class Optics:
 
     def find(self, source: str, given: dict[str, Any], settled: Settled | None = None) -> tuple[Particles, Settled]:
         """Particles, and over how many radii their sizes are averaged: as many as ``settled`` says, or as it takes."""
-        said, radii = describe_particles(source, given), [*(settled or ())[:1]]
-        key = said + repr(radii)
+        described, radii = describe_particles(source, given), [*(settled or ())[:1]]
+        key = described + repr(radii)
         if key not in self.known:
             held = {"size": Held(given["size"], radii)} if "size" in given else {}
             if len(self.known) > MOST_KINDS:
                 self.known.clear()
             made = make_particles(source, given | held), radii  # which now has as many as it took
-            self.known[key] = self.known[said + repr(radii)] = made
+            self.known[key] = self.known[described + repr(radii)] = made
         return self.known[key]
 
 
@@ -138,18 +138,18 @@ class HeldOptics:
 def replace_sizes(particles: Particles, make_size: Callable[[Any], SizeDistribution]) -> Particles:
     """The same particles, the sizes of what they are made of given otherwise where they are held."""
     balls = (
-        (replace(cast(Any, ball), size=make_size(ball)) if isinstance(ball.size, Held) else ball, share)
-        for ball, share in particles.balls
+        (replace(cast(Any, ball), size=make_size(ball)) if isinstance(ball.size, Held) else ball, fraction)
+        for ball, fraction in particles.balls
     )
     return replace(particles, balls=tuple(balls))
 
 
 class Recipe:
-    """What a scene file makes its ``scene`` of, with stand-ins for particles: ``said`` of each kind, ``particles`` that
-    were only checked, and the ``layers`` that hold them."""
+    """What a scene file makes its ``scene`` of, with stand-ins for particles: ``descriptions`` of its kinds,
+    ``particles`` that were only checked, and the ``layers`` that hold them."""
 
     def __init__(self, file: ChangingFile, values: Array) -> None:
-        self.said: list[str] = []
+        self.descriptions: list[str] = []
         self.particles: list[Particles] = []
         made = file.make(values, self.compute)
         self.scene, self.layers = made.scene, made.filled
@@ -157,7 +157,7 @@ class Recipe:
     def compute(self, source: str, given: dict[str, Any]) -> Particles:
         """Stands in for what computes particles."""
         found = check_particles(source, given)
-        self.said.append(describe_particles(source, given))
+        self.descriptions.append(describe_particles(source, given))
         self.particles.append(found)
         return found
 
@@ -227,7 +227,7 @@ class Neighbourhood:
             recipe, here = Recipe(file, move(number)), self.recipe
             same = recipe.scene.media == here.scene.media and recipe.scene.interfaces == here.scene.interfaces
             draft.is_outside |= not same
-            draft.changed |= {kind for kind, said in enumerate(recipe.said) if said != here.said[kind]}
+            draft.changed |= {kind for kind, one in enumerate(recipe.descriptions) if one != here.descriptions[kind]}
             return [*self.list_numbers(recipe).values()]
 
         def ingredients_at(number: float) -> list[Array]:
@@ -256,7 +256,7 @@ class Neighbourhood:
         found |= {("amounts", place): layer.amounts for place, layer in enumerate(recipe.layers)}
         found["absorption",] = np.array([kind.host_absorption for kind in recipe.particles])
         for kind, numbers in self.numbers.items():
-            if recipe.said[kind] != self.recipe.said[kind]:
+            if recipe.descriptions[kind] != self.recipe.descriptions[kind]:
                 numbers = cast(SphereNumbers, recipe.find_numbers(kind, self.held.radii[kind]))
             found |= {("spheres", kind, name): getattr(numbers, name) for name in SPHERES}
         return found

@@ -36,7 +36,7 @@ LONGEST = 10_000  # bits of a whole number; Python writes and reads no more than
 DEEPEST_WRITTEN = 50  # tables in tables; the parser gives up not far beyond
 PER_CENT = re.compile(r"\s*([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*%\s*")
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
-Said = Mapping[str, tuple[str, str | None]]  # an argument's key, and the words between them; None: the key alone
+GivenAs = Mapping[str, tuple[str, str | None]]  # an argument's key, and the words between them; None: the key alone
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def are_tables(values: list[Any]) -> bool:
     return bool(values) and all(isinstance(value, dict) for value in values)
 
 
-def read_share(value: Any) -> float | None:
+def read_fraction(value: Any) -> float | None:
     """A number, also one in per cent as a text, "5 %", or None."""
     if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
         return float(found[1]) / 100.0
@@ -223,9 +223,9 @@ class Table:
         """The real number at ``key``; inf passes, NaN does not."""
         return float(self.right(key, allowed or "a number", lambda value: is_number(value) and not math.isnan(value)))
 
-    def share(self, key: str, allowed: str = "") -> float:
+    def fraction(self, key: str, allowed: str = "") -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
-        found = read_share(self.content.get(key))
+        found = read_fraction(self.content.get(key))
         return self.number(key, allowed) if found is None or math.isnan(found) else found
 
     def whole(self, key: str, low: int, high: int) -> int:
@@ -327,17 +327,17 @@ def locate_errors(
     place: Place,
     keys: Iterable[str] = (),
     outside: Iterable[str] = (),
-    said: Said = MappingProxyType({}),
+    given_as: GivenAs = MappingProxyType({}),
     keys_only: bool = False,
 ) -> Iterator[None]:
     """Puts the dotted key of a table, or of that of its ``keys`` that gave the argument it is about, in front of a
-    SceneError of the library. ``said``: arguments that the table gives by another key; one of the names ``outside``
+    SceneError of the library. ``given_as``: arguments that the table gives by another key; one of the names ``outside``
     stays the place of the error; ``keys_only``: an error about none of the keys stays as it is."""
     try:
         yield
     except SceneError as error:
         name = str(error.place[0]) if error.place else ""
-        key, words = said.get(name, (name, None))
+        key, words = given_as.get(name, (name, None))
         owner = next((step for step in reversed(place) if isinstance(step, str)), "")
         sentence = str(error).removeprefix(f"{owner}: ")  # whose argument it is, where the place says so
         if key in {*keys}:

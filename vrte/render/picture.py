@@ -19,7 +19,7 @@ from vrte.basics.polarization import (
 )
 from vrte.formats.atomic import write_atomically
 from vrte.formats.layers import describe_filling
-from vrte.formats.toml_table import read_share
+from vrte.formats.toml_table import read_fraction
 from vrte.pictures.describe import INK
 from vrte.pictures.figures import DPI, limit_ticks, make_figure, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
@@ -371,6 +371,6 @@ def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) ->
         if key is not None:
             kind = "diameter " if "diameter" in key else "" if several else "radius "
             words += f"{' ' if several else ', '}{kind}{sizes[key]:g} µm"
-        number = read_share(fraction) if several or "volume_fractions" in layer else None
+        number = read_fraction(fraction) if several or "volume_fractions" in layer else None
         found.append(words if number is None else f"{100.0 * number:.3g} % {words}")
     return " + ".join(found) + (" by volume" if found and "volume_fractions" in layer else "")

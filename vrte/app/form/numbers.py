@@ -11,7 +11,7 @@ from vrte.app.form.content import Content
 from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
-from vrte.formats.toml_table import read_share, show_place
+from vrte.formats.toml_table import read_fraction, show_place
 
 PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
 LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
@@ -79,7 +79,7 @@ def list_numbers(content: Content, value: Any, place: Place) -> Iterator[tuple[P
             if is_index or isinstance(below, dict):
                 yield from list_numbers(content, below, (*place, which))
     else:
-        found, field = read_share(value), find_field(drop_part(place), content)
+        found, field = read_fraction(value), find_field(drop_part(place), content)
         fits = str(place[-1]) not in LEFT_OUT and not isinstance(field, Whole) and field.label
         if fits and found is not None and math.isfinite(found):
             yield place, found
@@ -135,7 +135,7 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     """The content with these numbers, each to some digits. Raises SceneError where it has no such number any more."""
     found = copy.deepcopy(content)
     for place, value in values.items():
-        if read_share(get_value(found, place)) is None:
+        if read_fraction(get_value(found, place)) is None:
             raise SceneError(f"the form has no number {show_place(place)} any more: it has changed since the fit")
         form.put(found, place, float(f"{value:.{DIGITS}g}"))
     return found
@@ -157,7 +157,7 @@ def list_sliders(content: Content) -> list[FormNumber]:
                 sizes["particles", name, *below] = 0.0, 0.0
     found = []
     for place, (low, high) in (ends | sizes).items():
-        value = read_share(get_value(content, place))
+        value = read_fraction(get_value(content, place))
         if value is not None and 0.0 < value < math.inf:
             low, high = min(low or value / SIZES, value), max(high or value * SIZES, value)
             found.append(FormNumber(place, name_number(content, place, len(filled) > 1), value, low, high))

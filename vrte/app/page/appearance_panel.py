@@ -15,7 +15,7 @@ from vrte.app.solving import appearance
 from vrte.app.solving.appearance import Appeared
 from vrte.appearance.hiding import Conditions
 from vrte.basics.errors import Place
-from vrte.formats.toml_table import read_share
+from vrte.formats.toml_table import read_fraction
 from vrte.pictures.results import spectra
 
 WHITES = 0.4, 1.0  # albedos of the white card
@@ -92,7 +92,7 @@ class AppearancePanel:
                 _, self.white, bar = add_slider("albedo of the white card", WHITES, 0.01, self.whiten, THROTTLE)
                 bar.set_value(self.view["viewing"].white)
         for place, (slider, text, bar) in self.sliders.items():
-            value = read_share(get_value(content, place)) or 0.0
+            value = read_fraction(get_value(content, place)) or 0.0
             text.set_text(f"{slider.label}: {value:.3g}")
             bar.props.update({"aria-valuetext": f"{value:.3g}"})
             if place != self.moved:
