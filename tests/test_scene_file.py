@@ -384,15 +384,11 @@ Rows = list[tuple[Any, str]]  # what is changed, and words of the sentence that 
 GOLDS: Rows = [
     # a key nobody knows, with the one that was meant
     ({"node": 12}, "node = 12: unknown key; did you mean 'nodes'? Allowed: wavelength_um, "),
-    ({"layer[1].thicknes": 2.0}, "layer[1].thicknes = 2.0: unknown key; did you mean 'thickness'?"),
-    ({"particles.gold.diameter": 0.1}, "particles.gold.diameter = 0.1: unknown key; did you mean"),
     ({"base.albdo": 0.3}, "base.albdo = 0.3: unknown key; did you mean 'albedo'?"),
     ({"brdf.mu_o.cout": 3}, "brdf.mu_o.cout = 3: unknown key; did you mean 'count'?"),
     # a value of the wrong kind
     ({"nodes": True}, "nodes = true: must be a whole number from 1 to "),
-    ({"nodes": 12.0}, "nodes = 12.0: must be a whole number from 1 to "),
     ({"nodes": 0}, "nodes = 0: must be a whole number from 1 to "),
-    ({"accuracy": 0.2}, "accuracy = 0.2: must be a number between 1e-15 and 0.1"),
     ({"accuracy": math.nan}, "accuracy = nan: must be a number between 1e-15 and 0.1"),
     ({"method": "two-streams"}, 'method = "two-streams": must be '),
     ({"settings": 3}, "settings = 3: must be a table of the method's settings by name"),
@@ -410,7 +406,6 @@ GOLDS: Rows = [
     ({"layer": None, "base": None}, "layer: is missing; it must be at least one table [[layer]]"),
     ({"brdf.mu_i": []}, "brdf.mu_i = []: must be a number, a list of numbers or { start, stop, count }"),
     ({"brdf.mu_i": [0.6, math.nan]}, "brdf.mu_i = [0.6, nan]: must be a number, a list"),
-    ({"brdf.mu_i": [0.6, [1.0]]}, "brdf.mu_i = [0.6, [1.0]]: must be a number, a list"),
     ({"brdf.mu_o.count": 0}, "brdf.mu_o.count = 0: must be a whole number from 1"),
     ({"brdf.mu_o.count": 1}, "brdf.mu_o.count = 1: one value needs start = stop"),
     ({"brdf.mu_o.start": None}, "brdf.mu_o.start: is missing"),
@@ -418,7 +413,6 @@ GOLDS: Rows = [
     ({"brdf.transmission": 1}, "brdf.transmission = 1: must be true or false"),
     # something missing or too much
     ({"wavelength_um": None}, "wavelength_um: is missing; it must be the wavelength in micrometres"),
-    ({"brdf.mu_i": None}, "brdf.mu_i: is missing"),
     ({"particles.gold.radius_um": None}, "particles.gold: exactly one of radius_um, diameter_um and size is"),
     ({"particles.gold.diameter_um": 1}, "particles.gold: exactly one of radius_um, diameter_um and size is"),
     ({"layer[1].thickness_um": 2}, "layer[1]: either thickness (optical) or thickness_um with volume_fraction is"),
@@ -428,7 +422,6 @@ GOLDS: Rows = [
     ({"base.kind": "labmertian"}, 'base.kind = "labmertian": must be'),
     ({"base.albedo": None}, "base.albedo: is missing; it must be a number between 0 and 1"),
     ({"base.albedo": 1.3}, "base.albedo must be between 0 and 1, not 1.3"),
-    ({"base.albedo": "130 %"}, "base.albedo must be between 0 and 1, not 1.3"),
     ({"base.albedo": "30"}, 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
     ({"layer[1].particles": "gild"}, 'layer[1].particles = "gild": no table [particles.gild]; did you mean'),
     ({"layer[1].particles": 3}, "layer[1].particles = 3: must be a name, or a table { name = number fraction, "),
@@ -441,13 +434,11 @@ GOLDS: Rows = [
     ({"brdf": {"angle_i_deg": [9, 90]}}, "brdf.angle_i_deg = [9, 90]: must be degrees from the normal"),
 ]
 FIELDS: Rows = [
-    ({"field.mu00": 1}, "field.mu00 = 1: unknown key; did you mean 'mu0'?"),
     ({"field.mu0": "high"}, 'field.mu0 = "high": must be a cosine above 0, up to 1, or a list of them'),
     ({"field": {"angle0_deg": "low"}}, 'field.angle0_deg = "low": must be degrees from the normal'),
     ({"field.stokes": [1, 0, 0]}, "field.stokes = [1, 0, 0]: must be four numbers"),
 ]
 SIZES: Rows = [
-    ({"normal": 1}, "particles.one.size.normal = 1: unknown key; did you mean"),
     ({"lognormal": {"median_um": 0.1, "sigma": 0.5}}, "particles.one.size.lognormal.sigma must be"),
     (
         {"gamma": {"d_eff_um": -1, "v_eff": 0.1}},
@@ -473,11 +464,8 @@ COATS: Rows = [
     ({}, "particles.one: coated_spheres: give exactly one of core_radius_um, shell_um and core"),
     ({"shell_um": 0.2}, "particles.one.shell_um must be less than the smallest radius"),
     ({"shell_um": "thin"}, 'particles.one.shell_um = "thin": must be'),
-    ({"core_ratio": 2}, "particles.one.core_ratio must be a ratio"),
     ({"core_radius_um": 0.3}, "particles.one.core_radius_um must be above 0 and less than"),
     ({"core_ratio": 0.8, "core": "golld"}, "particles.one.core: 'golld' is neither"),
-    ({"core_ratio": 0.8, "shell": [1.5, -1]}, "particles.one.shell: k must be >= 0"),
-    ({"core_ratio": 0.8, "index": 1.5}, "particles.one.index = 1.5: unknown key"),
     ({"diameter_um": 1}, "particles.one: exactly one of radius_um, diameter_um and size"),
 ]
 VOLUMES: Rows = [
@@ -508,7 +496,6 @@ LAYERS: Rows = [
     ([HAZE | {"host_index": [1.5, 1e-3]}], "layer[1].host_index = [1.5, 0.001]: absorbs; with phase, count"),
     ([between(1.0, 1.5) | {"thickness": 1}], "layer[1].thickness = 1: an interface has a [[layer]] of its own"),
     ([{"interface": 1.5}], "layer[1].interface = 1.5: must be a table with the keys above, below"),
-    ([{"interface": {"above": 1.0}}], "layer[1].interface.below: is missing"),
     ([between(1.0, 0.05)], "layer[1].interface.below must be a real refractive index from 0.1"),
     ([between(1.0, True)], "layer[1].interface.below = true: must be the name of a material"),
     ([between(1.0, "gold")], "what absorbs more is for bases"),
@@ -520,7 +507,6 @@ LAYERS: Rows = [
     ([between(1.0, 1.5, shadowing=True)], "layer[1].interface.shadowing is for facets"),
     ([between(1.0, 1.5, distribution="gxg")], "'ggx'"),
     ([{"host_index": 1.5, "thickness": 1.0}], "layer[1].thickness = 1.0: goes with particles, volume_fractions or"),
-    ([{"host_index": 1.5}], "layer[1].thickness_um: is missing"),
     ([{"host_index": [1.5, 0.1], "thickness_um": 1.0}], "k from 0 to 0.01 n"),
     ([FILM | {"host_index": [1.5, 1e-3]}], "the host absorbs"),
     ([FILM | {"packing": "dense"}], 'layer[1].packing = "dense": must be "independent"'),
@@ -533,11 +519,7 @@ LAYERS: Rows = [
     ([between(1.0, [1.5, 1e-3]), HAZE, between([1.5, 1e-3], 1.3)], "absorbs, which no layer counts"),
 ]
 BASES: Rows = [
-    ({"kind": "mirror"}, "base.index: is missing"),
-    ({"kind": "mirror", "index": "gild"}, "base.index: 'gild' is neither a known name"),
     ({"kind": "mirror", "index": [1.5, -1]}, "k from 0 to"),
-    ({"kind": "mirror", "index": 1.5, "albedo": 1}, 'base.albedo = 1: goes with kind = "lambertian"'),
-    ({"kind": "mirror", "index": 1.5, "roughness": 1}, 'base.roughness = 1: goes with kind = "facets" only'),
     ({"kind": "facets", "index": 1.5}, "base.roughness: is missing"),
     ({"kind": "facets", "index": 1.5, "roughness": 0}, "Mirror"),
     ({"kind": "black", "index": 1.5}, 'base.index = 1.5: goes with kind = "mirror"'),

@@ -52,7 +52,8 @@ SUBSTANCE = Index("substance", [1.5, 0.0])
 class BaseFile(FilePath):
     """A file that holds a base, at the wavelength of the scene where it has one."""
 
-    def read_file(self, table: Table, name: str, reading: Reading) -> Boundary:
+    def read(self, table: Table, name: str, reading: Reading) -> Boundary:
+        super().read(table, name, reading)
         wavelength = reading.wavelength if "wavelength_um" in reading.file else None
         averaged = AVERAGED in table and table.flag(AVERAGED)
         read = partial(read_base_once, wavelength_um=wavelength, average_mirrored=averaged)

@@ -27,12 +27,10 @@ INDEX = (
 
 
 class Reading(NamedTuple):
-    """Where a table is read: the file that it stands in, and the folder of the files it names; ``form_only``: no
-    wavelength is known yet, and no other file is opened."""
+    """Where a table is read: the file that it stands in, and the folder of the files it names."""
 
     file: Table
     folder: Path
-    form_only: bool = False
 
     @property
     def wavelength(self) -> float:
@@ -142,8 +140,7 @@ class Substance(Key):
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         value = table.required(name, INDEX)
         if isinstance(value, str):
-            own = value.endswith(TABLE) and not reading.form_only
-            return read_beside(table, name, read_index, reading.folder) if own else value
+            return read_beside(table, name, read_index, reading.folder) if value.endswith(TABLE) else value
         parts = value if isinstance(value, list) else [value, 0.0]
         if len(parts) != 2 or not all(is_number(part) for part in parts):
             raise table.wrong(name, f"must be {INDEX}")
@@ -157,8 +154,6 @@ class Index(Substance):
         material = super().read(table, name, reading)
         if isinstance(material, tuple):
             return complex(*material)
-        if reading.form_only:
-            return material
         wavelength = reading.wavelength
         with locate_errors(table.place, table.allowed, WAVE_KEYS, {"index": (name, None)}):
             return refractive_index(material, wavelength).value
@@ -170,7 +165,7 @@ class Medium(Index):
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         index = super().read(table, name, reading)
         with locate_errors(table.place, table.allowed, given_as={"host_index": (name, None)}):
-            return index if reading.form_only else find_host_index(index, 1.0).value  # whatever the wavelength
+            return find_host_index(index, 1.0).value  # a number, whatever the wavelength
 
 
 @dataclass(frozen=True)
@@ -182,11 +177,7 @@ class FilePath(Key):
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         words = f"the path of a {' or '.join(self.suffixes)} file beside the scene file"
-        value = table.right(name, words, lambda value: isinstance(value, str) and value.endswith(self.suffixes))
-        return value if reading.form_only else self.read_file(table, name, reading)
-
-    def read_file(self, table: Table, name: str, reading: Reading) -> Any:
-        """What is in the file. Raises SceneError."""
+        table.right(name, words, lambda value: isinstance(value, str) and value.endswith(self.suffixes))
         return read_beside(table, name, self.open, reading.folder)
 
 

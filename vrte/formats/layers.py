@@ -64,15 +64,13 @@ class Fractions(Key):
 
 
 class Surface(Key):
-    """An interface between two media, which may be rough; None while only its form is read."""
+    """An interface between two media, which may be rough."""
 
     inside = SIDES
 
-    def read(self, table: Table, name: str, reading: Reading) -> Interface | None:
+    def read(self, table: Table, name: str, reading: Reading) -> Interface:
         table = table.table(name, INTERFACE_KEYS)
         values = read_keys(SIDES | INTERFACE, table, reading)
-        if reading.form_only:
-            return None
         for side, key in SIDES.items():
             index = values[key.argument]
             if index.imag > CLEAR and table.content[side] not in list_counted_media(reading.file.content):
@@ -105,11 +103,11 @@ LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a l
     ),
     "phase": (
         {
-            "phase": Phase(),
             "albedo": Fraction(allowed=ALBEDO),
             "thickness": OPTICAL,
             "tolerance": Number(needed=False),
             "host_index": Medium(needed=False),
+            "phase": Phase(),
         },
         "needs particles; with phase, give the optical thickness",
     ),
@@ -138,9 +136,9 @@ def list_counted_media(content: Mapping[str, Any]) -> list[Any]:
     return [table["host_index"] for table in tables if "host_index" in table]
 
 
-def read_layer_tables(reading: Reading) -> list[Table]:
-    """The tables [[layer]], checked as far as they can be before anything is computed; there need be none above a base.
-    Raises SceneError."""
+def read_layers(reading: Reading) -> list[tuple[Table, str, dict[str, Any]]]:
+    """The tables [[layer]] with what they are, by `LAYERS`, and the values of their keys; there need be none above a
+    base. Raises SceneError."""
     file = reading.file
     if "layer" not in file and "base" in file:
         return []
@@ -150,9 +148,7 @@ def read_layer_tables(reading: Reading) -> list[Table]:
     if len(layers) > MOST_LAYERS:
         raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}", "layer")
     tables = [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
-    for table in tables:
-        read_layer(table, reading._replace(form_only=True))
-    return tables
+    return [(table, *read_layer(table, reading)) for table in tables]
 
 
 def read_layer(layer: Table, reading: Reading) -> tuple[str, dict[str, Any]]:
@@ -188,10 +184,11 @@ class FilledLayer(NamedTuple):
     packing: str
 
 
-def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[FilledLayer]) -> Layer | Interface:
-    """The layer or the interface of a table; one of particles is added to those that are ``filled``. Raises
-    SceneError."""
-    kind, values = read_layer(layer, reading)
+def make_layer(
+    layer: Table, kind: str, values: dict[str, Any], kinds: Kinds, filled: list[FilledLayer]
+) -> Layer | Interface:
+    """The layer or the interface of a table that was read; one of particles is added to those that are ``filled``.
+    Raises SceneError."""
     if kind == "interface":
         interface: Interface = values["interface"]
         return interface
@@ -213,7 +210,7 @@ def make_layer(layer: Table, kinds: Kinds, reading: Reading, filled: list[Filled
             return Layer.of(held, **how, packing=packing)
     if kind == "phase" and host is not None and host.imag > CLEAR:
         raise layer.wrong("host_index", "absorbs; with phase, count that in albedo and thickness, and give n")
-    wavelength = reading.wavelength if kind == "host_index" else 0.0
+    wavelength = kinds.reading.wavelength if kind == "host_index" else 0.0
     with locate_errors(layer.place, LAYER_KEYS):
         if kind == "host_index":
             return Layer.clear(values["thickness_um"], host, wavelength)

@@ -145,23 +145,26 @@ class Kinds:
         if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
             raise reading.file.wrong("particles", "must be tables headed [particles.NAME]")
         self.compute, self.reading = compute, reading
-        self.tables = {name: self.check(("particles", name), kind) for name, kind in content.items()}
+        self.tables = {name: self.read(("particles", name), kind) for name, kind in content.items()}
         self.computed: dict[str, Particles] = {}
         self.in_hosts: dict[tuple[str, str], tuple[int, Particles]] = {}
 
-    def check(self, place: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
-        """The table of a kind, its source and its size, all checked. Raises SceneError."""
+    def read(self, place: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
+        """The table of a kind, its source and the values of its keys. Raises SceneError."""
         source = content.get("source", SPHERES)
         if not (isinstance(source, str) and source in SOURCES):
             raise Table(place, content, tuple(content)).wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
-        row, form = SOURCES[source], self.reading._replace(form_only=True)
+        row = SOURCES[source]
         table = Table(place, content, ("source", *row.keys, *(SIZE_KEYS if row.sized else ()), *HOST))
-        read_keys(row.keys, table, form)
+        values = read_keys(row.keys, table, self.reading)
         if row.sized:
             table.exactly_one(*SIZE_KEYS)
-        for around in (table, self.reading.file):
-            read_keys(HOST, around, form)
-        return table, source, read_keys(SIZED, table, self.reading) if row.sized else {}
+            values |= read_keys(SIZED, table, self.reading)
+        return (
+            table,
+            source,
+            read_keys(HOST, self.reading.file, self.reading) | read_keys(HOST, table, self.reading) | values,
+        )
 
     def find(self, name: str, layer: Table) -> tuple[int, Particles]:
         """Particles of a name in the medium of a layer, computed once, and how many were computed before them."""
@@ -172,19 +175,17 @@ class Kinds:
             self.computed.setdefault(name, found)
         return self.in_hosts[place]
 
-    def make(self, table: Table, source: str, size: dict[str, Any], layer: Table) -> Particles:
+    def make(self, table: Table, source: str, values: dict[str, Any], layer: Table) -> Particles:
         """Particles in the medium of a layer, or of their own, or of the file: whichever says ``host_index`` first."""
-        given: dict[str, Any] = {"wavelength_um": self.reading.wavelength}
-        around = next((one for one in (layer, table, self.reading.file) if "host_index" in one), table)
-        if around is layer and "host_index" in table:
+        if "host_index" in layer and "host_index" in table:
             raise layer.wrong("host_index", f"{show_place(table.place)} has a host_index of its own: give it once")
-        given |= read_keys(HOST, around, self.reading) | read_keys(SOURCES[source].keys, table, self.reading) | size
+        given = {"wavelength_um": self.reading.wavelength, **values, **read_keys(HOST, layer, self.reading)}
         outside = [key for key in WAVE_KEYS if key not in table]
         own = [key for key in table.allowed if key not in outside]
         try:
             with locate_errors(table.place, own, outside, find_given_as(SIZED, table)):
                 return self.compute(source, given)
         except SceneError as error:
-            if around is layer and error.place == ("host_index",):
+            if "host_index" in layer and error.place == ("host_index",):
                 raise SceneError(str(error), *layer.place, "host_index") from error
             raise

@@ -32,9 +32,9 @@ AngleFile = tuple[Path, float | None, tuple[int, int]]  # the scene's wavelength
 class AngleTable(FilePath):
     """A file of scattering matrices over angle, and the scene's wavelength where the file is for several."""
 
-    def read_file(self, table: Table, name: str, reading: Reading) -> AngleFile:
+    def read(self, table: Table, name: str, reading: Reading) -> AngleFile:
+        path: Path = super().read(table, name, reading)
         about = read_beside(table, name, Path.stat, reading.folder)
-        path = reading.folder / table.content[name]
         wavelength = None if path.suffix.lower() == CSV else reading.wavelength
         return path, wavelength, (about.st_mtime_ns, about.st_size)
 
@@ -100,10 +100,8 @@ class Phase(FilePath):
     def inside(self) -> dict[str, Key]:
         return join_rows(PHASES)
 
-    def read(self, table: Table, name: str, reading: Reading) -> PhaseMatrix | None:
+    def read(self, table: Table, name: str, reading: Reading) -> PhaseMatrix:
         value = table.content[name]
-        if reading.form_only:
-            return None
         if isinstance(value, str) and value.endswith(TABLE):
             tolerance = table.number("tolerance") if "tolerance" in table else 0.0
             return read_beside(table, name, partial(read_coefficients, tolerance=tolerance), reading.folder)

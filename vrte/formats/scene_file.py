@@ -28,7 +28,7 @@ from vrte.formats.keys import (
     list_names,
     read_keys,
 )
-from vrte.formats.layers import FilledLayer, make_layer, read_layer_tables
+from vrte.formats.layers import FilledLayer, make_layer, read_layers
 from vrte.formats.materials import WORDS, read_words
 from vrte.formats.paints import expand_content, locate_expanded_errors
 from vrte.formats.particle_sources import Compute, Kinds, make_particles
@@ -163,25 +163,20 @@ def make_scene_file(
     file = Table((), expand_content(content, folder), FILE_KEYS)
     for key in WORDS:
         read_words(file, key)
-    reading, kind = Reading(file, folder), _choose_kind(file, kind)
+    reading, there = Reading(file, folder), [name for name in REQUESTS if name in file]
+    if kind is None and len(there) != 1:
+        raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
+    kind = kind or there[0]
+    if kind not in there:
+        other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
+        raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}", kind)
     asked = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     request = read_keys(REQUESTS[kind], asked, reading)
     options = read_keys(dict.fromkeys(OPTION_KEYS, Option(needed=False)), file, reading)
     filled: list[FilledLayer] = []
     with locate_expanded_errors(content):
         kinds = Kinds(compute, reading)
-        layers = read_layer_tables(reading)  # all are checked before one is made
+        layers = read_layers(reading)  # all are checked before one is made
         base = read_base(reading)
-        made: list[Any] = [make_layer(layer, kinds, reading, filled) for layer in layers]
+        made: list[Any] = [make_layer(*layer, kinds, filled) for layer in layers]
     return SceneFile(Scene(made, base), kind, request, options, kinds.computed, asked=asked, filled=filled)
-
-
-def _choose_kind(file: Table, kind: str | None) -> str:
-    """The command whose table is there."""
-    there = [name for name in REQUESTS if name in file]
-    if kind is not None and kind not in there:
-        other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
-        raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}", kind)
-    if kind is None and len(there) != 1:
-        raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
-    return kind or there[0]
