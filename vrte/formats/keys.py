@@ -5,7 +5,7 @@ A kind of something (a base, a source of particles, a size, a phase function) is
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -91,14 +91,18 @@ class Fraction(Key):
 
 @dataclass(frozen=True)
 class Numbers(Key):
-    """A number, a list of numbers, or a range; ``count`` of them, or an empty list where ``may_be_empty``."""
+    """A number, a list of numbers, or a range; ``count`` of them, or an empty list where ``may_be_empty``; ``single``:
+    one number stays one."""
 
     count: int | None = field(default=None, kw_only=True)
     may_be_empty: bool = field(default=False, kw_only=True)
+    single: bool = field(default=False, kw_only=True)
 
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         if self.may_be_empty and table.content.get(name) == []:
             return []
+        if self.single and not isinstance(table.content.get(name), (list, dict)):
+            return table.number(name, self.allowed)
         found = table.numbers(name)
         if self.count not in (None, len(found)):
             raise table.wrong(name, f"must be {self.allowed}")
@@ -224,7 +228,8 @@ def read_keys(keys: Mapping[str, Key], table: Table, reading: Reading) -> dict[s
     for name, key in keys.items():
         if key.other is not None and key.other.name in table:
             table.exactly_one(name, key.other.name)
-            value = key.other.convert(key.read(table, key.other.name, reading))
+            own = replace(key, allowed=key.other.allowed or key.allowed)
+            value = key.other.convert(own.read(table, key.other.name, reading))
             if value is None:
                 raise table.wrong(key.other.name, f"must be {key.other.allowed}")
             found[key.argument or name] = value

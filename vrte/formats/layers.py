@@ -147,12 +147,11 @@ def read_layers(reading: Reading) -> list[tuple[Table, str, dict[str, Any]]]:
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
     if len(layers) > MOST_LAYERS:
         raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}", "layer")
-    tables = [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
-    return [(table, *read_layer(table, reading)) for table in tables]
+    return [read_layer(Table(("layer", place), layer, LAYER_KEYS), reading) for place, layer in enumerate(layers)]
 
 
-def read_layer(layer: Table, reading: Reading) -> tuple[str, dict[str, Any]]:
-    """What a layer is, one of `LAYERS`, and the values of its keys. Raises SceneError."""
+def read_layer(layer: Table, reading: Reading) -> tuple[Table, str, dict[str, Any]]:
+    """The table of a layer, what it is, one of `LAYERS`, and the values of its keys. Raises SceneError."""
     kind = next((one for one in LAYERS if one in layer), "")
     if kind not in ("interface", "host_index"):
         layer.exactly_one(*FILLINGS)
@@ -168,7 +167,7 @@ def read_layer(layer: Table, reading: Reading) -> tuple[str, dict[str, Any]]:
         if len(lengths) != 1 or (lengths == ["thickness_um"] and not by_volume and not fraction):
             alone = "" if by_volume else " with volume_fraction"
             raise layer.unfit(f"either thickness (optical) or thickness_um{alone} is needed")
-    return kind, read_keys(keys, layer, reading)
+    return layer, kind, read_keys(keys, layer, reading)
 
 
 class FilledLayer(NamedTuple):

@@ -156,15 +156,11 @@ class Kinds:
             raise Table(place, content, tuple(content)).wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
         row = SOURCES[source]
         table = Table(place, content, ("source", *row.keys, *(SIZE_KEYS if row.sized else ()), *HOST))
-        values = read_keys(row.keys, table, self.reading)
+        values = read_keys(HOST, self.reading.file, self.reading) | read_keys(row.keys | HOST, table, self.reading)
         if row.sized:
             table.exactly_one(*SIZE_KEYS)
             values |= read_keys(SIZED, table, self.reading)
-        return (
-            table,
-            source,
-            read_keys(HOST, self.reading.file, self.reading) | read_keys(HOST, table, self.reading) | values,
-        )
+        return table, source, values
 
     def find(self, name: str, layer: Table) -> tuple[int, Particles]:
         """Particles of a name in the medium of a layer, computed once, and how many were computed before them."""

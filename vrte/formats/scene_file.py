@@ -43,15 +43,6 @@ FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "paint", "r
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}  # from the normal, for cosines
 
 
-class Beams(Numbers):
-    """One number, or a list of them."""
-
-    def read(self, table: Table, name: str, reading: Reading) -> Any:
-        if isinstance(table.content.get(name), (list, dict)):
-            return table.numbers(name)
-        return table.number(name, self.allowed if name in ANGLES else ANGLE)
-
-
 class Option(Key):
     """How to solve, checked as the calls check it."""
 
@@ -85,7 +76,7 @@ REQUESTS: dict[str, dict[str, Key]] = {  # what is asked for: the keys of [brdf]
         "transmission": Flag(needed=False),
     },
     "field": {
-        "mu0": Beams(other=BEAM, allowed="a cosine above 0, up to 1, or a list of them"),
+        "mu0": Numbers(other=BEAM, single=True, allowed="a cosine above 0, up to 1, or a list of them"),
         "stokes": Numbers(needed=False, count=4, allowed="four numbers I, Q, U, V"),
         "mu": Numbers(needed=False, may_be_empty=True),
         "phi_deg": AZIMUTHS,
