@@ -10,7 +10,6 @@ from vrte.basics.errors import DeviceError
 from vrte.cl import device
 from vrte.cl.session import Session, open_session
 from vrte.commands import verify_device
-from vrte.commands.verify_device import complain_about, describe_verified
 
 from .conftest import call
 
@@ -37,28 +36,27 @@ def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def test_a_small_set_passes_and_a_spoiled_kernel_is_noticed(one_form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
-    found = verify_device.verify_device(None, told.append, wanted=QUICK)
-    assert [(check.name, check.passed) for check in found.checks] == [(name, True) for name in QUICK]
-    assert not complain_about(found)
-    assert len(told) == 4
-    text = describe_verified(found)
-    assert "3 of 3 checks passed" in text
-    assert found.device.name in text
-    assert found.device.driver in text
+    said, begun = list[str](), list[str]()
+    assert verify_device.verify_device(None, said.append, begun.append, wanted=QUICK) == ""
+    own = device.find_chosen_device()
+    assert own.name in said[0]
+    assert own.driver in said[0]
+    assert [line.split("  ")[1] for line in said[1:4]] == list(QUICK)
+    assert "3 of 3 checks passed" in said[4]
+    assert len(begun) == 4
     spoil(monkeypatch, "product" if one_form == "cpu" else "product_gpu")
-    spoilt = verify_device.verify_device(wanted=QUICK[:1])
-    assert f"is not to be trusted: products and inverses, form '{one_form}': differs by" in complain_about(spoilt)
-    assert "<- WRONG" in describe_verified(spoilt)
-    nan = verify_device.Check("?", "cpu", float("nan"), 1e-10, 0.0)
-    assert not nan.passed
+    complaint = verify_device.verify_device(None, said.append, wanted=QUICK[:1])
+    assert f"is not to be trusted: products and inverses, form '{one_form}': differs by" in complaint
+    assert any("<- WRONG" in line for line in said)
+    assert not verify_device.Check("?", "cpu", float("nan"), 1e-10, 0.0).passed
 
 
 def test_what_there_is_no_time_for_and_no_such_device(one_form: str) -> None:
-    found = verify_device.verify_device(seconds=0.0)
-    assert (len(found.checks), len(found.left_out)) == (0, 16)
-    assert "left out for want of time: products and inverses" in describe_verified(found)
-    assert "is not verified: there was no time for any check" in complain_about(found)
+    said: list[str] = []
+    complaint = verify_device.verify_device(None, said.append, seconds=0.0)
+    assert "is not verified: there was no time for any check" in complaint
+    assert said[-1].startswith("  left out for want of time: products and inverses")
+    assert said[-1].count("; ") == 15
     with pytest.raises(DeviceError, match="there is no OpenCL device 99: 0 = "):
         verify_device.verify_device(99)
 
@@ -66,7 +64,9 @@ def test_what_there_is_no_time_for_and_no_such_device(one_form: str) -> None:
 @pytest.mark.slow
 def test_all_of_it(opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Both forms; every kernel is launched. However busy the machine is, there is time for all."""
-    monkeypatch.setattr(verify_device.verify_device, "__defaults__", (None, lambda line: None, 900.0, ()))
+    usual = verify_device.verify_device.__defaults__
+    assert usual is not None
+    monkeypatch.setattr(verify_device.verify_device, "__defaults__", (*usual[:3], 900.0, ()))
     index = device.devices().index(device.find_chosen_device())
     assert call("devices", "--verify", str(index)) == 0
     output = capsys.readouterr()
@@ -93,7 +93,8 @@ def test_each_kernel_matters(
 def test_a_device_without_doubles(opencl: Session, alone: dict[str, Any]) -> None:
     """In floats, all that goes without doubles."""
     alone.update(process=os.getpid(), devices=(replace(device.find_chosen_device(), double_precision=False),))
-    found = verify_device.verify_device()
-    assert {check.name for check in found.checks} >= {"products and inverses", "twelve depths", *QUICK}
-    assert not complain_about(found)
-    assert "no doubles" in describe_verified(found)
+    said: list[str] = []
+    assert verify_device.verify_device(None, said.append) == ""
+    assert "no doubles" in said[0]
+    names = {line[2:54].strip() for line in said}
+    assert names >= {"products and inverses", "twelve depths", *QUICK}

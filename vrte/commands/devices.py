@@ -50,12 +50,12 @@ def show_devices(options: argparse.Namespace) -> None:
             costs = device_speed.measure_costs(device.session())
         print(f"\n{costs}\n{device_speed.describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
-        from vrte.commands import verify_device
+        from vrte.commands.verify_device import verify_device
 
         wanted = None if options.verify < 0 else options.verify
-        checked = verify_device.verify_device(wanted, lambda line: print(f"  {line} ...", file=sys.stderr, flush=True))
-        print(f"\n{verify_device.describe_verified(checked)}", flush=True)
-        if complaint := verify_device.complain_about(checked):
+        print()
+        if complaint := verify_device(wanted, report=lambda line: print(f"  {line} ...", file=sys.stderr, flush=True)):
+            sys.stdout.flush()
             raise DeviceError(complaint)
 
 

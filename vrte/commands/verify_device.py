@@ -7,10 +7,10 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +41,7 @@ REFERENCE = {"backend": "openmp", "precision": None, "accuracy": 1e-11}
 ARRAYS = ("mueller", "transmission", "stokes", "flux_up", "flux_down")  # of results, compared
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """A check in a form of kernels: the largest difference over the largest light, what is allowed, and seconds;
     ``problem``: the error in place of a difference."""
 
@@ -58,28 +57,12 @@ class Check:
         """Whether the difference is a number within what is allowed."""
         return not self.problem and self.gap <= self.allowed
 
-
-@dataclass(eq=False)
-class Verified:
-    """A device's checks, names of those for which there was no time, all kernels and those launched, and what went
-    between host and device in each form."""
-
-    device: Device
-    checks: list[Check] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-    kernels: set[str] = field(default_factory=set)
-    launched: set[str] = field(default_factory=set)
-    traffic: list[Traffic] = field(default_factory=list)
-
     @property
-    def failures(self) -> list[Check]:
-        """The checks that did not pass."""
-        return [check for check in self.checks if not check.passed]
-
-    @property
-    def idle(self) -> list[str]:
-        """Kernels that were never launched."""
-        return sorted(self.kernels - self.launched)
+    def line(self) -> str:
+        """Its line in the table."""
+        gap = "failed" if self.problem else f"{self.gap:.1e}"
+        mark = "" if self.passed else "  <- WRONG" + (f": {self.problem}" if self.problem else "")
+        return f"  {self.name:52}{self.form:9}{gap:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"
 
 
 class MistakeError(Exception):
@@ -235,12 +218,14 @@ class Verification:
 
 def verify_device(
     index: int | None = None,
+    say: Callable[[str], None] = print,
     report: Callable[[str], None] = lambda line: None,
     seconds: float = LONGEST,
     wanted: Sequence[str] = (),
-) -> Verified:
-    """The checks of a device of `vrte.cl.device.devices`, by default of the one that is taken, within about so many
-    seconds; ``report`` gets the name of each when it begins; ``wanted``: names of checks, by default all.
+) -> str:
+    """Checks a device of `vrte.cl.device.devices`, by default the one that is taken, within about so many seconds, and
+    says a line of each, for a report; ``report`` gets the name of each when it begins; ``wanted``: names of checks, by
+    default all. Returns one sentence where a check did not pass or there was no time for any, otherwise "".
 
     Raises DeviceError where there is no such device or its kernels do not compile.
     """
@@ -248,25 +233,37 @@ def verify_device(
     chosen = all_devices.index(device.find_chosen_device()) if index is None else index
     if not 0 <= chosen < len(all_devices):
         raise DeviceError(f"there is no OpenCL device {index}: {device.list_names(all_devices)}")
-    found, begin = Verified(all_devices[chosen]), time.perf_counter()
-    for form in list_forms(found.device):
+    own, begin = all_devices[chosen], time.perf_counter()
+    checks, left_out, traffic = list[Check](), list[str](), list[Traffic]()
+    kernels, launched = set[str](), set[str]()
+    say(f"{describe_machine(own)}\n\n  {'check':52}{'form':9}{'largest difference':>19}{'allowed':>10}{'s':>8}")
+    for form in list_forms(own):
         report(f"compiling, form {form!r}")
         with device.raise_device_errors():
-            opened = open_session(found.device.handle, form, found.device.widest)
+            opened = open_session(own.handle, form, own.widest)
         with device.take_device(chosen, opened):
             for name, (allowed, call) in Verification(opened).list_checks().items():
-                longest = max((check.seconds for check in found.checks), default=0.0)
+                longest = max((check.seconds for check in checks), default=0.0)
                 if wanted and name not in wanted:
                     continue
                 if time.perf_counter() - begin + longest > seconds:
-                    found.left_out.append(f"{name}, form {form!r}")
+                    left_out.append(f"{name}, form {form!r}")
                     continue
                 report(f"{name}, form {form!r}")
-                found.checks.append(perform_check(name, form, allowed, call))
-        found.launched |= {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
-        found.traffic.append(opened.traffic)
-        found.kernels = set(opened.kernels.types)
-    return found
+                checks.append(perform_check(name, form, allowed, call))
+                say(checks[-1].line)
+        launched |= {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
+        traffic.append(opened.traffic)
+        kernels = set(opened.kernels.types)
+    failures = [check for check in checks if not check.passed]
+    say(f"\n  {len(checks) - len(failures)} of {len(checks)} checks passed")
+    say(f"  {len(kernels & launched)} of {len(kernels)} kernels were launched")
+    sums = {name: sum(vars(each)[name] for each in traffic) for name in vars(Traffic())}
+    say("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sums.items()))
+    for words, names in (("never launched", kernels - launched), ("left out for want of time", left_out)):
+        if names:
+            say(f"  {words}: {'; '.join(sorted(names) if isinstance(names, set) else names)}")
+    return complain_about(own, checks, failures)
 
 
 def list_forms(found: Device) -> list[str]:
@@ -288,46 +285,27 @@ def perform_check(name: str, form: str, allowed: float, call: Callable[[], float
     return Check(name, form, gap, allowed, time.perf_counter() - start, problem)
 
 
-def describe_verified(found: Verified) -> str:
-    """The text of a report: the machine, every check, what was left out, times."""
-    own = found.device
-    lines = [
+def describe_machine(own: Device) -> str:
+    """Versions of what computes, and what a device says of itself."""
+    return (
         f"vrte {vrte.__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
-        f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}",
+        f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}\n"
         f"{own.name} ({own.kind}, {'doubles' if own.double_precision else 'no doubles'}) on {own.platform}, driver "
-        f"{own.driver}, {own.handle.version.strip()}",
+        f"{own.driver}, {own.handle.version.strip()}\n"
         f"{own.units} compute units at {own.clock / 1e6:.0f} MHz, {own.memory / 1e9:.1f} GB, largest array "
         f"{own.largest / 1e9:.1f} GB, local memory {own.handle.local_mem_size} B, work-groups of "
-        f"{own.handle.max_work_group_size}, architecture {own.architecture}",
-        "",
-        f"  {'check':52}{'form':9}{'largest difference':>19}{'allowed':>10}{'s':>8}",
-    ]
-    for check in found.checks:
-        gap = "failed" if check.problem else f"{check.gap:.1e}"
-        mark = "" if check.passed else "  <- WRONG" + (f": {check.problem}" if check.problem else "")
-        lines.append(f"  {check.name:52}{check.form:9}{gap:>19}{check.allowed:10.0e}{check.seconds:8.2f}{mark}")
-    passed = f"{len(found.checks) - len(found.failures)} of {len(found.checks)} checks passed"
-    sums = {name: sum(vars(each)[name] for each in found.traffic) for name in vars(Traffic())}
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"  {passed}; {len(found.kernels & found.launched)} of {len(found.kernels)} kernels were launched",
-            "  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sums.items()),
-            *([f"  never launched: {', '.join(found.idle)}"] if found.idle else []),
-            *([f"  left out for want of time: {'; '.join(found.left_out)}"] if found.left_out else []),
-        ]
+        f"{own.handle.max_work_group_size}, architecture {own.architecture}"
     )
 
 
-def complain_about(found: Verified) -> str:
+def complain_about(own: Device, checks: Sequence[Check], failures: Sequence[Check]) -> str:
     """One sentence where a check did not pass or there was no time for any, otherwise empty."""
-    if not found.checks:
+    if not checks:
         words = "compiling its kernels took all of it, and a second time they are kept; or the machine is busy"
-        return f"{found.device.name} is not verified: there was no time for any check ({words})"
-    if not found.failures:
+        return f"{own.name} is not verified: there was no time for any check ({words})"
+    if not failures:
         return ""
-    first, *others = found.failures
+    first, *others = failures
     what = first.problem or f"differs by {first.gap:.1e} of the largest light, allowed are {first.allowed:.0e}"
     more = f", and {len(others)} more checks did not pass" if others else ""
-    return f"{found.device.name} is not to be trusted: {first.name}, form {first.form!r}: {what}{more}"
+    return f"{own.name} is not to be trusted: {first.name}, form {first.form!r}: {what}{more}"
