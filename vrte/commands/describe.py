@@ -8,6 +8,7 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.arrays import Array
+from vrte.basics.running import Run
 from vrte.formats.contents import Result
 from vrte.formats.scene_file import SceneFile
 from vrte.request.how import EXACT
@@ -120,18 +121,16 @@ def describe_agreement(found: dict[str, Any]) -> str:
     return f"{agreed} ({found['orders_compared']} orders compared)"
 
 
-def print_times(seconds: dict[str, float], result: Result) -> None:
-    """A table of wall seconds, and of seconds summed over the threads for the stages of the solver, those of all
-    wavelengths added up."""
-    print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
-    stages: dict[str, Array] = {}
+def print_times(clock: dict[str, dict[str, float]], result: Result) -> None:
+    """A table of wall seconds of what was done, by name, and of seconds summed over the threads for the stages of the
+    solver, those of all wavelengths added up."""
+    stages = Run(1)
     for one in result if isinstance(result, Spectrum) else [result]:
         for stage, took in one.diagnostics["stages"].items():
-            clocks = np.array([took["wall_seconds"], took["thread_seconds"]])
-            stages[stage] = stages.get(stage, 0.0) + clocks
-    for name, wall in seconds.items():
-        print(f"  {name:22}{wall:9.3f}")
-        if name == "solver":
-            for stage, (walls, threads) in stages.items():
-                print(f"    {stage:20}{walls:9.3f}{threads:10.3f}")
-    print(f"  {'total':22}{sum(seconds.values()):9.3f}\n")
+            stages.record(stage, took["wall_seconds"], took["thread_seconds"])
+    print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
+    for name, took in clock.items():
+        print(f"  {name:22}{took['wall_seconds']:9.3f}")
+        for stage, times in stages.stages.items() if name == "solver" else ():
+            print(f"    {stage:20}{times['wall_seconds']:9.3f}{times['thread_seconds']:10.3f}")
+    print(f"  {'total':22}{sum(took['wall_seconds'] for took in clock.values()):9.3f}\n")

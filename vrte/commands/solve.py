@@ -1,15 +1,15 @@
 """`vrte brdf` and `vrte field`: a scene file in, result files out."""
 
 import argparse
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.errors import SceneError
+from vrte.basics.running import Run
 from vrte.calls.brdf import brdf
 from vrte.calls.mitsuba import check_nested, write_table
 from vrte.calls.radiance import radiance
@@ -101,43 +101,32 @@ def check(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace) -> None:
     asked = {name: getattr(options, name) for name in (*HOW, "side") if getattr(options, name, None) is not None}
     asked |= {"settings": dict(options.set)} if options.set else {}
-    seconds, paths, notes = Seconds(), list[Path](), list[str]()
+    clock, paths, notes = Run(1), list[Path](), list[str]()
     with show_progress() as (phase, tick):
         phase("particles")
-        with seconds.of("particles"), label_errors(options.scene, reading=True):
+        with clock.recorded("particles"), label_errors(options.scene, reading=True):
             files, solve = (prepare_several if options.wavelengths_um else prepare)(options, asked, tick)
         phase("wavelengths" if options.wavelengths_um else "Fourier orders, then directions")
-        with seconds.of("solver"):
+        with clock.recorded("solver"):
             result = solve()
         if options.mitsuba:
             phase("directions of the table")
             at, step, nested = np.array(options.wavelengths_um), options.mitsuba_step_deg, options.mitsuba_nested
-            with seconds.of("table for Mitsuba"):
+            with clock.recorded("table for Mitsuba"):
                 notes = write_table(files, at, options.mitsuba, step, nested, tick, **asked)[1]
             paths = [options.mitsuba, *([options.mitsuba.with_suffix(".xml")] if nested else [])]
     describe(options.scene, files, result)
     writers = {"output": result_file.save, "csv": write_csv, "plot": save_picture}
     for path, save in ((getattr(options, name), save) for name, save in writers.items()):
         if path is not None:
-            with seconds.of(f"writing {path.suffix}"):
+            with clock.recorded(f"writing {path.suffix}"):
                 save(result, path)
             paths.append(path)
     for note in notes:
         print(f"  Mitsuba's table: {note}")
-    print_times(seconds, result)
+    print_times(clock.stages, result)
     for path in paths:
         say_written(path)
-
-
-class Seconds(dict[str, float]):
-    """Wall seconds of what was done, by its name."""
-
-    @contextmanager
-    def of(self, name: str) -> Iterator[None]:
-        """Notes how long that takes which happens within."""
-        start = time.perf_counter()
-        yield
-        self[name] = time.perf_counter() - start
 
 
 def prepare(
