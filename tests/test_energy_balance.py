@@ -35,6 +35,7 @@ BALANCED = {
     "absorbing": vrte.Scene([make_layer(), make_layer(0.3), make_layer()], WHITE),
     "losing facets": vrte.Scene([vrte.Interface(1.0, 1.5, 0.5, conserving=False), make_layer()], WHITE),
     "metal": vrte.Scene([make_layer()], vrte.Facets((0.2, 3.0), 0.3)),
+    "haze": vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5), 1.0, 2.0)], WHITE),
 }
 
 
@@ -48,7 +49,9 @@ def test_light_that_balances_is_promised(name: str) -> None:
     ends = bool(np.isfinite(scene.thickness))
     depths = [0.0, 0.5, scene.thickness if ends else 3.0]
     field = vrte.radiance(scene, 0.6, [1.0, 0.3, -0.5, 0.4], mu=[], tau=depths, nodes=12)
-    for one in (vrte.brdf(scene, MU, 0.5, nodes=12, transmission=ends), field):
+    brdf = vrte.brdf(scene, MU, 0.5, nodes=12, transmission=ends)
+    graded = vrte.brdf(scene, MU, 0.5, nodes=12, grading=2, algorithm="modes")  # nodes that are not Gauss's
+    for one in (brdf, graded, field):
         assert notes_of_energy(one) == []
 
 
