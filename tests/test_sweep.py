@@ -508,7 +508,7 @@ def cluster() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(
-    "nodes", [{"nodes": 6}, pytest.param({}, marks=pytest.mark.slow)], ids=["6 nodes", "nodes by accuracy"]
+    "nodes", [{"nodes": 6}, pytest.param({"grading": 1}, marks=pytest.mark.slow)], ids=["6 nodes", "nodes by accuracy"]
 )
 def test_same_numbers_from_each_engine(nodes: dict[str, int], cluster: Any) -> None:
     given = powder(**nodes)
