@@ -61,7 +61,7 @@ DEVICE = list_faults(
     ("device-beam", "cl/doubling.cl", "to[i] = -total;", "to[i] = total;",
      "sign of the beam's source on a device", "engines"),
     ("device-memory", "cl/errors.py", "SHARE = 0.9", "SHARE = 90.0",
-     "more than a device's memory is asked for", "opencl_drivers opencl_device"),
+     "more than a device's memory is asked for", "opencl_device"),
 )  # fmt: skip
 
 ORDINATES = list_faults(

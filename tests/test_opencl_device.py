@@ -1,5 +1,7 @@
-"""Which device is taken, and what is said where there is none or where it fails."""
+"""Which drivers are found, which device is taken and tried before, what is said where there is none or where it fails,
+and batches that several devices share."""
 
+import itertools
 import os
 import re
 import subprocess
@@ -9,9 +11,10 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pyopencl
@@ -20,15 +23,21 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.cl import building, device, errors, probe
+from vrte.basics.running import Run
+from vrte.cl import building, device, drivers, errors, probe
 from vrte.cl import session as sessions
-from vrte.cl.device import Device, choose
+from vrte.cl.device import Device, choose, select_output
 from vrte.cl.errors import check_room
 from vrte.cl.session import Session, open_session
 from vrte.commands import device_speed as report
+from vrte.commands.devices import describe_devices
+from vrte.discrete_ordinates.execution import carry_out, share_devices
+from vrte.discrete_ordinates.execution.engines import opencl as engine
 
 from .conftest import working_session
 from .helpers import assert_close, close_to
+
+OLD = "error: unknown target CPU 'generic'"
 
 
 def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: str = "Maker", **more: Any) -> Device:
@@ -44,178 +53,17 @@ SMALL, LARGE, OTHER = (
     made("Board", "accelerator", 200.0),
 )
 BY_POCL = made("Processor X", "cpu", 4.0, platform=probe.POCL)
+BY_INTEL = made("Processor X", "cpu", 64.0, platform=probe.INTEL)
 FLOAT = made("Card F", "gpu", 32.0, fp64=False)
 BUILT_IN = made("Graphics", "gpu", 48.0, units=96, clock=2.2e9, shared=True, architecture="gfx1150")
 CONSUMER = made("RTX 4090", "gpu", 24.0, units=128, clock=2.52e9, architecture="sm_89")
 OLDER = made("A100", "gpu", 16.0, units=108, clock=1.41e9, architecture="sm_80")
+FASTER = "the CPU by PoCL, the faster driver"
 
 
-@pytest.fixture
-def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The same, and what is opened has a queue and memory of its own, but kernels that are compiled already."""
-
-    def opened(handle: Any) -> Session:
-        queue = pyopencl.CommandQueue(opencl.context)
-        kernels = building.Kernels(opencl.kernels.program, sessions.read_sources())
-        return Session(opencl.context, queue, kernels, sessions._make_memory_pool(queue), opencl.form)
-
-    alone.update(process=os.getpid(), devices=(device.find_chosen_device(),))
-    monkeypatch.setattr(device, "open_session", opened)
-    return alone
-
-
-class TestChoice:
-    @pytest.mark.parametrize(
-        ("found", "taken", "reason"),
-        [
-            ([PROCESSOR], 0, "the only device"),
-            ([PROCESSOR, SMALL], 1, "the only GPU"),
-            ([PROCESSOR, SMALL, LARGE, OTHER], 2, "the fastest GPU, about 6.4e+10 operations a second in doubles"),
-            ([PROCESSOR, LARGE, LARGE], 1, "the first GPU"),
-            ([BUILT_IN, CONSUMER], 1, "the only GPU with memory of its own"),
-            ([BUILT_IN, PROCESSOR], 0, "the only GPU"),
-            ([BUILT_IN, BUILT_IN], 0, "the first GPU"),
-            ([CONSUMER, OLDER, BUILT_IN], 1, "the fastest GPU, about 9.7e+12 operations a second in doubles"),
-            ([PROCESSOR, OTHER], 1, "the only accelerator"),
-            ([FLOAT, PROCESSOR], 1, "the only CPU"),
-            ([made("?", "other", 500.0), PROCESSOR], 1, "the only CPU"),
-            ([PROCESSOR, BY_POCL], 1, "the CPU by PoCL, the faster driver"),
-            ([BY_POCL, PROCESSOR, SMALL], 2, "the only GPU"),
-        ],
-    )
-    def test_the_rule(self, found: list[Device], taken: int, reason: str) -> None:
-        assert choose(found) == (taken, reason)
-
-    @pytest.mark.parametrize(
-        ("asked_for", "taken"), [("0", 0), ("2", 2), ("card l", 2), ("PROCESSOR", 0), ("portable", 0), ("5s", 1)]
-    )
-    def test_the_variable_wins(self, asked_for: str, taken: int) -> None:
-        found = [PROCESSOR, made("Card 5s", "gpu", 8.0), made("Card L", "gpu", 24.0)]
-        assert choose(found, asked_for) == (taken, f"VRTE_OPENCL_DEVICE={asked_for}")
-
-    @pytest.mark.parametrize(
-        ("asked_for", "complaint"),
-        [
-            ("7", "fits no OpenCL device"),
-            ("-1", "fits no OpenCL device"),
-            ("nonesuch", "fits no OpenCL device"),
-            ("card", "fits more than one OpenCL device"),
-        ],
-    )
-    def test_what_it_cannot_mean(self, asked_for: str, complaint: str) -> None:
-        with pytest.raises(DeviceError, match=complaint) as raised:
-            choose([PROCESSOR, SMALL, FLOAT], asked_for)
-        assert str(raised.value).endswith(
-            ": 0 = Processor X (Portable), 1 = Card S (Maker), 2 = Card F (Maker, no fp64)"
-        )
-
-    @pytest.mark.parametrize(
-        ("architecture", "units", "clock", "teraflops"),
-        [("sm_90", 132, 1.98e9, 33.5), ("sm_80", 108, 1.41e9, 9.7), ("gfx942:sramecc+", 304, 2.1e9, 81.7)],
-    )
-    def test_rates_of_data_sheets(self, architecture: str, units: int, clock: float, teraflops: float) -> None:
-        found = made("?", "gpu", 80.0, units=units, clock=clock, architecture=architecture).rate
-        assert found == close_to(1e12 * teraflops, rtol=0.01, atol=0.0)
-
-    def test_doubles_come_first(self) -> None:
-        assert choose([FLOAT, PROCESSOR]) == (1, "the only CPU")
-        assert choose([FLOAT]) == (0, "the only device, without doubles")
-        assert choose([PROCESSOR, FLOAT], "card f") == (1, "VRTE_OPENCL_DEVICE=card f")
-
-    def test_a_session_in_doubles_needs_them(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        alone.update(process=os.getpid(), devices=(FLOAT,), complaints={(0, FLOAT.platform, FLOAT.name): ""})
-        monkeypatch.delenv(device.VARIABLE, raising=False)
-        with pytest.raises(
-            DeviceError, match=r"Card F computes in single precision only: 0 = Card F \(Maker, no fp64\)"
-        ):
-            device.session()
-
-
-class TestDevices:
-    def test_what_they_say_of_themselves(self) -> None:
-        for found in device.devices():
-            assert found.kind in device.PREFERENCE
-            assert found.memory >= found.largest > 0
-            assert found.units > 0
-            assert found.name
-            assert found.platform
-        assert device.find_chosen_device().double_precision
-
-    @pytest.mark.parametrize(("extensions", "doubles"), [("cl_khr_icd", False), ("cl_khr_icd cl_khr_fp64", True)])
-    def test_a_driver_that_fails_when_asked(self, extensions: str, doubles: bool) -> None:
-        class Silent:
-            name, driver_version, type, available = "Card ", "1 ", pyopencl.device_type.GPU, True
-            global_mem_size, max_mem_alloc_size, max_compute_units = 8 << 30, 2 << 30, 20
-
-            def __getattr__(self, name: str) -> Any:
-                raise error_of("clGetDeviceInfo", "INVALID_VALUE")
-
-        silent = Silent()
-        silent.__dict__["extensions"] = extensions
-        found = device._describe_device(SimpleNamespace(name="Maker"), silent)
-        assert found.double_precision is doubles
-        assert (found.clock, found.shared, found.architecture) == (1e9, False, "card")
-
-    def test_without_pyopencl(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "pyopencl", None)
-        with pytest.raises(MissingExtraError, match=r"OpenCL needs the extra 'opencl': pip install 'vrte\[opencl\]'"):
-            device.devices()
-
-    def test_without_a_platform(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
-        with pytest.raises(DeviceError, match=r"there is no OpenCL platform.*vrte\[opencl\]"):
-            device.devices()
-
-    def test_platforms_without_a_device(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        class Empty:
-            name = "A driver "
-            get_devices = staticmethod(raising("clGetDeviceIDs", "DEVICE_NOT_FOUND"))
-
-        monkeypatch.setattr(pyopencl, "get_platforms", lambda: [Empty()])
-        with pytest.raises(DeviceError, match=r"no OpenCL platform has a device \(platforms: A driver\)"):
-            device.devices()
-
-    def test_a_process_that_was_forked(self, opencl: Session, alone: dict[str, Any]) -> None:
-        device.devices()
-        alone["process"] = os.getpid() + 1
-        with pytest.raises(DeviceError, match=r"this process was forked from one that had used OpenCL.*spawn"):
-            device.session()
-
-
-class TestSession:
-    def test_one_for_all_threads(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        opened: list[Any] = []
-
-        def slow_open(handle: Any) -> object:
-            opened.append(handle)
-            time.sleep(0.05)
-            return object()
-
-        monkeypatch.setattr(device, "open_session", slow_open)
-        found: list[Any] = []
-        threads = [threading.Thread(target=lambda: found.append(device.session())) for _ in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert len(opened) == 1
-        assert len(found) == 8
-        assert len(set(map(id, found))) == 1
-
-    def test_one_for_each_choice(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-        alone.update(process=os.getpid(), devices=(SMALL, LARGE))
-        monkeypatch.setattr(probe, "try_device", lambda *_: "")
-        monkeypatch.setattr(device, "open_session", lambda handle: object())
-        large = device.session()
-        monkeypatch.setenv(device.VARIABLE, " Card S")
-        small = device.session()
-        assert small is not large
-        assert device.session() is small
-        monkeypatch.delenv(device.VARIABLE)
-        assert device.session() is large
-
-    def test_a_form_for_each_kind(self, opencl: Session) -> None:
-        assert opencl.form == ("cpu" if device.find_chosen_device().kind == "cpu" else "gpu")
+def failing(*indices: int) -> Callable[[int], str]:
+    """These devices do not compile."""
+    return lambda index: OLD if index in indices else ""
 
 
 def raising(routine: str, name: str) -> Callable[..., Any]:
@@ -234,103 +82,420 @@ def error_of(routine: str, name: str) -> Exception:
     return kind(pyopencl._cl._ErrorRecord(routine, code, ""))
 
 
-class TestFaults:
-    @pytest.mark.parametrize(
-        ("name", "message"),
-        [
-            (
-                "MEM_OBJECT_ALLOCATION_FAILURE",
-                "ran out of memory or other resources .MEM_OBJECT_ALLOCATION_FAILURE in clX.: ask for less",
-            ),
-            ("OUT_OF_RESOURCES", "ran out of memory"),
-            ("OUT_OF_HOST_MEMORY", "ran out of memory"),
-            ("INVALID_BUFFER_SIZE", "ran out of memory"),
-            ("DEVICE_NOT_AVAILABLE", "was lost on the way .DEVICE_NOT_AVAILABLE in clX.: nothing was computed"),
-            ("INVALID_COMMAND_QUEUE", "was lost on the way"),
-            ("EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST", "was lost on the way"),
-            ("-9999", "was lost on the way .code -9999 in clX."),
-            ("INVALID_KERNEL_ARGS", "failed .INVALID_KERNEL_ARGS in clX.: nothing was computed"),
-        ],
-    )
-    def test_each_in_one_sentence(self, name: str, message: str, alone: dict[str, Any]) -> None:
-        alone["sessions"][0] = object()
-        cause = error_of("clX", name)
-        with pytest.raises(DeviceError, match=message) as raised, device.raise_device_errors():
-            raise cause
-        assert raised.value.__cause__ is cause
-        assert not alone["sessions"]
+@pytest.fixture
+def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """As in a process that has not used OpenCL yet; what is opened has a queue and memory of its own, but kernels
+    that are compiled."""
 
-    def test_others_pass(self, alone: dict[str, Any]) -> None:
-        alone["sessions"][0] = kept = object()
-        with pytest.raises(ZeroDivisionError), device.raise_device_errors():
-            raise ZeroDivisionError
-        assert alone["sessions"] == {0: kept}
+    def opened(handle: Any) -> Session:
+        queue = pyopencl.CommandQueue(opencl.context)
+        kernels = building.Kernels(opencl.kernels.program, sessions.read_sources())
+        return Session(opencl.context, queue, kernels, sessions._make_memory_pool(queue), opencl.form)
 
-    def test_after_a_lost_device_the_next_call_starts_anew(self, reopening: dict[str, Any]) -> None:
-        first = device.session()
-        assert first.kernels["product"]  # made, with its work-groups, before it fails
-        first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
-        with pytest.raises(DeviceError, match="was lost"), device.raise_device_errors():
-            first.launch("product", (1,))
-        second = device.session()
-        assert second is not first
-        np.testing.assert_array_equal(second.download(second.upload(np.arange(3.0))), [0.0, 1.0, 2.0])
+    alone.update(process=os.getpid(), devices=(device.find_chosen_device(),))
+    monkeypatch.setattr(device, "open_session", opened)
+    return alone
 
-    def test_one_that_is_lost_fails_one_test(self, reopening: dict[str, Any]) -> None:
-        first = working_session()
-        assert working_session() is first
-        first.__dict__["download"] = raising("clEnqueueReadBuffer", "DEVICE_NOT_AVAILABLE")
-        second = working_session()
-        assert second is not first
-        assert working_session() is second
 
-    def test_an_array_that_is_too_large(self, reopening: dict[str, Any]) -> None:
-        too_large = 4 * max(found.memory for found in device.devices())
-        opened = device.session()
-        with pytest.raises(DeviceError, match="ran out of memory"), device.raise_device_errors():
-            opened.empty((too_large // 8,))
+@pytest.mark.parametrize(
+    ("found", "broken", "taken", "reason"),
+    [
+        ([PROCESSOR], (), 0, "the only device"),
+        ([PROCESSOR, SMALL], (), 1, "the only GPU"),
+        ([PROCESSOR, SMALL, LARGE, OTHER], (), 2, "the fastest GPU, about 6.4e+10 operations a second in doubles"),
+        ([PROCESSOR, LARGE, LARGE], (), 1, "the first GPU"),
+        ([BUILT_IN, CONSUMER], (), 1, "the only GPU with memory of its own"),
+        ([BUILT_IN, PROCESSOR], (), 0, "the only GPU"),
+        ([BUILT_IN, BUILT_IN], (), 0, "the first GPU"),
+        ([CONSUMER, OLDER, BUILT_IN], (), 1, "the fastest GPU, about 9.7e+12 operations a second in doubles"),
+        ([PROCESSOR, OTHER], (), 1, "the only accelerator"),
+        ([FLOAT, PROCESSOR], (), 1, "the only CPU"),  # doubles come first
+        ([FLOAT], (), 0, "the only device, without doubles"),
+        ([made("?", "other", 500.0), PROCESSOR], (), 1, "the only CPU"),
+        ([PROCESSOR, BY_POCL], (), 1, FASTER),
+        ([BY_POCL, PROCESSOR, SMALL], (), 2, "the only GPU"),
+        ([BY_POCL, BY_INTEL], (0,), 1, "the only CPU (passed over: 0)"),
+        ([BY_POCL, BY_INTEL, BY_INTEL], (0,), 1, "the first CPU (passed over: 0)"),
+        ([SMALL, BY_INTEL, BY_POCL], (0,), 2, f"{FASTER} (passed over: 0)"),
+        ([BY_POCL, BY_INTEL, SMALL], (0, 2), 1, "the only CPU (passed over: 0, 2)"),
+        ([BY_POCL, BY_INTEL], (1,), 0, FASTER),
+    ],
+)
+def test_which_device_is_taken(found: list[Device], broken: tuple[int, ...], taken: int, reason: str) -> None:
+    assert choose(found, "", failing(*broken)) == (taken, reason)
 
-    @pytest.mark.parametrize("on_host", [True, False])
-    def test_room_is_looked_for_before(self, on_host: bool) -> None:
-        card = SimpleNamespace(global_mem_size=8e9, max_mem_alloc_size=2e9, name="Card ")
-        on_card: Any = SimpleNamespace(device=card, on_host=on_host)
-        check_room(on_card, 7e9, 2e9)
-        with pytest.raises(
-            DeviceError, match=r"this needs about 7.5 GB on the OpenCL device Card, which has 8 GB: ask"
-        ):
-            check_room(on_card, 7.5e9)
-        with pytest.raises(DeviceError, match=r"this needs an array of 2.2 GB .*, which allows 2 GB"):
-            check_room(on_card, 0.0, 2.2e9)
-        if on_host:
-            with pytest.raises(DeviceError, match=r"this needs about 0.001 GB .*, which has 0.001 GB"):
-                check_room(on_card, 1e6, host=1e6)
+
+@pytest.mark.parametrize(
+    ("asked_for", "taken"),
+    [
+        ("0", [0]),
+        ("2", [2]),
+        ("card l", [2]),
+        ("PROCESSOR", [0]),
+        ("portable", [0]),
+        ("5s", [1]),
+        ("card l, 0", [2, 0]),
+    ],
+)
+def test_the_variable_wins(asked_for: str, taken: list[int]) -> None:
+    """By index or part of a name; several share batches, and "all" are those as precise as the best."""
+    found = [PROCESSOR, made("Card 5s", "gpu", 8.0), made("Card L", "gpu", 24.0)]
+    shared = f"; batches are shared by {', '.join(map(str, taken))}" if taken[1:] else ""
+    assert choose(found, asked_for) == (taken[0], f"VRTE_OPENCL_DEVICE={asked_for}{shared}")
+    assert select_output(found, asked_for) == taken
+    assert choose([PROCESSOR, FLOAT], "card f") == (1, "VRTE_OPENCL_DEVICE=card f")
+    assert select_output([SMALL, LARGE, FLOAT], "all") == [1, 0]
+    assert select_output([SMALL, LARGE, FLOAT], "ALL", lambda index: "no" if index == 1 else "") == [0]
+
+
+LISTED = ": 0 = Processor X (Portable), 1 = Card S (Maker), 2 = Card F (Maker, no fp64)"
+NOT_BUILT = f"no OpenCL device compiles kernels (1 = Card S: {OLD}; 0 = Processor X: {OLD}; 2 = Card F: {OLD})"
+
+
+@pytest.mark.parametrize(
+    ("asked_for", "broken", "complaint"),
+    [
+        ("7", (), f"VRTE_OPENCL_DEVICE=7 fits no OpenCL device{LISTED}"),
+        ("-1", (), f"VRTE_OPENCL_DEVICE=-1 fits no OpenCL device{LISTED}"),
+        ("nonesuch", (), f"VRTE_OPENCL_DEVICE=nonesuch fits no OpenCL device{LISTED}"),
+        ("card", (), f"VRTE_OPENCL_DEVICE=card fits more than one OpenCL device{LISTED}"),
+        ("0,0", (), "VRTE_OPENCL_DEVICE=0,0 names a device twice"),
+        ("0,7", (), "VRTE_OPENCL_DEVICE=0,7 fits no OpenCL device"),
+        ("0,", (), "VRTE_OPENCL_DEVICE=0, fits no OpenCL device"),
+        ("0", (0,), f"VRTE_OPENCL_DEVICE=0 names a device that does not compute: {OLD}"),
+        ("0,1", (1,), f"VRTE_OPENCL_DEVICE=0,1 names a device that does not compute: {OLD}"),
+        ("", (0, 1, 2), f"{NOT_BUILT}: {device.INSTALL}"),
+    ],
+)
+def test_what_no_device_is_for(asked_for: str, broken: tuple[int, ...], complaint: str) -> None:
+    with pytest.raises(DeviceError, match=f"^{re.escape(complaint)}"):
+        (select_output if "," in asked_for else choose)([PROCESSOR, SMALL, FLOAT], asked_for, failing(*broken))
+    assert "pip install 'vrte[opencl]'" in device.INSTALL
+
+
+@pytest.mark.parametrize(
+    ("architecture", "units", "clock", "teraflops"),
+    [("sm_90", 132, 1.98e9, 33.5), ("sm_80", 108, 1.41e9, 9.7), ("gfx942:sramecc+", 304, 2.1e9, 81.7)],
+)
+def test_rates_of_data_sheets(architecture: str, units: int, clock: float, teraflops: float) -> None:
+    found = made("?", "gpu", 80.0, units=units, clock=clock, architecture=architecture).rate
+    assert found == close_to(1e12 * teraflops, rtol=0.01, atol=0.0)
+
+
+def test_work_is_shared_by_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was measured comes before what is guessed."""
+    assert share_devices.share_out(12, [10.0, 30.0]) == [3, 9]
+    assert sum(share_devices.share_out(7, [1.0, 1.0, 1.0])) == 7
+    monkeypatch.setattr(share_devices, "_speeds", {(SMALL.platform, SMALL.name): 5.0})
+    assert share_devices.find_speeds([SMALL, LARGE]) == [SMALL.rate, LARGE.rate]
+    share_devices._speeds[LARGE.platform, LARGE.name] = 1.0
+    assert share_devices.find_speeds([SMALL, LARGE]) == [5.0, 1.0]
+
+
+@pytest.fixture
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Intel's runtime as pip leaves it, an empty library, and no drivers of the system's."""
+    site, library = tmp_path / "lib" / "python" / "site", tmp_path / "lib" / "libintelocl.so"
+    information = site / "intel_opencl_rt-2026.9.dist-info"
+    information.mkdir(parents=True)
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: intel-opencl-rt\nVersion: 2026.9\n")
+    (information / "RECORD").write_text("../../libintelocl.so,,\n../../../etc/OpenCL/vendors/intel-cpu.icd,,\n")
+    library.touch()
+    (tmp_path / "vendors").mkdir()
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.setenv("OPENCL_VENDOR_PATH", str(tmp_path / "vendors"))
+    monkeypatch.delenv(drivers.FOLDER, raising=False)
+    return library
+
+
+def list_visible() -> list[str]:
+    """The drivers that are named while devices are looked for; nothing is left of that."""
+    with drivers.make_drivers_visible():
+        folder = os.environ.get(drivers.FOLDER)
+        found = [] if folder is None else [path.read_text() for path in sorted(Path(folder).glob("*.icd"))]
+    assert folder is None or not Path(folder).exists()
+    assert drivers.FOLDER not in os.environ
+    return found
+
+
+def test_intels_runtime_beside_the_systems_drivers(runtime: Path, tmp_path: Path) -> None:
+    there, vendors = tmp_path / "libcard.so", tmp_path / "vendors"
+    there.touch()
+    for name, text in [("a", f"{there}\n"), ("b", "libnvidia-opencl.so.1"), ("c", "/gone/libcard.so\n"), ("d", "")]:
+        (vendors / f"{name}.icd").write_text(text)
+    (vendors / "e.icd").mkdir()
+    assert list_visible() == [f"{there}\n", "libnvidia-opencl.so.1\n", f"{runtime}\n"]
+    (vendors / "a.icd").write_text("libintelocl.so\n")
+    assert list_visible() == [], "the system's own is enough"
+
+
+def test_where_intels_runtime_is_not_named(runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drivers that the user named stand, Windows has a variable for it, there is no place for a folder, the runtime is
+    not installed or only in part."""
+    with monkeypatch.context() as patch:
+        patch.setenv(drivers.FOLDER, "/mine")
+        with drivers.make_drivers_visible():
+            assert os.environ[drivers.FOLDER] == "/mine"
+    with monkeypatch.context() as patch:
+        patch.setattr(drivers, "WINDOWS", True)
+        patch.setenv(drivers.FILES, "mine.dll")
+        with drivers.make_drivers_visible():
+            assert os.environ[drivers.FILES] == f"mine.dll{os.pathsep}{runtime}"
+        assert os.environ[drivers.FILES] == "mine.dll"
+    with monkeypatch.context() as patch:
+        patch.setattr(drivers.tempfile, "tempdir", str(tmp_path / "absent"))
+        assert list_visible() == []
+    runtime.unlink()
+    assert drivers.find_intel_runtime() is None
+    assert list_visible() == []
+    monkeypatch.setattr(sys, "path", [])
+    assert drivers.find_intel_runtime() is None
+
+
+@pytest.mark.skipif(drivers.find_intel_runtime() is None, reason="intel-opencl-rt is not installed")
+@pytest.mark.skipif(bool(os.environ.get(drivers.FOLDER)), reason=f"{drivers.FOLDER} names other drivers")
+def test_intels_runtime_is_listed(opencl: Session) -> None:
+    """Whether it computes is found by trial: a processor may be newer than the runtime."""
+    (found,) = (found for found in device.devices() if found.platform == probe.INTEL)
+    assert found.kind == "cpu"
+
+
+class TestTrial:
+    def test_it_is_done_once(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        tried: list[int] = []
+        monkeypatch.setattr(probe, "try_device", lambda index, *_: tried.append(index) or "")
+        for _ in range(3):
+            device.find_chosen_device()
+        device.forget()
+        device.find_chosen_device()
+        assert len(tried) == 1
+
+    @pytest.mark.parametrize("broken", [1, 2])
+    def test_a_driver_older_than_its_processor(
+        self,
+        broken: int,
+        opencl: Session,
+        alone: dict[str, Any],
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        """What PoCL 3.0 says where even an empty kernel does not build: the first ``broken`` of two devices say it, of
+        which both are the one that computes here."""
+        found = tuple(replace(each, handle=opencl.device) for each in (BY_POCL, BY_INTEL))
+        alone.update(process=os.getpid(), devices=found)
+        build, built = pyopencl.Program.build, itertools.count(1)
+
+        def old(program: Any, *arguments: Any, **named: Any) -> Any:
+            if next(built) <= broken:
+                raise pyopencl.RuntimeError(f"clBuildProgram failed: BUILD_PROGRAM_FAILURE\n\n{OLD}\n")
+            return build(program, *arguments, **named)
+
+        monkeypatch.setattr(pyopencl.Program, "build", old)
+        monkeypatch.setattr(probe, "is_safe_in_process", lambda platform: True)
+        assert cli.main(["devices"]) == broken - 1
+        output = capsys.readouterr()
+        assert output.out.count(f"never taken: the kernels do not compile on {opencl.device.name}: {OLD}") == broken
+        if broken < len(found):
+            assert output.out.endswith("taken: 1, the only CPU (passed over: 0)\n")
+            assert device.find_chosen_device() is found[1]
         else:
+            assert "taken: none" in output.out
+            assert output.err.splitlines()[-1].startswith("vrte: error: no OpenCL device compiles kernels")
+            assert device.INSTALL in output.err.splitlines()[-1]
+
+    def test_a_device_that_fails_midway_or_cannot_reckon(
+        self, opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        for name in ("OUT_OF_RESOURCES", "DEVICE_NOT_AVAILABLE"):
+            monkeypatch.setattr(pyopencl, "enqueue_copy", raising("clEnqueueReadBuffer", name))
+            assert probe.try_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
+        monkeypatch.setattr(pyopencl, "enqueue_copy", lambda *_: None)
+        assert probe.try_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
+
+    def test_drivers_that_nobody_tried_have_a_process_of_their_own(
+        self, opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert probe.try_device(0, "Another", None) == device.find_complaint(0)
+        monkeypatch.setattr(probe, "TRY_ONE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)  # {}")
+        assert probe.try_device(0, "Another", None) == "it ends the process (signal SIGSEGV)"
+        monkeypatch.setattr(probe, "LONGEST_WAIT", 0.01)
+        assert probe.try_device(0, "Another", None) == "it gives no answer in 0.01 s"
+        assert probe.end_of_the_process(-11, "one\ntwo\n\n") == "it ends the process (signal SIGSEGV: two)"
+        assert probe.end_of_the_process(1, "") == "it ends the process (exit code 1)"
+        assert "install binutils" in probe.end_of_the_process(1, "Path to linker /usr/bin/ld doesn't exist\n")
+
+
+def test_what_devices_say_of_themselves(opencl: Session) -> None:
+    for found in device.devices():
+        assert found.kind in device.PREFERENCE
+        assert found.memory >= found.largest > 0
+        assert found.units > 0
+        assert found.name
+        assert found.platform
+    assert device.find_chosen_device().double_precision
+    assert opencl.form == ("cpu" if device.find_chosen_device().kind == "cpu" else "gpu")
+
+
+@pytest.mark.parametrize(("extensions", "doubles"), [("cl_khr_icd", False), ("cl_khr_icd cl_khr_fp64", True)])
+def test_a_driver_that_fails_when_asked(extensions: str, doubles: bool) -> None:
+    class Silent:
+        name, driver_version, type, available = "Card ", "1 ", pyopencl.device_type.GPU, True
+        global_mem_size, max_mem_alloc_size, max_compute_units = 8 << 30, 2 << 30, 20
+
+        def __getattr__(self, name: str) -> Any:
+            raise error_of("clGetDeviceInfo", "INVALID_VALUE")
+
+    silent = Silent()
+    silent.__dict__["extensions"] = extensions
+    found = device._describe_device(SimpleNamespace(name="Maker"), silent)
+    assert found.double_precision is doubles
+    assert (found.clock, found.shared, found.architecture) == (1e9, False, "card")
+
+
+NO_PLATFORM = "there is no OpenCL platform"
+EMPTY = SimpleNamespace(name="A driver ", get_devices=raising("clGetDeviceIDs", "DEVICE_NOT_FOUND"))
+BACKEND: dict[str, Any] = {"mu0": 0.6, "mu": [0.5, -0.5], "phi": [0, 90], "tau": [0.0, 1.0], "nodes": 4}
+SCENE = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+
+
+def test_where_there_is_no_device(
+    alone: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No pyopencl, no platform, none with a device: said in one sentence, and the processor is not taken instead."""
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pyopencl", None)
+        with pytest.raises(MissingExtraError, match=r"OpenCL needs the extra 'opencl': pip install 'vrte\[opencl\]'"):
+            device.devices()
+    monkeypatch.setattr(pyopencl, "get_platforms", lambda: [EMPTY])
+    with pytest.raises(DeviceError, match=r"no OpenCL platform has a device \(platforms: A driver\)"):
+        device.devices()
+    monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
+    with pytest.raises(DeviceError, match=rf"{NO_PLATFORM}.*vrte\[opencl\]"):
+        vrte.radiance(SCENE, **BACKEND, backend="opencl")
+    assert cli.main(["devices"]) == 1
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith(f"vrte: error: {NO_PLATFORM}")
+    assert output.err.count("\n") == 1
+
+
+def test_sessions(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for all threads, one for each choice, none after a fork, none in doubles on a device without them."""
+    opened: list[Any] = []
+
+    def slow_open(handle: Any) -> object:
+        opened.append(handle)
+        time.sleep(0.05)
+        return object()
+
+    monkeypatch.setattr(device, "open_session", slow_open)
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda _: device.session(), range(8)))
+    assert len(opened) == len(set(map(id, found))) == 1
+    alone.update(process=os.getpid(), devices=(SMALL, LARGE), sessions={}, complaints={})
+    monkeypatch.setattr(probe, "try_device", lambda *_: "")
+    large = device.session()
+    monkeypatch.setenv(device.VARIABLE, " Card S")
+    small = device.session()
+    assert small is not large
+    assert device.session() is small
+    monkeypatch.delenv(device.VARIABLE)
+    assert device.session() is large
+    alone.update(devices=(FLOAT,), sessions={}, complaints={(0, FLOAT.platform, FLOAT.name): ""})
+    with pytest.raises(DeviceError, match=r"Card F computes in single precision only: 0 = Card F \(Maker, no fp64\)"):
+        device.session()
+    alone["process"] = os.getpid() + 1
+    with pytest.raises(DeviceError, match=r"this process was forked from one that had used OpenCL.*spawn"):
+        device.session()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "MEM_OBJECT_ALLOCATION_FAILURE",
+            "ran out of memory or other resources .MEM_OBJECT_ALLOCATION_FAILURE in clX.: ask for less",
+        ),
+        ("OUT_OF_RESOURCES", "ran out of memory"),
+        ("OUT_OF_HOST_MEMORY", "ran out of memory"),
+        ("INVALID_BUFFER_SIZE", "ran out of memory"),
+        ("DEVICE_NOT_AVAILABLE", "was lost on the way .DEVICE_NOT_AVAILABLE in clX.: nothing was computed"),
+        ("INVALID_COMMAND_QUEUE", "was lost on the way"),
+        ("EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST", "was lost on the way"),
+        ("-9999", "was lost on the way .code -9999 in clX."),
+        ("INVALID_KERNEL_ARGS", "failed .INVALID_KERNEL_ARGS in clX.: nothing was computed"),
+    ],
+)
+def test_each_failure_in_one_sentence(name: str, message: str, alone: dict[str, Any]) -> None:
+    alone["sessions"][0] = kept = object()
+    with pytest.raises(ZeroDivisionError), device.raise_device_errors():
+        raise ZeroDivisionError
+    assert alone["sessions"] == {0: kept}
+    cause = error_of("clX", name)
+    with pytest.raises(DeviceError, match=message) as raised, device.raise_device_errors():
+        raise cause
+    assert raised.value.__cause__ is cause
+    assert not alone["sessions"]
+    assert vrte.DeviceError is DeviceError
+    assert errors.make_device_error(ValueError("x")) is None
+
+
+def test_after_a_lost_device_the_next_call_starts_anew(reopening: dict[str, Any]) -> None:
+    """And one that is lost fails one test; an array that is too large is said."""
+    first = device.session()
+    assert first.kernels["product"]  # made, with its work-groups, before it fails
+    first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
+    with pytest.raises(DeviceError, match="was lost"), device.raise_device_errors():
+        first.launch("product", (1,))
+    second = working_session()
+    assert working_session() is second is not first
+    second.__dict__["download"] = raising("clEnqueueReadBuffer", "DEVICE_NOT_AVAILABLE")
+    third = working_session()
+    assert working_session() is third is not second
+    too_large = 4 * max(found.memory for found in device.devices())
+    with pytest.raises(DeviceError, match="ran out of memory"), device.raise_device_errors():
+        third.empty((too_large // 8,))
+
+
+@pytest.mark.parametrize("on_host", [True, False])
+def test_room_is_looked_for_before(on_host: bool) -> None:
+    card = SimpleNamespace(global_mem_size=8e9, max_mem_alloc_size=2e9, name="Card ")
+    on_card: Any = SimpleNamespace(device=card, on_host=on_host)
+    check_room(on_card, 7e9, 2e9)
+    for asked, words in (
+        ((7.5e9,), r"this needs about 7.5 GB on the OpenCL device Card, which has 8 GB: ask"),
+        ((0.0, 2.2e9), r"this needs an array of 2.2 GB .*, which allows 2 GB"),
+    ):
+        with pytest.raises(DeviceError, match=words):
+            check_room(on_card, *asked)
+    if on_host:
+        with pytest.raises(DeviceError, match=r"this needs about 0.001 GB .*, which has 0.001 GB"):
             check_room(on_card, 1e6, host=1e6)
+    else:
+        check_room(on_card, 1e6, host=1e6)
 
-    def test_kernels_that_do_not_compile(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(
-            sessions, "read_sources", lambda *_: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
-        )
-        with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:
-            open_session(opencl.device)
-        assert "\n" not in str(raised.value)
-        assert len(str(raised.value)) < 450
-        assert isinstance(raised.value.__cause__, pyopencl.Error)
 
-    def test_a_compiler_with_something_to_say(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-        text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
-        monkeypatch.setattr(sessions, "read_sources", lambda *_: text)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            opened = open_session(opencl.device)
-        values = opened.zeros((1,))
-        opened.launch("fine", (1,), values)
-        assert opened.download(values) == [1.0]
-
-    def test_kernels_that_the_compiler_left_out(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(pyopencl.Program, "get_info", lambda *_: "product;invert")
-        with pytest.raises(DeviceError, match=r"the compiler of .* left out .*, product_gpu, "):
-            open_session(opencl.device)
+def test_what_a_compiler_says(opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A warning passes; an error, and kernels that it left out, are told in one sentence."""
+    text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
+    monkeypatch.setattr(sessions, "read_sources", lambda *_: text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        opened = open_session(opencl.device)
+    values = opened.zeros((1,))
+    opened.launch("fine", (1,), values)
+    assert opened.download(values) == [1.0]
+    broken = "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
+    monkeypatch.setattr(sessions, "read_sources", lambda *_: broken)
+    with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:
+        open_session(opencl.device)
+    assert "\n" not in str(raised.value)
+    assert len(str(raised.value)) < 450
+    assert isinstance(raised.value.__cause__, pyopencl.Error)
+    monkeypatch.undo()
+    monkeypatch.setattr(pyopencl.Program, "get_info", lambda *_: "product;invert")
+    with pytest.raises(DeviceError, match=r"the compiler of .* left out .*, product_gpu, "):
+        open_session(opencl.device)
 
 
 USE_ALL_MEMORY = """
@@ -372,159 +537,162 @@ def test_memory_that_runs_out(opencl: Session) -> None:
     assert second == "False [0. 1. 2.]"
 
 
-class TestSolve:
-    """Failures in the middle of a solve."""
-
-    request: ClassVar[dict[str, Any]] = {"mu0": 0.6, "mu": [0.5, -0.5], "phi": [0, 90], "tau": [0.0, 1.0], "nodes": 4}
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
-
-    @pytest.mark.parametrize(
-        ("backend", "method"),
-        [
-            *(("opencl", method) for method in ("launch", "upload", "download", "empty")),
-            *(
-                pytest.param(backend, method, marks=pytest.mark.slow)
-                for backend in ("opencl+lapack", "sequential+device")
-                for method in ("launch", "upload", "download", "empty")
-            ),
-        ],
-    )
-    def test_an_error_then_a_right_answer(
-        self, backend: str, method: str, reopening: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        right = vrte.radiance(self.scene, **self.request)
-        original, count = getattr(Session, method), {"calls": 0, "fails at": 0}
-
-        def counted(*arguments: Any, **named: Any) -> Any:
-            count["calls"] += 1
-            if count["calls"] == count["fails at"]:
-                raise error_of("clX", "OUT_OF_RESOURCES" if method == "empty" else "DEVICE_NOT_AVAILABLE")
-            return original(*arguments, **named)
-
-        monkeypatch.setattr(Session, method, counted)
-        vrte.radiance(self.scene, **self.request, backend=backend)
-        calls = count["calls"]
-        assert calls
-        for fails_at in sorted({1, max(1, calls // 2), calls}):
-            count.update({"calls": 0, "fails at": fails_at})
-            with pytest.raises(DeviceError, match="ran out of memory" if method == "empty" else "was lost on the way"):
-                vrte.radiance(self.scene, **self.request, backend=backend)
-            assert not reopening["sessions"]
-        count["fails at"] = 0
-        found = vrte.radiance(self.scene, **self.request, backend=backend)
-        assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-13)
-
-    def test_threads_take_turns(self, opencl: Session) -> None:
-        scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.1, 0.5, 0.9, 1.0)]
-        backends = ("opencl", "opencl+lapack", "sequential+device")
-        calls = [(scene, backend) for scene in scenes for backend in backends]
-        with ThreadPoolExecutor(4) as pool:
-            found = list(pool.map(lambda call: vrte.radiance(call[0], **self.request, backend=call[1]), calls))
-        for (scene, _), field in zip(calls, found, strict=True):
-            assert_close(field.stokes, vrte.radiance(scene, **self.request).stokes, rtol=0.0, atol=1e-13)
-
-    @pytest.mark.parametrize("thickness", [pytest.param(1.0, marks=pytest.mark.slow), np.inf])
-    @pytest.mark.slow
-    def test_the_form_for_a_gpu(
-        self, thickness: float, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(device, "open_session", lambda handle: opencl.in_form("gpu"))
-        matrix = vrte.PhaseMatrix(
-            a1=[1.0, 0.5, 0.2], a2=[0, 0, 0.9], a3=[0, 0, 0.5], a4=[0, 0.3, 0.1], b1=[0, 0, 0.2], b2=[0, 0, 0.1]
-        )
-        scene = vrte.Scene([vrte.Layer(matrix, 0.9, thickness)])
-        mu = np.linspace(0.1, 1.0, 5)
-        call = partial(vrte.brdf, scene, mu, mu, [0.0, 50.0, 180.0], nodes=7)
-        found, right = call(backend="opencl"), call()
-        assert device.session().form == "gpu"
-        assert_close(found.mueller, right.mueller, rtol=0.0, atol=1e-13)
-
-    def test_no_device_is_no_reason_to_take_the_processor(
-        self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
-        with pytest.raises(DeviceError, match="there is no OpenCL platform"):
-            vrte.radiance(self.scene, **self.request, backend="opencl")
+WAYS = ("launch", "upload", "download", "empty")
 
 
-class TestCommand:
-    @pytest.mark.parametrize(
-        ("broken", "asked_for", "taken"),
-        [
-            ("", "", "1, the CPU by PoCL, the faster driver"),
-            ("it fails", "", "0, the only CPU (passed over: 1)"),
-            ("it fails", "0", "0, VRTE_OPENCL_DEVICE=0"),
-        ],
-    )
-    def test_the_table(
-        self,
-        broken: str,
-        asked_for: str,
-        taken: str,
-        alone: dict[str, Any],
-        capsys: pytest.CaptureFixture[str],
-        monkeypatch: pytest.MonkeyPatch,
-    ) -> None:
-        found = (PROCESSOR, BY_POCL)
-        tried = {(i, each.platform, each.name): broken * i for i, each in enumerate(found)}
-        alone.update(process=os.getpid(), devices=found, complaints=tried)
-        monkeypatch.setenv(device.VARIABLE, asked_for)
-        assert cli.main(["devices"]) == 0
-        text = capsys.readouterr().out
-        assert text.endswith(f"  taken: {taken}\n")
-        assert text.count("\n     on ") == len(found)
-        for each in found:
-            assert f" {each.name} " in text
-            assert f"\n     on {each.platform}\n" in text
-        assert re.findall(r"^ \* (\d)", text, re.MULTILINE) == [taken[0]]
-        assert text.count("never taken: it fails") == bool(broken)
+@pytest.mark.parametrize(
+    ("backend", "method"),
+    [
+        *(("opencl", method) for method in WAYS),
+        *(
+            pytest.param(backend, method, marks=pytest.mark.slow)
+            for backend in ("opencl+lapack", "sequential+device")
+            for method in WAYS
+        ),
+    ],
+)
+def test_an_error_in_the_middle_of_a_solve_then_a_right_answer(
+    backend: str, method: str, reopening: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = vrte.radiance(SCENE, **BACKEND)
+    original, count = getattr(Session, method), {"calls": 0, "fails at": 0}
 
-    @pytest.mark.parametrize(
-        ("found", "variable", "complaint"),
-        [
-            ((SMALL,), "x", "VRTE_OPENCL_DEVICE=x fits no OpenCL device: 0 = Card S (Maker)"),
-        ],
-    )
-    def test_no_device_that_will_do(
-        self,
-        found: tuple[Device, ...],
-        variable: str,
-        complaint: str,
-        alone: dict[str, Any],
-        capsys: pytest.CaptureFixture[str],
-        monkeypatch: pytest.MonkeyPatch,
-    ) -> None:
-        alone.update(process=os.getpid(), devices=found)
-        monkeypatch.setenv(device.VARIABLE, variable)
-        assert cli.main(["devices"]) == 1
-        output = capsys.readouterr()
-        assert found[0].name in output.out
-        assert "taken: none" in output.out
-        assert output.err == f"vrte: error: {complaint} (docs/how_to/opencl.md)\n"
+    def counted(*arguments: Any, **named: Any) -> Any:
+        count["calls"] += 1
+        if count["calls"] == count["fails at"]:
+            raise error_of("clX", "OUT_OF_RESOURCES" if method == "empty" else "DEVICE_NOT_AVAILABLE")
+        return original(*arguments, **named)
 
-    def test_no_device_at_all(
-        self, alone: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
-        assert cli.main(["devices"]) == 1
-        output = capsys.readouterr()
-        assert output.out == ""
-        assert output.err.startswith("vrte: error: there is no OpenCL platform")
-        assert output.err.count("\n") == 1
-
-    def test_rates(self, opencl: Session, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(report, "SIZES", ((16, 4), (24, 2)))
-        monkeypatch.setattr(report, "SECONDS", 1e-4)
-        assert all(
-            rate.device > 0.0 < rate.blas for rate in report.measure_rates(opencl, 1)
-        )  # of a GPU, less than is printed
-        assert cli.main(["devices", "--measure"]) == 0
-        rows = capsys.readouterr().out.splitlines()[-2:]
-        for row, size in zip(rows, ("16 x 16", "24 x 24"), strict=True):
-            assert row.split("  ")[1] == size
-            assert len([float(number) for number in row.split()[3:]]) == 4
+    monkeypatch.setattr(Session, method, counted)
+    vrte.radiance(SCENE, **BACKEND, backend=backend)
+    calls = count["calls"]
+    assert calls
+    for fails_at in sorted({1, max(1, calls // 2), calls}):
+        count.update({"calls": 0, "fails at": fails_at})
+        with pytest.raises(DeviceError, match="ran out of memory" if method == "empty" else "was lost on the way"):
+            vrte.radiance(SCENE, **BACKEND, backend=backend)
+        assert not reopening["sessions"]
+    count["fails at"] = 0
+    found = vrte.radiance(SCENE, **BACKEND, backend=backend)
+    assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-13)
 
 
-def test_the_error_is_public() -> None:
-    assert vrte.DeviceError is DeviceError
-    assert errors.make_device_error(ValueError("x")) is None
+def test_threads_take_turns(opencl: Session) -> None:
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.1, 0.5, 0.9, 1.0)]
+    calls = [(scene, backend) for scene in scenes for backend in ("opencl", "opencl+lapack", "sequential+device")]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda call: vrte.radiance(call[0], **BACKEND, backend=call[1]), calls))
+    for (scene, _), field in zip(calls, found, strict=True):
+        assert_close(field.stokes, vrte.radiance(scene, **BACKEND).stokes, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("broken", "asked_for", "taken", "complaint"),
+    [
+        ("", "", f"1, {FASTER}", ""),
+        ("it fails", "", "0, the only CPU (passed over: 1)", ""),
+        ("it fails", "0", "0, VRTE_OPENCL_DEVICE=0", ""),
+        (
+            "",
+            "y",
+            "none",
+            f"VRTE_OPENCL_DEVICE=y fits no OpenCL device: 0 = Processor X (Portable), 1 = Processor X ({probe.POCL})",
+        ),
+    ],
+)
+def test_the_table_of_the_command(
+    broken: str,
+    asked_for: str,
+    taken: str,
+    complaint: str,
+    alone: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = (PROCESSOR, BY_POCL)
+    tried = {(i, each.platform, each.name): broken * i for i, each in enumerate(found)}
+    alone.update(process=os.getpid(), devices=found, complaints=tried)
+    monkeypatch.setenv(device.VARIABLE, asked_for)
+    assert cli.main(["devices"]) == bool(complaint)
+    text, said = capsys.readouterr()
+    assert f"  taken: {taken}" in text
+    assert text.count("\n     on ") == len(found)
+    for each in found:
+        assert f" {each.name} " in text
+        assert f"\n     on {each.platform}\n" in text
+    assert re.findall(r"^ \* (\d)", text, re.MULTILINE) == re.findall(r"^\d", taken)
+    assert text.count("never taken: it fails") == bool(broken)
+    assert said.splitlines()[-1:] == [f"vrte: error: {complaint} (docs/how_to/opencl.md)"] * bool(complaint)
+    lines = describe_devices([BY_POCL, BY_INTEL], 1, "the only CPU", {0: OLD, 1: ""}).splitlines()
+    assert lines[3] == f"     never taken: {OLD}"
+    assert sum("never taken" in line for line in lines) == 1
+
+
+def test_rates_are_measured(
+    opencl: Session, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "SIZES", ((16, 4), (24, 2)))
+    monkeypatch.setattr(report, "SECONDS", 1e-4)
+    assert all(rate.device > 0.0 < rate.blas for rate in report.measure_rates(opencl, 1))  # of a GPU, less than printed
+    assert cli.main(["devices", "--measure"]) == 0
+    rows = capsys.readouterr().out.splitlines()[-2:]
+    for row, size in zip(rows, ("16 x 16", "24 x 24"), strict=True):
+        assert row.split("  ")[1] == size
+        assert len([float(number) for number in row.split()[3:]]) == 4
+
+
+class TestSharing:
+    """The device that computes here under two names, a session each."""
+
+    asked = {"mu_i": [0.3, 0.8], "mu_o": [0.2, 0.9], "phi": [0.0, 70.0], "nodes": 6, "backend": "opencl"}  # noqa: RUF012
+    scenes = tuple(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.5 + 0.1 * k, np.inf)]) for k in range(5))
+    pytestmark = pytest.mark.slow
+
+    @pytest.fixture
+    def both(self, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> tuple[Device, Device]:
+        chosen = device.find_chosen_device()
+        found = chosen, replace(chosen, name="The second")
+        alone["devices"] = found
+        monkeypatch.setattr(device, "_find_devices", lambda: found)
+        monkeypatch.setenv(device.VARIABLE, "0,1")
+        monkeypatch.setattr(share_devices, "_speeds", {})
+        return found
+
+    def test_the_same_light_as_from_one(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
+        """One scene goes to the first."""
+        told: list[tuple[int, int]] = []
+        found = vrte.brdfs(self.scenes, **self.asked, progress=lambda done, total: told.append((done, total)))
+        assert {each.diagnostics["device"] for each in found} == {each.name for each in both}
+        assert told[-1][0] == told[-1][1] == 500
+        assert sorted(done for done, _ in told) == [done for done, _ in told]
+        assert vrte.brdf(self.scenes[0], **self.asked).diagnostics["device"] == both[0].name
+        monkeypatch.setenv(device.VARIABLE, device.read_wanted_device().split(",")[0])
+        for each, right in zip(found, vrte.brdfs(self.scenes, **self.asked), strict=True):
+            np.testing.assert_array_equal(each.mueller, right.mueller)
+
+    def test_a_device_that_fails(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
+        with device.take_device(device.devices().index(both[1])):
+            second = device.session()
+        monkeypatch.setattr(second, "launch", raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE"))
+        with pytest.raises(DeviceError, match=r"which shared the work: the OpenCL device was lost") as raised:
+            vrte.brdfs(self.scenes, **self.asked)
+        assert str(raised.value).startswith(f"{both[1].name} ({both[1].platform})")
+        assert len(vrte.brdfs(self.scenes, **self.asked)) == 5
+
+    def test_ctrl_c_reaches_all(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
+        begun, whole = threading.Barrier(3), carry_out.carry_out_batch
+
+        def slow(plans: Any, engine: Any, run: Any, steps: Any) -> Any:
+            begun.wait(10.0)
+            while not run.stop[0]:
+                time.sleep(0.01)
+            return whole(plans, engine, run, steps)
+
+        monkeypatch.setattr(carry_out, "carry_out_batch", slow)
+        plans: list[Any] = [vrte.plan("brdf", scene, **self.asked) for scene in self.scenes]
+        run = Run(2)
+        stopping = threading.Thread(target=lambda: (begun.wait(10.0), run.stop.__setitem__(0, 1)))
+        stopping.start()
+        with pytest.raises(KeyboardInterrupt):
+            share_devices.carry_out_on_devices(plans, engine.open_engine(), run)
+        stopping.join()
