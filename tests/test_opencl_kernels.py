@@ -317,29 +317,21 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
 
 
 def test_one_launch_is_for_many_items_or_little_work(opencl: Session) -> None:
+    """Slow doubles make it dear: a unit of an RTX 4090 has a 60th of an H100's, but its floats."""
     units = opencl.units
     assert steps.is_quicker_fused(opencl, 1, 1e4)
     assert steps.is_quicker_fused(opencl, 3 * units, 1e12)
     assert not steps.is_quicker_fused(opencl, 3 * units + 1, 1e12) or units == 1
 
+    def describe(major: int, minor: int, precision: str = "double") -> Any:
+        names = {"compute_capability_major_nv": major, "compute_capability_minor_nv": minor}
+        card = SimpleNamespace(type=pyopencl.device_type.GPU, max_clock_frequency=2000, **names)
+        return SimpleNamespace(device=card, form="gpu", precision=precision, units=130)
 
-def test_slow_doubles_make_one_launch_dear() -> None:
-    """A unit of an RTX 4090 has a 60th of an H100's doubles, but its floats."""
-
-    def describe(architecture: tuple[int, int], precision: str) -> Any:
-        major, minor = architecture
-        device = SimpleNamespace(
-            type=pyopencl.device_type.GPU,
-            max_clock_frequency=2000,
-            compute_capability_major_nv=major,
-            compute_capability_minor_nv=minor,
-        )
-        return SimpleNamespace(device=device, form="gpu", precision=precision, units=130)
-
-    assert steps.find_rate(describe((8, 9), "double")) < 0.1 * steps.find_rate(describe((9, 0), "double"))
-    assert steps.find_rate(describe((8, 9), "single")) == steps.find_rate(describe((9, 0), "single"))
-    assert steps.is_quicker_fused(describe((9, 0), "double"), 120, 1e8)
-    assert not steps.is_quicker_fused(describe((8, 9), "double"), 120, 1e8)
+    assert steps.find_rate(describe(8, 9)) < 0.1 * steps.find_rate(describe(9, 0))
+    assert steps.find_rate(describe(8, 9, "single")) == steps.find_rate(describe(9, 0, "single"))
+    assert steps.is_quicker_fused(describe(9, 0), 120, 1e8)
+    assert not steps.is_quicker_fused(describe(8, 9), 120, 1e8)
 
 
 def test_what_was_put_off_is_done_before_anything_else(opencl: Session) -> None:
