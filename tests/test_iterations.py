@@ -18,7 +18,6 @@ from vrte.discrete_ordinates.orders.tanh_poles import (
     STEEPEST,
     STEEPEST_INSIDE,
     Faces,
-    Tangent,
     find_tangent,
     fit_depths,
     reflect_by_fractions,
@@ -127,61 +126,6 @@ def test_thin_slabs_and_grazing_beams_keep_the_accuracy(
     limit = (1e-13 if thickness < 1e-9 else 1e-9) * np.maximum(right.flux_up, right.flux_down)
     assert (np.abs(found.flux_up - right.flux_up) <= limit).all()
     assert (np.abs(found.flux_down - right.flux_down) <= limit).all()
-
-
-def sum_by_definition(problem: Problem, order: int, tangent: Tangent, inside: np.ndarray) -> np.ndarray:
-    """(C +- E S) (1 + E f(F E))^-1 -+ (C +- F S) (1 + F f(E F))^-1 on the nodes, light up and down, (1 + depth, 2,
-    n_rhs, n), of the beams as nodes without weight, by dense inverses; first what leaves at the faces, 2 for C + E S.
-    ``inside``: as of `fit_depths`."""
-    matrices = assemble(problem, np.array([order], np.int32), Run(1))
-    n, r, half = problem.size, problem.n_rhs, 0.5 * float(problem.thickness[0])
-    beams = np.kron(np.eye(problem.mu0.size), problem.columns)  # (n_rhs, S n_in)
-
-    def extend(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
-        return np.block(
-            [
-                [inside.T, -source.T @ beams.T],
-                [np.zeros((r, n)), np.diag(np.repeat(1.0 / problem.mu0, r // problem.mu0.size))],
-            ]
-        )
-
-    E, F = extend(matrices.E[0, 0], matrices.source_d[0, 0]), extend(matrices.F[0, 0], matrices.source_s[0, 0])
-    one = np.eye(n + r)
-
-    def sum_fractions(A: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        poles = zip(tangent.place, shares[1:], strict=True)
-        found: np.ndarray = shares[0] * one + sum(s * np.linalg.inv(half**2 * A + p * one) for p, s in poles)
-        return found
-
-    def halve(E: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """C v and E S v, (1 + depth, 2, n_rhs, n), v = (1 + E f)^-1 source."""
-        v = np.linalg.inv(one + half * E @ sum_fractions(F @ E, np.append(tangent.constant, tangent.share)))
-        found = [(2.0 * v, np.zeros_like(v))]
-        for even, odd in zip(*inside, strict=True):
-            found.append((sum_fractions(F @ E, even) @ v, half * E @ sum_fractions(F @ E, odd) @ v))
-        return np.array([[each[:n, n:].T for each in pair] for pair in found])
-
-    even, odd = halve(E, F), halve(F, E)
-    up, down = even[:, 0] + even[:, 1] - odd[:, 0] - odd[:, 1], even[:, 0] - even[:, 1] + odd[:, 0] - odd[:, 1]
-    return 0.5 * np.stack([up, down], axis=1)
-
-
-@pytest.mark.parametrize("order", [0, 1, 5])
-def test_they_are_what_is_defined(order: int) -> None:
-    """Light on the nodes by inverses of whole matrices, beams among the unknowns; scattering by scattering at depths
-    as well."""
-    orders = np.array([order], np.int32)
-    problem = discretise(0.97, 1.0)
-    tangent = find_tangent(0.5 / float(problem.directions.min()))
-    found = reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
-    wanted = sum_by_definition(problem, order, tangent, np.empty((2, 0, 1)))
-    assert_close(found.on_nodes[0, 0], wanted[0], rtol=0.0, atol=2e-10)
-    problem = discretise(0.97, 1.0, share=(0.3, 0.9))
-    tangent, inside = fit_depths(0.5 / float(problem.directions.min()), np.array([-0.4, 0.8]))
-    found = scatter_by_fractions(problem, orders, 1e-10, Run(1))
-    wanted = sum_by_definition(problem, order, tangent, inside)
-    assert_close(found.on_nodes[0, 0], wanted[0], rtol=0.0, atol=1e-12)
-    assert_close(found.on_nodes_inside[0, 0], wanted[1:], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.isotropic(), vrte.henyey_greenstein(0.2, 24)])

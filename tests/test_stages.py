@@ -16,7 +16,6 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
@@ -25,7 +24,6 @@ from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
 from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_mode_coordinates, reconstruct
 from vrte.discrete_ordinates.orders.routes import Modes as RouteOfModes
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
 from vrte.discrete_ordinates.orders.slabs import cut_layers, join_stack
@@ -33,7 +31,7 @@ from vrte.discrete_ordinates.planning.blocks import choose_node_counts
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
-from .literal import legendre_matrix, slab, star
+from .literal import a_matrix, slab, star
 from .samples import largest_gap, spheroids
 
 NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45
@@ -61,11 +59,9 @@ def modes(problem: Problem, matrices: Assembled) -> Modes:
 
 def kernel(m: int, to: np.ndarray, frm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pp + Pm and Pp - Pm, (4 to, 4 from): A(mu, mu') and A(mu, -mu') D."""
-    table = spheroids().coefficients
-    same = _core.phase_matrices(m, table, to, frm)
-    other = _core.phase_matrices(m, table, to, -frm) @ FLIP
-    flat = [a.transpose(0, 2, 1, 3).reshape(4 * to.size, 4 * frm.size) for a in (same + other, same - other)]
-    return flat[0], flat[1]
+    same, other = (a_matrix(m, spheroids().coefficients, to, sign * frm) for sign in (1.0, -1.0))
+    other = other @ np.kron(np.eye(frm.size), FLIP)
+    return same + other, same - other
 
 
 def exponents(modes: Modes, o: int) -> np.ndarray:
@@ -107,52 +103,6 @@ def test_modes_solve_the_halved_eigenproblem(matrices: Assembled, modes: Modes) 
         assert_close(E @ X, Y @ lam, rtol=0.0, atol=1e-11 * np.abs(lam).max())
         complex_pairs += int(np.count_nonzero(modes.lam_im[o]))
     assert complex_pairs > 0
-
-
-def test_the_field_obeys_its_equation_and_its_boundaries(problem: Problem, matrices: Assembled, modes: Modes) -> None:
-    """s' = -F d + q_s, d' = -E s + q_d by central differences; nothing falls in at the top or at the bottom."""
-    run = Run(1)
-    order = np.array([0], np.int32)
-    first = Assembled(*(getattr(matrices, name)[:1] for name in Assembled.__dataclass_fields__))
-    found = find_modes(problem, order, first, run)
-    beam = find_beam_field(problem, first, found, run)
-    amplitudes = solve_boundary(problem, order, found, beam, expand_base(BLACK, problem, 1), run)
-
-    def field(depth: float) -> tuple[np.ndarray, np.ndarray]:
-        y, z = find_mode_coordinates(problem, 0, depth, found, beam, amplitudes)
-        return y @ found.X[0, 0], z @ found.Y[0, 0]
-
-    depth, step = 0.8, 1e-4
-    (s, d), (s2, d2), (s1, d1) = field(depth), field(depth + step), field(depth - step)
-    E, F = first.E[0, 0].T, first.F[0, 0].T
-    light = np.exp(-depth / MU0)
-    assert_close((s2 - s1) / (2 * step), -d @ F.T + light * first.source_s[0, 0], rtol=0.0, atol=1e-5)
-    assert_close((d2 - d1) / (2 * step), -s @ E.T + light * first.source_d[0, 0], rtol=0.0, atol=1e-5)
-    (s, d), (s2, d2) = field(0.0), field(THICKNESS)
-    assert np.abs(s + d).max() < 1e-13
-    assert np.abs(s2 - d2).max() < 1e-13
-
-
-@pytest.mark.parametrize("stage", ["assemble", "homogeneous", "particular", "boundary", "reconstruct"])
-def test_stages_do_not_depend_on_threads(problem: Problem, stage: str) -> None:
-    def run_all(threads: int) -> dict[str, list[np.ndarray]]:
-        run = Run(threads)
-        built = assemble(problem, ORDERS, run)
-        found = find_modes(problem, ORDERS, built, run)
-        beam = find_beam_field(problem, built, found, run)
-        base = expand_base(BLACK, problem, 4)
-        amplitudes = solve_boundary(problem, ORDERS, found, beam, base, run)
-        out = reconstruct(problem, ORDERS, built, found, beam, amplitudes, base, run)
-        return {
-            "assemble": list(vars(built).values()),
-            "homogeneous": list(vars(found).values()),
-            "particular": list(vars(beam).values()),
-            "boundary": list(vars(amplitudes).values()),
-            "reconstruct": [out],
-        }
-
-    for one, other in zip(run_all(1)[stage], run_all(2)[stage], strict=True):
-        assert np.array_equal(one, other)
 
 
 def flux_turn(problem: Problem) -> np.ndarray:
@@ -307,17 +257,6 @@ def test_symmetric_modes_invert_themselves(nodes: int) -> None:
         # each c alone depends on how k stands to 1/mu0, but c X summed over the modes does not depend on their scale
         fields.append(np.stack([np.einsum("olrj,olji->olri", c, modes.X) for c in (beam.c, beam.zeta)]))
     assert_close(fields[0], fields[1], rtol=0.0, atol=1e-10 * np.abs(fields[1]).max())
-
-
-def test_spherical_functions_against_wigners_sum() -> None:
-    mu = np.array([-1.0, -0.8, 0.0, 0.3, 1.0])
-    for m in range(5):
-        functions = _core.generalized_spherical_functions(m, 9, mu)
-        assert not functions[:m].any()
-        for l in range(m, 9):
-            matrix = legendre_matrix(l, m, mu)
-            expected = np.stack([matrix[:, 0, 0], matrix[:, 1, 1], -matrix[:, 1, 2]], axis=1)
-            assert_close(functions[l], expected, rtol=0.0, atol=1e-13)
 
 
 def test_path_integrals_by_quadrature() -> None:

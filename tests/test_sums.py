@@ -12,7 +12,7 @@ from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
 from .helpers import assert_close
-from .literal import wigner
+from .literal import a_matrix, azimuthal_sum
 from .samples import scattered
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
@@ -117,54 +117,20 @@ def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
     assert_close(np.sin(np.radians(folded)), np.sin(np.radians(phi)), rtol=0.0, atol=1e-15)
 
 
-def scattering_matrix(coefficients: np.ndarray, x: float) -> np.ndarray:
-    """F at the cosine x, by Wigner's d at it."""
-    p, q, u, w = (
-        np.array([wigner(l, m, k, np.array([x]))[0] for l in range(len(coefficients))])
-        for m, k in ((0, 0), (0, 2), (2, 2), (2, -2))
-    )
-    a1, a2, a3, a4, b1, b2 = coefficients.T
-    f11, f44, f12, f34, sums, gaps = a1 @ p, a4 @ p, -b1 @ q, -b2 @ q, (a2 + a3) @ u, (a2 - a3) @ w
-    f22, f33 = 0.5 * (sums + gaps), 0.5 * (sums - gaps)
-    return np.array([[f11, f12, 0, 0], [f12, f22, 0, 0], [0, 0, f33, f34], [0, 0, -f34, f44]])
-
-
-def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) -> np.ndarray:
-    """Z(mu, -mu0, phi) between meridian planes: F at the scattering angle, turned on both sides; phi in degrees."""
-
-    def frame(u: float, azimuth: float) -> np.ndarray:
-        """Theta-hat, r = l x k, and k, one a row."""
-        s, (c, n) = np.sqrt((1 - u) * (1 + u)), (float(v) for v in compute_cos_sin(np.array(azimuth)))
-        l, k = np.array([u * c, u * n, -s]), np.array([s * c, s * n, u])
-        return np.array([l, np.cross(l, k), k])
-
-    def turn(axes: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """From the meridian plane's axes to the plane with r along `normal`."""
-        c, s = normal @ axes[1], -(normal @ axes[0])
-        c, s = (c * c - s * s) / (c * c + s * s), 2 * c * s / (c * c + s * s)
-        return np.array([[1, 0, 0, 0], [0, c, s, 0], [0, -s, c, 0], [0, 0, 0, 1]])
-
-    into, out = frame(-mu0, 0.0), frame(mu, phi)
-    normal = np.cross(out[2], into[2])
-    if normal @ normal < 1e-18:  # straight on and straight back
-        normal = out[1]
-    f = scattering_matrix(coefficients, float(np.clip(out[2] @ into[2], -1.0, 1.0)))
-    return turn(out, normal).T @ f @ turn(into, normal)
-
-
 SPHERE = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
 
 
 @pytest.mark.parametrize("terms", [1, 2, 3, 4, 16])
 def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: int) -> None:
-    """Straight on and straight back included, where a plane has to be chosen; with AVX2 and without."""
+    """The sum over all orders, straight on and straight back included, where a plane has to be chosen; with AVX2
+    and without."""
     coefficients = SPHERE[:terms]
     mu0, mu = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
     path = np.random.default_rng(2).uniform(0.5, 2.0, (2, 3, 6))
     path[1, 2, 4] = path[:, 0, 1] = 0.0
     phi = np.append(FULL_TURN, np.linspace(1.0, 170.0, 7))  # more than one vector's
-    z = np.array([[[phase_matrix(coefficients, *pair, f) for f in phi] for pair in ((i, j) for j in mu)] for i in mu0])
-    expected = 1.0 + path[..., None, None, None] * z
+    orders = [a_matrix(m, coefficients, -mu, mu0).reshape(6, 4, 3, 4).transpose(2, 0, 1, 3) for m in range(terms)]
+    expected = 1.0 + path[..., None, None, None] * azimuthal_sum(np.array(orders), phi)
     for wide in (True, False):
         out = np.ones((2, 3, 6, phi.size, 4, 4))
         scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), out, wide=wide)
