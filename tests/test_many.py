@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte import _core
 from vrte.basics.errors import SceneError
-from vrte.basics.running import ThreadTeam
 from vrte.calls import alike
 from vrte.cli import main
 from vrte.formats import load
@@ -133,44 +131,6 @@ def test_results_are_read_only_and_go_through_pickles_and_bad_scenes_are_named()
     assert vrte.brdfs([], MU, MU) == []
     with pytest.raises(SceneError, match=r"scene 2 of 2: scene must be a vrte\.Scene, not str"):
         vrte.brdfs([make_scenes(1)[0], "gold"], MU, MU)
-
-
-def test_loops_over_stacks_are_those_of_each_scene():
-    draw, crew = np.random.default_rng(5), ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32))
-    above = np.array([[0.0, 0.3], [0.0, 1.5]])
-    thickness = np.array([[0.3, 0.4], [1.5, 0.1]])
-    level, at, chosen = np.array([[0.0, 0.4], [0.0, 0.1]]), np.array([0, 1], np.int32), np.array([0, 1], np.int32)
-    where = {"level_layer": at, "chosen": chosen, "mu0": MU, "mu": np.array([0.3, -0.6])}
-    every = _core.path_integrals(
-        above=above.ravel(), thickness=thickness.ravel(), level=level.ravel(), slab_stacks=2, **where
-    )
-    for k in range(2):
-        one = _core.path_integrals(above=above[k], thickness=thickness[k], level=level[k], **where)
-        assert np.array_equal(every[2 * k : 2 * k + 2], one)
-    coefficients = np.stack([vrte.henyey_greenstein(g, 6).coefficients for g in (0.05, 0.1, 0.2, 0.15)])
-    terms, albedo, weights = np.full(4, 6, np.int32), draw.uniform(0.2, 1.0, 4), np.array([0.5, 0.5])
-
-    def bound(rows, piles):
-        found = np.empty((rows.size, 6)), np.empty(6 * piles), np.empty((6 * piles, 2))
-        _core.order_bounds(
-            crew,
-            coefficients=coefficients[rows],
-            terms=terms[rows],
-            albedo=albedo[rows],
-            directions=np.array([0.2, 0.8, 0.3, 0.6]),
-            weights=weights,
-            n_out=1,
-            strength=found[0],
-            bounds=found[1],
-            effect=found[2],
-            slab_stacks=piles,
-        )
-        return found
-
-    both = bound(np.arange(4), 2)
-    apart = zip(bound(np.arange(2), 1), bound(np.arange(2, 4), 1), strict=True)
-    for whole, halves in zip(both, apart, strict=True):
-        assert np.array_equal(whole, np.concatenate(halves))
 
 
 MU0, SEEN, TURNS, TAU = [0.3, 0.6, 1.0], [0.2, 0.7, -0.4], [0.0, 60.0, 190.0], [0.0, 0.4, 1.5]
