@@ -82,7 +82,7 @@ ORDINATES = list_faults(
     ("base-sign", "discrete_ordinates/orders/base.py", "(FLIP[:, None] * orders)", "(1.0 * orders)",
      "sign of U and V that a base sends up", "bases"),
     ("graded-flux", "discrete_ordinates/orders/phase_assembly.py", "and not problem.is_exact:", "and problem.is_exact:",
-     "nodes that are not Gauss's lose flux", "energy_balance discrete_ordinates"),
+     "nodes that are not Gauss's lose flux", "energy_balance every_way"),
     ("gmres", "discrete_ordinates/orders/routes.py", 'of_scatterings": 1e-9', 'of_scatterings": 1e9',
      "moments that do not satisfy their equation are taken", "iterations"),
     ("residual", "discrete_ordinates/orders/routes.py", '"residual_of_modes": 1e-9,', '"residual_of_modes": 1e9,',
