@@ -157,6 +157,9 @@ def test_light_is_reconstructed_in_groups_and_ends_when_told(monkeypatch: pytest
     np.testing.assert_array_equal(play(stages, "reconstruct", given)["out"], whole)
     np.testing.assert_array_equal(play(stages, "reconstruct", given, stopped=True)["out"], given["out"])
     assert (given["out"] != after["out"]).any()
+    summed = next(call[1] for call in recorded("inside layers", "modes") if call[0] == "azimuthal_sum")
+    nothing = play(stages, "azimuthal_sum", summed | {"last": summed["first"]})
+    np.testing.assert_array_equal(nothing["out"], summed["out"])
 
 
 def test_accuracy_is_kept() -> None:

@@ -71,9 +71,11 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
         vrte.Scene([vrte.Interface(1.0, 1.3), layer()]),
         vrte.Scene([layer(albedo=0.0)]),
     ]
-    scenes = make_scenes()
-    together = vrte.brdfs([*scenes, *odd], MU, MU, PHI, **HOW)
+    scenes, told = make_scenes(), []
+    together = vrte.brdfs([*scenes, *odd], MU, MU, PHI, **HOW, progress=lambda *at: told.append(at))
     assert count_together(together) == len(scenes)
+    assert told == sorted(told)
+    assert told[-1] == (2200, 2200)
     for scene, found in zip([*scenes, *odd], together, strict=True):
         assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW))
     assert all(found.diagnostics["solved_together"] > 1 for found in together[: len(scenes)])
@@ -81,7 +83,7 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
     for scene, found in zip(scenes, through, strict=True):
         assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW, transmission=True))
     monkeypatch.setattr(alike, "BATCH_BYTES", 1.0)
-    told = []
+    told.clear()
     again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2, progress=lambda *at: told.append(at))
     assert told == sorted(told)
     assert told[-1] == (1400, 1400)

@@ -334,14 +334,18 @@ CARD = device.Device("Maker", "Card", "gpu", True, 1 << 33, 1 << 31, 40, "1")
 
 def test_which_precision_the_rule_takes(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Doubles are timed: on a processor one takes twice the room of a float, and no more than that."""
-    monkeypatch.setattr(rules, "TIMED", (1 << 11, 64))
-    monkeypatch.setattr(opencl, "constants", {})
-    assert 0.5 < rules.measure_ratio(opencl) < rules.SLOW or not opencl.on_host
-    for ratio, precision in ((2.0, "double"), (32.0, "mixed")):
-        monkeypatch.setattr(rules, "measure_ratio", lambda session, ratio=ratio: ratio)
-        rule = f"doubles take {ratio:.2g} times as long as floats here"
-        assert rules.choose_precision("auto", 1e-8, CARD, lambda: None) == (precision, rule)
+    with monkeypatch.context() as patch:
+        for ratio, precision in ((2.0, "double"), (32.0, "mixed")):
+            patch.setattr(rules, "measure_ratio", lambda session, ratio=ratio: ratio)
+            rule = f"doubles take {ratio:.2g} times as long as floats here"
+            assert rules.choose_precision("auto", 1e-8, CARD, lambda: None) == (precision, rule)
     processor = rules.choose_precision("auto", 1e-3, replace(CARD, kind="cpu"))
     assert processor == ("double", "a processor's doubles are quick")
     with pytest.raises(vrte.DeviceError, match="Card has no doubles, which precision 'mixed' needs"):
         rules.choose_precision("mixed", 1e-8, replace(CARD, double_precision=False))
+    monkeypatch.setattr(rules, "TIMED", (1 << 11, 64))
+    ratios = []
+    for _ in range(3):  # others may be at work in one of them
+        monkeypatch.setattr(opencl, "constants", {})
+        ratios.append(rules.measure_ratio(opencl))
+    assert 0.5 < min(ratios) < rules.SLOW or not opencl.on_host
