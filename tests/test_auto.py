@@ -239,7 +239,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         'nodes = 6\n[[layer]]\nphase = "isotropic"\nalbedo = 0.9\nthickness = 1.0\n[field]\nmu0 = 0.6\nmu = [0.5]\n',
         encoding="utf-8",
     )
-    command = ["field", str(file), "-o", str(tmp_path / "out.nc"), "--method", "auto", "--threads", "1"]
+    command = ["field", str(file), "-o", str(tmp_path / "out.csv"), "--method", "auto", "--threads", "1"]
     assert main([*command, "--accuracy", "1e-3"]) == 0
     assert "auto, rule 2 (accuracy)" in capsys.readouterr().out
     assert main([*command, "--nodes", "8"]) == 2

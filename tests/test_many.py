@@ -148,7 +148,7 @@ SCENE = vrte.Scene(
     [
         {"nodes": 8},
         {"accuracy": 1e-3},
-        {"nodes": 3, "method": "adding-doubling"},
+        {"nodes": 3, "method": "matrix-operator"},
         {"method": "single-scattering"},
         {"nodes": 6, "illuminate": "bottom"},
     ],

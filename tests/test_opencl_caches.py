@@ -138,7 +138,8 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 class TestArchive:
     @pytest.mark.parametrize(
-        "damage", [None, "a bit", *(pytest.param(name, marks=pytest.mark.slow) for name in [*DAMAGES][1:])]
+        "damage",
+        ["a bit", *(pytest.param(name, marks=pytest.mark.slow) for name in [None, *DAMAGES] if name != "a bit")],
     )
     def test_it_holds_what_was_compiled_and_damage_is_made_good(
         self, pocl: None, damage: str | None, home: Path
