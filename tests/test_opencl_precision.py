@@ -13,12 +13,11 @@ import pytest
 import vrte
 from vrte.cl import device, invariance, mixed
 from vrte.cl import precision as rules
-from vrte.cl.matrices import Stack, download_stack, make_stack, multiply_stacks, upload_stack
+from vrte.cl.matrices import download_stack, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import OPTIONS_OF, REALS, read_sources
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 
 from . import opencl_scenes
-from .helpers import assert_close
 from .samples import spheroids
 
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -262,60 +261,6 @@ def test_what_does_not_settle_is_solved_in_doubles(opencl: Any, monkeypatch: pyt
         here, there = (opencl.download(getattr(one, name)) for one in (found, double))
         assert (here[2] == there[2]).all()
     assert (opencl.download(found.up)[[0, 1, 3]] == usual[[0, 1, 3]]).all()
-
-
-def test_a_correction_solves_its_equations(either_form: Any) -> None:
-    """d = r + (d K + (d K)^T) Q/2 over 1/mu + 1/mu' as one system of equations, on the nodes and off them."""
-    asked = ask([0.9], [1], 1e-9, nodes=3)
-    work = mixed.make_mixing(either_form, asked)
-    low, narrow = work.low, work.narrow
-    work.converge_roughly(narrow.nodes, low.zeros((1,), np.int32), None)
-    K = work.make_K()
-    matrix = download_stack(low, K)[0].T
-    for rows in (narrow.nodes, narrow.off):
-        count, n, ld = rows.phi.rows, work.n, rows.H.ld
-        r = np.zeros((1, n, ld))
-        r[0, :, :count] = np.random.default_rng(count).normal(size=(n, count))
-        row, column = (either_form.download(one.signed_mu) for one in (rows, narrow.nodes))
-        row, column = np.abs(row[:count, None]), column[None, :n]
-        share = 0.5 * column * row / (row + np.abs(column))
-        mirror = rows is narrow.nodes
-
-        def apply(d: np.ndarray, share: np.ndarray = share, mirror: bool = mirror) -> np.ndarray:
-            product = d @ matrix
-            return share * (product + product.T if mirror else product)
-
-        units = np.eye(count * n).reshape(-1, count, n)
-        system = np.eye(count * n) - np.stack([apply(unit).ravel() for unit in units], axis=1)
-        expected = np.linalg.solve(system, r[0, :, :count].T.ravel()).reshape(count, n)
-        d = low.zeros((1, n, ld))
-        work.correct(rows, low.upload(r), d, K, low.constant(asked[0]))
-        gap = np.abs(low.download(d)[0, :, :count].T - expected).max() / np.abs(expected).max()
-        assert gap < 10 * mixed.PROPER
-
-
-def test_renewed_rows(either_form: Any) -> None:
-    """H = +-phi + R phi on the nodes, from R at random."""
-    asked = ask([0.9], [0], 1e-9, nodes=3)
-    work = mixed.make_mixing(either_form, asked)
-    wide = work.wide
-    count_E, count_F = either_form.download(wide.counts)[0]
-    phi = either_form.download(wide.nodes.phi.data)[
-        0, : count_E + count_F
-    ]  # (column, row) of nodes, then of the others
-    for rows in (wide.nodes, wide.off):
-        n, ld = work.n, rows.H.ld
-        R = np.zeros((1, n, ld))
-        R[0, :, : rows.phi.rows] = np.random.default_rng(0).normal(size=(n, rows.phi.rows))
-        data = either_form.upload(R)
-        stack = Stack(data, rows.phi.rows, n, ld, n * ld)
-        Y = Stack(either_form.zeros((1, n, ld)), rows.phi.rows, n, ld, n * ld)
-        work.renew(either_form, rows, stack, Y, either_form.constant(asked[0]))
-        found = either_form.download(rows.H.data)[0, : count_E + count_F, : rows.phi.rows]
-        signs = np.where(np.arange(count_E + count_F) < count_E, 1.0, -1.0)[:, None]
-        first = rows.phi.first
-        expected = signs * phi[:, first : first + rows.phi.rows] + phi[:, :n] @ R[0, :, : rows.phi.rows]
-        assert_close(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_brdf_in_mixed_precision(opencl: Any) -> None:
