@@ -156,13 +156,13 @@ SINGLE: dict[str, Any] = {"precision": "single", "accuracy": 1e-4}
 NODES: dict[str, Any] = {"nodes": 2, "backend": "opencl", "precision": "double", "accuracy": 1e-4}
 PAIRS: dict[str, Any] = {"mu_i": [0.6], "mu_o": [0.3, 0.8, 1.0], "phi": [0.0, 40.0]}
 DEPTHS: dict[str, Any] = {"mu0": 0.6, "mu": [0.7, -0.4], "phi": [0.0, 40.0], "tau": [0.0, 0.2]}
-PILE = vrte.Scene(
+STACK = vrte.Scene(
     [vrte.Layer(vrte.rayleigh(), 0.6, 0.2), vrte.Layer(SPHERES, 0.0, 0.1), vrte.Layer(vrte.rayleigh(), 1.0, 0.3)],
     vrte.Lambertian(0.3),
 )
 
 
-def solve_endless(algorithm: str, **more: Any) -> None:
+def solve_semi_infinite(algorithm: str, **more: Any) -> None:
     """Two semi-infinite layers in one call, one of which has more degrees than the other."""
     scenes = [vrte.Scene([vrte.Layer(phase, 0.6, np.inf)]) for phase in (vrte.rayleigh(), SPHERES)]
     asked = PAIRS | NODES | {"algorithm": algorithm}
@@ -171,10 +171,10 @@ def solve_endless(algorithm: str, **more: Any) -> None:
         assert_close(one.mueller, other.mueller, rtol=0.0, atol=1e-4)
 
 
-def solve_pile(algorithm: str, **more: Any) -> None:
+def solve_stack(algorithm: str, **more: Any) -> None:
     """In and around layers that absorb, do not scatter, and do not absorb, over a base."""
     asked = DEPTHS | NODES | {"algorithm": algorithm}
-    found, right = (vrte.radiance(PILE, **(asked | own)) for own in (more, {"backend": "openmp", "precision": "auto"}))
+    found, right = (vrte.radiance(STACK, **(asked | own)) for own in (more, {"backend": "openmp", "precision": "auto"}))
     assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-4)
 
 
@@ -191,18 +191,18 @@ def launch_each_step(on: Session, solve: Callable[[], None]) -> None:
 CASES: dict[str, Callable[[Session], None]] = {
     "probe": try_devices,
     "matrices": multiply_and_invert,
-    "invariance": lambda on: solve_endless("invariance"),
-    "mixed": lambda on: solve_endless("invariance", precision="mixed", accuracy=1e-9),
-    "invariance in floats": lambda on: solve_endless("invariance", **SINGLE),
-    "endless": lambda on: solve_endless("doubling"),
-    "endless, a launch a step": lambda on: launch_each_step(on, lambda: solve_endless("doubling")),
-    "doubling": lambda on: solve_pile("doubling"),
-    "doubling, a launch a step": lambda on: launch_each_step(on, lambda: solve_pile("doubling")),
-    "doubling in floats": lambda on: solve_pile("doubling", **SINGLE),
-    "doubling in floats, a launch a step": lambda on: launch_each_step(on, lambda: solve_pile("doubling", **SINGLE)),
-    "modes": lambda on: solve_pile("modes", backend="opencl+lapack", precision="auto"),
-    "stages": lambda on: solve_pile("doubling", backend="opencl+lapack", precision="auto"),
-    "algebra": lambda on: solve_pile("doubling", backend="sequential+device", precision="auto"),
+    "invariance": lambda on: solve_semi_infinite("invariance"),
+    "mixed": lambda on: solve_semi_infinite("invariance", precision="mixed", accuracy=1e-9),
+    "invariance in floats": lambda on: solve_semi_infinite("invariance", **SINGLE),
+    "semi-infinite": lambda on: solve_semi_infinite("doubling"),
+    "semi-infinite, a launch a step": lambda on: launch_each_step(on, lambda: solve_semi_infinite("doubling")),
+    "doubling": lambda on: solve_stack("doubling"),
+    "doubling, a launch a step": lambda on: launch_each_step(on, lambda: solve_stack("doubling")),
+    "doubling in floats": lambda on: solve_stack("doubling", **SINGLE),
+    "doubling in floats, a launch a step": lambda on: launch_each_step(on, lambda: solve_stack("doubling", **SINGLE)),
+    "modes": lambda on: solve_stack("modes", backend="opencl+lapack", precision="auto"),
+    "stages": lambda on: solve_stack("doubling", backend="opencl+lapack", precision="auto"),
+    "algebra": lambda on: solve_stack("doubling", backend="sequential+device", precision="auto"),
 }
 
 

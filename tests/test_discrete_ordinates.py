@@ -329,7 +329,7 @@ def test_the_orders_of_a_block_that_pass_their_checks_stay(algorithm: str, monke
 @pytest.mark.filterwarnings("ignore::vrte.AccuracyWarning")  # 8 nodes are too few for 1500 terms
 def test_growing_modes_are_left_to_doubling() -> None:
     """1500 terms on 8 nodes: FE has negative eigenvalues, which modes refuse; the discrete problem has an answer. Only
-    what both routes vouch for is compared."""
+    what both routes verify is compared."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.99, 1500), 0.9, 0.5)])
     auto, doubled = (exact.brdf(scene, MU, MU, nodes=8, algorithm=a, verify=a == "auto") for a in ("auto", "doubling"))
     repeated, agreement = (auto.diagnostics[name] for name in ("orders_repeated", "agreement"))

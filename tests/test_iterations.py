@@ -140,7 +140,7 @@ def test_scatterings_of_other_matter(phase: vrte.PhaseMatrix) -> None:
     assert_close(found.on_nodes, wanted.on_nodes, rtol=0.0, atol=1e-10 * np.abs(wanted.on_nodes).max())
 
 
-def test_scatterings_that_do_not_settle_are_told() -> None:
+def test_scatterings_that_do_not_converge_are_reported() -> None:
     """Light finds no way out of a thick layer that absorbs none of it."""
     with pytest.raises(AccuracyError, match="scatterings of order 0 do not converge"):
         scatter_by_fractions(discretise(1.0, 300.0), np.array([0], np.int32), 1e-8, Run(1))
@@ -225,7 +225,7 @@ def test_invariance_is_as_exact_as_asked(matrix: vrte.PhaseMatrix, albedo: float
         found = vrte.brdf(scene, MU, MU, PHI, nodes=12, accuracy=accuracy, algorithm="invariance")
         assert (np.abs(found.mueller - exact.mueller).max(axis=(1, 2, 3, 4)) <= accuracy * size).all()
         assert np.abs(found.reflectance - exact.reflectance).max() <= accuracy
-        # a conservative order 0 never settles: modes do it
+        # a conservative order 0 does not converge: modes do it
         assert "invariance" in found.diagnostics["orders_by"] or albedo == 1.0
 
 

@@ -272,23 +272,23 @@ def test_scatterers_of_many_scenes_are_added_at_once(either_form: Session) -> No
             sums.add_single_scattering(either_form, a_crew(), **given | refused | changes)
 
 
-def doubled(pile: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:
+def doubled(stack: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:
     """R and T by some kernels."""
     run = Run(1)
-    matrices = assemble(pile.problem, orders, run)
-    return double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, Run(1, kernels=kernels))
+    matrices = assemble(stack.problem, orders, run)
+    return double_slabs(stack.problem, stack.material, stack.thickness, orders, matrices, Run(1, kernels=kernels))
 
 
 def test_slabs_do_not_depend_on_each_other_and_end_when_told(opencl: Session) -> None:
-    pile = cut_layers(problem_of(SCENES["repeated"], 5))
+    stack = cut_layers(problem_of(SCENES["repeated"], 5))
     kernels = kernels_with(opencl, double_slabs=double_on_device)
-    together, alone = doubled(pile, ORDERS, kernels), doubled(pile, ORDERS[1:2], kernels)
+    together, alone = doubled(stack, ORDERS, kernels), doubled(stack, ORDERS[1:2], kernels)
     np.testing.assert_array_equal(together.R[1], alone.R[0])
     np.testing.assert_array_equal(together.T[1], alone.T[0])
-    run, found = Run(1, kernels=kernels), assemble(pile.problem, ORDERS, Run(1))
+    run, found = Run(1, kernels=kernels), assemble(stack.problem, ORDERS, Run(1))
     run.stop[0] = 1
     with pytest.raises(KeyboardInterrupt):
-        double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, found, run)
+        double_slabs(stack.problem, stack.material, stack.thickness, ORDERS, found, run)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
@@ -298,11 +298,11 @@ def test_steps_in_one_launch_are_those_of_a_launch_each(
 ) -> None:
     """To the last bit, with fewer launches, wherever the list is cut."""
     session = either_form.in_precision(precision)
-    pile, kernels = cut_layers(problem_of(SCENES[name], 5)), kernels_with(session, double_slabs=double_on_device)
+    stack, kernels = cut_layers(problem_of(SCENES[name], 5)), kernels_with(session, double_slabs=double_on_device)
 
     def solve() -> tuple[Slabs, int]:
         before = session.traffic.launches
-        return doubled(pile, ORDERS, kernels), session.traffic.launches - before
+        return doubled(stack, ORDERS, kernels), session.traffic.launches - before
 
     together, few = solve()
     monkeypatch.setattr(steps, "LONGEST", 1e-7)

@@ -241,7 +241,7 @@ def test_an_item_does_not_depend_on_the_others(either_form: Any) -> None:
         assert (found[item] == whole[item]).all()
 
 
-def test_what_does_not_settle_is_solved_in_doubles(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_converge_is_solved_in_doubles(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """One of the items here: the others keep what floats and corrections found."""
     asked = ask([0.6, 0.97], [0, 1], 5e-9)
     usual = opencl.download(mixed.reflect_semi_infinite_mixed(opencl, asked)[0].up)

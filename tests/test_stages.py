@@ -125,10 +125,10 @@ def blocks(problem: Problem, values: np.ndarray) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("thickness", [1e-8, 0.3, 5.0])
 def test_doubling(problem: Problem, thickness: float) -> None:
     """R and T on the nodes and off them, against a matrix exponential and plain doublings of R and T."""
-    pile = cut_layers(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
-    matrices = assemble(pile.problem, ORDERS, Run(1))
-    slabs = double_slabs(pile.problem, pile.material, np.array([thickness]), ORDERS, matrices, Run(1))
-    out, n = pile.problem.mu_out, problem.size
+    stack = cut_layers(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
+    matrices = assemble(stack.problem, ORDERS, Run(1))
+    slabs = double_slabs(stack.problem, stack.material, np.array([thickness]), ORDERS, matrices, Run(1))
+    out, n = stack.problem.mu_out, problem.size
     mu = np.concatenate([problem.nodes, out, [MU0]])
     weights = np.concatenate([problem.weights, np.zeros(out.size), [1.0]])
     scale = np.repeat(np.sqrt(problem.weights * problem.nodes), 4)
@@ -142,7 +142,7 @@ def test_doubling(problem: Problem, thickness: float) -> None:
         once[0] *= (-np.expm1(-thickness * sums) / sums)[:, None]
         once[1] *= (np.exp(-thickness / MU0) * -np.expm1(-thickness * gaps) / gaps)[:, None]
         for full, single, values in zip(literal, once, (slabs.R[o, 0], slabs.T[o, 0]), strict=True):
-            found = blocks(pile.problem, values)
+            found = blocks(stack.problem, values)
             # 2.5e-13 at most: what some twenty doublings leave of digits
             expected = turn @ (scale[:, None] * full[:n, :n] / scale) @ turn
             assert_close(found["N"], expected, rtol=0.0, atol=4e-13 * np.abs(expected).max())
@@ -155,7 +155,7 @@ def test_doubling(problem: Problem, thickness: float) -> None:
         assert_close(found["OO"], np.exp(-thickness * np.repeat(1.0 / out, 4)), rtol=1e-14, atol=0.0)
         assert slabs.residual[o].max() < 1e-12
         if m == 0:
-            R, T = (blocks(pile.problem, x[o, 0])["N"] for x in (slabs.R, slabs.T))
+            R, T = (blocks(stack.problem, x[o, 0])["N"] for x in (slabs.R, slabs.T))
             row = np.eye(n)[n - 4] - R[n - 4] - T[n - 4]
             assert_close(slabs.lost[o, 0], row, rtol=0.0, atol=1e-14)
 
@@ -166,11 +166,13 @@ def test_joining(problem: Problem) -> None:
     scene = vrte.Scene([vrte.Layer(*layer) for layer in layers], vrte.Lambertian(0.4))
     levels = np.array([0.0, 0.5, 1.3, 1.8])
     problem = discretise_scene(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
-    pile = cut_layers(problem)
-    assert (pile.material.size, pile.slabs.tolist(), pile.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
-    base, run = expand_base(scene.below, pile.problem, 4), Run(1)
-    slabs = double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, assemble(pile.problem, ORDERS, run), run)
-    kernels, up, down, residual = join_stack(pile, ORDERS, slabs, base, run)
+    stack = cut_layers(problem)
+    assert (stack.material.size, stack.slabs.tolist(), stack.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
+    base, run = expand_base(scene.below, stack.problem, 4), Run(1)
+    slabs = double_slabs(
+        stack.problem, stack.material, stack.thickness, ORDERS, assemble(stack.problem, ORDERS, run), run
+    )
+    kernels, up, down, residual = join_stack(stack, ORDERS, slabs, base, run)
     assert kernels.shape == (3, 4, 1, 4, 2, 4)
     assert residual.max() < 1e-12
     mu, weights, n = np.append(problem.nodes, MU0), np.append(problem.weights, 1.0), problem.size
