@@ -44,7 +44,8 @@ class Way:
 
 
 def make_method(name: str, settings: dict[str, Any], tolerance: float, most: float = np.inf) -> Way:
-    """One of the methods beside the exact one; ``most``: the optical thickness up to which it ends soon."""
+    """One of the methods beside the exact one; ``most``: the optical thickness up to which it ends soon, if light gets
+    out as well. Along grazing directions none claims that many digits."""
     method = find_method(name)
 
     def takes(_: str, problem: Problem) -> bool:
@@ -54,7 +55,8 @@ def make_method(name: str, settings: dict[str, Any], tolerance: float, most: flo
             and not scene.is_rough
             and scene.thickness <= most
             and problem.nodes > 1
-            and np.abs(problem.mu).min() >= 1e-3
+            and np.abs(problem.mu).min() > 1e-3
+            and (np.isinf(most) or max(scene.media) < 2.0)
         )
 
     return Way({"method": name, "settings": settings}, tolerance, takes, FEW, method.depths, method.conserves_energy)
