@@ -9,6 +9,7 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.differences import sample_around
+from vrte.scene.vary import move_scene, vary_scene
 
 from .helpers import assert_close, close_to
 
@@ -40,6 +41,13 @@ def test_a_variation_without_a_scene_is_the_name_of_its_ingredients():
     found = differentiate(HAZE, own).jacobian["both"]
     expected = 0.5 * names.jacobian[DEPTH] + 2.0 * names.jacobian["layer[1].coefficients[1].a1"]
     assert_close(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_scene_moves_along_a_variation():
+    moved, right = move_scene(HAZE, vary_scene(HAZE, BASE), 0.1), vrte.Scene(HAZE.layers, vrte.Lambertian(0.4))
+    assert moved.base.even_albedo == close_to(0.4, rtol=1e-6, atol=0.0)
+    found, expected = (vrte.brdf(each, MU_I, MU_O, nodes=4).mueller for each in (moved, right))
+    assert_close(found, expected, rtol=0.0, atol=1e-6 * expected.max())
 
 
 def test_light_from_the_bottom_counts_layers_from_the_top():

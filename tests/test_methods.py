@@ -182,7 +182,14 @@ SAME = {
     "glass, semi-infinite": vrte.Scene([GLASS, vrte.Layer(RAYLEIGH, 0.99, np.inf)]),
     "glass, semi-infinite, white": vrte.Scene([GLASS, vrte.Layer(HAZE, 1.0, np.inf)]),
 }
-QUICK = ("stack over Mueller", "semi-infinite", "upon semi-infinite", "clear and empty layers", "varnish over paint")
+QUICK = (
+    "stack over Mueller",
+    "spheres",
+    "semi-infinite",
+    "upon semi-infinite",
+    "clear and empty layers",
+    "varnish over paint",
+)
 
 
 def compare(found: np.ndarray, right: np.ndarray, left: float) -> None:

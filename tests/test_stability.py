@@ -1,6 +1,7 @@
 """The stability table: its scenes cover what they say, its checks find errors, a run resumes and says what it found."""
 
 import math
+import pickle
 import re
 import warnings
 from dataclasses import replace
@@ -106,6 +107,7 @@ def test_an_eigenvalue_is_one() -> None:
 
 def test_the_lobe_is_a_base() -> None:
     layer, base = vrte.Layer(vrte.isotropic(), 0.0, 0.0), vrte.MuellerBase(evaluate_mueller_lobe)
+    assert pickle.loads(pickle.dumps(base)).function is evaluate_mueller_lobe
     f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
     assert 0.2 < f.reflectance[1] < 0.3
     assert stability.measure_unphysical_matrix(f.mueller) < 1e-12
