@@ -124,9 +124,9 @@ def layers(draw: st.DrawFn) -> vrte.Layer:
 
 
 @given(calls(), st.lists(layers(), min_size=1, max_size=2), st.sampled_from([None, 0.0, 0.3, 1.0]))
-def property_of_calls(call: tuple[str, dict[str, Any], list[str]], pile: list[vrte.Layer], base: float | None) -> None:
+def property_of_calls(call: tuple[str, dict[str, Any], list[str]], stack: list[vrte.Layer], base: float | None) -> None:
     name, request, spoilt = call
-    scene = vrte.Scene(pile, None if base is None else vrte.Lambertian(base))
+    scene = vrte.Scene(stack, None if base is None else vrte.Lambertian(base))
     if "tau" not in spoilt and "tau" in request:
         request["tau"] = scene.thickness / 2
     found = tried(lambda: getattr(vrte, name)(scene, **request), *spoilt, "memory")
@@ -302,7 +302,7 @@ ANSWERS: list[tuple[Callable[[], Any], str]] = [
 
 @pytest.mark.parametrize(("call", "named"), ANSWERS)
 def test_refused_by_name(call: Callable[[], Any], named: str) -> None:
-    with pytest.raises(vrte.SceneError) as told:
+    with pytest.raises(vrte.SceneError) as caught:
         call()
-    assert named in str(told.value)
-    assert str(told.value).isprintable()
+    assert named in str(caught.value)
+    assert str(caught.value).isprintable()

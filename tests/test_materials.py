@@ -146,8 +146,8 @@ def test_thickness_and_density_can_be_others(tmp_path: Path) -> None:
     assert 1.0 < make_layer("chalk", thickness_um=10.0, volume_fraction=0.1).thickness < 10.0
     (tmp_path / "pink.toml").write_text(PINK)  # of which two kinds are scaled together
     (layer,) = expand_materials(of("pink.toml", volume_fraction=0.08), tmp_path)["layer"]
-    shares = {"pink.toml: red": 0.02, "pink.toml: white": 0.06}
-    assert layer["volume_fractions"] == close_to(shares, rtol=1e-6, atol=0.0)
+    fractions = {"pink.toml: red": 0.02, "pink.toml: white": 0.06}
+    assert layer["volume_fractions"] == close_to(fractions, rtol=1e-6, atol=0.0)
     assert vrte.Layer is type(make_scene_file(of("pink.toml"), folder=tmp_path).scene.layers[0])
     assert find_named_tables(of("pink.toml")) == {("layer", 0, "material"): "pink.toml"}
 
@@ -183,7 +183,7 @@ OUTSIDE = (
     'layer[1].material = "rutile in alkyd": particles."rutile in alkyd: rutile".index: the table main/TiO2/Devore-o '
 )
 HERE = "layer[1].material ="
-OWN = {  # a file of one's own that is wrong: what is said behind its name
+OWN = {  # a file of one's own that is wrong: what is reported behind its name
     "title = 3\n[particles.a]\n[layer]\n": "title = 3: must be a text",
     "[particles.a]\n": "layer: is missing; it must be a table [layer]",
     "colour = 1\n[particles.a]\n[layer]\n": "colour = 1: unknown key",

@@ -35,7 +35,7 @@ def measure_phase(mu_i: float, mu_o: float, phi: float) -> float:
     return math.acos(min(max(cosine, -1.0), 1.0))
 
 
-def tell_hapke(base: vrte.Hapke, mu_i: float, mu_o: float, phi: float) -> float:
+def find_hapke(base: vrte.Hapke, mu_i: float, mu_o: float, phi: float) -> float:
     g, gamma = measure_phase(mu_i, mu_o, phi), math.sqrt(1 - base.albedo)
     if base.asymmetry:
         p = (1 - base.asymmetry**2) / (1 + 2 * base.asymmetry * math.cos(g) + base.asymmetry**2) ** 1.5
@@ -52,7 +52,7 @@ def tell_hapke(base: vrte.Hapke, mu_i: float, mu_o: float, phi: float) -> float:
     return base.albedo / (4 * math.pi * (mu_i + mu_o)) * ((1 + b) * p + h_i * h_o - 1)
 
 
-def tell_rpv(base: vrte.RPV, mu_i: float, mu_o: float, phi: float) -> float:
+def find_rpv(base: vrte.RPV, mu_i: float, mu_o: float, phi: float) -> float:
     tan_i, tan_o = math.tan(math.acos(mu_i)), math.tan(math.acos(mu_o))
     m = (mu_i * mu_o) ** (base.k - 1) / (mu_i + mu_o) ** (1 - base.k)
     scattering = math.pi - measure_phase(mu_i, mu_o, phi)
@@ -63,7 +63,7 @@ def tell_rpv(base: vrte.RPV, mu_i: float, mu_o: float, phi: float) -> float:
     return base.rho_0 * m * f * (1 + (1 - hot) / (1 + g)) / math.pi
 
 
-def tell_ross_li(base: vrte.RossLi, mu_i: float, mu_o: float, phi: float) -> float:
+def find_ross_li(base: vrte.RossLi, mu_i: float, mu_o: float, phi: float) -> float:
     xi = measure_phase(mu_i, mu_o, phi)
     ross = ((math.pi / 2 - xi) * math.cos(xi) + math.sin(xi)) / (mu_i + mu_o)
     volume = ross - math.pi / 4
@@ -81,7 +81,7 @@ def tell_ross_li(base: vrte.RossLi, mu_i: float, mu_o: float, phi: float) -> flo
     return max((base.f_iso + base.f_vol * volume + base.f_geo * crowns) / math.pi, 0.0)
 
 
-ORACLES: dict[type, Callable[..., float]] = {vrte.Hapke: tell_hapke, vrte.RPV: tell_rpv, vrte.RossLi: tell_ross_li}
+ORACLES: dict[type, Callable[..., float]] = {vrte.Hapke: find_hapke, vrte.RPV: find_rpv, vrte.RossLi: find_ross_li}
 
 
 def make_directions(count: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -137,14 +137,14 @@ def test_published_kernels_of_ross_and_li() -> None:
         assert_close(found, expected, rtol=5e-8, atol=0.0)  # half a unit of the last digit
     x, weight = np.polynomial.legendre.leggauss(60)
     theta = 0.25 * np.pi * (1.0 + x)
-    share = 0.5 * np.pi * weight * np.sin(theta) * np.cos(theta)  # 2 mu dmu
+    weights = 0.5 * np.pi * weight * np.sin(theta) * np.cos(theta)  # 2 mu dmu
     angles = find_angles(np.cos(theta)[:, None, None], np.cos(theta)[:, None], 90.0 * (1.0 + x))
     for kernel, whole, powers, allowed in (
         (compute_ross_thick(angles, False), 0.189184, (-0.007574, -0.070987, 0.307588), 0.025),
         (compute_li_sparse(angles, 2.0, 1.0), -1.377622, (-1.284909, -0.166314, 0.041840), 0.01),
     ):
-        black_sky = (kernel @ (0.5 * weight)) @ share
-        assert share @ black_sky == close_to(whole, rtol=0.0, atol=4e-5)
+        black_sky = (kernel @ (0.5 * weight)) @ weights
+        assert weights @ black_sky == close_to(whole, rtol=0.0, atol=4e-5)
         fitted = powers[0] + powers[1] * theta**2 + powers[2] * theta**3
         assert np.abs(black_sky - fitted)[theta < np.radians(75.0)].max() < allowed
 
@@ -154,20 +154,20 @@ def wrap_base(base: ScalarBase) -> vrte.MuellerBase:
     return vrte.MuellerBase(lambda i, o, p: base.reflect(i, o, p) * np.diag([1.0, 0.0, 0.0, 0.0]))
 
 
-PILES: dict[str, list[Any]] = {
+STACKS: dict[str, list[Any]] = {
     "scalar": [vrte.Layer(vrte.henyey_greenstein(0.4, 20), 0.9, 0.6)],
     "polarizing": [vrte.Layer(vrte.rayleigh(), 1.0, 0.4)],
     "under glass": [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.4, host_index=1.5)],
 }
 
 
-@pytest.mark.parametrize("pile", PILES)
+@pytest.mark.parametrize("stack", STACKS)
 @pytest.mark.parametrize("base", [REGOLITH, SOIL], ids=["hapke", "rpv"])
-def test_light_is_that_over_a_function_of_ones_own(base: ScalarBase, pile: str) -> None:
+def test_light_is_that_over_a_function_of_ones_own(base: ScalarBase, stack: str) -> None:
     """Though I alone is solved for where nothing else is scattered: reflection, transmission, and the field inside."""
     given: dict[str, Any] = {"nodes": 8, "accuracy": 1e-8}
     seen: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 0.6, 1.0], "phi": [0.0, 70.0, 180.0]}
-    scenes = [vrte.Scene(PILES[pile], one) for one in (base, wrap_base(base))]
+    scenes = [vrte.Scene(STACKS[stack], one) for one in (base, wrap_base(base))]
     found, expected = (vrte.brdf(scene, **seen, **given) for scene in scenes)
     assert np.abs(found.mueller - expected.mueller).max() <= 2e-8 * expected.mueller.max()
     assert_close(found.reflectance, expected.reflectance, rtol=2e-8, atol=0.0)
@@ -189,18 +189,18 @@ WAYS: list[tuple[dict[str, Any], float]] = [
 @pytest.mark.parametrize(("how", "allowed"), WAYS)
 def test_every_method_that_takes_any_base_and_every_algorithm_take_a_scalar_one(how: Any, allowed: float) -> None:
     base, seen = REGOLITH if "method" in how else SOIL, {"mu_i": [0.5], "mu_o": [0.3, 0.8], "phi": [0.0, 90.0]}
-    scenes = [vrte.Scene(PILES["scalar"], one) for one in (base, wrap_base(base))]
+    scenes = [vrte.Scene(STACKS["scalar"], one) for one in (base, wrap_base(base))]
     found, expected = (vrte.brdf(scene, **seen, **how).mueller for scene in scenes)
     assert np.abs(found - expected).max() <= allowed * expected.max()
 
 
-def test_more_light_than_falls_in_is_told_near_the_horizon() -> None:
+def test_more_light_than_falls_in_is_reported_near_the_horizon() -> None:
     words = r"RPV was fitted to zenith angles up to about 75; beyond, 1\.05 of the light along mu_i = 0\.05"
     with pytest.warns(vrte.FittedRangeWarning, match=words):
         assert vrte.RPV(0.3, 0.7).reflectance([0.3])[0] < 0.7
 
 
-def test_what_is_negative_is_told_and_cut_near_the_horizon_and_refused_elsewhere() -> None:
+def test_what_is_negative_is_reported_and_cut_near_the_horizon_and_refused_elsewhere() -> None:
     words = (
         r"beyond, f is negative, and taken as 0, below a cosine of about 0\.06: -0\.7\d+ 1/sr from mu_i 0\.01 to mu_o "
     )
@@ -216,7 +216,7 @@ def test_what_is_negative_is_told_and_cut_near_the_horizon_and_refused_elsewhere
 
 
 def test_the_orders_of_what_is_cut_are_those_of_a_bent_function() -> None:
-    """Against 2^17 azimuths: where f is cut off at 0 it bends, and a smooth rule settles slowly."""
+    """Against 2^17 azimuths: where f is cut off at 0 it bends, and a smooth rule converges slowly."""
     with pytest.warns(vrte.FittedRangeWarning):
         base = vrte.RossLi(0.2, 0.1, 0.03, hot_spot=True)
     mu_i, mu_o = np.array([0.02, 0.05]), np.array([0.3, 0.7])

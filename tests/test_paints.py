@@ -101,7 +101,7 @@ def test_nothing_jumps_as_pigment_is_added() -> None:
     assert find(0.2) < find(0.1) < alone
 
 
-def test_a_film_may_be_without_end_and_bare() -> None:
+def test_a_film_may_be_semi_infinite_and_bare() -> None:
     scene = read(thickness_um=math.inf, surface="none").scene
     assert scene.thickness == math.inf
     assert scene.interfaces[0] is None
@@ -197,13 +197,13 @@ def test_a_smooth_paint_has_no_facets_to_change_and_shadows_can_be_left_out() ->
 
 
 def test_the_viewer_takes_it_apart() -> None:
-    content, told = adopt_with_notes({key: value for key, value in of().items() if key == "paint"})
+    content, notes = adopt_with_notes({key: value for key, value in of().items() if key == "paint"})
     assert "paint" not in content
     assert list(content["particles"]) == ["rutile"]
     assert content["layer"][1]["thickness_um"] == 60.0
-    assert any("wavelength_um is missing" in one for one in told)
-    _, told = adopt_with_notes(of(binder="/etc/own.csv"))  # which nobody reads
-    assert any('"/etc/own.csv" is not here' in one for one in told)
+    assert any("wavelength_um is missing" in one for one in notes)
+    _, notes = adopt_with_notes(of(binder="/etc/own.csv"))  # which nobody reads
+    assert any('"/etc/own.csv" is not here' in one for one in notes)
 
 
 @pytest.mark.parametrize("name", ["white_paint", "red_oxide"])

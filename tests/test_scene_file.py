@@ -539,7 +539,7 @@ WRONG = [
     *((FIELD, changes, words) for changes, words in FIELDS),
     *((ONE, {"particles.one.size": size}, words) for size, words in SIZES),
     *((ONE, {"particles.one": HOLLOW | {"radius_um": 0.2} | coat}, words) for coat, words in COATS),
-    *((GOLD, {"layer[1]": {"volume_fractions": shares, "thickness": 2.0}}, words) for shares, words in VOLUMES),
+    *((GOLD, {"layer[1]": {"volume_fractions": parts, "thickness": 2.0}}, words) for parts, words in VOLUMES),
     *((FOG, {"layer[1].phase": phase}, words) for phase, words in PHASES),
     *((MEDIA, {"layer": layers}, words) for layers, words in LAYERS),
     *((MEDIA, {"base": base}, words) for base, words in BASES),

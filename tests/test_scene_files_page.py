@@ -106,17 +106,17 @@ def test_defaults_are_those_of_the_program() -> None:
     defaults |= {("[render]", name): value for name, value in SETTING.items()}
     defaults |= {("[appearance]", field.name): field.default for field in fields(Conditions)}
     for (heading, key), default in defaults.items():
-        said = ROWS[heading][key][2].strip("`")
-        assert said == write_value(default).removesuffix(".0"), f"{heading}, {key}: {said}"
+        there = ROWS[heading][key][2].strip("`")
+        assert there == write_value(default).removesuffix(".0"), f"{heading}, {key}: {there}"
 
 
 def test_defaults_ranges_and_suffixes_are_those_of_the_program() -> None:
     """A dash alone says that a key is needed; what stands in for another says so."""
     for heading, keys in KEYS.items():
         for name, key in keys.items():
-            _, _, said, allowed = ROWS[heading][name]
-            assert (said == "—" or said.startswith(("this", "these"))) or not key.needed, f"{heading}, {name}: {said}"
-            assert said != "—" or key.needed, f"{heading}, {name}: {said}"
+            _, _, there, allowed = ROWS[heading][name]
+            assert (there == "—" or there.startswith(("this", "these"))) or not key.needed, f"{heading}, {name}"
+            assert there != "—" or key.needed, f"{heading}, {name}"
             assert not isinstance(key, FilePath) or {*allowed.split(", ")} == {*key.suffixes}, f"{heading}, {name}"
     for name, (low, high, _) in RANGES.items():
         assert ROWS["[render]"][name][3] == f"{low:g} to {high:g}"

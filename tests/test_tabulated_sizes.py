@@ -62,7 +62,7 @@ def test_a_sweep_goes_by_what_is_in_the_table_of_sizes(tmp_path: Path) -> None:
     assert prints[0] != prints[1]
 
 
-def test_kept_optics_tell_sizes_and_shells_apart_by_all_digits() -> None:
+def test_kept_optics_distinguish_sizes_and_shells_by_all_digits() -> None:
     radii, density = np.linspace(0.1, 0.9, 5000), np.ones(5000)
     peak = np.where(np.arange(5000) == 2500, 2.0, 1.0)
     sizes = [(radii, density), (np.nextafter(radii, 1.0), density), (radii, peak), (radii.tolist(), density.tolist())]

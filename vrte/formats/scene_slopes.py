@@ -44,7 +44,7 @@ ANYTHING = {"field": {"mu0": 1.0}}  # a request where a file has none: its scene
 ONE_SIZE = (1, 6)
 UNCHANGED = ParticleSlopes(0.0, 0.0, 0.0, np.zeros((0, 6)))
 SPHERES = tuple(one.name for one in fields(SphereNumbers))
-Settled = list[tuple[int, int]]  # over how many radii sizes are averaged, and up to which moment
+Averaging = list[tuple[int, int]]  # over how many radii sizes are averaged, and up to which moment
 Arrays = dict[tuple[str | int, ...], Any]  # what a scene is made of, by what and where
 
 
@@ -91,14 +91,14 @@ class Optics:
     """Makes particles of a source and its keywords, each kind once."""
 
     def __init__(self) -> None:
-        self.known: dict[str, tuple[Particles, Settled]] = {}
+        self.known: dict[str, tuple[Particles, Averaging]] = {}
 
     def __call__(self, source: str, given: dict[str, Any]) -> Particles:
         return replace_sizes(self.find(source, given)[0], lambda ball: ball.size.distribution)
 
-    def find(self, source: str, given: dict[str, Any], settled: Settled | None = None) -> tuple[Particles, Settled]:
-        """Particles, and over how many radii their sizes are averaged: as many as ``settled`` says, or as it takes."""
-        described, radii = describe_particles(source, given), [*(settled or ())[:1]]
+    def find(self, source: str, given: dict[str, Any], taken: Averaging | None = None) -> tuple[Particles, Averaging]:
+        """Particles, and over how many radii their sizes are averaged: as many as ``taken`` says, or as it takes."""
+        described, radii = describe_particles(source, given), [*(taken or ())[:1]]
         key = described + repr(radii)
         if key not in self.known:
             held = {"size": Held(given["size"], radii)} if "size" in given else {}
@@ -115,7 +115,7 @@ class HeldOptics:
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
-        self.radii: list[Settled] = []
+        self.radii: list[Averaging] = []
         self.particles: list[Particles] = []
 
     def start(self) -> Compute:
@@ -125,10 +125,10 @@ class HeldOptics:
         def compute(source: str, given: dict[str, Any]) -> Particles:
             kind = next(kinds)
             if kind == len(self.radii):
-                found, settled = self.optics.find(source, given)
-                self.radii.append(settled[:1])
+                found, taken = self.optics.find(source, given)
+                self.radii.append(taken[:1])
                 self.particles.append(found)
-            found, settled = self.optics.find(source, given, self.radii[kind])
+            found, taken = self.optics.find(source, given, self.radii[kind])
             # media that they are put in by a packing are counted anew in each scene
             return replace_sizes(found, lambda ball: Held(ball.size.distribution, self.radii[kind], [ball.host]))
 
@@ -161,12 +161,12 @@ class Recipe:
         self.particles.append(found)
         return found
 
-    def find_numbers(self, kind: int, settled: Settled) -> SphereNumbers | None:
+    def find_numbers(self, kind: int, taken: Averaging) -> SphereNumbers | None:
         """What a kind of particle depends on, averaged over so many radii; None where no derivatives are known."""
         balls = self.particles[kind].balls
         if len(balls) != 1 or not isinstance(balls[0][0], Ball):
             return None
-        return SphereNumbers.of(balls[0][0], *(settled[0] if settled else ONE_SIZE))
+        return SphereNumbers.of(balls[0][0], *(taken[0] if taken else ONE_SIZE))
 
 
 @dataclass(eq=False)
