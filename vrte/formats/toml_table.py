@@ -248,14 +248,11 @@ class Table:
     def numbers(self, key: str) -> list[float]:
         """The numbers at ``key``: one, a list, or a range { start, stop, count } with both ends."""
         value = self.required(key, NUMBERS)
-        if isinstance(value, dict):
-            return self._range(key)
-        values = value if isinstance(value, list) else [value]
-        if not values or not all(is_number(item) and math.isfinite(item) for item in values):
-            raise self.wrong(key, f"must be {NUMBERS}, all finite")
-        return [float(item) for item in values]
-
-    def _range(self, key: str) -> list[float]:
+        if not isinstance(value, dict):
+            values = value if isinstance(value, list) else [value]
+            if not values or not all(is_number(item) and math.isfinite(item) for item in values):
+                raise self.wrong(key, f"must be {NUMBERS}, all finite")
+            return [float(item) for item in values]
         part = self.table(key, RANGE_KEYS)
         start, stop = (part.number(end, "a finite number") for end in RANGE_KEYS[:2])
         count = part.whole("count", 1, LARGEST_COUNT)
