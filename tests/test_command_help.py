@@ -79,8 +79,8 @@ class TestInit:
         assert Path(f"{kind}.toml").read_text() == (FOLDER / f"{kind}.toml").read_text()
         assert run(*words_of(solve.removeprefix("next: "))) == 0
         assert capsys.readouterr().err == ""
-        name, start = ("paint.html", b"<!doctype html>") if kind == "paint" else (f"{kind}.png", b"\x89PNG")
-        assert Path(name).read_bytes().startswith(start)
+        name, start = ("paint.html", b"<!doctype html>") if kind == "paint" else (f"{kind}.png", b"\x89png")
+        assert Path(name).read_bytes().lower().startswith(start)
 
     def test_over_a_file_by_force_and_without_matplotlib_a_table(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

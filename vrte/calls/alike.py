@@ -39,14 +39,14 @@ def make_alike_request(request: Request, scene: Scene) -> Request | None:
     return replace_unchecked(request, scene=scene, tau=levels)
 
 
-def solve_alike_ones(requests: Sequence[Request], told: bool, progress: Progress | None) -> dict[int, Brdf]:
+def solve_alike_ones(requests: Sequence[Request], warned: bool, progress: Progress | None) -> dict[int, Brdf]:
     """The BRDFs of those that can be solved with others, by their places among requests that differ in their scenes
     alone."""
     batches = sort_into_batches(requests)
     if not batches:
         return {}
     run = make_run(requests[0], sum(len(places) for _, places in batches))
-    run.runtime_warned = told
+    run.runtime_warned = warned
     return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
 
 
@@ -59,7 +59,7 @@ def solve_batches(
     """Those of all batches, by their places, in this thread and the others of a run."""
     found: dict[int, Brdf] = {}
 
-    def tell(done: int) -> None:
+    def report(done: int) -> None:
         if progress is not None:
             progress(100 * len(found), 100 * len(requests))
 
@@ -68,7 +68,7 @@ def solve_batches(
 
     try:
         with keep_to_one_thread():
-            run_jobs(run, [partial(solve_one, batch) for batch in batches], tell)
+            run_jobs(run, [partial(solve_one, batch) for batch in batches], report)
     finally:
         run.release_threads()
     return found

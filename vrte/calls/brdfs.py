@@ -95,30 +95,30 @@ def solve_brdfs(
     requests: Sequence[Request],
     progress: Progress | None,
     what: str,
-    told: bool | None = None,
+    warned: bool | None = None,
     variations: Sequence[Sequence[Variation]] = (),
 ) -> list[Brdf]:
-    """Of requests with their methods named; ``told``: whether it was said that they take long, None where nobody
+    """Of requests with their methods named; ``warned``: whether it was said that they take long, None where nobody
     looked; ``variations`` of each, to differentiate with."""
     variations = variations or [()] * len(requests)
     count = len(requests)
     if not requests:
         return []
-    if told is None:
-        told = warn_runtime_of_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
+    if warned is None:
+        warned = warn_runtime_of_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
     exact = all(request.method == EXACT and not request.verify for request in requests)
     for request, some in zip(requests, variations, strict=True):
         if some:
             check_differentiable(request)
     if exact and choose_engine(requests[0].backend).takes_many:
         run = make_run(requests[0])
-        run.runtime_warned = told
+        run.runtime_warned = warned
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
-    found = {} if any(variations) else solve_alike_ones(requests, told, progress)
+    found = {} if any(variations) else solve_alike_ones(requests, warned, progress)
     rest = [place for place in range(count) if place not in found]
     for done, place in enumerate(rest, len(found)):
         part = share_progress(progress, done, count)
-        light = find_light(requests[place], variations[place], part, told)
+        light = find_light(requests[place], variations[place], part, warned)
         found[place] = make_brdf(requests[place], *light[1:])
         if part is not None:
             part(1, 1)
