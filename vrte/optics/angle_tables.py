@@ -224,11 +224,11 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
     if not gaps:
         return angles, elements, way
     if ends is None:
-        raise SceneError.of(
-            "angle_deg",
-            f"must reach from 0 to 180 degrees, not from {angles[0]:g} to {angles[-1]:g}: what lies beyond is unknown, "
-            f'and may be most of the light; ends="{EXTRAPOLATE}" goes on with log F11 and the ratios as parabolas',
+        words = (
+            f"must reach from 0 to 180 degrees, not from {angles[0]:g} to {angles[-1]:g}: what lies beyond is unknown"
         )
+        cure = f'ends="{EXTRAPOLATE}" goes on with log F11 and the ratios as parabolas'
+        raise SceneError.of("angle_deg", f"{words}, and may be most of the light; {cure}")
     if angles.size < 3:
         raise SceneError.of("angle_deg", "must be at least 3 angles where the ends are extrapolated")
     for name in gaps:
@@ -268,12 +268,9 @@ def check_integral(mean: float, about: Convention, name: str, normalise: bool) -
         )
         raise SceneError.of("normalise", f"{words} {mean:.6g}")
     if abs(integral - 1.0) > MEAN_ALLOWED:
-        raise SceneError.of(
-            "F11",
-            f"has a mean over the sphere of {integral:.6g} times what it should be in the convention "
-            f'"{name}": a peak is missed by the steps of the table, or it is of another convention; normalise=True '
-            "divides by it all the same",
-        )
+        words = f'has a mean over the sphere of {integral:.6g} times what it should be in the convention "{name}"'
+        why = "a peak is missed by the steps of the table, or it is of another convention"
+        raise SceneError.of("F11", f"{words}: {why}; normalise=True divides by it all the same")
     return integral
 
 

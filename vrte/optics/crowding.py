@@ -191,20 +191,20 @@ def check_packing(packing: Any) -> str:
     """One of PACKINGS. Raises SceneError."""
     if not (isinstance(packing, str) and packing in PACKINGS):
         allowed = " or ".join(f'"{name}"' for name in PACKINGS)
-        raise SceneError(f"layer: packing must be {allowed}, not {show_value(packing)}", "packing")
+        raise SceneError.of("layer: packing", f"must be {allowed}, not {show_value(packing)}")
     return packing
 
 
 def pack(particles: Particles, volume_fraction: float, packing: str) -> Particles:
     """The particles as they scatter where they fill a part of the volume. Raises SceneError for what it cannot do."""
+    needed = ""
     if packing != INDEPENDENT and not (particles.balls or particles.stands_in):
-        raise SceneError(
-            f'layer: packing="{packing}" needs spheres of known substance and size, as from vrte.spheres: other '
-            f'particles take packing="{INDEPENDENT}"',
-            "packing",
-        )
-    if len({ball.wavelength_um for ball, _ in particles.balls}) > 1 and packing != INDEPENDENT:
-        raise SceneError(f'layer: packing="{packing}" needs particles at one wavelength', "packing")
+        needed = "spheres of known substance and size, as from vrte.spheres: other particles take"
+        needed += f' packing="{INDEPENDENT}"'
+    elif packing != INDEPENDENT and len({ball.wavelength_um for ball, _ in particles.balls}) > 1:
+        needed = "particles at one wavelength"
+    if needed:
+        raise SceneError(f'layer: packing="{packing}" needs {needed}', "packing")
     model = PACKINGS[packing]
     model.check(particles, volume_fraction)
     if volume_fraction > model.up_to:

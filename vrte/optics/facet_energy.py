@@ -66,8 +66,8 @@ def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
         sent = gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., :2, 0]
         return reflected, surface.ratio.real**2 * np.tensordot(weights * cosines, sent, 1)
 
-    found = _SHARED.find((surface, mu.tobytes()), integrate)
-    return found[0], found[1]
+    reflected, through = _SHARED.find((surface, mu.tobytes()), integrate)
+    return reflected, through
 
 
 def find_lost(surface: RoughSurface, mu: Array) -> Array:

@@ -189,10 +189,8 @@ def find_largest_radius(shape: Shape) -> float:
     radii, weights = shape.read_quadrature(MOST_RADII, MOMENT)
     parameters = shape.wavenumber * radii
     if parameters[-1] < SMALLEST_SIZE:
-        raise SceneError(
-            f"{shape.words}: the size parameter 2 pi r/wavelength must be at least {SMALLEST_SIZE:g}, not "
-            f"{parameters[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
-        )
+        words = f"at least {SMALLEST_SIZE:g}, not {parameters[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
+        raise SceneError(f"{shape.words}: the size parameter 2 pi r/wavelength must be {words}")
     section = weights * radii**2 * np.minimum(2.0, parameters) ** 4  # small ones scatter as r^6
     beyond = np.cumsum(section[::-1])[::-1] - section  # what larger ones hold
     largest = float(radii[np.argmax(beyond <= TAIL * section.sum())])
@@ -246,8 +244,8 @@ def add_sizes(
     for weight, part in zip(weights, parts, strict=True):
         sums[: len(part.sums)] += weight * part.sums
     numbers = [[part.extinction, part.scattering, part.scattering * part.error] for part in parts]
-    extinction, scattering, errors = weights @ numbers
-    mean = Average(float(extinction), float(scattering), sums, float(errors / scattering))
+    extinction, scattering, errors = (weights @ numbers).tolist()
+    mean = Average(extinction, scattering, sums, errors / scattering)
     alternate = (-1.0) ** np.arange(len(sums)) * (2.0 * np.arange(len(sums)) + 1.0)
     asymmetry, back = 2.0 * math.pi * sums[1, 0], 2.0 * math.pi * alternate @ sums[:, 0]
     return mean, np.array([mean.extinction, mean.scattering, asymmetry, back]), np.unique(solved).size
@@ -258,15 +256,12 @@ def solve_size(shape: Shape, radius_um: float) -> Average:
     size = shape.wavenumber * radius_um
     (index,) = shape.relative_indices
     found = average_orientations(shape.shape, shape.aspect_ratio, size, index)
-    lost = math.inf
     if found is not None:
         excess = found.scattering / found.extinction - 1.0
-        lost = max(found.error, excess if shape.absorbs else abs(excess))
-    if found is None or not lost <= REFUSED:
-        raise SceneError(
-            f"{shape.words}: the null-field method does not converge to {REFUSED:g} at an aspect ratio of "
-            f"{shape.aspect_ratio:g}, a size parameter of {size:.4g} and an index {index.real:.4g} + "
-            f"{index.imag:.3g}i relative to the host (a sphere of equal volume of {radius_um:.4g} um): "
-            "smaller or rounder ones do"
-        )
-    return found
+        if max(found.error, excess if shape.absorbs else abs(excess)) <= REFUSED:
+            return found
+    raise SceneError(
+        f"{shape.words}: the null-field method does not converge to {REFUSED:g} at an aspect ratio of "
+        f"{shape.aspect_ratio:g}, a size parameter of {size:.4g} and an index {index.real:.4g} + {index.imag:.3g}i "
+        f"relative to the host (a sphere of equal volume of {radius_um:.4g} um): smaller or rounder ones do"
+    )

@@ -46,9 +46,9 @@ class Ball(ParticleKind):
     @property
     def in_words(self) -> str:
         """What it consists of."""
+        core, shell = (describe_index(self.substances[place]) for place in (0, -1))
         if len(self.substances) == 1:
-            return describe_index(self.substances[0])
-        core, shell = map(describe_index, self.substances)
+            return core
         if self.shell_um:
             return f"a shell of {self.shell_um:.6g} um, {shell}, around a core, {core}"
         return f"a core of {self.core_ratio:.6g} of the radius, {core}, in a shell, {shell}"

@@ -277,9 +277,8 @@ def multiply_fields(same: Complex, turned: Complex, shares: Array) -> Array:
 
     def correlate(first: Complex, second: Complex, total: int) -> Complex:
         """Mean over beta of the sum over M of G^M and the conjugate of G^(total - M), whose s and t are opposite."""
-        low, high = max(-orders, total - orders), min(orders, total + orders)
-        pair = first[low + orders : high + orders + 1] * second[low + orders : high + orders + 1][::-1].conj()
-        mean: Complex = shares @ pair.sum(axis=0)
+        there = slice(max(0, total), min(2 * orders, 2 * orders + total) + 1)
+        mean: Complex = shares @ (first[there] * second[there][::-1].conj()).sum(axis=0)
         return mean
 
     kept = shares @ (np.abs(same) ** 2).sum(axis=0)

@@ -31,11 +31,8 @@ class Facets(Boundary):
         Its refractive index n + ik, k >= 0; light that gets in is lost.
     roughness : float
         alpha, the root mean square slope of facets times sqrt(2), 0.01 to 1.5; for a smooth base there is Mirror.
-    distribution : {"beckmann", "ggx"}, optional
-        Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
-    shadowing : bool, optional
-        Whether facets hide each other (Smith's factors), as they do by default; without, they make light near the
-        horizon, as those of published seas do.
+    distribution, shadowing
+        As of `vrte.Interface`: of the facets' slopes, and whether facets hide each other.
     conserving : bool, optional
         Whether what bounces between facets is given back, by default where they hide each other, and only there;
         facets that reflect everything then lose nothing.

@@ -36,14 +36,12 @@ def turn_to_light(side: str, scene: Scene) -> Scene:
 
 def mirror_stokes(stokes: Array) -> Array:
     """Stokes vectors (..., 4) in a horizontal mirror: U and V change sign."""
-    found: Array = stokes * FLIP
-    return found
+    return np.multiply(stokes, FLIP)
 
 
 def mirror_mueller(matrices: Array) -> Array:
     """Mueller matrices (..., 4, 4) in a horizontal mirror, D f D."""
-    found: Array = matrices * np.outer(FLIP, FLIP)
-    return found
+    return np.multiply(matrices, np.outer(FLIP, FLIP))
 
 
 def check_physical(name: str, stokes: Array) -> None:
@@ -60,9 +58,8 @@ def check_physical(name: str, stokes: Array) -> None:
     polarized = np.linalg.norm(light[:, 1:], axis=1)
     wrong = np.flatnonzero((light[:, 0] < 0.0) | (polarized > light[:, 0] * (1.0 + OVERPOLARIZED)))
     if wrong.size:
-        raise SceneError.of(
-            name, f"must be light, I >= 0 and I^2 >= Q^2 + U^2 + V^2: {light[wrong[0]].tolist()} is none"
-        )
+        words = f"must be light, I >= 0 and I^2 >= Q^2 + U^2 + V^2: {light[wrong[0]].tolist()} is none"
+        raise SceneError.of(name, words)
 
 
 def hemisphere(n: int) -> tuple[Array, Array]:

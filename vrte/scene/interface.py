@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from vrte.basics.arrays import Array, check_cosines, check_fields, check_number
+from vrte.basics.arrays import Array, check_cosines, check_fields
 from vrte.basics.errors import SceneError
 from vrte.optics.facet_energy import share_energy
 from vrte.optics.facets import RoughSurface
@@ -103,11 +103,10 @@ class Interface:
 
 def check_facets(what: str, given: object) -> None:
     """Settles what is said of the facets of a frozen dataclass, or raises a SceneError that names the field."""
-    roughness = vars(given)["roughness"]
-    alpha = check_number(f"{what}: roughness", roughness, 0.0, MOST_ROUGHNESS, ROUGHNESS_ALLOWED)
+    check_fields(f"{what}: ", given, {"roughness": (0.0, MOST_ROUGHNESS, ROUGHNESS_ALLOWED)})
+    alpha = vars(given)["roughness"]
     if 0.0 < alpha < LEAST_ROUGHNESS:
         raise SceneError.of(f"{what}: roughness", f"must be {ROUGHNESS_ALLOWED}, not {alpha:g}")
-    object.__setattr__(given, "roughness", alpha)
     usual = alpha > 0.0
     for name in ("shadowing", "conserving"):  # the latter by default as the former
         flag = vars(given)[name]

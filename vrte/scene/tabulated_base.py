@@ -9,7 +9,7 @@ from vrte.basics.arrays import (
     Array,
     BoolArray,
     check_cosines,
-    check_number,
+    check_fields,
     check_numbers,
     check_vector,
     freeze_copy,
@@ -134,10 +134,7 @@ class TabulatedBase(Boundary):
         if self.specular is not None:
             named["specular"] = settle_matrices("specular", self.specular, (mu_i.size, 4, 4))
             named["_specular"] = settle_array(named["specular"][into])
-        if self.index_above is not None:
-            named["index_above"] = check_number(
-                "base: index_above", self.index_above, LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED
-            )
+        check_fields("base: ", self, {"index_above": (LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED)})
         if (mueller[..., 0, 0] < -DARK * np.abs(mueller).max()).any():
             raise SceneError.of("base: mueller", f"must have f_00 >= 0, not {mueller[..., 0, 0].min():.3g}")
         orders, azimuths = expand_azimuths(phi_deg, mueller, self.average_mirrored)
@@ -262,11 +259,10 @@ def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> t
     azimuths, place, count = np.unique(both, return_inverse=True, return_counts=True)
     gaps = np.diff(azimuths, append=azimuths[0] + 360.0)
     if gaps.max() > WIDEST_GAP + SAME_AZIMUTHS or phi_deg.size < FEWEST_AZIMUTHS:
-        raise SceneError.of(
-            "base: phi_deg",
-            f"must be at least {FEWEST_AZIMUTHS} azimuths, from 0 to 180 or all around, at most {WIDEST_GAP:g} degrees "
-            f"apart, mirror images counted, not {gaps.max():.4g}",
+        words = (
+            f"at least {FEWEST_AZIMUTHS} azimuths, from 0 to 180 or all around, at most {WIDEST_GAP:g} degrees apart"
         )
+        raise SceneError.of("base: phi_deg", f"must be {words}, mirror images counted, not {gaps.max():.4g}")
     together, starts = np.argsort(place, kind="stable"), np.concatenate([[0], np.cumsum(count)[:-1]])
     even = np.ptp(gaps) < 2 * SAME_AZIMUTHS
     onto = None if even else interpolate_azimuths(azimuths)

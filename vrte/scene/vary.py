@@ -80,12 +80,9 @@ def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
         raise complain_of(name, "a semi-infinite layer has no thickness to change")
     if key == "albedo" and layer.thickness == 0.0:
         raise complain_of(name, "it does nothing: the layer has no thickness")
-    changes = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
-
-    def scene_at(now: float) -> Scene:
-        return replace_layer(scene, place, replace(layer, **{key: now}))  # type: ignore[arg-type]
-
-    return Variation(name, getattr(layer, key), **changes, scene_at=scene_at)
+    changes: dict[str, Any] = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
+    changes["scene_at"] = lambda now: replace_layer(scene, place, replace(layer, **{key: now}))  # type: ignore[arg-type]
+    return Variation(name, getattr(layer, key), **changes)
 
 
 def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: str) -> Variation:
@@ -100,8 +97,7 @@ def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: s
         raise complain_of(name, f"it does nothing: the layer {'scatters nothing' if layer.thickness else 'is empty'}")
     unit = np.zeros((degree + 1, len(SEQUENCES)))
     unit[degree, SEQUENCES.index(column)] = 1.0
-    tables = [np.zeros((0, len(SEQUENCES)))] * len(scene.layers)
-    tables[place] = unit
+    tables = [unit[: unit.shape[0] * (k == place)] for k in range(len(scene.layers))]
     matrix = layer.phase_matrix
     value = float(getattr(matrix, column)[degree]) if degree < matrix.terms else 0.0
 
