@@ -89,7 +89,7 @@ def test_the_error_of_the_first_job_that_failed_is_raised_and_no_other_job_begin
 
 def test_seconds_are_recorded_once_for_the_wall_and_all_for_the_threads_and_stops_are_passed_on() -> None:
     def job(own: Run) -> None:
-        with own.recorded("nap"):
+        with own.timed("nap"):
             time.sleep(0.05)
 
     with run_of(2) as run:

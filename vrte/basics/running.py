@@ -57,47 +57,23 @@ class Run:
         if helpers is not None:
             helpers.shutdown()
 
-    def timed(self, name: str) -> "Timed":
-        """Threads for one loop of `_core`, timed under `name`; KeyboardInterrupt where it was stopped."""
-        return Timed(self, name)
-
-    def record(self, name: str, wall: float, busy: float | None = None) -> None:
-        """Adds seconds to a stage."""
-        clock = self.stages.get(name)
-        if clock is None:
-            clock = self.stages[name] = {"wall_seconds": 0.0, "thread_seconds": 0.0}
-        clock["wall_seconds"] += wall
-        clock["thread_seconds"] += wall if busy is None else busy
-
     @contextmanager
-    def recorded(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[None]:
-        """Records the time of what is done within it under `name`; at the end it calls ``wait``."""
-        start = time.perf_counter()
-        yield
+    def timed(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[ThreadTeam]:
+        """Threads for one loop of `_core`; what is done within it is timed under `name`, what ``wait`` waits for at the
+        end included. KeyboardInterrupt where it was stopped."""
+        team, start = ThreadTeam(self.threads, np.zeros(self.threads), self.stop), time.perf_counter()
+        yield team
         wait()
-        self.record(name, time.perf_counter() - start)
+        wall = time.perf_counter() - start
+        self.record(name, wall, sum(team.seconds.tolist()) or wall)
         if self.stop[0]:
             raise KeyboardInterrupt
 
-
-class Timed:
-    """The timed loop of a run: begun, it hands out the threads, and ended, it takes their seconds."""
-
-    __slots__ = ("begin", "name", "run", "team")
-
-    def __init__(self, run: Run, name: str) -> None:
-        self.run, self.name, self.begin = run, name, 0.0
-        self.team = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
-
-    def __enter__(self) -> ThreadTeam:
-        self.begin = time.perf_counter()
-        return self.team
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is None:
-            self.run.record(self.name, time.perf_counter() - self.begin, sum(self.team.seconds.tolist()))
-            if self.run.stop[0]:
-                raise KeyboardInterrupt
+    def record(self, name: str, wall: float, busy: float | None = None) -> None:
+        """Adds seconds to a stage."""
+        clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
+        clock["wall_seconds"] += wall
+        clock["thread_seconds"] += wall if busy is None else busy
 
 
 def count_usable_cpus() -> int:

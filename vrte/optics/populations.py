@@ -53,30 +53,22 @@ def average_population(ball: Any) -> tuple[Population, int, float]:
     known: dict[float, tuple[Complex, Complex]] = {}
 
     def average(count: int, moment: int) -> tuple[Population, Array, int]:
-        population = make_population(ball, ball.read_quadrature(count, moment), known)
-        return population, sum_bulk(population), population.sizes.size
+        radii, weights = ball.read_quadrature(count, moment)
+        ball.check_radii(radii)
+        for radius in radii:
+            if radius not in known:
+                known[radius] = ball.find_coefficients(radius)
+        tables = [known[radius] for radius in radii]
+        a, b = np.zeros((2, radii.size, max(found[0].size for found in tables)), dtype=np.complex128)
+        for row, found in enumerate(tables):
+            a[row, : found[0].size], b[row, : found[1].size] = found
+        population = Population(radii, ball.wavenumber * radii, weights, a, b)
+        return population, sum_bulk(population), radii.size
 
     largest = ball.wavenumber * ball.read_quadrature(2, 6)[0][-1]
     moment = 6 if largest <= ALL_SIZES_UP_TO else 4
-    found: tuple[Population, int, float] = ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
-    return found
-
-
-def make_population(
-    ball: Any, quadrature: tuple[Array, Array], known: dict[float, tuple[Complex, Complex]]
-) -> Population:
-    """Mie coefficients at all the radii, padded with zeros; those not ``known`` are worked out and kept there."""
-    radii, weights = quadrature
-    ball.check_radii(radii)
-    for radius in radii:
-        if radius not in known:
-            known[radius] = ball.find_coefficients(radius)
-    orders = max(known[radius][0].size for radius in radii)
-    a, b = np.zeros((2, radii.size, orders), dtype=np.complex128)
-    for row, radius in enumerate(radii):
-        found = known[radius]
-        a[row, : found[0].size], b[row, : found[1].size] = found
-    return Population(radii, ball.wavenumber * radii, weights, a, b)
+    averaged: tuple[Population, int, float] = ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
+    return averaged
 
 
 def sum_bulk(population: Population) -> Array:

@@ -210,7 +210,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     rows = problem.coefficients.shape[1]
     multiple = [np.zeros((rows, 6)) for _ in scene.layers]
     single = [np.zeros((layer.phase_matrix.terms, 6)) for layer in scene.layers]
-    with PROCESSOR.at_work(), run.recorded("derivatives"):
+    with PROCESSOR.at_work(), run.timed("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
             if not orders.size:

@@ -122,7 +122,7 @@ class Differentiating(Refracting):
                     flux[k] = fluxes
             residual[index] = order.residual
 
-        with run.recorded("derivatives"):
+        with run.timed("derivatives"):
             if run.threads > 1 and orders.size > 1:
                 with ThreadPoolExecutor(run.threads) as pool:
                     list(pool.map(solve, range(orders.size)))

@@ -227,7 +227,7 @@ def weigh_scatterers(target: Target, part: Part) -> list[tuple[Array, Array]]:
 
 def find_single_scattering(target: Target, run: Run) -> Light:
     """Single scattering by Fourier orders, where its closed form shall not be used."""
-    with run.recorded("single scattering"):
+    with run.timed("single scattering"):
         kernels = scatter_by_orders(target.scene.layers, target.problem)
     orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
     return Light(orders, np.array(ALL, np.int32), columns, kernels)
@@ -317,7 +317,7 @@ def prepare_base(target: Target, run: Run) -> Adder:
 
     def add(share: Share, own: Run = run) -> None:
         part, index = share.part, (wanted.place, wanted.scale, share.first, share.last)
-        with own.recorded("single scattering"):
+        with own.timed("single scattering"):
             add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *index, part.values)
 
     return add

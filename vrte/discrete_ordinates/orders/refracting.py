@@ -121,7 +121,7 @@ class Refracting(BeamPaths):
             slabs = [responses[medium][own] for medium, own in self.places.slab]
             kernels[index], residual[index] = self.join_order(index, int(orders[index]), slabs, fluxes)
 
-        with run.recorded("joining"):
+        with run.timed("joining"):
             if run.threads > 1 and orders.size > 1:
                 from concurrent.futures import ThreadPoolExecutor  # takes as long to import as a tenth of vrte
 

@@ -134,7 +134,7 @@ def respond_by_beams(
         # (order, 2, in, S, out, S) -> (order, 2, out, S, in, S)
         light = 2.0 * np.pi * kernels[slab].transpose(0, 1, 4, 5, 2, 3)
         paths = problem.albedo[kind] * integrate_slab_paths(length, wide.mu0, both)
-        with run.recorded("single scattering"):
+        with run.timed("single scattering"):
             for index, order in enumerate(orders.tolist()):
                 once = scatter_once(order, problem.coefficients[kind, : problem.terms[kind]], both, wide.mu0, shifts)
                 once = once[..., members, :][..., members].transpose(0, 1, 3, 2, 4)  # (2, out, S, in, S)

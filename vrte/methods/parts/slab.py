@@ -210,7 +210,7 @@ def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
 
     def respond(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
         on_nodes, order = OnNodes(problem), int(orders[0])
-        with run.recorded(stage):
+        with run.timed(stage):
             scattered = [on_nodes.scatter(order, kind) for kind in range(problem.albedo.size)]
             return [
                 build(on_nodes, scattered[kind], tau, order == 0 and problem.albedo[kind] == 1.0).respond()

@@ -131,7 +131,7 @@ class Processor:
     def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
         """What adds single scattering in all layers to a share, but where small angles are separated."""
         scatter, mu0 = prepare_closed_form(target, run), target.problem.mu0
-        with run.recorded("single scattering"):
+        with run.timed("single scattering"):
             tables = {id(part): weigh_scatterers(target, part) for part in parts}
 
         def add(share: Share, own: Run = run) -> None:

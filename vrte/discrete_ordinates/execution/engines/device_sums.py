@@ -82,7 +82,7 @@ def take_down(coming: tuple[Chunk, list[Coming]] | None, run: Run) -> None:
     if coming is None:
         return
     chunk, tables = coming
-    with run.recorded("from the device"):
+    with run.timed("from the device"):
         for index, table in enumerate(tables):
             with table() as values:
                 chunk.take(values, index > 0)
@@ -132,7 +132,7 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, slot: int, scattering: bo
 @contextmanager
 def note_stage(opened: Session, run: Run, name: str) -> Iterator[None]:
     """Records the time of a stage; a processor's device is waited for, a GPU goes on."""
-    with run.recorded(name, opened.finish) if opened.form == "cpu" else run.recorded(name):
+    with run.timed(name, opened.finish) if opened.form == "cpu" else run.timed(name):
         yield
 
 
