@@ -113,7 +113,7 @@ def test_a_view_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nobody_asks_for_the_class_of_a_boundary() -> None:
     """Outside vrte/scene a boundary is asked what it does; only who makes one, or shows it, knows its class."""
-    bases = {"Boundary", "Lambertian", "MuellerBase", "Transparent"}
+    bases = {"Boundary", "Lambertian", "MuellerBase"}
     for path in PACKAGE.rglob("*.py"):
         if path.parent.name == "scene":
             continue

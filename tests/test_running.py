@@ -156,7 +156,7 @@ phase = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)
 scene = vrte.Scene([vrte.Layer(phase, 0.99, 2.0)], vrte.Lambertian(0.3))
 spent = {}
 for count in (2, 1, 2, 1):
-    for turn in range(6):
+    for turn in range(4):
         begin = time.process_time()
         vrte.brdf(scene, [0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0], nodes=32, threads=count)
         if turn:

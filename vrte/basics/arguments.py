@@ -6,6 +6,7 @@ becomes an array. ``Annotated[kept, taken]`` declares a field that takes more th
 
 import functools
 import inspect
+import itertools
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -196,7 +197,7 @@ def check_arguments(call: Call, of: str = "") -> Call:
     def checked(*given: Any, **named: Any) -> Any:
         if not kinds:
             kinds.update(list_kinds(call))
-        for name, value in (*zip(names, given, strict=False), *named.items()):
+        for name, value in itertools.chain(zip(names, given, strict=False), named.items()):
             kind = kinds.get(name, ANYTHING)
             if type(value) not in kind.at_once and not kind.takes(value):
                 raise describe_refusal(of, name, kind, value)

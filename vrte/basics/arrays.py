@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,17 +21,15 @@ EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
 
 
-def freeze_copy(values: Any) -> Array:
-    """A read-only float64 copy, contiguous."""
-    array = np.array(values, dtype=np.float64, order="C")
-    array.setflags(write=False)
-    return array
-
-
 def settle_array(array: Array) -> Array:
     """The array itself, from now on read-only."""
     array.setflags(write=False)
     return array
+
+
+def freeze_copy(values: Any) -> Array:
+    """A read-only float64 copy, contiguous."""
+    return settle_array(np.array(values, dtype=np.float64, order="C"))
 
 
 def is_settled(values: Any) -> bool:
@@ -139,9 +137,7 @@ def check_list(name: str, values: Iterable[Any], most: int) -> list[Any]:
 
 def read_real(value: Any) -> float:
     """One real number as a float, NaN for a whole number that no float can hold; else raises, TypeError or another."""
-    if type(value) is float:
-        return value
-    if type(value) is int and abs(value) < EXACT:
+    if type(value) is float or (type(value) is int and abs(value) < EXACT):
         return float(value)
     array = _read_real_array(value)
     if array.ndim:
@@ -176,7 +172,7 @@ def _read_real_object(value: Any) -> float:
 def count_items(value: Any) -> int:
     """Number of items, 1 for what has none or does not tell."""
     try:
-        return len(value) if isinstance(value, Sized) else 1
+        return len(value)
     except Exception:
         return 1
 

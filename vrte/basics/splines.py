@@ -34,23 +34,17 @@ def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = 
 def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degree: int = DEGREE) -> Any:
     """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid;
     points beyond a grid are taken at its end."""
-    from scipy.interpolate import BSpline, make_interp_spline
+    from scipy.interpolate import NdBSpline, make_interp_spline
     from scipy.sparse import csr_array
 
+    shape = points[0].size, int(np.prod([grid.size for grid in grids]))
     if not points[0].size:
-        return csr_array((0, int(np.prod([grid.size for grid in grids]))))
-    columns, shares = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
-    for grid, point in zip(grids, points, strict=True):
-        here = choose_degree(grid, degree)
-        knots = make_interp_spline(grid, np.zeros(grid.size), k=here).t
-        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, here)
-        place, share = (part.reshape(len(point), -1) for part in (one.indices.astype(np.int32), one.data))
-        columns = (columns[:, :, None] * np.int32(grid.size) + place[:, None, :]).reshape(len(point), -1)
-        shares = (shares[:, :, None] * share[:, None, :]).reshape(len(point), -1)
-    count, each = columns.shape
-    shape = count, int(np.prod([grid.size for grid in grids]))
-    starts = np.arange(0, count * each + 1, each, dtype=np.int32)
-    return csr_array((shares.ravel(), columns.ravel(), starts), shape=shape)
+        return csr_array(shape)
+    degrees = tuple(choose_degree(grid, degree) for grid in grids)
+    knots = tuple(make_interp_spline(grid, 0.0 * grid, k=k).t for grid, k in zip(grids, degrees, strict=True))
+    inside = [np.clip(point, grid[0], grid[-1]) for grid, point in zip(grids, points, strict=True)]
+    found = NdBSpline.design_matrix(np.stack(inside, axis=1), knots, degrees)
+    return csr_array((found.data, found.indices, found.indptr), shape=shape)
 
 
 def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:

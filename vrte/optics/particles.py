@@ -108,11 +108,6 @@ def mixture(parts: Annotated[Sequence[tuple[Particles, float]], Any]) -> Particl
     Particles
         Cross sections and volume are means over all particles; each kind's phase matrix counts by what it scatters.
 
-    Raises
-    ------
-    SceneError
-        For an empty list, something else than pairs, or fractions that are negative or all zero.
-
     Examples
     --------
     >>> import vrte

@@ -411,11 +411,6 @@ def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatr
     PhaseMatrix
         Of as many terms as the longest has.
 
-    Raises
-    ------
-    SceneError
-        For an empty list, something else than pairs, a negative weight or no weight at all.
-
     References
     ----------
     (1:9); Hansen and Travis, Space Sci. Rev. 16, 527 (1974).

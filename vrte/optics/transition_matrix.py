@@ -124,7 +124,7 @@ def build_matrix(solver: Any, arguments: tuple[Any, ...]) -> Any:
         except BaseException as error:
             if type(error).__name__ != "PanicException":
                 raise
-            return None
+    return None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What bounds a stack of layers above and below: its reflection, and its transmission.
+"""What bounds a stack of layers below: its reflection.
 
 A boundary answers for itself, and nobody asks for its class. A new one is a class made from `Boundary`, and a scene
 takes its objects as base (docs/how_to/extending.md).
@@ -20,7 +20,7 @@ from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, 
 
 
 class Boundary:
-    """What lies above or below a stack of layers; by itself it is black: nothing is reflected, nothing transmitted.
+    """What lies below a stack of layers; by itself it is black: nothing is reflected.
 
     A new kind of base is a class made from this one; a scene takes its objects as base.
 
@@ -29,7 +29,7 @@ class Boundary:
     orders_reflected
         How many Fourier orders are reflected: 0 none, 1 evenly (Lambertian), math.inf all.
     mixes_stokes
-        Whether light is reflected, or transmitted, as other Stokes parameters than it came.
+        Whether light is reflected as other Stokes parameters than it came.
     keeps_beams
         Whether a beam is reflected as a beam, as `reflect_beam` says.
     facets
@@ -41,7 +41,7 @@ class Boundary:
     --------
     >>> import numpy as np
     >>> from vrte.scene.boundary import Boundary
-    >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
+    >>> bool(Boundary().reflect_beam(1.0, np.array([0.5])).any()), Boundary().name
     (False, 'black')
     """
 
@@ -103,24 +103,8 @@ class Boundary:
         the medium of that refractive index."""
         return np.zeros((mu.size, 4, 4))
 
-    def transmit_straight(self, mu: Array) -> Array:
-        """Mueller matrices (n, 4, 4) of light that goes through and keeps its direction, positive cosines (n,): zero
-        for every base."""
-        return np.zeros((mu.size, 4, 4))
 
-
-class Transparent(Boundary):
-    """Nothing at all: light is transmitted unchanged, none is reflected. It lies above every stack."""
-
-    @property
-    def name(self) -> str:
-        return "transparent"
-
-    def transmit_straight(self, mu: Array) -> Array:
-        return np.broadcast_to(np.eye(4), (mu.size, 4, 4))
-
-
-BLACK, TRANSPARENT = Boundary(), Transparent()
+BLACK = Boundary()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.phase_matrix import isotropic
-from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary
+from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 
@@ -146,11 +146,6 @@ class Scene:
     def below(self) -> Boundary:
         """What bounds the stack below, as light meets it: black where none gets there."""
         return self.base.put_in_medium(self.index_below) if self.base is not None and self.base_is_reached else BLACK
-
-    @property
-    def above(self) -> Boundary:
-        """What bounds the stack above: nothing."""
-        return TRANSPARENT
 
     def __repr__(self) -> str:
         count = len(self.layers)
