@@ -81,7 +81,7 @@ def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
     if key == "albedo" and layer.thickness == 0.0:
         raise complain_of(name, "it does nothing: the layer has no thickness")
     changes: dict[str, Any] = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
-    changes["scene_at"] = lambda now: replace_layer(scene, place, replace(layer, **{key: now}))  # type: ignore[arg-type]
+    changes["scene_at"] = lambda now: replace_layer(scene, place, replace(layer, **{key: now}))
     return Variation(name, getattr(layer, key), **changes)
 
 
