@@ -1,16 +1,19 @@
-"""Layers, bases and scenes: what they keep, how they pickle, and what is warned of."""
+"""Layers, bases and scenes: what they keep and how they pickle; light from below, and any light: (2:1), (2:2)."""
 
 import math
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
+from vrte.cli import main
 
-from .helpers import close_to
-from .samples import rough_mirror
+from . import exact
+from .helpers import assert_close, close_to
+from .samples import rough_mirror, spheroids
 
 DUST = vrte.Particles(vrte.rayleigh(), 0.9, 0.0, extinction_um2=2.0, scattering_um2=1.8, volume_um3=0.5)
 
@@ -43,8 +46,8 @@ def test_scenes_of_layers() -> None:
     scene = vrte.Scene([thin, vrte.Layer(vrte.isotropic(), 0.3, 1.5)], base=vrte.Lambertian(0.3))
     assert (type(scene.layers), scene.thickness, scene.base_is_reached) == (tuple, 2.0, True)
     assert vrte.Scene(thin).base is None
-    endless = vrte.Scene([thin, deep], vrte.Lambertian(0.3))
-    assert (endless.thickness, endless.base_is_reached) == (math.inf, False)
+    half_space = vrte.Scene([thin, deep], vrte.Lambertian(0.3))
+    assert (half_space.thickness, half_space.base_is_reached) == (math.inf, False)
 
 
 def test_a_variation_that_does_nothing_says_so() -> None:
@@ -70,3 +73,126 @@ def test_everything_pickles_or_says_what_does_not() -> None:
     for function in (lambda i, o, p: 0.1 * np.eye(4), NotPickled()):
         with pytest.raises(vrte.SceneError, match=r"MuellerBase function .*(lambda|NotPickled).* cannot be pickled"):
             pickle.dumps(vrte.Scene(layers, vrte.MuellerBase(function)))
+
+
+MU, PHI = np.array([0.2, 0.7, 1.0]), np.array([0.0, 40.0, 130.0, 180.0, 250.0])
+D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
+UPPER, LOWER = vrte.Layer(spheroids(), 0.9, 0.4), vrte.Layer(vrte.rayleigh(0.03), 0.7, 1.2)
+TWO, TURNED = vrte.Scene([UPPER, LOWER]), vrte.Scene([LOWER, UPPER])
+NODES = 6
+METHODS = ("discrete-ordinates", "matrix-operator")
+
+
+def lit(scene: vrte.Scene, side: str, method: str) -> vrte.Brdf:
+    """Both ways through."""
+    how = {"truncation": "none", "accuracy": 1e-14} if method == "discrete-ordinates" else {}
+    return vrte.brdf(scene, MU, MU, PHI, nodes=NODES, transmission=True, method=method, illuminate=side, **how)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_symmetric_slabs_have_no_top_and_others_are_reciprocal_from_face_to_face(method: str) -> None:
+    """But for the mirror, D f D; what goes down through two layers goes up through them the other way: f(i, o) =
+    Q f(o, i)^T Q, Stokes vectors of the reversed light in a horizontal mirror."""
+    above, below = (lit(vrte.Scene([LOWER, UPPER, LOWER]), side, method) for side in ("top", "bottom"))
+    assert_close(below.mueller, D @ above.mueller @ D, rtol=0.0, atol=1e-13)
+    assert_close(below.transmission, D @ above.transmission @ D, rtol=0.0, atol=1e-13)
+    assert (above.diagnostics["illuminate"], below.diagnostics["illuminate"]) == ("top", "bottom")
+    down, up = (lit(TWO, side, method).transmission for side in ("top", "bottom"))
+    expected = Q @ np.swapaxes(np.swapaxes(up, 0, 1), -1, -2) @ Q
+    assert_close(down, expected, rtol=0.0, atol=1e-12 * np.abs(down).max())
+    assert np.abs(down - up).max() > 1e-3 * np.abs(down).max()  # the two layers are not alike
+
+
+def test_field_from_below_is_that_of_the_turned_scene() -> None:
+    stokes, tau, mu = np.array([1.0, 0.2, -0.3, 0.1]), np.array([0.0, 0.3, 1.0, 1.6]), np.array([0.3, 0.9, -0.3, -0.9])
+    below = exact.radiance(TWO, 0.6, stokes, mu, PHI, tau, nodes=NODES, illuminate="bottom")
+    above = exact.radiance(TURNED, 0.6, stokes @ D, -mu, PHI, 1.6 - tau, nodes=NODES)
+    assert_close(below.stokes, above.stokes @ D, rtol=0.0, atol=1e-14)
+    assert_close(below.flux_up, above.flux_down, rtol=1e-13, atol=0.0)
+    assert_close(below.flux_down, above.flux_up, rtol=1e-13, atol=1e-14)
+    assert_close(below.direct, 0.6 * np.exp(-(1.6 - tau) / 0.6), rtol=1e-14, atol=0.0)
+    for found, given in ((below.tau, tau), (below.mu, mu), (below.incident_stokes, stokes)):
+        assert found.tolist() == given.tolist()
+    assert below.flux_up[0] > 0.01  # light comes up out of the top, none falls on it
+    assert abs(below.flux_down[0]) < 1e-15
+
+
+def test_field_from_below_along_the_nodes() -> None:
+    below = exact.radiance(TWO, 0.6, nodes=4, tau=[0.0, 1.6], illuminate="bottom")
+    again = exact.radiance(TWO, 0.6, mu=below.mu, nodes=4, tau=[0.0, 1.6], illuminate="bottom")
+    assert (below.mu[:4] > 0.0).all()
+    assert_close(below.stokes, again.stokes, rtol=0.0, atol=1e-15)
+    assert not below.stokes[0, 4:].any()  # nothing falls on the top
+    assert exact.radiance(TWO, 0.6, mu=[], nodes=4, illuminate="bottom").stokes.shape == (1, 0, 1, 4)
+
+
+def test_plans_and_batches_know_the_side() -> None:
+    made = vrte.plan("brdf", TWO, MU, MU, nodes=4, truncation="none", illuminate="bottom")
+    assert made.problem.albedo.tolist() == [0.7, 0.9]
+    (one,) = vrte.brdfs([TWO], MU, MU, nodes=4, illuminate="bottom")
+    assert (one.mueller == vrte.brdf(TWO, MU, MU, nodes=4, illuminate="bottom").mueller).all()
+
+
+def test_command_line(tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    layer = '[[layer]]\nphase = "rayleigh"\nalbedo = {}\nthickness = 1.0\n'
+    scene.write_text(f"nodes = 4\n{layer.format(0.9)}{layer.format(0.3)}[brdf]\nmu_i = [0.5]\nmu_o = [0.5]\n")
+    out = tmp_path / "two.nc"
+    assert main(["brdf", str(scene), "-o", str(out), "--illuminate", "bottom"]) == 0
+    layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.3, 0.9)]
+    found = vrte.load(out)
+    assert isinstance(found, vrte.Brdf)
+    assert found.mueller[0, 0, 0, 0, 0] == vrte.brdf(vrte.Scene(layers), 0.5, 0.5, nodes=4).mueller[0, 0, 0, 0, 0]
+    assert found.diagnostics["illuminate"] == "bottom"
+
+
+# any light
+
+
+def table(scene: vrte.Scene, cosines: int, mu_o: np.ndarray, azimuths: int = 8, **how: object) -> vrte.Brdf:
+    """Of Gauss cosines and azimuths all around."""
+    mu_i = vrte.hemisphere(cosines)[0]
+    return exact.brdf(scene, mu_i, mu_o, np.arange(azimuths) * 360.0 / azimuths, **how)
+
+
+WHITE = {
+    "thin, on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.3)], vrte.Lambertian(1.0)),
+    "on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 2.0)], vrte.Lambertian(1.0)),
+    "semi-infinite": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, np.inf)]),
+}
+
+
+@pytest.mark.parametrize("name", WHITE)
+def test_white_under_a_white_sky_is_white(name: str) -> None:
+    """On the solver's own nodes to rounding, in any direction."""
+    found = table(WHITE[name], 8, np.concatenate([vrte.hemisphere(8)[0], MU]), nodes=8)
+    assert_close(found.diffuse_reflectance(), 1.0, rtol=1e-13, atol=0.0)
+    assert found.bihemispherical_reflectance() == close_to(1.0, rtol=1e-13, atol=0.0)
+    assert_close(table(WHITE[name], 16, MU, nodes=24).diffuse_reflectance(), 1.0, rtol=1e-7, atol=0.0)
+
+
+def test_diffuse_reflectance_is_reciprocal_to_that_of_a_beam() -> None:
+    """A sky seen along mu_o is as bright as the whole sky lit along it: polarized light included."""
+    scene = vrte.Scene([UPPER, LOWER], vrte.Lambertian(0.3))
+    mu = vrte.hemisphere(NODES)[0]
+    found = table(scene, NODES, mu, azimuths=2 * spheroids().terms, nodes=NODES)
+    assert_close(found.diffuse_reflectance(), found.reflectance, rtol=1e-12, atol=0.0)
+
+
+def test_any_light_is_the_sum_of_its_beams() -> None:
+    """Against the sum written out: each incident direction by itself, its azimuth turned."""
+    found = table(TWO, 4, MU, azimuths=2 * spheroids().terms, nodes=NODES, transmission=True)
+    phi, (_, weights) = found.phi, vrte.hemisphere(4)
+
+    def sky(mu_i: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
+        c, s = np.cos(np.radians(phi_deg)), np.sin(2.0 * np.radians(phi_deg))
+        return np.stack(np.broadcast_arrays(1.3 + mu_i + c, 0.3 * s, 0.1 * c * mu_i, 0.05 * mu_i), axis=-1)
+
+    light = sky(found.mu_i[:, None], phi[None])
+    for matrices, transmitted in ((found.mueller, False), (found.transmission, True)):
+        expected = np.zeros((MU.size, phi.size, 4))
+        for i, q in np.ndindex(light.shape[:2]):
+            turned = np.roll(matrices[i], q, axis=1)
+            expected += weights[i] * found.mu_i[i] * 2 * np.pi / phi.size * turned @ light[i, q]
+        assert_close(found.under(sky, transmitted=transmitted), expected, rtol=0.0, atol=1e-13)
+    assert_close(found.under(light, weights), found.under(sky), rtol=0.0, atol=1e-15)

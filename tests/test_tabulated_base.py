@@ -14,7 +14,7 @@ from vrte.basics.splines import make_cosines, stretch_cosines
 from vrte.methods import find_method
 from vrte.request.how import EXACT, METHODS
 from vrte.scene.base_checks import PAULI
-from vrte.scene.tabulated_base import expand_azimuths, foretell_error
+from vrte.scene.tabulated_base import expand_azimuths, extrapolate_error
 
 from .helpers import assert_close, close_to
 
@@ -176,8 +176,8 @@ def test_the_error_told_is_about_the_error_made(count: int) -> None:
     exact = dipoles(*where)
     made = np.linalg.norm(weight * (base.reflect(*where) - exact)) / np.linalg.norm(weight * exact)
     assert made / 8 < base.interpolation_error < 8 * made
-    assert foretell_error(1e-3, 1e-1) == close_to(1e-5, rtol=1e-6, atol=0.0)  # carried on at the rate of its fall
-    assert foretell_error(0.3, 0.2) == 0.3  # noise does not fall
+    assert extrapolate_error(1e-3, 1e-1) == close_to(1e-5, rtol=1e-6, atol=0.0)  # carried on at the rate of its fall
+    assert extrapolate_error(0.3, 0.2) == 0.3  # noise does not fall
 
 
 @pytest.mark.parametrize(

@@ -45,8 +45,10 @@ def test_energy_is_conserved_and_scalar_layers_polarize_nothing(name: str) -> No
     assert_close(net, net[-1], rtol=0.0, atol=1e-14)
     white = vrte.radiance(two_layers(base=1.0), 0.6, mu=0.5, nodes=8, truncation=name)
     assert white.flux_up[0] == close_to(0.6, rtol=0.0, atol=1e-12)
-    endless = vrte.Scene([vrte.Layer(HG, 1.0, np.inf)])
-    assert_close(vrte.brdf(endless, [0.3, 0.8], 0.5, nodes=8, truncation=name).reflectance, 1.0, rtol=0.0, atol=1e-12)
+    half_space = vrte.Scene([vrte.Layer(HG, 1.0, np.inf)])
+    assert_close(
+        vrte.brdf(half_space, [0.3, 0.8], 0.5, nodes=8, truncation=name).reflectance, 1.0, rtol=0.0, atol=1e-12
+    )
     scene = vrte.Scene([vrte.Layer(HG, 1.0, 5.0)], vrte.Lambertian(0.5))
     mueller = vrte.brdf(scene, 0.5, MU[:12], PHI, nodes=6, truncation=name, transmission=True)
     assert mueller.diagnostics["peak_fractions"][0] > 0.2
@@ -116,16 +118,16 @@ def error_of_reflection(scene: vrte.Scene, nodes: int, name: str, converged: np.
 
 def test_fewer_nodes_are_enough() -> None:
     """Against 44 nodes, which are right to 3e-6: g = 0.9, with 8 nodes as well as with 16 where terms are cut."""
-    scene, endless = (vrte.Scene([vrte.Layer(HG, 1.0, depth)]) for depth in (5.0, np.inf))
+    scene, half_space = (vrte.Scene([vrte.Layer(HG, 1.0, depth)]) for depth in (5.0, np.inf))
     converged, deep = (
         vrte.brdf(given, 0.8, MU[:12], PHI, nodes=nodes).mueller[..., 0, 0]
-        for given, nodes in ((scene, 44), (endless, 36))
+        for given, nodes in ((scene, 44), (half_space, 36))
     )
     for name in TRUNCATING:
         assert error_of_reflection(scene, 8, name, converged) < 0.025
         assert error_of_reflection(scene, 16, name, converged) < 1.5e-3
         assert error_of_reflection(scene, 32, name, converged) < 1.5e-5
-        assert error_of_reflection(endless, 16, name, deep) < 3e-3
+        assert error_of_reflection(half_space, 16, name, deep) < 3e-3
     assert error_of_reflection(scene, 8, "none", converged) > 0.2
     assert error_of_reflection(scene, 16, "none", converged) > 0.015
 

@@ -14,7 +14,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.polarization import FLIP
 
-MARGIN = 16  # points repeated beyond each end: what the ends spoil has faded to 1e-9 there
+MARGIN = 16  # points repeated beyond each end: errors of the ends have decayed to 1e-9 there
 MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this
 POLE = 1e-6  # of the unit of a grid: nearer to the normal is on it
 DEGREE = 3  # of the polynomials

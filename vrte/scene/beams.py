@@ -20,8 +20,8 @@ LOWEST = 1e-8  # cosines below are along the surface: they lead nowhere
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """What lies above each layer and below the last, for n directions: Mueller matrices (joint, n, 4, 4) of power that
-    comes from above and from below and is reflected, and that goes through, down and up."""
+    """Mueller matrices (interface, n, 4, 4) of power at what lies above each layer and below the last, for n
+    directions: reflected from above and from below, transmitted down and up."""
 
     above: Array
     below: Array

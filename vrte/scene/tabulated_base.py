@@ -342,10 +342,10 @@ def estimate_error(cosines: tuple[Array, Array], weighted: Array, azimuths: int)
         between.append(float(np.linalg.norm((found * both - weighted) * scale)))
         beyond.append(float(np.linalg.norm((scale * weighted)[azimuths // (2 * step) + 1 :])))
     few = min(into.size, out.size) < FEWEST_QUARTERED  # a quarter of them says nothing
-    lost = (between[0] if few else foretell_error(*between)) + foretell_error(*beyond)
+    lost = (between[0] if few else extrapolate_error(*between)) + extrapolate_error(*beyond)
     return lost / size if size > 0.0 else 0.0
 
 
-def foretell_error(halved: float, quartered: float) -> float:
+def extrapolate_error(halved: float, quartered: float) -> float:
     """The error that a sequence leads to, of every fourth point and every other: falling on at the same rate."""
     return float(halved * min(1.0, halved / quartered)) if quartered > 0.0 else 0.0

@@ -116,7 +116,7 @@ def vary_beside_layers(
 
 
 def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Variation:
-    """With a number of the base: in closed form of an even one, else by differences of what it reflects."""
+    """With a number of the base: in closed form of a Lambertian one, else by differences of what it reflects."""
     base = scene.base
     if base is None:
         raise complain_of(name, "the scene has no base: it is black below")

@@ -1,4 +1,4 @@
-"""What optics refuse, each in one sentence that names the argument: indices, sizes, particles, matrices, packings."""
+"""What optics and scenes refuse, each in one sentence that names the argument."""
 
 import math
 import warnings
@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.splines import make_cosines
 from vrte.optics import shapes, spheres
+
+from .samples import rough_mirror
 
 index = vrte.refractive_index
 matrix, table = vrte.PhaseMatrix, vrte.PhaseMatrix.from_angles
@@ -19,7 +22,7 @@ RAMP = vrte.rayleigh().to_angles(np.arange(0.0, 181.0, 5.0))
 PLAIN: dict[str, Any] = {"angle_deg": [0.0, 90.0, 100.0, 180.0], "F11": [1.0, 1.0, 1.0, 1.0]}
 SPHERES_F: dict[str, Any] = {name: getattr(RAMP, name) for name in ("angle_deg", "F11", "F12", "F33", "F34")}
 
-REFUSED = [  # call, words, and the place as data where it is not the first word
+OPTICS: list[tuple[Any, ...]] = [  # call, words, and the place as data where it is not the first word
     (partial(index, "golld", 0.5), r"'golld' is neither a known name .* did you mean 'gold'", ["index"]),
     (partial(index, "main/Au/Jonson", 0.5), "did you mean 'main/Au/Johnson'", ["index"]),
     (partial(index, "main/Au", 0.5), "neither a known name", ["index"]),
@@ -50,6 +53,7 @@ REFUSED = [  # call, words, and the place as data where it is not the first word
     (partial(vrte.mixture, [(GLASS, -1.0)]), "number fraction must be a number >= 0", ["number fraction"]),
     (partial(vrte.mixture, [(GLASS, 0.0)]), "needs more than 0", []),
     (partial(matrix, [1.0 + 2e-6]), r"a1\[0\] must be 1 within 1e-6 .* not 1.000002", []),
+    (partial(matrix, [[1.0, 0.0]]), "a1 must be .* 1-D", None),
     (partial(matrix, [1.0], b2=[0, 0, np.inf]), "b2 must be finite", None),
     (partial(matrix, [1.0, 2e9]), "a1 holds 2e.09: a coefficient is at most 2 l . 1 in size", None),
     (partial(matrix, [1.0, 3.1]), "180 degrees .* coherency matrix has the eigenvalue", []),
@@ -104,11 +108,112 @@ REFUSED = [  # call, words, and the place as data where it is not the first word
 ]
 
 
-@pytest.mark.parametrize(("call", "words", "place"), REFUSED, ids=[row[1] for row in REFUSED])
-def test_optics_refuse_in_one_sentence(call: Any, words: str, place: list[str] | None) -> None:
+layer, fill, mueller, facets = vrte.Layer, vrte.Layer.of, vrte.MuellerBase, vrte.Facets
+DUST = vrte.Particles(vrte.rayleigh(), 0.9, 0.0, extinction_um2=2.0, scattering_um2=1.8, volume_um3=0.5)
+ONE, EITHER = layer(vrte.rayleigh(), 1, 1), "either thickness, or thickness_um together with volume_fraction"
+ENDLESS = layer(vrte.rayleigh(), 0.5, math.inf)
+MU = make_cosines(6)
+TABLE: dict[str, Any] = {"mu_i": MU, "mu_o": MU, "phi_deg": [0, 90, 180]}
+
+
+def of_diagonal(*values: float) -> np.ndarray:
+    return np.broadcast_to(np.diag(values), (6, 6, 3, 4, 4))
+
+
+def tabulate(**changes: Any) -> Any:
+    return partial(vrte.TabulatedBase, **TABLE | {"mueller": of_diagonal(0.1, 0, 0, 0)} | changes)
+
+
+def vary(thickness: Any, albedo: Any, **more: Any) -> Any:
+    return partial(vrte.Variation, "p", 1.0, thickness, albedo, **more)
+
+
+def tilted(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+    f = rough_mirror(mu_i, mu_o, phi_deg)
+    f[..., 0, 2] += 1e-6
+    return f
+
+
+SKY = vrte.brdf(vrte.Scene([ONE]), vrte.hemisphere(2)[0], 0.5, np.arange(4) * 90.0, nodes=4)
+GREEN = [1.0, 0.0, 0.0, 0.0]
+
+SCENES: list[tuple[Any, ...]] = [
+    (partial(layer, vrte.rayleigh(), 1.5, 1.0), "albedo must be between 0 and 1, not 1.5"),
+    (partial(layer, vrte.rayleigh(), 0.5, -1.0), "thickness must be an optical thickness >= 0"),
+    (partial(layer, vrte.rayleigh(), 0.5, 1e13), "thickness must be an optical thickness >= 0, at most 1e.12 or inf"),
+    (partial(layer, np.ones(3), 0.5, 1.0), "phase_matrix must be a vrte.PhaseMatrix, not array"),
+    (partial(fill, DUST), EITHER),
+    (partial(fill, DUST, thickness=1.0, thickness_um=1.0, volume_fraction=0.05), EITHER),
+    (partial(fill, DUST, thickness_um=1.0), EITHER),
+    (partial(fill, DUST, thickness=1.0, volume_fraction=0.05), "volume_fraction is not used beside thickness"),
+    (partial(fill, DUST, thickness=1.0, packing="percus-yevick"), "volume_fraction is needed beside thickness"),
+    (partial(fill, DUST, thickness_um=1.0, volume_fraction=0.0), "must be above 0 and below 1"),
+    (partial(fill, DUST, thickness_um=-1.0, volume_fraction=0.05), "thickness_um must be a length"),
+    (partial(vrte.Scene, []), "at least one layer, or a base"),
+    (partial(vrte.Scene, [ONE, vrte.rayleigh()]), "item 2 of layers must be a vrte.Layer or a vrte.Interface, not an"),
+    (partial(vrte.Scene, [ENDLESS, ONE]), "layer 1: thickness inf .* last layer only"),
+    (partial(vrte.Scene, [ENDLESS, vrte.Interface(1.0, 1.5)]), "thickness inf is allowed for the last layer only"),
+    (partial(vrte.Scene, None), "layers must be a list"),
+    (partial(vrte.Scene, [ONE], 0.3), "base must be None .* not 0.3; .* vrte.Lambertian"),
+    (partial(vrte.Scene, [ONE], interfaces=[None]), "interfaces must be one more than the 1 layers"),
+    (partial(vrte.Lambertian, 1.1), "albedo must be between 0 and 1, not 1.1"),
+    (partial(vrte.Lambertian, None), "albedo must be a number, not None"),
+    (partial(mueller, tilted), r"f\(-phi\) must equal D f\(phi\) D"),
+    (partial(mueller, lambda i, o, p: np.full((4, 4), np.nan)), "finite"),
+    (partial(mueller, lambda i, o, p: 1e101 * np.eye(4)), "at most 1e.100 in size"),
+    (partial(mueller, lambda i, o, p: -np.eye(4)), "f_00 must be >= 0, not -1"),
+    (partial(mueller, lambda i, o, p: np.zeros((3, 3))), "must return the shape"),
+    (partial(mueller, lambda i, o, p: 1j * np.eye(4)), "real numbers"),
+    (partial(mueller, lambda i, o: np.eye(4)), "called with arrays .* failed with TypeError"),
+    (partial(mueller(rough_mirror), [0.1, 0.2], [0.1, 0.2, 0.3], 0.0), "must broadcast, not be of the shapes"),
+    (partial(facets, 1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
+    (partial(facets, 1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
+    (partial(facets, 1.5, 0.001), "base: roughness must be 0 .smooth. or from"),
+    (partial(facets, 1.5, 0.1, "gauss"), "Facets: distribution must be 'beckmann' or 'ggx'"),
+    (partial(facets, 1.5, 0.1, "beckmann", False, True), "conserving gives back what facets hide from each other, and"),
+    (partial(facets, 0.0, 0.1), "base: index must be n or n"),
+    (partial(facets, (1.5, -1.0), 0.1), "base: index must be n or n.* n - ik of the other convention is n . ik here"),
+    (partial(vrte.Interface, 1.0, 1.5, conserving=True), "interface: conserving is for facets"),
+    (partial(vrte.Interface, 1.0, 20.0), "index_below must be a real refractive index from 0.1 to 10, not 20"),
+    (partial(vrte.Interface(1.0, 1.5).share, [0.0, 1.0]), "mu must satisfy 1e-8 <= mu <= 1"),
+    (tabulate(mu_i=[0.5]), "base: mu_i must be at least two different cosines above 0, up to 1"),
+    (tabulate(phi_deg=[0, 30, 60]), r"base: phi_deg must be at least 3 azimuths, .* images counted, not 240"),
+    (tabulate(phi_deg=[0, 180]), "base: mueller must have the shape"),
+    (tabulate(mueller=np.zeros((6, 6, 4, 4))), r"base: mueller must have the shape \(6, 6, 3, 4, 4\) to fit its"),
+    (tabulate(mueller=np.full((6, 6, 3, 4, 4), np.nan)), "base: mueller must be finite"),
+    (tabulate(mueller=of_diagonal(-0.1, 0, 0, 0)), r"base: mueller must have f_00 >= 0, not -0\.1"),
+    (tabulate(mueller=of_diagonal(0.5, 0, 0, 0)), r"base: it gives back 1\.571 of the light along mu_i = "),
+    (tabulate(mueller=of_diagonal(0.1, 0.2, 0, 0)), r"not physical: .* eigenvalue -0\.025 where f_00 is 0\.1;"),
+    (tabulate(mueller=np.full((6, 6, 3, 4, 4), 0.01)), r"base: f\(-phi\) must equal D f\(phi\) D"),
+    (tabulate(specular=np.zeros((5, 4, 4))), r"base: specular must have the shape \(6, 4, 4\)"),
+    (tabulate(specular=0.9 * np.broadcast_to(np.eye(4), (6, 4, 4))), r"base: it gives back 1\.214 of the light"),
+    (tabulate(index_above=0.0), r"base: index_above must be a real refractive index from 0\.1 to 10, not 0\.0"),
+    (vary([1.0], [0.0, 0.0]), "one a layer", ["derivatives", "p"]),
+    (vary([np.nan], [0.0]), "finite", ["derivatives", "p"]),
+    (vary([0.0], [0.0], coefficients=[np.eye(6)]), "cannot change", ["derivatives", "p"]),
+    (vary([0.0], [0.0], coefficients=[np.zeros((2, 5))]), r"must be \(terms, 6\)", ["derivatives", "p"]),
+    (vary([0.0], [0.0], is_outside=True), "scene_at", ["derivatives", "p"]),
+    (partial(SKY.under, np.ones((3, 4, 4))), r"must have the shape \(2, 4, 4\), not \(3, 4, 4\)"),
+    (partial(SKY.under, [np.nan, 0.0, 0.0, 0.0]), "incident light must be finite"),
+    (partial(SKY.under, [-1.0, 0.0, 0.0, 0.0]), "must be light, I >= 0 and"),
+    (partial(SKY.under, [1e101, 0.0, 0.0, 0.0]), "must be numbers of at most 1e.100 in size"),
+    (partial(SKY.under, GREEN, [1.0]), "weights must be 2 numbers"),
+    (partial(SKY.under, GREEN, transmitted=True), "no transmission here"),
+    (vrte.brdf(vrte.Scene([ONE]), vrte.hemisphere(2)[0], MU, [0, 90], nodes=4).diffuse_reflectance, "phi all around"),
+    (vrte.brdf(vrte.Scene([ONE]), [0.3, 0.8], MU, nodes=4).bihemispherical_reflectance, "weights are missing"),
+    (partial(vrte.brdf, vrte.Scene([ONE], vrte.Lambertian(0.2)), MU, MU, illuminate="bottom"), "without a base"),
+    (partial(vrte.radiance, vrte.Scene([ENDLESS]), 0.5, illuminate="bottom"), "needs a finite thickness"),
+    (partial(vrte.brdf, vrte.Scene([ONE]), MU, MU, illuminate="left"), "must be 'top', 'bottom', not 'left'"),
+]
+
+
+@pytest.mark.parametrize("row", [*OPTICS, *SCENES], ids=lambda row: row[1])
+def test_what_is_wrong_is_refused_in_one_sentence(row: tuple[Any, ...]) -> None:
+    call, words, *place = row
     with pytest.raises(vrte.SceneError, match=words) as caught:
         call()
-    assert list(caught.value.place) == ([words.split()[0]] if place is None else place)
+    if place:
+        assert list(caught.value.place) == ([words.split()[0]] if place[0] is None else place[0])
 
 
 GOOD: dict[str, dict[str, Any]] = {
@@ -131,6 +236,7 @@ PARTICLES = [  # kind, changes, words, the place as data
     ("coated_spheres", {"core_ratio": None}, "exactly one of core_radius_um, shell_um and core_ratio", None),
     ("coated_spheres", {"shell_um": 0.1}, "exactly one of core_radius_um, shell_um and core_ratio", None),
     ("coated_spheres", {"core_ratio": 1.0}, "must be a ratio of radii from 1e-06 to below 1, not 1.0", "core_ratio"),
+    ("coated_spheres", {"core_ratio": "thin"}, "core_ratio must be a number", "core_ratio"),
     ("coated_spheres", {"core_ratio": None, "shell_um": 0.2}, "less than the smallest .* 0.2 um, not 0.2", "shell_um"),
     (
         "coated_spheres",
