@@ -104,22 +104,22 @@ def run(options: argparse.Namespace) -> None:
     clock, paths, notes = Run(1), list[Path](), list[str]()
     with show_progress() as (phase, tick):
         phase("particles")
-        with clock.recorded("particles"), label_errors(options.scene, reading=True):
+        with clock.timed("particles"), label_errors(options.scene, reading=True):
             files, solve = (prepare_several if options.wavelengths_um else prepare)(options, asked, tick)
         phase("wavelengths" if options.wavelengths_um else "Fourier orders, then directions")
-        with clock.recorded("solver"):
+        with clock.timed("solver"):
             result = solve()
         if options.mitsuba:
             phase("directions of the table")
             at, step, nested = np.array(options.wavelengths_um), options.mitsuba_step_deg, options.mitsuba_nested
-            with clock.recorded("table for Mitsuba"):
+            with clock.timed("table for Mitsuba"):
                 notes = write_table(files, at, options.mitsuba, step, nested, tick, **asked)[1]
             paths = [options.mitsuba, *([options.mitsuba.with_suffix(".xml")] if nested else [])]
     describe(options.scene, files, result)
     writers = {"output": result_file.save, "csv": write_csv, "plot": save_picture}
     for path, save in ((getattr(options, name), save) for name, save in writers.items()):
         if path is not None:
-            with clock.recorded(f"writing {path.suffix}"):
+            with clock.timed(f"writing {path.suffix}"):
                 save(result, path)
             paths.append(path)
     for note in notes:
