@@ -126,6 +126,14 @@ def test_cost_of_imbedding() -> None:
     assert field.diagnostics["doublings"] < 20
 
 
+def test_steps_whose_sweeps_do_not_converge_are_repeated() -> None:
+    """Long steps into a thick white layer: shorter ones take their place."""
+    scene, asked = one_layer(ISOTROPIC, 1.0, 4.0), {"mu_i": 0.5, "mu_o": [0.3, 0.9], "nodes": 4}
+    found, right = vrte.brdf(scene, method="invariant-imbedding", **asked), vrte.brdf(scene, accuracy=1e-13, **asked)
+    assert found.diagnostics["steps_repeated"] > 0
+    assert_close(found.mueller, right.mueller, rtol=0.0, atol=1e-7 * right.mueller.max())
+
+
 @pytest.mark.parametrize("b", [0.3, 0.5, 0.7, 1.0, 4.0])
 def test_structure_preserving_doubling_of_numbers(b: float) -> None:
     """x^2 c - x (a + d) + b = 0, the smaller root."""
