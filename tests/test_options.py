@@ -80,7 +80,7 @@ def test_options_have_one_order_and_one_set_of_names() -> None:
     assert signature(vrte.brdfs).parameters.keys() - {"scenes"} == signature(vrte.brdf).parameters.keys() - {"scene"}
 
 
-@pytest.mark.parametrize("where", [*CALLS, "brdf", "field"], ids=str)
+@pytest.mark.parametrize("where", [*CALLS, "brdf", "field"], ids=lambda where: getattr(where, "__name__", where))
 def test_help_has_each_option_in_the_same_words(where: Any, capsys: pytest.CaptureFixture[str]) -> None:
     """Of calls and of commands."""
     if isinstance(where, str):
