@@ -468,7 +468,7 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
 class Record:
     """What became of a case: its checks, or ``trouble`` where there was no answer; ``c``, ``oracle`` as in `Examined`.
 
-    ``seconds`` of wall time; ``pile``, "" where nothing refracts.
+    ``seconds`` of wall time; ``stack``, "" where nothing refracts.
     """
 
     name: str
@@ -483,7 +483,7 @@ class Record:
     c: float = 0.0
     checks: list[Check] = field(default_factory=list)
     trouble: str = ""
-    pile: str = ""
+    stack: str = ""
     index: float = 1.0
     fingerprint: str = ""
 
@@ -583,7 +583,7 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
         layering=case.layering,
         nodes=case.nodes,
         reason=case.reason,
-        pile=case.pile,
+        stack=case.stack,
         index=case.index,
         seconds=time.perf_counter() - start,
         fingerprint=mark,
@@ -662,7 +662,7 @@ def group_by(records: Sequence[Record], name: str, values: Iterable[Any] | None 
 def list_blocks(records: Sequence[Record]) -> list[str]:
     """The tables, the corners one by one, what falls short, and what is out of reach, as Markdown; a case counts in
     every row that it belongs to."""
-    plain, under = ([record for record in records if bool(record.pile) == is_under] for is_under in (False, True))
+    plain, under = ([record for record in records if bool(record.stack) == is_under] for is_under in (False, True))
     by_condition = [
         row
         for group in GROUPS
@@ -674,7 +674,7 @@ def list_blocks(records: Sequence[Record]) -> list[str]:
         row for axis in ("base", "layering", "nodes") for row in make_rows(axis, group_by(plain, axis, AXES[axis]))
     ]
     surfaces = make_rows("surfaces", group_by(under, "conditions", [*SURFACE_CONDITIONS, ORDINARY]))
-    for axis in ("pile", "index", "base", "nodes"):
+    for axis in ("stack", "index", "base", "nodes"):
         surfaces += make_rows(axis, group_by(under, axis))
     corners = []
     for one in (record for record in records if record.reason):

@@ -65,7 +65,7 @@ class Case:
     ``slabs``, top first; ``main``, which of them the axes describe; ``sun`` and ``view``, one of COSINES or a number;
     ``beam``, the incident Stokes vector [W m-2]; ``base_kind``, one of BASES; ``nodes`` a hemisphere; ``orders``, the
     Fourier orders looked at; ``reason``, of a corner: what makes it hard; ``extra_mu``, further signed cosines;
-    ``media``, refractive indices above, of every slab and below, and ``pile``, what that is, where light is refracted;
+    ``media``, refractive indices above, of every slab and below, and ``stack``, what that is, where light is refracted;
     ``cosines``, mu0 and all of mu as the oracle's table has them, to the last bit.
     """
 
@@ -82,7 +82,7 @@ class Case:
     reason: str = ""
     layering: str = field(default="one", compare=False)
     media: tuple[float, ...] = ()
-    pile: str = field(default="", compare=False)
+    stack: str = field(default="", compare=False)
     cosines: tuple[float, ...] = field(default=(), compare=False, repr=False)
 
     @property
@@ -336,15 +336,15 @@ def make_covering_cases(name: str) -> Iterator[Case]:
             title = f"{scatters} {of['layering']} {asked}"
         else:
             slab = Slab(of["phase"], of["albedo"], of["thickness"])
-            slabs, main, media = arrange_pile(slab, of["pile"], of["index"])
-            title = f"n={of['index']:.5g} {of['pile']}: {scatters} {asked}"
+            slabs, main, media = arrange_pile(slab, of["stack"], of["index"])
+            title = f"n={of['index']:.5g} {of['stack']}: {scatters} {asked}"
         yield Case(
             title,
             *(of["nodes"], slabs, main, of["base"], of["sun"], of["view"]),
             orders=(0, 1 + number % 2),
             layering=of.get("layering", ""),
             media=media,
-            pile=of.get("pile", ""),
+            stack=of.get("stack", ""),
         )
 
 
@@ -366,14 +366,14 @@ SURFACE_AXES: dict[str, tuple[Any, ...]] = {
     "sun": SURFACE_COSINES,
     "view": SURFACE_COSINES,
     "base": ("black", "white", "mirror", "perfect mirror", "lobe"),
-    "pile": PILES,
+    "stack": PILES,
     "index": (1.0001, 1.33, 1.5, 2.7, 4.0, 1.0 / 1.5),
     "nodes": (6, 12, 24),
 }
 AIR, COAT = Slab("rayleigh", 0.9, 0.2), Slab("isotropic", 0.0, 0.1)
 
 
-def arrange_pile(slab: Slab, pile: str, index: float) -> tuple[tuple[Slab, ...], int, tuple[float, ...]]:
+def arrange_pile(slab: Slab, stack: str, index: float) -> tuple[tuple[Slab, ...], int, tuple[float, ...]]:
     """The slabs of one of PILES, which of them is the one given, and the refractive indices above, of each and below.
 
     A semi-infinite plate has a single surface.
@@ -381,11 +381,11 @@ def arrange_pile(slab: Slab, pile: str, index: float) -> tuple[tuple[Slab, ...],
     >>> arrange_pile(Slab("rayleigh", 1.0, 1.0), "plate", 1.5)[1:]
     (0, (1.0, 1.5, 1.0))
     """
-    if pile == "below the air":
+    if stack == "below the air":
         return (AIR, slab), 1, (1.0, 1.0, index, index)
-    if pile == "coated":
+    if stack == "coated":
         return (COAT, slab), 1, (1.0, math.sqrt(index), index, index)
-    last = 1.0 if pile == "plate" and math.isfinite(slab.thickness) else index
+    last = 1.0 if stack == "plate" and math.isfinite(slab.thickness) else index
     return (slab,), 0, (1.0, index, last)
 
 
@@ -409,7 +409,7 @@ def define(
     slabs, main = (slabs, 0) if slabs else arrange_slabs(phase, albedo, thickness, layering)
     asked = {"nodes": 12 if media else 8, "sun": 0.6} | asked
     if media:
-        asked = {"media": media, "pile": "corner"} | asked
+        asked = {"media": media, "stack": "corner"} | asked
         layering = ""
     return Case(name, slabs=slabs, main=main, base_kind=base, layering=layering, reason=reason, **asked)
 
@@ -481,9 +481,9 @@ CORNERS: tuple[Case, ...] = (
     define("clear layer alone", "no multiple scattering at all", albedo=0.0, base="white"),
     define("identical neighbours, conservative, thick", "joins of layers that are one layer",
            thickness=1e6, layering="identical-neighbours"),
-    define("hundred layers, conservative, thick", "99 joints of slabs that transmit little",
+    define("hundred layers, conservative, thick", "99 additions of slabs that transmit little",
            thickness=1e6, layering="hundred"),
-    define("hundred thin layers", "99 joints of slabs that do nothing",
+    define("hundred thin layers", "99 additions of slabs that do nothing",
            thickness=1e-6, layering="hundred", albedo=0.99),
     define("transmission near 1e-80", "relative digits of light that is nearly gone", albedo=0.5, thickness=1e2),
     define("transmission that underflows", "e^-8000: below the smallest number there is", albedo=0.5, thickness=1e4),
@@ -541,7 +541,7 @@ SURFACE_CORNERS: tuple[Case, ...] = (
            thickness=0.0, media=(1.5, 1.0, 1.5), sun="critical", view="critical"),
     define("n=2.7, thickness 0 over a white base", "the surface and the base alone",
            media=(1.0, 2.7, 2.7), thickness=0.0, base="white"),
-    define("n=1.5, hundred layers", "99 joints that are none, and one", media=(1.0,) + 101 * (1.5,),
+    define("n=1.5, hundred layers", "99 interfaces that are none, and one", media=(1.0,) + 101 * (1.5,),
            layering="hundred", thickness=1e2, nodes=8),
     define("n=1, over a perfect mirror", "nothing refracts: the mirror alone turns beams", media=(1.0, 1.0, 1.0),
            base="perfect mirror", thickness=1e2),

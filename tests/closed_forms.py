@@ -31,9 +31,9 @@ def shares(n: complex, mu: np.ndarray) -> list[np.ndarray]:
     return [np.array([p * p.conj(), s * s.conj(), p * s.conj()]) * w for p, s, w in amplitudes]
 
 
-def mueller_of(share: np.ndarray) -> np.ndarray:
+def mueller_of(fraction: np.ndarray) -> np.ndarray:
     """Of (3, mu) as above: (mu, 4, 4)."""
-    along, across, mixed = share
+    along, across, mixed = fraction
     found = np.zeros((len(mixed), 4, 4))
     found[:, 0, 0] = found[:, 1, 1] = (along + across).real / 2
     found[:, 0, 1] = found[:, 1, 0] = (along - across).real / 2

@@ -245,8 +245,8 @@ class Order:
 
     def is_changed(self, k: int, name: str) -> bool:
         """Whether derivatives are with a number of that layer whose name begins so."""
-        place = self.scene.places[k]
-        return place is not None and (self.derivative or "").startswith(f"layer[{place + 1}].{name}")
+        index = self.scene.places[k]
+        return index is not None and (self.derivative or "").startswith(f"layer[{index + 1}].{name}")
 
     def find_functions(self, medium: Medium, terms: int) -> dict[int, list[arb_mat]]:
         """P_l^m of each direction for multiple scattering: on nodes of several media the intensity's p_l of order 0
@@ -372,7 +372,7 @@ class Order:
 
     def list_parts(self, levels: Sequence[Level]) -> tuple[list[list[Jet]], dict[Level, int]]:
         """R, T, R, T of all that light meets above the base, top first, and between which of them each level is."""
-        scene, parts, place = self.scene, [], {(-1, 0.0): 0}
+        scene, parts, index = self.scene, [], {(-1, 0.0): 0}
         for k, layer in enumerate(scene.layers):
             if scene.interfaces[k] is not None:
                 parts.append(self.find_interface(*scene.media[k : k + 2]))
@@ -383,14 +383,14 @@ class Order:
                 below = end if level in (None, layer.thickness) else Jet(arb(level))
                 if (below - depth).value > 0:
                     parts.append(self.find_slab(k, below - depth))
-                depth, place[k, level] = below, len(parts)
+                depth, index[k, level] = below, len(parts)
         if scene.interfaces[-1] is not None:
             parts.append(self.find_interface(*scene.media[-2:]))
-        return parts, place | {(len(scene.layers), 0.0): len(parts)}
+        return parts, index | {(len(scene.layers), 0.0): len(parts)}
 
     def find_fields(self, levels: Sequence[Level]) -> list[tuple[Jet, Jet]]:
         """Light of all beams down and up at each level, (4 direction, 4 beam)."""
-        parts, place = self.list_parts(levels)
+        parts, index = self.list_parts(levels)
         reflected, passing = [self.find_base()], []
         for Ra, Ta, Rb, Tb in reversed(parts):
             passing.append((Jet(unit(4 * self.size)) - Rb * reflected[-1]).solve(Ta))
@@ -401,7 +401,7 @@ class Order:
         for through in reversed(passing):
             down.append(through * down[-1])
         fields = [(light, back * light) for light, back in zip(down, reversed(reflected), strict=True)]
-        return [fields[place[level]] for level in levels]
+        return [fields[index[level]] for level in levels]
 
 
 def find_response(e: Jet, f: Jet, h: Jet) -> Jet:
@@ -477,7 +477,7 @@ def solve(
 
 def collect(asked: Order, mu: Sequence[float], media: Sequence[float], fields: list[tuple[Jet, Jet]]) -> Light:
     """Radiance, beams and fluxes of the fields at levels that lie in these media."""
-    count, places = len(asked.mu0), range(len(asked.mu0))
+    count, indices = len(asked.mu0), range(len(asked.mu0))
     radiance, beams, fluxes, cosines = [], [], [], []
     for n, both in zip(media, fields, strict=True):
         medium = asked.find_medium(n)
@@ -486,11 +486,11 @@ def collect(asked: Order, mu: Sequence[float], media: Sequence[float], fields: l
         down, up = (block.swapaxes(1, 2) for block in blocks)  # (direction, beam, 4, 4)
         up = up * np.array(FLIP)[:, None]
         rows = [len(asked.nodes) + asked.seen.index((n, abs(float(u)))) for u in mu]
-        radiance.append([[(up if u > 0 else down)[i, b] for i, u in zip(rows, mu, strict=True)] for b in places])
-        beams.append([[light[b - count, b] for b in places] for light in (down, up)])
+        radiance.append([[(up if u > 0 else down)[i, b] for i, u in zip(rows, mu, strict=True)] for b in indices])
+        beams.append([[light[b - count, b] for b in indices] for light in (down, up)])
         through = [(i, medium.weights[i] * medium.mu[i]) for i in medium.nodes] if asked.m == 0 else []
         fluxes.append([sum((w * light[i, :, 0] for i, w in through), 0 * light[0, :, 0]) for light in (down, up)])
-        cosines.append([float(x.mid()) if (x := medium.mu[b - count]) is not None else 0.0 for b in places])
+        cosines.append([float(x.mid()) if (x := medium.mu[b - count]) is not None else 0.0 for b in indices])
     seen = find_centres(radiance).reshape(len(media), count, len(mu), 4, 4) / (2 * math.pi)
     straight, passing = (np.moveaxis(find_centres(each), 1, 0) for each in (beams, fluxes))
     return Light(seen, *straight, np.array(cosines), *passing)

@@ -66,8 +66,8 @@ def find_sensitivity(case: stability_cases.Case, light: Light, m: int, size: np.
             continue
         levels = ((k, moved[k].thickness if depth == layers[k].thickness else depth) for k, depth in case.levels)
         other = ask(case, vrte.Scene(moved, case.scene.base), levels, m)
-        gap = split_beam((other.radiance - light.radiance)[:, 0], case.beam)
-        worst = max(worst, find_largest(np.abs(gap).max(axis=(0, 2, 3)), size))
+        difference = split_beam((other.radiance - light.radiance)[:, 0], case.beam)
+        worst = max(worst, find_largest(np.abs(difference).max(axis=(0, 2, 3)), size))
         if m == 0:
             others = [split_beam(flux, case.beam)[..., 0] for flux in (other.flux_up, other.flux_down)]
             change = np.abs(np.subtract(others, fluxes)).max(axis=(0, 1))
@@ -75,9 +75,9 @@ def find_sensitivity(case: stability_cases.Case, light: Light, m: int, size: np.
     return worst
 
 
-def find_largest(gap: np.ndarray, size: np.ndarray) -> float:
+def find_largest(difference: np.ndarray, size: np.ndarray) -> float:
     """The largest ratio; where there is no light there is no gap."""
-    return float((gap / np.maximum(size, 1e-300)).max())
+    return float((difference / np.maximum(size, 1e-300)).max())
 
 
 def move_layer(layer: vrte.Layer, what: str) -> vrte.Layer:

@@ -24,9 +24,9 @@ from vrte.cl.session import Session
 
 from .helpers import assert_close
 
-LANES, CREW, GROUP = 4, 16, 4  # of a SHARED kernel, of an inverse (a panel's columns), along a side of `product_gpu`
+LANES, WORKERS, GROUP = 4, 16, 4  # of a SHARED kernel, of an inverse (a panel's columns), along a side of `product_gpu`
 SMALLER = {
-    "#define GPU_CREW 256 ": f"#define GPU_CREW {CREW} ",
+    "#define GPU_CREW 256 ": f"#define GPU_CREW {WORKERS} ",
     "#define GPU_GROUP 16": f"#define GPU_GROUP {GROUP}",
     "#define GPU_GROUP 8\n": "#define GPU_GROUP 2\n",
     "#define GPU_DEPTH 16 ": "#define GPU_DEPTH 4 ",
@@ -51,8 +51,8 @@ def make_everything_small() -> None:
 
     session.read_sources, session.SMALL = read_sources, 0
     session.LANES["gpu"] = sums.LANES = LANES
-    matrices.CREW, matrices.GROUP, matrices.TILE, invariance_gpu.GROUP = CREW, GROUP, 4 * GROUP, GROUP
-    steps.CREW, steps.TILES = CREW, 4 * (4 * GROUP + 4 * GROUP + 1)
+    matrices.WORKERS, matrices.GROUP, matrices.TILE, invariance_gpu.GROUP = WORKERS, GROUP, 4 * GROUP, GROUP
+    steps.WORKERS, steps.TILES = WORKERS, 4 * (4 * GROUP + 4 * GROUP + 1)
     matrices.TILED.clear()
     matrices.TILED.update(TILED)
     steps.Memory.copy = lambda own, values: copy_by_kernel(own.session, values, own.take(values.shape, values.dtype))

@@ -30,8 +30,8 @@ class Asked:
         """By some method."""
         if self.kind == "brdf":
             found = vrte.brdf(self.scene, **self.keywords, threads=1, **options)
-            share = np.array([found.reflectance])
-            return Answer(found.mueller.reshape(found.mu_i.size, -1, 4, 4), share, found.diagnostics)
+            fraction = np.array([found.reflectance])
+            return Answer(found.mueller.reshape(found.mu_i.size, -1, 4, 4), fraction, found.diagnostics)
         field = vrte.radiance(self.scene, **self.keywords, threads=1, **options)
         incident = field.mu0 * field.incident_stokes[0]
         shares = np.array([field.flux_up, field.flux_down]) / incident
@@ -54,9 +54,9 @@ class Answer:
 
     def error(self, right: "Answer") -> float:
         """The largest of any Stokes parameter over the largest I at its depth or of its beam, and of shares."""
-        gaps = np.abs(self.light - right.light).max(axis=(1, 2, 3), initial=0.0)
+        differences = np.abs(self.light - right.light).max(axis=(1, 2, 3), initial=0.0)
         sizes = np.abs(right.light[:, :, 0, 0]).max(axis=1, initial=0.0)
-        light = (gaps / np.maximum(sizes, NO_LIGHT)).max()
+        light = (differences / np.maximum(sizes, NO_LIGHT)).max()
         return float(max(light, np.abs(self.shares - right.shares).max()))
 
 
@@ -113,7 +113,7 @@ def surfaced(chance: np.random.Generator) -> vrte.Scene:
 
     base = None if chance.random() < 0.5 else vrte.Lambertian(float(chance.uniform()))
     top = vrte.Interface(1.0, index)
-    piles: dict[str, tuple[float, Callable[[], list[Any]]]] = {  # by kind, its probability
+    stacks: dict[str, tuple[float, Callable[[], list[Any]]]] = {  # by kind, its probability
         "none": (0.2, lambda: [layer(3.0), *([layer()] if chance.random() < 0.5 else [])]),
         "smooth": (0.2, lambda: [top, layer(3.0)]),
         "rough": (0.1, lambda: [vrte.Interface(1.0, index, roughness=0.3, shadowing=True, conserving=True), layer()]),
@@ -121,8 +121,8 @@ def surfaced(chance: np.random.Generator) -> vrte.Scene:
         "stack": (0.15, lambda: [top, layer(), vrte.Interface(index, other), layer()]),
         "between": (0.15, lambda: [layer(), top, layer()]),
     }
-    kind = str(chance.choice([*piles], p=[probability for probability, _ in piles.values()]))
-    return vrte.Scene(piles[kind][1](), base)
+    kind = str(chance.choice([*stacks], p=[probability for probability, _ in stacks.values()]))
+    return vrte.Scene(stacks[kind][1](), base)
 
 
 def cosines(chance: np.random.Generator, count: int) -> Array:

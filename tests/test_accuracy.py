@@ -201,8 +201,10 @@ def test_terms_that_nodes_given_do_not_carry_are_reported() -> None:
     many = vrte.brdfs([scene], 0.5, [0.2, 0.7], nodes=4)[0]
     other = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=4, method="adding-doubling")
     every = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=15)
-    told = [any("carry 8 of the 30 terms" in note for note in one.diagnostics["notes"]) for one in (many, other, every)]
-    assert told == [True, True, False]
+    reported = [
+        any("carry 8 of the 30 terms" in note for note in one.diagnostics["notes"]) for one in (many, other, every)
+    ]
+    assert reported == [True, True, False]
 
 
 @pytest.mark.slow
@@ -222,12 +224,12 @@ def test_the_result_says_how_its_nodes_were_found(base: vrte.Lambertian | vrte.M
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], base)
     call = {"mu0": 0.5, "mu": [0.1, 0.8, -0.3], "phi": [0.0, 60.0]}
     found, right = vrte.radiance(scene, **call), exact.radiance(scene, nodes=64, **call)
-    told = found.diagnostics
-    assert told["promised"]
-    assert told["notes"] == []
-    assert 0.0 < told["achieved"] <= 1e-6
-    assert repr(found).endswith(f", right to {told['achieved']:.1g})")
-    assert f"{told['nodes']}: {told['achieved']:.1g}" in told["nodes_rule"]
+    reported = found.diagnostics
+    assert reported["promised"]
+    assert reported["notes"] == []
+    assert 0.0 < reported["achieved"] <= 1e-6
+    assert repr(found).endswith(f", right to {reported['achieved']:.1g})")
+    assert f"{reported['nodes']}: {reported['achieved']:.1g}" in reported["nodes_rule"]
     assert np.abs(found.stokes - right.stokes).max() <= 1e-6 * right.stokes[..., 0].max()
     assert right.diagnostics["nodes_rule"] == "as asked for"
 

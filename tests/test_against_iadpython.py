@@ -110,7 +110,7 @@ def test_between_two_surfaces_polarization_is_the_whole_difference(
 
 
 @pytest.mark.parametrize("n", [1.0, 1.4, 1.5])
-def test_without_end_light_meets_one_surface(n: float) -> None:
+def test_semi_infinite_light_meets_one_surface(n: float) -> None:
     sample = make_sample(0.99, 2000.0, 0.5, n)
     r, t = double_slab(sample)
     if n > 1.0:

@@ -50,9 +50,9 @@ DUST: dict[str, Any] = {
 MU_I = np.cos(np.radians([45.0, 8.0]))
 
 
-def change(content: dict[str, Any], *place: Any, to: Any) -> dict[str, Any]:
+def change(content: dict[str, Any], *index: Any, to: Any) -> dict[str, Any]:
     found = copy.deepcopy(content)
-    put(found, place, to)
+    put(found, index, to)
     return found
 
 
@@ -145,8 +145,8 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(share
     values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
     assert values["L over white", ""] == found.white.numbers["L"]
     assert values["contrast ratio", ""] == found.contrast
-    at, share = float(found.spectra.wavelength_um[3]), found.spectra.over_black[3]
-    assert values["reflectance factor over black", repr(at)] == share
+    at, fraction = float(found.spectra.wavelength_um[3]), found.spectra.over_black[3]
+    assert values["reflectance factor over black", repr(at)] == fraction
     assert sum(row["quantity"] == "gloss" for row in rows) == 3
     for live, content in ((shared, thicken(2.0)), (Query(stays=True), DUST)):
         with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):

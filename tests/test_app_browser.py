@@ -130,9 +130,9 @@ class Tab:
         self.button("Cancel").wait_for()
         self.button("Cancel").wait_for(state="hidden")
 
-    def slide(self, name: str, share: float) -> None:
+    def slide(self, name: str, fraction: float) -> None:
         box = self.page.get_by_role("slider", name=name).bounding_box()
-        self.page.mouse.click(box["x"] + share * (box["width"] - 4) + 2, box["y"] + box["height"] / 2)
+        self.page.mouse.click(box["x"] + fraction * (box["width"] - 4) + 2, box["y"] + box["height"] / 2)
 
     def wait_for_figure(self, different: Any = None) -> Any:
         """The points of the visible figure's largest trace, and its title, once it is there and another than that."""
@@ -511,15 +511,15 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
     """All rows of all registries: labels fit their fields, and no field leaves the form."""
     tab = open_tab(size=size)
     for label, rows in {"what": SOURCES, "size": SIZES, "what lies beneath": BASES, "filled with": PHASES}.items():
-        for place in range(len(rows)):
+        for index in range(len(rows)):
             tab.label(label).first.click()
             tab.evaluate("() => { window.drawn = document.querySelector('.vrte-left .q-field'); }")
-            tab.page.locator(".q-menu .q-item").nth(place).click()
+            tab.page.locator(".q-menu .q-item").nth(index).click()
             tab.page.locator(".q-menu").wait_for(state="detached")
             # drawn anew, unless it was chosen already
             tab.waits_for("begun => !drawn.isConnected || Date.now() - begun > 10000", arg=tab.evaluate("Date.now()"))
             tab.rest(200)
-            assert tab.evaluate(CUT) == [], f"{label} {place}"
+            assert tab.evaluate(CUT) == [], f"{label} {index}"
     tab.button("add a surface or interface").click()
     tab.choose("surface", "rough: many small facets")
     tab.rest(300)
@@ -579,7 +579,7 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
     ratio = re.search(r"[\d.]+", tab.page.locator(".vrte-heading", has_text="contrast ratio").inner_text())
     assert ratio
     assert 0.6 < float(ratio[0]) < 0.97
-    red, green, blue = (int(after[-6:][place : place + 2], 16) for place in (0, 2, 4))
+    red, green, blue = (int(after[-6:][index : index + 2], 16) for index in (0, 2, 4))
     colour = tab.evaluate("document.querySelector('.vrte-drawdown > div').style.background")
     assert colour == f"rgb({red}, {green}, {blue})"
     tab.page.keyboard.press("ArrowRight")

@@ -55,11 +55,11 @@ def test_a_lobe_is_where_the_solver_says(brdf: vrte.Brdf, scene: vrte.Scene) -> 
     figure = lobe(brdf, 0, "f00", "f10")
     mesh = body(figure)
     some = np.array([300, 1234, 3000, 8000])
-    place = np.stack([mesh.x, mesh.y, mesh.z], axis=-1).astype(float)
-    radius = np.linalg.norm(place, axis=-1)
-    told = np.asarray(mesh.customdata, float)[some]
+    index = np.stack([mesh.x, mesh.y, mesh.z], axis=-1).astype(float)
+    radius = np.linalg.norm(index, axis=-1)
+    reported = np.asarray(mesh.customdata, float)[some]
     largest = float(mesh.customdata[:, 2].max())
-    for position, size, (mu, phi, height, colour) in zip(place[some], radius[some], told, strict=True):
+    for position, size, (mu, phi, height, colour) in zip(index[some], radius[some], reported, strict=True):
         exact = vrte.brdf(scene, 0.6, mu, phi, nodes=8, threads=1).mueller[0, 0, 0]
         assert position[2] / size == close_to(mu, rtol=0.0, atol=1e-6)
         assert np.degrees(np.arctan2(position[1], position[0])) % 360.0 == close_to(phi, rtol=0.0, atol=1e-3)
@@ -147,9 +147,9 @@ def test_polar_diagrams_of_the_field(field: vrte.Field, name: str) -> None:
 
 def test_depths_over_their_largest_and_of_many_some(field: vrte.Field, scene: vrte.Scene) -> None:
     whole, shares = figures.field_polar(field), figures.field_polar(field, over_largest=True)
-    for trace, share in zip(whole.data[:-1], shares.data[:-1], strict=True):
+    for trace, fraction in zip(whole.data[:-1], shares.data[:-1], strict=True):
         drawn = np.asarray(trace.r, float)
-        assert_close(np.asarray(share.r, float), drawn / np.nanmax(drawn), rtol=1e-4, atol=0.0)
+        assert_close(np.asarray(fraction.r, float), drawn / np.nanmax(drawn), rtol=1e-4, atol=0.0)
     assert "each depth over its largest" in shares.layout.title.text
     many = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, tau=np.linspace(0, 1, 40), nodes=4, threads=1)
     figure = figures.field_polar(many)
@@ -200,14 +200,14 @@ def test_a_dark_scene_can_be_drawn() -> None:
 
 
 def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    gaps = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+    differences = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
     fields = [vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4) for mu, phi in ((None, 0.0), ([0.5], 90.0), ([], 0.0))]
     for words, draw, *arguments in (
         *(("place must be a whole number from 0 to 1", lobe, brdf, wrong) for wrong in (2, -1, 0.5)),
         ("a quantity must be one of", lobe, brdf, 0, "<b>"),
         ("a quantity must be one of I", figures.field_polar, fields[0], "f00"),
         ("at least 2 different mu_o", figures.cuts, vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0),
-        ("finite Mueller matrices", lobe, gaps, 0),
+        ("finite Mueller matrices", lobe, differences, 0),
         *(("at phi_deg 0 or 180", figures.field_polar, field) for field in fields[1:]),
     ):
         with pytest.raises(vrte.SceneError, match=words):

@@ -35,7 +35,7 @@ ISOTROPIC = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
 
 def problems(content: form.Content, *about: Any) -> dict[str, str]:
     """By the dotted key that a message is about."""
-    return {show_place(place): message for place, message in checks.find_problems(content, *about).items()}
+    return {show_place(index): message for index, message in checks.find_problems(content, *about).items()}
 
 
 def fresh(**changes: Any) -> form.Content:
@@ -112,14 +112,14 @@ WRONG: list[tuple[str, Any, str, str]] = [
 
 @pytest.mark.parametrize(("table", "below", "text", "words"), WRONG)
 def test_a_wrong_field_gets_the_librarys_message(table: str, below: Any, text: str, words: str) -> None:
-    content, place = fresh(), (table, *below)
+    content, index = fresh(), (table, *below)
     if "interface" in below:
         form.add_interface(content)
         form.set_rough(content["layer"][0]["interface"], "rough")
-    form.put(content, place, parse_field_text(text))
+    form.put(content, index, parse_field_text(text))
     found = problems(content)
-    assert list(found) == [show_place(place)]
-    assert words in found[show_place(place)]
+    assert list(found) == [show_place(index)]
+    assert words in found[show_place(index)]
     if table != "nodes":  # and the others all the same
         assert set(problems(content | {"nodes": 0})) == {"nodes", *found}
 
@@ -200,8 +200,8 @@ def test_layers_are_added_moved_and_removed() -> None:
     form.add_layer(content)
     assert [layer["thickness"] for layer in content["layer"]] == [1.0, 1.0]
     content["layer"][1]["albedo"] = 0.9
-    for place, by in ((1, -1), (0, -1), (1, 1)):
-        form.move_layer(content, place, by)
+    for index, by in ((1, -1), (0, -1), (1, 1)):
+        form.move_layer(content, index, by)
     assert [layer["albedo"] for layer in content["layer"]] == [0.9, 0.5]
     form.remove_layer(content, 0), form.remove_layer(content, 0)
     assert [layer["albedo"] for layer in content["layer"]] == [0.5]
@@ -245,11 +245,11 @@ def test_every_source_and_size_is_right_from_the_start(source: str) -> None:
     assert (form.get_source(kind), problems(content)) == (source, {})
     for mode in form.SIZE_MODES if SOURCES[source].sized else ():
         form.set_size_mode(kind, mode)
-        places = form.list_size_places(mode)
-        wanted = [place for place in places if mode in SIZES and needs_file(SIZES[mode])]
-        expected = {show_place(("particles", "gold", *place)) for place in wanted}
+        indices = form.list_size_places(mode)
+        wanted = [index for index in indices if mode in SIZES and needs_file(SIZES[mode])]
+        expected = {show_place(("particles", "gold", *index)) for index in wanted}
         assert (form.get_size_mode(kind), set(problems(content))) == (mode, expected)
-        assert all(find_field(("particles", "gold", *place), content).label for place in places)
+        assert all(find_field(("particles", "gold", *index), content).label for index in indices)
     form.set_size_mode(kind, "radius")
     form.set_source(kind, "spheres")
     assert kind.keys() == {"index", "radius_um"}
@@ -317,8 +317,8 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     sides = [layer.get("interface") for layer in content["layer"]]
     assert sides == [{"above": 1.0, "below": 1.4}, None, {"above": 1.4, "below": 1.0}]
     assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
-    for place in (0, 2):
-        surface = content["layer"][place]["interface"]
+    for index in (0, 2):
+        surface = content["layer"][index]["interface"]
         form.set_rough(surface, "rough")
         assert surface["roughness"] > 0.0
         surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
@@ -428,8 +428,8 @@ def test_ready_materials_fill_the_form_with_all_their_numbers(name: str) -> None
     content, _ = begin_with_material(list_materials()[name])
     assert problems(content) == {}
     assert "material" not in content["layer"][0]
-    fields = [place for place in list_places(content["particles"], "particles") if place[2:3] != ("source",)]
-    assert all(find_field(place, content).label for place in fields)
+    fields = [index for index in list_places(content["particles"], "particles") if index[2:3] != ("source",)]
+    assert all(find_field(index, content).label for index in fields)
 
 
 @settings(max_examples=15, deadline=None)

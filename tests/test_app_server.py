@@ -51,11 +51,11 @@ class Viewer:
         """Code, headers and body of an answer; as the owner's browser asks, unless told otherwise."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
         try:
-            said = {name.replace("_", "-"): value for name, value in headers.items()}
+            reported = {name.replace("_", "-"): value for name, value in headers.items()}
             if cookie is not None:
-                said["Cookie"] = cookie or self.cookie
+                reported["Cookie"] = cookie or self.cookie
             connection.putrequest(method, target, skip_host=True)
-            for name, value in ({"Host": self.host} | said).items():
+            for name, value in ({"Host": self.host} | reported).items():
                 connection.putheader(name, value)
             connection.endheaders(body or None)
             answer = connection.getresponse()
@@ -75,9 +75,9 @@ class Viewer:
 
     def socket_to(self, cookie: str | None = "", **headers: str) -> int:
         """The code that the page's web socket is answered with: 101 where it is opened."""
-        said = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
-        said |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", **headers}
-        return self.ask(f"{SOCKET}websocket", cookie, **said)[0]
+        reported = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+        reported |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", **headers}
+        return self.ask(f"{SOCKET}websocket", cookie, **reported)[0]
 
 
 @pytest.fixture(scope="module")
@@ -255,9 +255,9 @@ def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]
 def find_refusal(captured: Any, *arguments: str) -> str:
     """The one line in which `vrte view` ends."""
     assert cli.main(["view", "--no-browser", *arguments]) == 2
-    said: str = captured.readouterr().err
-    assert said.count("\n") == 1
-    return said
+    reported: str = captured.readouterr().err
+    assert reported.count("\n") == 1
+    return reported
 
 
 @pytest.mark.slow
@@ -283,8 +283,8 @@ def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code
         process.send_signal(number)
         time.sleep(0.05)
         process.send_signal(number)
-        said, complained = process.communicate(timeout=20)
-    assert (process.returncode, said, complained) == (code, "vrte view: ended\n", "")
+        reported, complained = process.communicate(timeout=20)
+    assert (process.returncode, reported, complained) == (code, "vrte view: ended\n", "")
 
 
 @pytest.mark.slow
@@ -300,10 +300,10 @@ def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: i
         while f"{module}\n" not in next(lines).rpartition(" ")[2]:
             pass
         process.send_signal(number)
-        said = "".join(line for line in lines if not line.startswith("import time:"))
+        reported = "".join(line for line in lines if not line.startswith("import time:"))
         process.stderr.close()
         assert process.wait(20) == code
-        assert said in (words, "")  # nothing, where TERM comes before there is anything to clean up
+        assert reported in (words, "")  # nothing, where TERM comes before there is anything to clean up
 
 
 @pytest.mark.slow

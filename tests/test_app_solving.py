@@ -53,16 +53,16 @@ def outcome() -> Outcome:
 
 
 def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
-    for place, wavelength in enumerate(SMALL["wavelength_um"]):
+    for index, wavelength in enumerate(SMALL["wavelength_um"]):
         dust = vrte.spheres((1.5, 0.01), radius_um=0.05, wavelength_um=wavelength)
         layers = [vrte.Layer.of(dust, 1.0), vrte.Layer(vrte.rayleigh(), 0.9, 0.5)]
         scene = vrte.Scene(layers, vrte.Lambertian(0.3))
         expected = vrte.brdf(scene, [0.4, 0.8], [0.3, 0.7, 1.0], [0, 90, 180, 270], nodes=6)
-        assert_close(outcome.brdfs[place].mueller, expected.mueller, rtol=1e-12, atol=1e-16)
+        assert_close(outcome.brdfs[index].mueller, expected.mueller, rtol=1e-12, atol=1e-16)
         tau = [1.5 * step / 4 for step in range(5)]
         field = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], phi=[0, 180], tau=tau, nodes=6)
-        assert_close(outcome.fields[place].stokes, field.stokes, rtol=1e-12, atol=1e-16)
-        inside = outcome.inside[place]
+        assert_close(outcome.fields[index].stokes, field.stokes, rtol=1e-12, atol=1e-16)
+        inside = outcome.inside[index]
         np.testing.assert_array_equal(inside["layer 1: dust"].coefficients, dust.phase_matrix.coefficients)
     assert [*inside] == ["layer 1: dust", "layer 2: rayleigh"]
     assert outcome.plan is not None
@@ -79,7 +79,7 @@ def test_the_bar_goes_on_and_is_not_full_while_something_is_solved() -> None:
     assert fractions == sorted(fractions)
     assert max(fractions) < 0.99
     ends = [one.fraction for one in reported if one.stage.endswith("adding up")]
-    assert ends == close_to([(place + 0.9) / 4.0 for place in (1, 2, 3)], rtol=0.0, atol=1e-12)
+    assert ends == close_to([(index + 0.9) / 4.0 for index in (1, 2, 3)], rtol=0.0, atol=1e-12)
     assert Progress(close_to(0.25 + 0.9 / 4 / 7, rtol=0.0, atol=1e-12), "BRDF: Fourier orders, 1 of 7") in reported
 
 
@@ -131,8 +131,8 @@ def test_a_scene_that_takes_too_long_to_read_is_given_up() -> None:
         pickle.dump((1, Task("solve.adopt", b"", Path(), {"names": frozenset()})), process.stdin)
         process.stdin.flush()
         assert process.wait(60) == -signal.SIGXCPU
-    with tempfile.TemporaryFile() as said:
-        assert explain_end(-signal.SIGXCPU, said) == "the process of this task has taken too long, and was ended"
+    with tempfile.TemporaryFile() as reported:
+        assert explain_end(-signal.SIGXCPU, reported) == "the process of this task has taken too long, and was ended"
 
 
 def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Path) -> None:

@@ -162,8 +162,8 @@ R_E, R_I = walsh(INDEX)
 def make_even(albedo: float, index: float = 1.0, wavelengths: object = (0.5,), **surface: object) -> Panel:
     """A Lambertian base, bare or under a surface."""
     layer = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0, "host_index": index}
-    pile = [{"interface": {"above": 1.0, "below": index, **surface}}, layer] if index > 1.0 else [layer]
-    return make_panel({"layer": pile, "base": {"kind": "lambertian", "albedo": albedo}}, wavelengths)
+    stack = [{"interface": {"above": 1.0, "below": index, **surface}}, layer] if index > 1.0 else [layer]
+    return make_panel({"layer": stack, "base": {"kind": "lambertian", "albedo": albedo}}, wavelengths)
 
 
 def read_panel(panel: Panel, *names: str) -> dict[str, float]:

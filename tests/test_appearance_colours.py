@@ -102,11 +102,11 @@ def test_sums_are_those_of_colour_science(light: tuple[str, int], largest: float
 def test_few_wavelengths_do_for_smooth_spectra(count: int, largest: float) -> None:
     """CIEDE2000 from sums over 1 nm; docs/how_to/appearance.md has the errors on measured spectra."""
     few = np.linspace(0.40, 0.70, count)
-    gaps = [
+    differences = [
         find_difference(find_colour(few, sparse), find_colour(FINE, full))
         for sparse, full in zip(smooth_spectra(few), smooth_spectra(FINE), strict=True)
     ]
-    assert max(gaps) < largest
+    assert max(differences) < largest
 
 
 def test_a_colour_chart_has_its_published_colours() -> None:
@@ -114,8 +114,8 @@ def test_a_colour_chart_has_its_published_colours() -> None:
     8-bit values are from memory; cyan is known for lying outside of sRGB."""
     spectra = list(import_colour_science().SDS_COLOURCHECKERS["BabelColor Average"].values())
     known = spectra[0].wavelengths * 1e-3
-    for place, expected in ((0, (115, 82, 68)), (14, (175, 54, 60)), (18, (243, 243, 242))):
-        found = find_colour(known, spectra[place].values, "D65", 2)
+    for index, expected in ((0, (115, 82, 68)), (14, (175, 54, 60)), (18, (243, 243, 242))):
+        found = find_colour(known, spectra[index].values, "D65", 2)
         assert_close(255.0 * found.srgb, expected, rtol=0.0, atol=6.0)
         assert found.is_in_gamut
     cyan = find_colour(known, spectra[17].values, "D65", 2)

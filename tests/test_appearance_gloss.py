@@ -91,17 +91,17 @@ def test_receptor_gets_what_a_plain_grid_sums_up(surface: Interface, angle_deg: 
     ids=lambda one: one.in_words[35:] if isinstance(one, Interface) else str(one),
 )
 def test_more_points_change_nothing(surface: Interface, angle_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    share = collect_mirrored(surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE)
+    fraction = collect_mirrored(surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE)
     monkeypatch.setattr(import_module("vrte.appearance.apertures"), "SOURCE_POINTS", 5)
     more = collect_mirrored(surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE, 10)
-    assert share == close_to(more, rtol=1e-6, atol=0.0)
+    assert fraction == close_to(more, rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda one: one.in_words[35:])
 def test_hemisphere_gets_all_that_the_surface_reflects(surface: Interface) -> None:
     """A smooth surface sends its whole beam into any receptor, and the source's extent moves that little."""
-    share = collect_mirrored(surface, 1.0, Round(180.0), points=16)
-    assert share == close_to(surface.share(1.0)[0].item(), rtol=1e-6, atol=0.0)
+    fraction = collect_mirrored(surface, 1.0, Round(180.0), points=16)
+    assert fraction == close_to(surface.share(1.0)[0].item(), rtol=1e-6, atol=0.0)
     for angle_deg, receptor in RECEPTORS.items():
         expected = Interface(1.0, 1.5).share(cosine(angle_deg))[0].item()
         for source, rtol in ((None, 1e-13), (SOURCE, 7e-4)):
@@ -111,8 +111,8 @@ def test_hemisphere_gets_all_that_the_surface_reflects(surface: Interface) -> No
 
 def make_bare_panel(surface: Interface | None, base: Boundary | None = None, **asked: object) -> Panel:
     """A surface over a base at wavelengths of the visible, and nothing between them."""
-    pile = [NOTHING] if surface is None else [surface, NOTHING]
-    scene = vrte.Scene(pile, base)
+    stack = [NOTHING] if surface is None else [surface, NOTHING]
+    scene = vrte.Scene(stack, base)
     return Panel(VISIBLE, (scene,) * VISIBLE.size, (0.0,), asked)
 
 

@@ -85,12 +85,12 @@ def test_films_that_never_hide_always_hide_or_need_not() -> None:
     found = find_hiding(prepare(film), Conditions(black=0.2))
     assert found.reflectance_over_white == close_to(0.8 * math.exp(-0.7 / MU_I - 0.7), rtol=1e-12, atol=0.0)
     assert found.contrast_ratios == close_to(0.25, rtol=1e-12, atol=0.0)
-    assert (found.hiding_times, found.without_end.any()) == (None, False)
+    assert (found.hiding_times, found.semi_infinite.any()) == (None, False)
     assert "however thick" in found.reason
     found = find_hiding(prepare({**GREY, "thickness": 100.0}))
     for ratio in (found.contrast_ratio, found.opacity, found.compare_cards(0.3, 0.9)):
         assert ratio == close_to(1.0, rtol=0.0, atol=1e-12)
-    assert found.reflectance_over_black == close_to(found.without_end, rtol=1e-10, atol=0.0)
+    assert found.reflectance_over_black == close_to(found.semi_infinite, rtol=1e-10, atol=0.0)
     assert 0.0 < (found.hiding_times or 0.0) < 0.2
     assert find_contrast(prepare({**GREY, "thickness": math.inf})) == 1.0
     found = find_hiding(prepare(GREY), Conditions(black=0.795))
@@ -155,19 +155,19 @@ def white() -> Hiding:
     return find_hiding(prepare(WHITE))
 
 
-def test_the_curve_rises_to_the_film_without_end(white: Hiding) -> None:
+def test_the_curve_rises_to_the_film_semi_infinite(white: Hiding) -> None:
     assert (np.diff(white.contrast_ratios) > 0.0).all()
     assert (np.diff(white.over_black) > 0.0).all()
     assert (white.over_black < white.over_white).all()
-    assert (white.over_white < white.luminance_without_end).all()
+    assert (white.over_white < white.luminance_semi_infinite).all()
     assert white.opacity < white.paper_opacity < white.contrast_ratio
-    place = int(np.flatnonzero(white.times == 1.0)[0])
-    assert white.contrast_ratios[place] == close_to(white.contrast_ratio, rtol=1e-12, atol=0.0)
+    index = int(np.flatnonzero(white.times == 1.0)[0])
+    assert white.contrast_ratios[index] == close_to(white.contrast_ratio, rtol=1e-12, atol=0.0)
     assert white.hiding_times is not None
     assert white.times[0] < min(1.0, white.hiding_times) < max(1.0, white.hiding_times) < white.times[-1]
-    gaps = np.diff(np.log(white.times))
-    assert gaps.max() < 1.21
-    assert gaps[white.times[1:] < white.hiding_times].max() < 0.61
+    differences = np.diff(np.log(white.times))
+    assert differences.max() < 1.21
+    assert differences[white.times[1:] < white.hiding_times].max() < 0.61
 
 
 @pytest.mark.slow

@@ -377,15 +377,15 @@ class TestDoor:
         ],
     )
     def test_the_argument_and_what_was_meant_are_named(self, call: Callable[[], Any], words: str) -> None:
-        with pytest.raises(vrte.SceneError) as told:
+        with pytest.raises(vrte.SceneError) as reported:
             call()
-        assert words in str(told.value)
+        assert words in str(reported.value)
 
     @pytest.mark.parametrize("call", [lambda: vrte.cox_munk(20.0), lambda: vrte.refractive_index(1.5, 500.0)])
     def test_a_warning_is_of_the_line_that_called(self, call: Callable[[], Any]) -> None:
-        with pytest.warns() as told:
+        with pytest.warns() as reported:
             call()
-        assert {one.filename for one in told} == {__file__}
+        assert {one.filename for one in reported} == {__file__}
 
     def test_an_unknown_argument_is_python_s_matter_and_pickles_stay(self) -> None:
         with pytest.raises(TypeError, match="unexpected keyword argument 'nods'"):

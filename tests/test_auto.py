@@ -53,7 +53,7 @@ def test_it_solves_as_the_method_that_it_took_and_says_so(
     scene: vrte.Scene, accuracy: float, place: int, by_hand: dict[str, object]
 ) -> None:
     keys, rule = KEYS | {"tau": [0.0, scene.thickness]}, RULES[place]
-    told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+    reported = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
     found, expected = (
         vrte.radiance(scene, **keys, accuracy=accuracy, method="auto"),
         vrte.radiance(scene, **keys, **by_hand),
@@ -61,12 +61,12 @@ def test_it_solves_as_the_method_that_it_took_and_says_so(
     np.testing.assert_array_equal(found.stokes, expected.stokes)
     np.testing.assert_array_equal(found.flux_up, expected.flux_up)
     made = found.diagnostics
-    assert (made["method"], made["method_rule"], made["accuracy"]) == (rule.method, told, accuracy)
+    assert (made["method"], made["method_rule"], made["accuracy"]) == (rule.method, reported, accuracy)
     assert (made["promised"], made["notes"], made["nodes"]) == (True, [], expected.diagnostics["nodes"])
     assert "method_rule" not in expected.diagnostics
     plan = vrte.plan("radiance", scene, **keys, accuracy=accuracy, method="auto")
-    assert told in " ".join(str(plan).split())
-    assert (plan.as_dict()["method"], plan.as_dict()["method_rule"]) == (rule.method, told)
+    assert reported in " ".join(str(plan).split())
+    assert (plan.as_dict()["method"], plan.as_dict()["method_rule"]) == (rule.method, reported)
     assert bool(plan.blocks) == (rule.method == EXACT)
     assert ("which the solve compares with" in str(plan)) == (place == 1)
     assert max(map(len, str(plan).splitlines())) <= 120
@@ -148,17 +148,17 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
     """Every answer of auto is as good as asked for; the rules taken, of those that do not look for nodes themselves."""
     scalar = all(layer.phase_matrix.is_scalar for layer in one.scene.layers)
     nodes = (112 if scalar else 64) if one.lowest > 0.05 else (160 if scalar else 104)
-    right, places = None, []
+    right, indices = None, []
     for accuracy in accuracies:
         wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": accuracy})
-        place = find_rule(wanted)[0]
+        index = find_rule(wanted)[0]
         found = one.solved(accuracy=accuracy, method="auto")
         if 1.5 * found.made["nodes"] > nodes:
             continue  # the reference below is hardly better
         right = right or one.solved(nodes=nodes, accuracy=1e-13, truncation="none")
         assert found.error(right) <= accuracy, (one, accuracy)
-        places.append(place)
-    return places
+        indices.append(index)
+    return indices
 
 
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
@@ -177,8 +177,8 @@ def test_random_scenes_get_the_accuracy_asked_for(
     seeds: range, drawn: tuple[Any, ...], accuracies: tuple[float, ...], rule: int, most: int
 ) -> None:
     """And some of them by that rule."""
-    places = [place for seed in seeds for place in check_promise(asked(seed, *drawn), accuracies)]
-    assert places.count(rule) > most
+    indices = [index for seed in seeds for index in check_promise(asked(seed, *drawn), accuracies)]
+    assert indices.count(rule) > most
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def test_disagreements_are_found(rows: list[Row]) -> None:
 def test_score() -> None:
     """Of auto: how often it is good enough, and how its time stands to that of the quickest method that is."""
     exact = "discrete-ordinates"
-    told = [
+    reported = [
         ("a", "auto", exact, "accuracy 1e-3", 2.0, 1e-4),
         ("a", "x", exact, "8 nodes", 1.0, 9e-4),
         ("a", "y", "two-stream", "no knob", 0.5, 9e-2),  # quicker, and not good enough
@@ -221,7 +221,7 @@ def test_score() -> None:
         ("c", "x", exact, "8 nodes", 5.0, 1e-4),
     ]
     nothing = {"q_max": 0.0, "u_max": 0.0, "v_max": 0.0, "reference_within": 1e-9}
-    rows = [Row(*names, "measured", seconds, i_max=error, **nothing) for *names, seconds, error in told]
+    rows = [Row(*names, "measured", seconds, i_max=error, **nothing) for *names, seconds, error in reported]
     assert make_score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
     assert make_score_rows([each for each in rows if each.curve != "auto"]) == []
 

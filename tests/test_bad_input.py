@@ -199,24 +199,24 @@ def files(draw: st.DrawFn) -> bytes:
     """A scene file with one to three things done to it."""
     lines = FILE.splitlines()
     for _ in range(draw(st.integers(1, 3))):
-        place = draw(st.integers(0, len(lines) - 1))
+        index = draw(st.integers(0, len(lines) - 1))
         what = draw(st.sampled_from(["drop", "twice", "value", "key", "cut", "swap", "junk"]))
-        key, equals, _ = lines[place].partition("=")
+        key, equals, _ = lines[index].partition("=")
         if what == "drop":
-            del lines[place]
+            del lines[index]
         elif what == "twice":
-            lines.insert(place, lines[place])
+            lines.insert(index, lines[index])
         elif what == "value" and equals:
-            lines[place] = f"{key}= {draw(st.sampled_from(TOKENS))}"
+            lines[index] = f"{key}= {draw(st.sampled_from(TOKENS))}"
         elif what == "key":
-            lines[place] = draw(st.sampled_from(["x", "nodess", "[layer]", "[[layer]]", "albedo"])) + equals + " 1"
+            lines[index] = draw(st.sampled_from(["x", "nodess", "[layer]", "[[layer]]", "albedo"])) + equals + " 1"
         elif what == "cut":
-            lines[place] = lines[place][: len(lines[place]) // 2]
+            lines[index] = lines[index][: len(lines[index]) // 2]
         elif what == "swap":
             other = draw(st.integers(0, len(lines) - 1))
-            lines[place], lines[other] = lines[other], lines[place]
+            lines[index], lines[other] = lines[other], lines[index]
         else:
-            lines.insert(place, draw(st.text(max_size=8)))
+            lines.insert(index, draw(st.text(max_size=8)))
         lines = lines or [""]
     text = "\n".join(lines).encode("utf-8", "surrogatepass")
     return text + draw(st.sampled_from([b"", b"", b"", b"\xff\xfe", b"\x00"]))

@@ -113,8 +113,10 @@ def test_a_boundary_of_ones_own() -> None:
         if method != EXACT and find_method(method).base == "none":
             continue
         how: dict[str, Any] = {"method": method} | ({"nodes": 6} if method not in ("diffusion", "two-stream") else {})
-        pile = [vrte.Layer(vrte.henyey_greenstein(0.3, 8), 0.9, 0.4)]
-        found, expected = (vrte.brdf(vrte.Scene(pile, base), **DIRECTIONS, **how) for base in (Grey(), Lambertian(0.5)))
+        stack = [vrte.Layer(vrte.henyey_greenstein(0.3, 8), 0.9, 0.4)]
+        found, expected = (
+            vrte.brdf(vrte.Scene(stack, base), **DIRECTIONS, **how) for base in (Grey(), Lambertian(0.5))
+        )
         assert np.array_equal(found.mueller, expected.mueller), method
 
 
@@ -202,8 +204,8 @@ def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) 
     expected = combine(*(np.tensordot(np.pi * weight * turn(angle), f, (1, 2)) for turn in (np.cos, np.sin)))
     expected[:, -1, -1] = 0.0  # from the beam straight to the direction asked for: in closed form, not here
     scale = np.sqrt(np.append(problem.weights * problem.nodes, 1.0))
-    gap = np.abs(found - expected).max(axis=(0, 3, 4)) * scale[:, None] * scale
-    assert gap.max() <= 1e-9 * (np.abs(expected).max(axis=(0, 3, 4)) * scale[:, None] * scale).max()
+    difference = np.abs(found - expected).max(axis=(0, 3, 4)) * scale[:, None] * scale
+    assert difference.max() <= 1e-9 * (np.abs(expected).max(axis=(0, 3, 4)) * scale[:, None] * scale).max()
 
 
 def test_the_accuracy_asked_for_is_that_of_the_light(rough_sea: Function) -> None:
@@ -211,8 +213,8 @@ def test_the_accuracy_asked_for_is_that_of_the_light(rough_sea: Function) -> Non
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1.0)], vrte.MuellerBase(rough_sea))
     best = vrte.brdf(scene, accuracy=1e-12, **call).mueller
     for accuracy in (1e-2, 1e-5, 1e-8):
-        gap = np.abs(vrte.brdf(scene, accuracy=accuracy, **call).mueller - best).max(axis=(1, 2, 3, 4))
-        assert (gap <= accuracy * best[..., 0, 0].max(axis=(1, 2))).all()
+        difference = np.abs(vrte.brdf(scene, accuracy=accuracy, **call).mueller - best).max(axis=(1, 2, 3, 4))
+        assert (difference <= accuracy * best[..., 0, 0].max(axis=(1, 2))).all()
 
 
 def cut_sea(mu_i: Any, mu_o: Any, phi_deg: Any, rough_sea: Function, limit: float = 0.9) -> np.ndarray:
@@ -233,7 +235,7 @@ def test_facets_that_end_at_a_tilt_have_the_orders_of_both_sides_of_the_jump(
     scale = np.sqrt(np.append(problem.weights * problem.nodes, 1.0))
     into, out = np.append(problem.nodes, 0.35), np.append(problem.nodes, 0.7)
     x, weight = np.polynomial.legendre.leggauss(60)
-    gap, largest = np.zeros((5, 5)), np.zeros((5, 5))
+    difference, largest = np.zeros((5, 5)), np.zeros((5, 5))
     for i, o in np.ndindex(5, 5):
         if i == o == 4:
             continue  # from the beam straight to the direction asked for: in closed form, not here
@@ -241,13 +243,13 @@ def test_facets_that_end_at_a_tilt_have_the_orders_of_both_sides_of_the_jump(
         cosine = (between + into[i] * out[o]) / np.sqrt((1 - into[i] ** 2) * (1 - out[o] ** 2))
         t_jump = np.arccos(np.clip(cosine, -1.0, 1.0))
         phi = 0.5 * np.array([t_jump * (1 + x), np.pi + t_jump + (np.pi - t_jump) * x])
-        share = 0.5 * np.array([t_jump * weight, (np.pi - t_jump) * weight])
+        fraction = 0.5 * np.array([t_jump * weight, (np.pi - t_jump) * weight])
         f = cut_sea(into[i], out[o], np.degrees(phi), rough_sea)
         waves = (turn(np.arange(4)[:, None, None] * phi) for turn in (np.cos, np.sin))
-        even = combine(*(np.einsum("mqp,qp,qpab->mab", wave, 2 * share, f) for wave in waves))
-        gap[i, o] = np.abs(found[:, i, o] - even).max() * scale[i] * scale[o]
+        even = combine(*(np.einsum("mqp,qp,qpab->mab", wave, 2 * fraction, f) for wave in waves))
+        difference[i, o] = np.abs(found[:, i, o] - even).max() * scale[i] * scale[o]
         largest[i, o] = np.abs(even).max() * scale[i] * scale[o]
-    assert gap.max() <= 0.1 * accuracy * largest.max()
+    assert difference.max() <= 0.1 * accuracy * largest.max()
 
 
 @pytest.mark.parametrize("width", [0.1, 0.3])
@@ -269,7 +271,7 @@ def test_narrow_lobes_that_a_coarse_rule_sees_are_integrated(width: float) -> No
     assert seen > 8
 
 
-def test_what_does_not_settle_is_named_with_the_accuracy_there_is() -> None:
+def test_what_does_not_converge_is_named_with_the_accuracy_there_is() -> None:
     """Speckles too fine to be integrated: told where they are faint, refused where they are all there is."""
 
     def speckled(mu_i: Any, mu_o: Any, phi_deg: Any, contrast: float) -> np.ndarray:

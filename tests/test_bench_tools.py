@@ -61,10 +61,10 @@ def test_a_case_that_takes_1_3_times_the_last_run_fails(tmp_path: Path, capsys: 
         assert call("save", write_run(tmp_path, one=ratio, two=2.0)) == 0
     for now, code in ((0.5, 0), (0.64, 0), (0.66, 1), (float("nan"), 1)):
         assert call("check", write_run(tmp_path, one=now, two=1.0, new=9.0)) == code
-        told = capsys.readouterr()
-        assert ("one takes" in told.err) == (code == 1)
-        assert "| two | 2.000 | 1.000 | 0.50 |" in told.out
-        assert "| new | - | 9.000 | not in both |" in told.out
+        reported = capsys.readouterr()
+        assert ("one takes" in reported.err) == (code == 1)
+        assert "| two | 2.000 | 1.000 | 0.50 |" in reported.out
+        assert "| new | - | 9.000 | not in both |" in reported.out
     slow, better = write_run(tmp_path, "slow.json", one=0.9, two=2.0), write_run(tmp_path, one=0.5, two=2.9)
     assert (call("check", better), call("check", slow, better)) == (1, 0)
     paths = sorted((tmp_path / "history").iterdir())

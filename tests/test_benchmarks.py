@@ -51,10 +51,10 @@ def test_a_changed_digit_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[
     digit = int(last.rstrip(",")[-1])
     path.write_text(right.replace(last, f"{last.rstrip(',')[:-1]}{(digit + 5) % 10},,,"))
     assert call_study("benchmarks", "--folder", tmp_path, "--scene", "rayleigh_under_a_surface") == 1
-    told = capsys.readouterr()
-    assert "2 changed" in told.out
+    reported = capsys.readouterr()
+    assert "2 changed" in reported.out
     assert re.fullmatch(
-        r"vrte: error: 2 numbers are not as they were, the first: \w+, modes: reflectance 0.9 I I: .*\n", told.err
+        r"vrte: error: 2 numbers are not as they were, the first: \w+, modes: reflectance 0.9 I I: .*\n", reported.err
     )
     path.write_text(right.replace(last + "\n", ""))
     assert call_study("benchmarks", "--folder", tmp_path) == 1

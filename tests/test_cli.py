@@ -127,10 +127,10 @@ def list_written(folder: Path) -> set[str]:
 
 def read_complaint(capsys: pytest.CaptureFixture[str]) -> str:
     """What stands on standard error, which must be one line that names the program."""
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert re.fullmatch(r"vrte: error: [^\n]+\n", told.err)
-    return told.err
+    reported = capsys.readouterr()
+    assert reported.out == ""
+    assert re.fullmatch(r"vrte: error: [^\n]+\n", reported.err)
+    return reported.err
 
 
 @pytest.mark.parametrize(("line", "printed", "written"), GOOD, ids=[row[0] for row in GOOD])
@@ -138,9 +138,9 @@ def test_what_is_printed_and_written(
     line: str, printed: list[str], written: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(*line.split()) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert not [words for words in printed if not re.search(words, told.out)]
+    reported = capsys.readouterr()
+    assert reported.err == ""
+    assert not [words for words in printed if not re.search(words, reported.out)]
     assert list_written(folder) == {*written.split()}
 
 
@@ -161,9 +161,9 @@ def test_a_bad_scene_file_is_one_line_and_code_2(
 ) -> None:
     Path("scene.toml").write_text(SCENE.replace(old, new))
     assert run("brdf", "scene.toml", "-o", "out.nc", "--plot", "out.png") == 2
-    assert words in (told := read_complaint(capsys))
-    assert told.startswith("vrte: error: scene.toml: ")
-    assert told.count("docs/") == words.count("docs/") or "docs/" not in words
+    assert words in (reported := read_complaint(capsys))
+    assert reported.startswith("vrte: error: scene.toml: ")
+    assert reported.count("docs/") == words.count("docs/") or "docs/" not in words
     assert list_written(folder) == set()
 
 
@@ -208,9 +208,9 @@ def test_an_unreached_base_and_doubtful_particles_are_reported(
     rest = '[[layer]]\nphase = "isotropic"\nalbedo = 0.5\nthickness = inf\n[base]\nkind = "lambertian"\nalbedo = 1\n'
     Path("scene.toml").write_text("nodes = 4\n" + dense + layer + rest + "[field]\nmu0 = 0.5\n")
     assert run("field", "scene.toml", "-o", "out.nc") == 0
-    told = capsys.readouterr()
-    assert re.fullmatch(r"vrte: warning: [^\n]*0\.3[^\n]*\n", told.err)
-    assert "base: Lambertian(albedo=1.0), which no light reaches" in told.out
+    reported = capsys.readouterr()
+    assert re.fullmatch(r"vrte: warning: [^\n]*0\.3[^\n]*\n", reported.err)
+    assert "base: Lambertian(albedo=1.0), which no light reaches" in reported.out
 
 
 @pytest.mark.parametrize("option", ["-o", "--csv"])
@@ -266,7 +266,7 @@ def test_an_output_is_no_pipe_and_not_the_file_that_is_read(folder: Path, capsys
 def test_material_over_a_range(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = "material gold --range-um 0.5:0.7:3 --radius-um 0.1 --host-index 1.5 -o gold.csv --plot gold.svg"
     assert run(*asked.split()) == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     sealed, names, *rows = (line.split(",") for line in Path("gold.csv").read_text().splitlines())
     assert sealed[0].startswith("# vrte sha256 ")
     assert names[:5] == ["wavelength_um", "n", "k", "albedo", "asymmetry"]
@@ -274,12 +274,12 @@ def test_material_over_a_range(folder: Path, capsys: pytest.CaptureFixture[str])
     spheres = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.6, host_index=1.5)
     assert (float(rows[1][3]), float(rows[1][5])) == (spheres.albedo, spheres.extinction_um2)
     assert float(rows[1][5]) == close_to(float(rows[1][6]) + float(rows[1][7]), rtol=1e-6, atol=0.0)
-    assert f"{spheres.extinction_um2:16.6g}" in told
+    assert f"{spheres.extinction_um2:16.6g}" in reported
     assert Path("gold.svg").read_bytes().startswith(b"<?xml")
     assert run("material", "gold", "--wavelength-um", "0.64") == 0
     index = vrte.refractive_index("gold", 0.64)
-    told = capsys.readouterr().out
-    assert told == f"gold at 0.64 um: n = {index.n:.6g}, k = {index.k:.6g}\nfrom {index.source}\n"
+    reported = capsys.readouterr().out
+    assert reported == f"gold at 0.64 um: n = {index.n:.6g}, k = {index.k:.6g}\nfrom {index.source}\n"
 
 
 def test_a_terminal_that_lacks_signs_gets_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -157,8 +157,8 @@ def test_what_a_shell_changes_and_what_not() -> None:
     """Three ways to say one shell; rutile in a shell of its host's index is bare rutile, in a larger volume."""
     how: dict[str, Any] = {"wavelength_um": 0.55, "host_index": 1.5}
     shapes = ({"core_radius_um": 0.2}, {"shell_um": 0.05}, {"core_ratio": 0.8})
-    said = [vrte.coated_spheres(2.7, 1.46, radius_um=0.25, **how, **shape).extinction_um2 for shape in shapes]
-    assert_close(said, said[0], rtol=1e-12, atol=0.0)
+    reported = [vrte.coated_spheres(2.7, 1.46, radius_um=0.25, **how, **shape).extinction_um2 for shape in shapes]
+    assert_close(reported, reported[0], rtol=1e-12, atol=0.0)
     bare = vrte.spheres(2.7, radius_um=0.1, **how)
     coated = vrte.coated_spheres(2.7, 1.5, core_radius_um=0.1, radius_um=0.15, **how)
     assert coated.extinction_um2 == close_to(bare.extinction_um2, rtol=1e-12, atol=0.0)
@@ -171,13 +171,13 @@ def test_particles_say_what_they_are_mix_and_are_checked_without_work() -> None:
     air, nothing = (vrte.coated_spheres(core, 1.59, core_ratio=0.8, **how) for core in ("air", 1.0))
     assert air.extinction_um2 == nothing.extinction_um2
     assert "index 1 + 0i (air" in air.description
-    said = vrte.coated_spheres("rutile", (1.46, 0.0), core_ratio=0.9, **how).description
+    reported = vrte.coated_spheres("rutile", (1.46, 0.0), core_ratio=0.9, **how).description
     for words in (
         "a core of 0.9 of the radius, index 2.7533",
         "main/TiO2/Devore-o",
         "in a shell, index 1.46 + 0i (giv",
     ):
-        assert words in said
+        assert words in reported
     assert "a shell of 0.01 um" in vrte.coated_spheres(1.0, 1.59, shell_um=0.01, **how).description
     both = vrte.mixture([(air, 0.4), (vrte.spheres(1.59, **how), 0.6)])
     assert [len(ball.substances) for ball, _ in both.balls] == [2, 1]

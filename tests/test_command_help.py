@@ -90,8 +90,8 @@ class TestInit:
         assert run("init", "sea", "-o", path) == 2
         assert path.read_text() == "mine"
         assert run("init", "sea", "-o", path, "--force") == 0
-        told = capsys.readouterr().out.splitlines()[-2]
-        assert words_of(told.removeprefix("next: "))[1] == str(path)
+        reported = capsys.readouterr().out.splitlines()[-2]
+        assert words_of(reported.removeprefix("next: "))[1] == str(path)
         assert read_scene(path).kind == "brdf"
         monkeypatch.setattr("vrte.commands.init.importlib.util.find_spec", lambda name: None)
         assert tell_next("cloud", Path("my cloud.toml")) == "vrte field 'my cloud.toml' -o 'my cloud.csv'"
@@ -107,7 +107,7 @@ class TestExamples:
         examples, made = COMMANDS[name].examples, {f"{kind}.toml" for kind in KINDS}
         assert len(examples) >= 2
         assert run(name, "--help") == 0
-        told = capsys.readouterr().out
+        reported = capsys.readouterr().out
         section = write_page().split(f"\n## vrte {name}\n")[1].split("\n## ")[0]
         for line, words in examples:
             assert words_of(line)[0] == name
@@ -115,13 +115,13 @@ class TestExamples:
                 assert file in made or (file.startswith("examples/") and (ROOT / file).is_file()), line
             made |= {word for word in words_of(line) if INPUT.match(word)}
             assert len(words.split()) >= 3
-            assert f"\n  {line}\n      {words}\n" in told
+            assert f"\n  {line}\n      {words}\n" in reported
             assert f"# {words}\n{line}\n" in section
-        page = re.search(r"\nmore: (\S+)\n$", told)
+        page = re.search(r"\nmore: (\S+)\n$", reported)
         assert page
         assert (ROOT / page[1]).is_file()
         for kind in KINDS:
-            assert (f"`vrte init {kind}` writes {kind}.toml" in told) == (f"{kind}.toml" in told)
+            assert (f"`vrte init {kind}` writes {kind}.toml" in reported) == (f"{kind}.toml" in reported)
         for action in COMMANDS[name]._actions:
             assert action.dest == "help" or all(f"`{one}`" in section for one in action.option_strings)
             assert action.help, f"vrte {name}: {action.dest} is not explained"
@@ -230,14 +230,14 @@ class TestVersions:
         monkeypatch.setattr(device, "devices", devices)
         monkeypatch.setattr(metadata, "version", version)
         monkeypatch.setattr(metadata, "requires", lambda name: required)
-        told = versions.describe_versions()
-        *lines, last = told.splitlines()
+        reported = versions.describe_versions()
+        *lines, last = reported.splitlines()
         assert {"OpenCL: there is no OpenCL platform", "installed: numpy 1.0", "not installed: xarray, zarr"} <= {
             *lines
         }
         variables = {*last.removeprefix("environment: ").split(", ")}
         assert {"OPENBLAS_NUM_THREADS=3", "VRTE_OPENCL_DEVICE=~/card of /home/somebody-else"} <= variables
-        assert "abc" not in told
+        assert "abc" not in reported
         monkeypatch.setattr(versions, "find_versions", dict)
         assert "installed: none" in versions.describe_versions()
         extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]

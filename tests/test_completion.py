@@ -32,9 +32,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (found / name).touch()
     (found / "scenes").mkdir()
     for shell in SHELLS:
-        with contextlib.redirect_stdout(io.StringIO()) as told:
+        with contextlib.redirect_stdout(io.StringIO()) as reported:
             assert run("completion", shell) == 0
-        (found / f"vrte.{shell}").write_text(told.getvalue())
+        (found / f"vrte.{shell}").write_text(reported.getvalue())
     return found
 
 
@@ -57,10 +57,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_real_bash_completes(line: str, wanted: set[str], unwanted: set[str], folder: Path) -> None:
     assert BASH
     script = ASK.format(words=line, last=len(shlex.split(line)) - 1)
-    told = subprocess.run([BASH, "--norc", "-c", script], cwd=folder, capture_output=True, text=True, check=True)
-    assert told.stderr == ""
-    assert wanted <= {*told.stdout.split()}
-    assert not unwanted & {*told.stdout.split()}
+    reported = subprocess.run([BASH, "--norc", "-c", script], cwd=folder, capture_output=True, text=True, check=True)
+    assert reported.stderr == ""
+    assert wanted <= {*reported.stdout.split()}
+    assert not unwanted & {*reported.stdout.split()}
 
 
 @pytest.mark.parametrize("shell", SHELLS)

@@ -55,5 +55,5 @@ def test_mypy_finds_a_swapped_argument(tmp_path: Path) -> None:
     found = re.findall(r"^calls\.py:(\d+): error: (.*)$", done.stdout, re.MULTILINE)
     first = setup.count("\n") + 2
     assert {int(line) for line, _ in found} == {*range(first, first + len(MISTAKES))}, done.stdout
-    for line, (_, _, said) in enumerate(MISTAKES, first):
-        assert any(said in text for number, text in found if int(number) == line), done.stdout
+    for line, (_, _, reported) in enumerate(MISTAKES, first):
+        assert any(reported in text for number, text in found if int(number) == line), done.stdout

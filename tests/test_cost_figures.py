@@ -62,9 +62,9 @@ def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_solve_is_timed_step_by_step(incident: int | None, threads: int, tmp_path: Path) -> None:
     point = cost.Point(radius_um=0.2, nodes=9, outgoing=2, incident=incident)
-    told = dict([list(cost.list_configurations(threads).items())[-1]])
-    point.solve(*told.values())  # the first solve of a process loads modules
-    (found,) = cost.make_study([point], told, (1, 1, 0.0)).measure_rows(tmp_path)
+    reported = dict([list(cost.list_configurations(threads).items())[-1]])
+    point.solve(*reported.values())  # the first solve of a process loads modules
+    (found,) = cost.make_study([point], reported, (1, 1, 0.0)).measure_rows(tmp_path)
     assert {TOTAL, *STEPS, cost.REST} <= set(found.steps)
     assert sum(found.steps.values()) == close_to(2.0 * found.seconds, rtol=1e-6, atol=0.0)
     assert 0 < found.orders_solved <= point.terms
@@ -93,10 +93,10 @@ def test_configurations_take_turns_and_medians_are_theirs(
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
     assert call_study("cost", "--quick", "--threads", "1", "-o", folder) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
+    reported = capsys.readouterr()
+    assert reported.err == ""
     assert {path.name for path in folder.iterdir()} == FILES
-    assert all(f"wrote {folder / name}" in told.out for name in FILES)
+    assert all(f"wrote {folder / name}" in reported.out for name in FILES)
     rows = rows_of(folder / "measurements.csv")
     assert {row["axis"] for row in rows} == {"nodes", "outgoing", "orders", "incident"}
     assert all(float(row["total_s"]) >= float(row["homogeneous_s"]) > 0.0 for row in rows)

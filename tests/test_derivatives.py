@@ -182,10 +182,10 @@ def draw_request(chance: np.random.Generator, scene: vrte.Scene) -> tuple[str, d
 def list_names(scene: vrte.Scene, chance: np.random.Generator) -> list[str]:
     """All numbers, of coefficients some; the first that the nodes do not carry has a kink where it is zero."""
     found = []
-    for layer, place in zip(scene.layers, scene.places, strict=True):
-        if place is None:  # nothing between two surfaces
+    for layer, index in zip(scene.layers, scene.places, strict=True):
+        if index is None:  # nothing between two surfaces
             continue
-        name = f"layer[{place + 1}]"
+        name = f"layer[{index + 1}]"
         found += [f"{name}.{key}" for key in ("thickness", "albedo", "index")]
         peaked = layer.phase_matrix.terms > 2 * NODES and layer.phase_matrix.asymmetry > 0.0
         degrees = [1, 2, 3, 5, *([2 * NODES] if peaked and not scene.keeps_beams else [])]
@@ -219,8 +219,8 @@ def solve(scene: vrte.Scene, kind: str, how: dict[str, Any], name: str | None = 
     there = [key for key in keys if getattr(found, key) is not None]
     values += [getattr(found, key) for key in there]
     jacobians += [getattr(found, f"{key}_jacobian") for key in there]
-    told = found.diagnostics.get("derivatives", {}).get(name, "")
-    return values, [one[name] for one in jacobians] if name else [], told
+    reported = found.diagnostics.get("derivatives", {}).get(name, "")
+    return values, [one[name] for one in jacobians] if name else [], reported
 
 
 def find_step(name: str, value: float) -> float:
@@ -259,24 +259,24 @@ def check_names(
     compared, wrong = 0, []
     for name in names:
         try:
-            values, jacobians, told = solve(scene, kind, how, name)
+            values, jacobians, reported = solve(scene, kind, how, name)
             step = find_step(name, vary_scene(scene, name).value)
         except SceneError:  # a number that does nothing, in a sentence
             continue
-        if algebra and name.startswith("layer") and told != "algebra":
-            wrong.append(f"{name}: {told}")
+        if algebra and name.startswith("layer") and reported != "algebra":
+            wrong.append(f"{name}: {reported}")
         far, near = (differentiate(scene, kind, how, name, part * step) for part in (1.0, 0.5))
-        for place, (got, one, right, value) in enumerate(zip(jacobians, far, near, values, strict=True)):
-            size, gap = np.abs(right).max(initial=0.0), np.abs(one - right).max(initial=0.0)
+        for index, (got, one, right, value) in enumerate(zip(jacobians, far, near, values, strict=True)):
+            size, difference = np.abs(right).max(initial=0.0), np.abs(one - right).max(initial=0.0)
             rounding = 1e-13 * np.abs(value).max(initial=0.0) / step
             if not np.isfinite(got).all():
-                wrong.append(f"{name}, {kind} {place}: not finite ({told})")
-            elif gap <= 1e-4 * size + rounding:
+                wrong.append(f"{name}, {kind} {index}: not finite ({reported})")
+            elif difference <= 1e-4 * size + rounding:
                 compared += 1
                 error = np.abs(got - right).max(initial=0.0)
-                if error > 1e-6 * size + 20.0 * gap + rounding:
+                if error > 1e-6 * size + 20.0 * difference + rounding:
                     wrong.append(
-                        f"{name}, {kind} {place}: {error / size:.1e} off, differences {gap / size:.1e} ({told})"
+                        f"{name}, {kind} {index}: {error / size:.1e} off, by differences {difference / size:.1e}"
                     )
     return compared, wrong
 
@@ -485,8 +485,8 @@ def test_modes_that_are_not_trusted_leave_it_to_differences(monkeypatch: pytest.
     monkeypatch.setattr("vrte.discrete_ordinates.derivatives.differentiate.ALLOWED", 0.0)
     found = vrte.brdf(CHOSEN["one layer"][0], **asked)
     assert "differ by" in found.diagnostics["derivatives"]["layer[1].albedo"]
-    gap = found.jacobian["layer[1].albedo"] - expected.jacobian["layer[1].albedo"]
-    assert 0.0 < np.abs(gap).max() < 1e-8
+    difference = found.jacobian["layer[1].albedo"] - expected.jacobian["layer[1].albedo"]
+    assert 0.0 < np.abs(difference).max() < 1e-8
 
 
 @pytest.mark.slow

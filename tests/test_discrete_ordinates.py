@@ -223,18 +223,18 @@ def test_interrupt_stops_a_long_solve_within_a_second(algorithm: str, tmp_path: 
 def test_progress_ends_at_its_end(threads: int) -> None:
     """Where orders turn out not to matter, and where terms are cut: orders, some at a time, then pieces of the result,
     here one."""
-    told: list[tuple[int, int]] = []
-    asked: dict[str, Any] = {"threads": threads, "progress": lambda *at: told.append(at)}
+    reported: list[tuple[int, int]] = []
+    asked: dict[str, Any] = {"threads": threads, "progress": lambda *at: reported.append(at)}
     found = exact.brdf(LARGE, 0.5, 0.5, nodes=8, **asked).diagnostics
     assert found["terms_cut"] == 384
-    assert told[-2:] == [(found["orders"], found["orders"] + 1), (found["orders"] + 1, found["orders"] + 1)]
+    assert reported[-2:] == [(found["orders"], found["orders"] + 1), (found["orders"] + 1, found["orders"] + 1)]
     assert set(found["stages"]) >= {"assembly", "homogeneous", "boundary", "reconstruction"}
-    told.clear()
+    reported.clear()
     gold, mu = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4), np.linspace(0.05, 1.0, 20)
     made = vrte.brdf(vrte.Scene([vrte.Layer.of(gold, thickness=100.0)]), mu, mu, [0.0, 90.0], nodes=16, **asked)
-    assert made.diagnostics["orders"] < told[-1][1] - 1, "otherwise there is nothing to see here"
-    assert told[-1][0] == told[-1][1]
-    assert told == sorted(told)
+    assert made.diagnostics["orders"] < reported[-1][1] - 1, "otherwise there is nothing to see here"
+    assert reported[-1][0] == reported[-1][1]
+    assert reported == sorted(reported)
 
 
 def test_default_directions_are_the_nodes() -> None:
@@ -297,12 +297,12 @@ def test_an_order_that_fails_its_checks_is_repeated_by_the_other_route(
     expected = exact.radiance(scene, 0.6, phi=PHI, tau=[0.0, 1.0], nodes=8)
     monkeypatch.setattr(ROUTES[algorithm], "allowed", dict.fromkeys(ROUTES[algorithm].allowed, -1.0))
     repeated = exact.radiance(scene, 0.6, phi=PHI, tau=[0.0, 1.0], nodes=8, algorithm=algorithm)
-    told = repeated.diagnostics["orders_repeated"]
-    assert told == {"by": OTHER[algorithm], "orders": list(range(repeated.diagnostics["orders"]))}
+    reported = repeated.diagnostics["orders_repeated"]
+    assert reported == {"by": OTHER[algorithm], "orders": list(range(repeated.diagnostics["orders"]))}
     assert largest_gap(repeated.stokes, expected.stokes) < 1e-13
     assert np.abs(repeated.flux_up - expected.flux_up).max() < 1e-14
     monkeypatch.setattr(ROUTES[OTHER[algorithm]], "allowed", dict.fromkeys(ROUTES[OTHER[algorithm]].allowed, -1.0))
-    with pytest.raises(vrte.AccuracyError, match="neither algorithm can vouch for Fourier order 0") as raised:
+    with pytest.raises(vrte.AccuracyError, match="neither algorithm can verify Fourier order 0") as raised:
         exact.radiance(scene, 0.6, nodes=8, algorithm=algorithm)
     assert "\n" not in str(raised.value)
 
@@ -357,14 +357,16 @@ def test_memory_is_estimated_before_it_is_taken(
     request_of: dict[str, Any], algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0 + 0.1 * k) for k in range(4)])
-    told: list[float] = []
+    reported: list[float] = []
     count = memory.count_doubles_needed
-    monkeypatch.setattr(memory, "count_doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
+    monkeypatch.setattr(
+        memory, "count_doubles_needed", lambda *given: reported.append(8 * count(*given)) or reported[-1] / 8
+    )
     tracemalloc.start()
     exact.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], algorithm=algorithm, **request_of)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.5 * peak < told[0] < 3.0 * peak
+    assert 0.5 * peak < reported[0] < 3.0 * peak
 
 
 @pytest.mark.parametrize(

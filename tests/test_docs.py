@@ -45,12 +45,12 @@ def function_of(text: str, name: str) -> str:
     """A function or class with the comments and decorators right above it; "" where there is none."""
     lines = text.splitlines()
     head = re.compile(rf"( *)(?:def|cdef|cpdef|class)\b[^(\n]*\b{name}[(:]")
-    start = next((place for place, line in enumerate(lines) if head.match(line)), None)
+    start = next((index for index, line in enumerate(lines) if head.match(line)), None)
     if start is None:
         return ""
     indent = len(lines[start]) - len(lines[start].lstrip())
     inside = re.compile(rf"\s*$| {{{indent + 1},}}|\s*\)")
-    last = next((place for place in range(start + 1, len(lines)) if not inside.match(lines[place])), len(lines))
+    last = next((index for index in range(start + 1, len(lines)) if not inside.match(lines[index])), len(lines))
     while start > 0 and lines[start - 1].lstrip().startswith(("#", "@")):
         start -= 1
     return "\n".join(lines[start:last])

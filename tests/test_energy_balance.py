@@ -85,12 +85,12 @@ WAYS: dict[str, Callable[[], list[Any]]] = {  # to results of the same powder, b
 def test_more_light_than_came_is_not_promised(way: str) -> None:
     """The discrete surface keeps energy to 3 % on 8 nodes, and says so however it is asked."""
     for one in WAYS[way]():
-        told = one if isinstance(one, dict) else one.diagnostics
-        assert told["promised"] is False
-        assert "the nodes are too few to conserve it" in told["notes"][-1]
+        reported = one if isinstance(one, dict) else one.diagnostics
+        assert reported["promised"] is False
+        assert "the nodes are too few to conserve it" in reported["notes"][-1]
     if way == "brdf":
         assert one.reflectance.max() > 1.02
-        assert "energy: 0.028 of the light that falls in along mu = 0.3 is made" in told["notes"][-1]
+        assert "energy: 0.028 of the light that falls in along mu = 0.3 is made" in reported["notes"][-1]
 
 
 def test_more_nodes_for_an_accuracy_are_promised() -> None:
@@ -152,9 +152,9 @@ def test_where_something_absorbs_only_too_much_is_wrong() -> None:
     scene = vrte.Scene([make_layer(0.9)], vrte.Lambertian(0.5))
     back = vrte.brdf(scene, MU, 0.5, nodes=8).reflectance[0]
     assert spoil_solution(scene, lambda found: add(found, 0.98 - back)) == []
-    for total, told in ((0.999, "0.0058"), (1.001, "0.0078")):  # light of Q = -1 returns 0.0068 more
+    for total, reported in ((0.999, "0.0058"), (1.001, "0.0078")):  # light of Q = -1 returns 0.0068 more
         (note,) = spoil_solution(scene, lambda found, total=total: add(found, total - back))  # type: ignore[misc]
-        assert note.startswith(f"energy: {told} of the light that falls in along mu = 0.3 is made")
+        assert note.startswith(f"energy: {reported} of the light that falls in along mu = 0.3 is made")
 
 
 def test_levels_inside_tell_what_happens_between() -> None:
@@ -165,18 +165,24 @@ def test_levels_inside_tell_what_happens_between() -> None:
     solution = solve_request(request, make_run(request))[1]
     net = find_net_fluxes(request, solution)
     assert list_notes(request, net) == []
-    for place, change, told in ((4, -1e-3, False), (2, 1e-3, True), (0, 1e-3, True), (5, -1e-3, True), (4, 1.0, True)):
+    for index, change, reported in (
+        (4, -1e-3, False),
+        (2, 1e-3, True),
+        (0, 1e-3, True),
+        (5, -1e-3, True),
+        (4, 1.0, True),
+    ):
         other = net.copy()
-        other[place] += change
-        assert bool(list_notes(request, other)) == told
+        other[index] += change
+        assert bool(list_notes(request, other)) == reported
 
 
 @pytest.mark.parametrize("illuminate", ["top", "bottom"])
 def test_facets_that_make_light_are_named(illuminate: str) -> None:
-    pile = [vrte.Interface(1.0, 1.34, 0.3, shadowing=False), make_layer(1.0, 0.1, 1.34)]
+    stack = [vrte.Interface(1.0, 1.34, 0.3, shadowing=False), make_layer(1.0, 0.1, 1.34)]
     if illuminate == "bottom":
-        pile = [make_layer(1.0, 0.1, 1.34), vrte.Interface(1.34, 1.0, 0.3, shadowing=False)]
-    found = vrte.brdf(vrte.Scene(pile), 0.1, 0.5, nodes=8, illuminate=illuminate, transmission=True).diagnostics
+        stack = [make_layer(1.0, 0.1, 1.34), vrte.Interface(1.34, 1.0, 0.3, shadowing=False)]
+    found = vrte.brdf(vrte.Scene(stack), 0.1, 0.5, nodes=8, illuminate=illuminate, transmission=True).diagnostics
     assert found["promised"] is False
     words = "energy: facets of interface 1 make light without shadowing: along mu = 0.1 they send on"
     assert found["notes"][-2].startswith(words)

@@ -180,9 +180,7 @@ def test_a_device_repeats_what_fails_its_checks_by_doubling_or_says_so(monkeypat
     assert found.diagnostics["orders_repeated"]["by"] == "doubling"
     np.testing.assert_array_equal(found.mueller, expected.mueller)
     monkeypatch.setattr(device.Doubling, "allowed", dict.fromkeys(device.Doubling.allowed, -1.0))
-    with pytest.raises(
-        vrte.AccuracyError, match=r"the OpenCL device cannot vouch for Fourier order 0 by doubling \(res"
-    ):
+    with pytest.raises(vrte.AccuracyError, match=r"the OpenCL device cannot verify Fourier order 0 by doubling \(res"):
         vrte.brdf(SCENES["one layer"], MU, MU, nodes=6, backend="opencl")
 
 

@@ -170,10 +170,10 @@ def test_light_keeps_the_laws(name: str, way: str) -> None:
         return
     assert stability.measure_unphysical_light(field.stokes) <= 1e-12
     few, up = np.array([0, 1, 4, 7]) * (problem.phi.size // 8), np.isin(table.mu_o, problem.mu)
-    places = [problem.mu.tolist().index(mu) for mu in table.mu_o[up]]
+    indices = [problem.mu.tolist().index(mu) for mu in table.mu_o[up]]
     radiance = (table.mueller[0, up] @ (problem.mu0 * np.array(BEAM)))[None]
-    gap = stability.measure_relative_difference(radiance, field.stokes[:1, places][:, :, few])
-    assert gap <= max(WAYS[way].tolerance, 10.0 * problem.c)
+    difference = stability.measure_relative_difference(radiance, field.stokes[:1, indices][:, :, few])
+    assert difference <= max(WAYS[way].tolerance, 10.0 * problem.c)
     net = field.flux_down + field.direct - field.flux_up - (0.0 if field.direct_up is None else field.direct_up)
     lost = np.abs(np.diff(net)) if problem.is_white else np.maximum(np.diff(net), 0.0)
     if problem.reflects_everything:

@@ -80,8 +80,8 @@ def test_painted_panel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     again = vrte.brdf(in_file.scene, panel.mu_i[[0, 9]], panel.mu_o[5], phi=40.0)
     there = panel.mueller[[0, 9]]
     largest = there[..., 0, 0].max(axis=(1, 2))  # other directions may take other nodes: as near as accuracy says
-    gap = np.abs(again.mueller[:, 0, 0] - there[:, 5, 4]).max(axis=(1, 2))
-    assert (gap <= 1e-6 * largest).all()
+    difference = np.abs(again.mueller[:, 0, 0] - there[:, 5, 4]).max(axis=(1, 2))
+    assert (difference <= 1e-6 * largest).all()
 
 
 def test_rough_sea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,8 +118,8 @@ def test_orders_are_sums_over_azimuths(surface: RoughSurface, through: bool) -> 
     expected[..., 2:, :2], expected[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
     found = find_orders(surface, through, mu_i, mu_o, 7, 1e-15)
     sharp = through or surface.reflects_totally
-    gap = np.abs(found - expected).max(axis=(1, 2, 3)) / np.abs(expected[:, 0, 0, 0]).max()
-    assert gap.max() <= (1e-5 if sharp else 1e-12)
+    difference = np.abs(found - expected).max(axis=(1, 2, 3)) / np.abs(expected[:, 0, 0, 0]).max()
+    assert difference.max() <= (1e-5 if sharp else 1e-12)
 
 
 def test_narrow_facets_send_what_fresnel_says() -> None:

@@ -228,9 +228,9 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
     outputs = [tmp_path / name for name in ("fit.json", "fitted.toml")]
     words = ["fit", str(path), *(word for one in outputs for word in ("-o", str(one)))]
     assert main([*words, "--resume", str(tmp_path / "state")]) == 0
-    told = capsys.readouterr().out
-    assert "base.albedo  " in told
-    assert "Profile(base.albedo" in told
+    reported = capsys.readouterr().out
+    assert "base.albedo  " in reported
+    assert "Profile(base.albedo" in reported
     assert vrte.Fit.load(outputs[0]).content() == vrte.SceneFamily(outputs[1], []).content_at([])
 
 
@@ -265,9 +265,9 @@ def test_what_cannot_be_fitted_is_refused_before_the_work(
     if more:
         monkeypatch.setattr("vrte.commands.fit.fit", None)
     assert main(["fit", str(write_example(tmp_path, fit).relative_to(tmp_path)), *more]) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert words in reported
+    assert reported.count("\n") == 1
 
 
 CONTENT = {
@@ -346,12 +346,12 @@ def test_the_chance_of_runs_is_that_of_all_orders(up: int, down: int) -> None:
 @pytest.mark.parametrize("has_sigma", [True, False])
 def test_other_units_are_guessed(wrong: dict[str, Any], words: str, has_sigma: bool) -> None:
     given = replace(MEASURED, **(wrong if has_sigma else wrong | {"sigma": None}))
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         found = fit_thickness(given)
     assert any(words in note for note in found.notes)
-    assert any(one.category is vrte.UnitsWarning and words in str(one.message) for one in told)
-    assert any(one.category is vrte.MisfitWarning for one in told) or not has_sigma
+    assert any(one.category is vrte.UnitsWarning and words in str(one.message) for one in reported)
+    assert any(one.category is vrte.MisfitWarning for one in reported) or not has_sigma
 
 
 def test_errors_grow_by_what_sigma_is_too_small(tmp_path: Path) -> None:

@@ -105,15 +105,17 @@ def test_what_orders_are_the_least_of_is_predicted(scene: vrte.Scene, nodes: int
 
 def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """All orders of what facets send on are there at once: three times what all else takes."""
-    told: list[float] = []
+    reported: list[float] = []
     count = memory.count_doubles_needed
-    monkeypatch.setattr(memory, "count_doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
+    monkeypatch.setattr(
+        memory, "count_doubles_needed", lambda *given: reported.append(8 * count(*given)) or reported[-1] / 8
+    )
     mu = np.linspace(0.05, 1.0, 20)
     tracemalloc.start()
     vrte.brdf(ROUGH, mu, mu, nodes=24, threads=1)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.5 * peak < told[0] < 3.0 * peak
+    assert 0.5 * peak < reported[0] < 3.0 * peak
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,10 +139,10 @@ AXES = {"depth": {"key": "layer[1].thickness", "values": np.linspace(0.1, 2.0, 4
 
 def told_of(call: Callable[[], object]) -> list[str]:
     """What is said of long times."""
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         call()
-    return [str(each.message) for each in said if each.category is vrte.LongSolveWarning]
+    return [str(each.message) for each in reported if each.category is vrte.LongSolveWarning]
 
 
 @pytest.mark.parametrize("kind", ["brdfs", "spectrum", "sweep"])
@@ -152,8 +154,8 @@ def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.
         "sweep": ("40 scenes on 2 workers", lambda: vrte.sweep({**SCENES, "axes": AXES}, workers=2)),
     }
     what, call = calls[kind]
-    (said,) = told_of(call)
-    assert re.match(rf"this will take about \d+ s for {what} together; fewer", said)
+    (reported,) = told_of(call)
+    assert re.match(rf"this will take about \d+ s for {what} together; fewer", reported)
 
 
 def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -186,10 +188,10 @@ def test_a_sweep_is_refused_where_a_limit_is_given_and_counts_what_is_left(
     with pytest.warns(vrte.LongSolveWarning, match="about 11.1 h for 40 scenes"), pytest.raises(KeyboardInterrupt):
         vrte.sweep(content, out, workers=1, chunk=10, progress=stop)
     done: list[int] = []
-    with pytest.warns(vrte.LongSolveWarning) as told:
+    with pytest.warns(vrte.LongSolveWarning) as reported:
         table = vrte.sweep(content, out, workers=1, chunk=10, progress=lambda some, total: done.append(some))
     assert 0 < done[0] < 40, "chunks that were at work when it was stopped may have been finished"
-    assert f"for {40 - done[0]} scenes on 1 worker together" in str(told[0].message)
+    assert f"for {40 - done[0]} scenes on 1 worker together" in str(reported[0].message)
     assert (table["error"] == "").all()
     table.close()
 
@@ -239,9 +241,9 @@ def test_particles_of_many_terms_say_so(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[float] = []
+    reported: list[float] = []
     monkeypatch.setattr(cost, "LOOKING", 0.02)
-    monkeypatch.setattr(cost, "warn_runtime", lambda seconds, *others: told.append(seconds))
+    monkeypatch.setattr(cost, "warn_runtime", lambda seconds, *others: reported.append(seconds))
     request = make_request("brdf", vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), mu_i=0.5, mu_o=0.5, nodes=4)
 
     def asked_at(place: int) -> tuple[Request, float]:
@@ -249,4 +251,4 @@ def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.M
 
     monkeypatch.setattr(forecast, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
     forecast.warn_runtime_of_all(240, asked_at, "scenes")
-    assert 240 * 0.03 < told[0] < 240 * 0.2
+    assert 240 * 0.03 < reported[0] < 240 * 0.2

@@ -140,8 +140,8 @@ def test_what_other_programs_make_of_a_result_is_read(good: Path, small_brdf: An
         file.attrs["title"] = "renamed"
     np.testing.assert_array_equal(vrte.load(tmp_path / "packed.nc").mueller, small_brdf.mueller)
     content = good.read_bytes()
-    for share in (0.0, 0.3, 0.99):
-        good.write_bytes(content[: int(share * len(content))])
+    for fraction in (0.0, 0.3, 0.99):
+        good.write_bytes(content[: int(fraction * len(content))])
         with pytest.raises(SceneError, match=r"good\.nc: it is not a NetCDF file"):
             vrte.load(good)
 
@@ -169,7 +169,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         file.truncate(600_000_000)
         file.seek(0, 2)
         file.write(b"\n")
-    said = printed_by(
+    reported = printed_by(
         "import vrte\n"
         "from vrte.basics.memory import limit_memory\n"
         "limit_memory(4e8)\n"
@@ -178,7 +178,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         "    except vrte.SceneError as error: print(error)\n",
         tmp_path,
     )
-    assert said == [
+    assert reported == [
         "declared.csv: its values take 5.12 GB, more than the 2 GB that are read: "
         "if you trust it, vrte.load(path, most_bytes=6e9)",
         "declared.csv: there must be 40000000 rows, one a direction, not 0",
@@ -188,8 +188,8 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
 
 def flip(path: Path, whole: bytes, dice: random.Random, most: int) -> None:
     """Writes a file with one bit flipped, one of the first ``most`` bytes."""
-    place = dice.randrange(most)
-    path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << dice.randrange(8)]) + whole[place + 1 :])
+    index = dice.randrange(most)
+    path.write_bytes(whole[:index] + bytes([whole[index] ^ 1 << dice.randrange(8)]) + whole[index + 1 :])
 
 
 def test_every_flipped_bit_is_told(good: Path) -> None:
@@ -244,7 +244,7 @@ def test_a_flipped_bit_is_told_or_changes_no_number(
     read = save(path)
     whole, dice = read(), random.Random(6)
     files = [file for file in sorted(path.rglob("*")) if file.is_file()] or [path]
-    told = []
+    reported = []
     for _ in range(times):
         (file,) = dice.choices(files, [file.stat().st_size for file in files])
         content = file.read_bytes()
@@ -252,10 +252,10 @@ def test_a_flipped_bit_is_told_or_changes_no_number(
         try:
             assert read() == whole
         except SceneError as error:
-            told.append(str(error))
+            reported.append(str(error))
         file.write_bytes(content)
-    assert len(told) > 0.3 * times
-    assert all(words.isprintable() for words in told)
+    assert len(reported) > 0.3 * times
+    assert all(words.isprintable() for words in reported)
     if path.is_file():
         path.write_bytes(content[: content.rindex(b"\n", 0, -1) + 1])  # a row less
         with pytest.raises(SceneError, match=r"is damaged: its bytes .*; if they were changed on purpose, take its fi"):
@@ -319,8 +319,8 @@ def damaged(whole: bytes, start: int, size: int, seed: int) -> bytes:
         return bytes(found[: dice.randrange(len(found))])
     for _ in range(dice.choice([1, 1, 3, 20])):
         low, high = (start + size, len(found)) if dice.random() < 0.3 else (0, start)
-        place = dice.randrange(low, high)
-        found[place] = dice.choice([0, 255, found[place] ^ (1 << dice.randrange(8)), dice.randrange(256)])
+        index = dice.randrange(low, high)
+        found[index] = dice.choice([0, 255, found[index] ^ (1 << dice.randrange(8)), dice.randrange(256)])
     return bytes(found)
 
 

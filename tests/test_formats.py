@@ -254,16 +254,16 @@ def test_any_damage_to_a_table_ends_in_one_sentence_or_a_result(table: Path) -> 
         table.write_text(text[:end])
         with pytest.raises(SceneError):
             vrte.load(table)
-    places, signs = RANDOM.integers(len(text), size=150), RANDOM.choice(list('x9-,\n#"[]{}'), 150)
-    told = []
-    for place, sign in zip(places, signs, strict=True):
-        table.write_text(text[:place] + sign + text[place + 1 :])
+    indices, signs = RANDOM.integers(len(text), size=150), RANDOM.choice(list('x9-,\n#"[]{}'), 150)
+    reported = []
+    for index, sign in zip(indices, signs, strict=True):
+        table.write_text(text[:index] + sign + text[index + 1 :])
         try:
             vrte.load(table)
         except SceneError as error:
-            told.append(str(error))
-    assert len(told) > 40
-    assert all(words.isprintable() for words in told)
+            reported.append(str(error))
+    assert len(reported) > 40
+    assert all(words.isprintable() for words in reported)
 
 
 @pytest.fixture

@@ -88,9 +88,9 @@ def test_the_command_tells_of_it_and_a_sweep_goes_by_what_is_in_it(
 ) -> None:
     table = written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
     assert cli.main(["material", str(table), "--wavelength-um", "0.7"]) == 0
-    told = capsys.readouterr().out
-    assert "n = 1.5, k = 0\n" in told
-    assert "from the table clay.csv" in told
+    reported = capsys.readouterr().out
+    assert "n = 1.5, k = 0\n" in reported
+    assert "from the table clay.csv" in reported
     scene = written(tmp_path, SCENE + '[axes]\n"layer[1].thickness" = [1.0, 2.0]\n', "sweep.toml")
     before = read_sweep(scene).fingerprint()
     written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.03\n700,1.5,0.0\n")

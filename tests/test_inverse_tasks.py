@@ -55,7 +55,7 @@ def test_polarization_of_a_thin_haze_tells_radius_and_index_but_not_how_much_of_
     assert (two.errors < [0.002, 0.003]).all()
     assert not two.blind_spots
     assert (four.errors[:2] > 2.0 * two.errors).all()
-    assert any("layer[1].thickness" in told for told in four.blind_spots)
+    assert any("layer[1].thickness" in reported for reported in four.blind_spots)
 
 
 @pytest.mark.slow

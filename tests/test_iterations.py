@@ -151,7 +151,7 @@ def test_moments_that_still_change_are_not_believed(monkeypatch: pytest.MonkeyPa
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.1)])
     asked: dict[str, Any] = {"mu": [0.2, 0.9], "phi": [0.0, 90.0], "nodes": 24, "accuracy": 1e-8}
     right = vrte.radiance(scene, 0.6, **asked)
-    monkeypatch.setattr("vrte.discrete_ordinates.orders.tanh_poles.SETTLED", 1e4)
+    monkeypatch.setattr("vrte.discrete_ordinates.orders.tanh_poles.CONVERGED", 1e4)
     found = vrte.radiance(scene, 0.6, **asked)
     assert "scatterings" in right.diagnostics["orders_by"]
     assert found.diagnostics["orders_repeated"]["by"] == "modes"
@@ -176,10 +176,10 @@ def test_scenes_do_not_see_each_other(find: str) -> None:
         return reflect_by_fractions(problem, ORDERS, assemble(problem, ORDERS, Run(threads)), Run(threads))
 
     together = solve(both, 2)
-    for place, problem in enumerate((one, other)):
+    for index, problem in enumerate((one, other)):
         alone = solve(problem, 1)
-        assert np.array_equal(alone.out[:, 0], together.out[:, place])
-        assert np.array_equal(alone.on_nodes[:, 0], together.on_nodes[:, place])
+        assert np.array_equal(alone.out[:, 0], together.out[:, index])
+        assert np.array_equal(alone.on_nodes[:, 0], together.on_nodes[:, index])
 
 
 def test_the_rule_takes_them_where_terms_are_few() -> None:

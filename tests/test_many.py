@@ -71,11 +71,11 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
         vrte.Scene([vrte.Interface(1.0, 1.3), layer()]),
         vrte.Scene([layer(albedo=0.0)]),
     ]
-    scenes, told = make_scenes(), []
-    together = vrte.brdfs([*scenes, *odd], MU, MU, PHI, **HOW, progress=lambda *at: told.append(at))
+    scenes, reported = make_scenes(), []
+    together = vrte.brdfs([*scenes, *odd], MU, MU, PHI, **HOW, progress=lambda *at: reported.append(at))
     assert count_together(together) == len(scenes)
-    assert told == sorted(told)
-    assert told[-1] == (2200, 2200)
+    assert reported == sorted(reported)
+    assert reported[-1] == (2200, 2200)
     for scene, found in zip([*scenes, *odd], together, strict=True):
         assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW))
     assert all(found.diagnostics["solved_together"] > 1 for found in together[: len(scenes)])
@@ -83,10 +83,10 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
     for scene, found in zip(scenes, through, strict=True):
         assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW, transmission=True))
     monkeypatch.setattr(alike, "BATCH_BYTES", 1.0)
-    told.clear()
-    again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2, progress=lambda *at: told.append(at))
-    assert told == sorted(told)
-    assert told[-1] == (1400, 1400)
+    reported.clear()
+    again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2, progress=lambda *at: reported.append(at))
+    assert reported == sorted(reported)
+    assert reported[-1] == (1400, 1400)
     for one, other in zip(together, again, strict=False):
         assert np.array_equal(one.mueller, other.mueller)
 
@@ -97,7 +97,7 @@ def test_peaks_are_cut_as_by_itself(truncation):
     scenes = [vrte.Scene([layer(one, 0.8, 0.9), layer(two)]) for one, two in zip(peaked, reversed(peaked), strict=True)]
     scenes += [vrte.Scene([layer(GREY), layer(vrte.henyey_greenstein(0.2, 16))])]
     asked = HOW | {"truncation": truncation}
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         together = vrte.brdfs(scenes, MU, MU, PHI, **asked)
     assert count_together(together) == len(scenes)
@@ -105,7 +105,7 @@ def test_peaks_are_cut_as_by_itself(truncation):
         warnings.simplefilter("always")
         for scene, found in zip(scenes, together, strict=True):
             assert_same(found, vrte.brdf(scene, MU, MU, PHI, **asked))
-    assert sorted(str(one.message) for one in told) == sorted(str(one.message) for one in said)
+    assert sorted(str(one.message) for one in reported) == sorted(str(one.message) for one in said)
 
 
 def test_an_interruption_stops_them(monkeypatch):
@@ -162,16 +162,16 @@ def test_many_beams_are_what_single_calls_give(how):
     assert many.flux_up.shape == many.direct.shape == (3, 3)
     # nodes that are chosen are chosen for all beams together
     right = 2e-3 if "accuracy" in how else 1e-12
-    for place, mu0 in enumerate(MU0):
+    for index, mu0 in enumerate(MU0):
         one = vrte.radiance(scene, mu0, **asked)
         assert one.mu0 == mu0
         assert one.stokes.shape == (3, 3, 3, 4)
-        for found in (many.beam(place), one):
+        for found in (many.beam(index), one):
             np.testing.assert_array_equal(found.tau, TAU)
         for name in ("stokes", "flux_up", "flux_down", "direct"):
             expected = getattr(one, name)
-            assert_close(getattr(many, name)[place], expected, rtol=0.0, atol=right * expected.max())
-            np.testing.assert_array_equal(getattr(many.beam(place), name), getattr(many, name)[place])
+            assert_close(getattr(many, name)[index], expected, rtol=0.0, atol=right * expected.max())
+            np.testing.assert_array_equal(getattr(many.beam(index), name), getattr(many, name)[index])
 
 
 def test_a_list_of_one_beam_keeps_its_axis():

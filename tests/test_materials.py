@@ -169,7 +169,7 @@ def test_spectra_sweeps_and_the_page_take_it(tmp_path: Path) -> None:
     assert all(0.005 < brdf.mueller[0, 0, 0, 0, 0] < 0.05 for brdf in found)
     axes = {"layer[1].volume_fraction": [0.01, 0.05], "wavelength_um": [0.45, 0.65]}
     sweep = read_sweep(black | {"wavelength_um": 0.45, "axes": axes}, tmp_path)
-    thin, thick = (make_scene_at(sweep, place, make_particles).scene for place in ((0, 1), (1, 1)))
+    thin, thick = (make_scene_at(sweep, index, make_particles).scene for index in ((0, 1), (1, 1)))
     assert thick.thickness == close_to(5.0 * thin.thickness, rtol=1e-4, atol=0.0)  # what the resin absorbs is not much
     content, notes = adopt_with_notes(of("hematite in acrylic", None))
     assert "wavelength_um is missing" in notes[0]
@@ -296,7 +296,7 @@ LAB = {  # CIE L*, a* and b* from and to, over black
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (place > 0)) for place, name in enumerate(LAB)]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (index > 0)) for index, name in enumerate(LAB)]
 )
 def test_the_colour_is_that_of_the_material(name: str) -> None:
     """In the light that the card lies in."""

@@ -190,8 +190,8 @@ def test_a_table_that_is_none_is_refused_with_its_line(tmp_path: Path, text: str
 
 
 def test_the_page_names_every_quantity_and_every_column() -> None:
-    told = set(re.findall(r"`([A-Za-z_0-9]+)`", PAGE))
+    reported = set(re.findall(r"`([A-Za-z_0-9]+)`", PAGE))
     elements = re.compile(r"(normalized_)?[ft][0-3][0-3]")
-    assert not {name for name in QUANTITIES if not elements.fullmatch(name)} - told
-    assert not set(COLUMNS) - told
-    assert {"f00", "t33", "normalized_f01", "normalized_t33"} <= told
+    assert not {name for name in QUANTITIES if not elements.fullmatch(name)} - reported
+    assert not set(COLUMNS) - reported
+    assert {"f00", "t33", "normalized_f01", "normalized_t33"} <= reported

@@ -347,18 +347,18 @@ def test_a_base_sends_all_its_orders_to_and_fro(method: str) -> None:
 
 @pytest.mark.parametrize("name", [*sorted(FINE), "synthetic-iteration"])
 def test_an_interrupt_ends_what_takes_long(name: str) -> None:
-    told = []
+    reported = []
 
     def interrupted(done: int, total: int) -> None:
-        told.append((done, total))
+        reported.append((done, total))
         raise KeyboardInterrupt
 
     settings = {"iterations": 3} if name == "synthetic-iteration" else {}
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.9, 1.0)])
     with pytest.raises(KeyboardInterrupt):
         vrte.brdf(scene, MU, MU, PHI, nodes=6, method=name, settings=settings, progress=interrupted)
-    assert len(told) == 1
-    assert told[0][0] < told[0][1]
+    assert len(reported) == 1
+    assert reported[0][0] < reported[0][1]
 
 
 CONTINUOUS = {

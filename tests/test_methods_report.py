@@ -200,11 +200,11 @@ def test_layers_over_a_base_are_seen_alike(name: str, base: object) -> None:
     pytest.importorskip(name)
     # off its nodes PythonicDISORT interpolates
     one = ask(layered(base=base), mu=AT_NODES if name == "PythonicDISORT" else MU)
-    right, (found,), (gaps,) = compare(name, one, 32)
-    assert gaps[0, one.mu > 0].max() < 1e-4
+    right, (found,), (differences,) = compare(name, one, 32)
+    assert differences[0, one.mu > 0].max() < 1e-4
     assert found.flux_up[0] == close_to(right.flux_up[0], rtol=1e-6, atol=0.0)
     if name != "sasktran2":
-        assert gaps[1].max() < 1e-4  # down and, off the base, up
+        assert differences[1].max() < 1e-4  # down and, off the base, up
         assert_close(found.flux_down[1], right.flux_down[1], rtol=1e-6, atol=0.0)
 
 
@@ -212,15 +212,15 @@ def test_layers_over_a_base_are_seen_alike(name: str, base: object) -> None:
 def test_what_streams_cut_off_is_put_back(name: str) -> None:
     pytest.importorskip(name)
     peaked = ask(vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 120), 0.95, 1.0)]))
-    few, many = (gap[0, MU > 0].max() for gap in compare(name, peaked, 8, 32)[2])
+    few, many = (difference[0, MU > 0].max() for difference in compare(name, peaked, 8, 32)[2])
     assert many < min(0.2 * few, 0.02)
 
 
 def test_the_signs_of_sasktran2_are_those_of_vrte() -> None:
     pytest.importorskip("sasktran2")
     one = ask(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2)))
-    right, (found,), (gaps,) = compare("sasktran2", one, 16)
-    assert gaps[0, MU > 0, :3].max() < 1e-4
+    right, (found,), (differences,) = compare("sasktran2", one, 16)
+    assert differences[0, MU > 0, :3].max() < 1e-4
     assert np.abs(right.stokes[0, MU > 0, :, 1:3]).max() > 0.01
     assert np.isnan(found.stokes[0, MU > 0, :, 3]).all()
     assert np.isnan(found.stokes[1]).all()

@@ -24,17 +24,17 @@ def differentiate_literally(n: int, given: tuple[complex, ...]) -> Any:
     """Derivatives of a_n and b_n with each argument, (arguments, 2), with as many bits as it takes."""
     for precision in (700, 4000):
         with ctx.workprec(precision):
-            slopes = np.array([difference(n, given, place) for place in range(len(given))])
+            slopes = np.array([difference(n, given, index) for index in range(len(given))])
         if all(slope.rel_accuracy_bits() > 60 for slope in slopes.flat):
             return np.vectorize(complex)(slopes)
     raise AssertionError("not enough bits")
 
 
-def difference(n: int, given: tuple[complex, ...], place: int) -> list[acb]:
+def difference(n: int, given: tuple[complex, ...], index: int) -> list[acb]:
     """That of a_n and b_n with one argument."""
     arguments, step = [make_ball(complex(value)) for value in given], acb(arb(2) ** -120)
     up, down = (
-        solve_literally(n, [value + side * step * (k == place) for k, value in enumerate(arguments)])
+        solve_literally(n, [value + side * step * (k == index) for k, value in enumerate(arguments)])
         for side in (1, -1)
     )
     return [(high - low) / (2 * step) for high, low in zip(up, down, strict=True)]

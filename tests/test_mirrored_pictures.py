@@ -99,11 +99,16 @@ def test_depths_name_their_medium_and_notebooks_beams_and_media(shiny: vrte.Brdf
     assert "|refractive index||1, 1.5|" in cells(field)
     assert "|flux up, direct||0.25, 0.125|" in cells(field)
     rough, slab = vrte.Interface(1.0, 1.5, 0.1), vrte.Layer(vrte.isotropic(), 1.0, 1.0)
-    told = cells(vrte.Scene([rough, slab, vrte.Interface(1.5, 1.0)], vrte.Mirror((0.2, 3.4))))
-    assert told.index("above layer 1") < told.index("|layer 1|") < told.index("above layer 2") < told.index("|base|")
+    reported = cells(vrte.Scene([rough, slab, vrte.Interface(1.5, 1.0)], vrte.Mirror((0.2, 3.4))))
+    assert (
+        reported.index("above layer 1")
+        < reported.index("|layer 1|")
+        < reported.index("above layer 2")
+        < reported.index("|base|")
+    )
     for words in ("index 1 above and 1.5 below, roughness 0.1", "|clear, of no thickness; in a medium of index 1|"):
-        assert words in told
-    assert "Mirror" in told
+        assert words in reported
+    assert "Mirror" in reported
 
 
 def test_shares_that_come_back_count_the_beam_and_tell_it_apart(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:

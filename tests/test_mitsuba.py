@@ -110,20 +110,20 @@ def test_tensors_come_back_and_any_damage_is_one_sentence(tmp_path: Path) -> Non
     whole, path = (tmp_path / "a.bsdf").read_bytes(), tmp_path / "damaged.bsdf"
     cuts = [whole[:end] for end in range(len(whole))]
     damaged = [
-        whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :]
-        for place in range(130)
+        whole[:index] + bytes([whole[index] ^ 1 << bit]) + whole[index + 1 :]
+        for index in range(130)
         for bit in (0, 5, 7)
     ]
-    said = []
+    reported = []
     for content in (*cuts, *damaged):
         path.write_bytes(content)
         try:
             read_tensors(path)
             assert len(content) == len(whole)
         except SceneError as error:
-            said.append(str(error))
-    assert len(said) > len(cuts) + 50
-    assert all(words.startswith(str(path)) and words.isprintable() for words in said)
+            reported.append(str(error))
+    assert len(reported) > len(cuts) + 50
+    assert all(words.startswith(str(path)) and words.isprintable() for words in reported)
     with pytest.raises(SceneError, match=r"longer than the 1e-07 GB that are read"):
         read_tensors(tmp_path / "a.bsdf", most_bytes=1e2)
 
@@ -244,15 +244,15 @@ def test_the_command_line_and_the_call_write_the_same(
     (tmp_path / "haze.toml").write_text(
         'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
     )
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     errors = vrte.to_mitsuba(
         tmp_path / "haze.toml",
         WAVELENGTHS,
         tmp_path / "call.bsdf",
         step_deg=15,
-        progress=lambda done, total: told.append((done, total)),
+        progress=lambda done, total: reported.append((done, total)),
     )
-    assert told[-1] == (1000, 1000)
+    assert reported[-1] == (1000, 1000)
     command = ["--wavelengths-um", "0.45,0.5,0.55,0.6,0.65", "--mitsuba", tmp_path / "line.bsdf"]
     out = tmp_path / "haze.nc"
     assert run("brdf", tmp_path / "haze.toml", "-o", out, *command, "--mitsuba-step-deg", 15) == 0
@@ -284,8 +284,8 @@ def under_glass(mu: Array) -> tuple[Array, Array]:
     """I and Q that leave a grey Lambertian thing under a smooth surface, under an even sky of radiance 1: what is
     mirrored, and what gets in, comes back ALBEDO / (1 - ALBEDO r_i) times and gets out (Walsh: r_e of index 1.5)."""
     inside = 1.0 - (1.0 - 0.0917780) / INDEX**2
-    share = ALBEDO * (1.0 - inside) / (1.0 - ALBEDO * inside)
-    found = (reflect_smooth(INDEX, mu) + share * transmit_smooth(INDEX, mu))[:, :, 0]
+    fraction = ALBEDO * (1.0 - inside) / (1.0 - ALBEDO * inside)
+    found = (reflect_smooth(INDEX, mu) + fraction * transmit_smooth(INDEX, mu))[:, :, 0]
     return found[:, 0], found[:, 1]
 
 
@@ -326,8 +326,8 @@ def test_mitsuba_renders_what_vrte_finds(
 def see_ball(count: int) -> tuple[Array, Array, Array]:
     """Slopes of rays through pixels (count, count), across and up, and the cosine at which each sees the ball, 1e-8
     where it does not."""
-    place = (2.0 * np.arange(count) + 1.0) / count - 1.0
-    across, up = np.meshgrid(place * np.tan(np.radians(12.0)), -place * np.tan(np.radians(12.0)))
+    index = (2.0 * np.arange(count) + 1.0) / count - 1.0
+    across, up = np.meshgrid(index * np.tan(np.radians(12.0)), -index * np.tan(np.radians(12.0)))
     slope = across**2 + up**2
     # a ray from (0, -5, 0) meets the ball where its square has a root; mu is that of the ball's normal
     root = 25.0 - 24.0 * (1.0 + slope)
@@ -367,8 +367,8 @@ def test_what_cannot_be_nested_is_refused(layers: list[dict[str, Any]], words: s
     mirrored = vrte.Spectrum(WAVELENGTHS, [replace(one, specular=[0.01 * np.eye(4)]) for one in grey])
     with pytest.raises(vrte.SceneError, match=r"up to 0\.01 of it comes back as a beam from below"):
         check_below_surface(mirrored)
-    for path, asked, said in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
-        with pytest.raises(vrte.SceneError, match=said):
+    for path, asked, reported in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
+        with pytest.raises(vrte.SceneError, match=reported):
             check_nested(path, asked)
 
 

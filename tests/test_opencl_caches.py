@@ -234,8 +234,8 @@ class TestPlace:
         home.touch()
         temporary.mkdir()
         changes = {"TMPDIR": str(temporary)} | ({caches.VARIABLE: str(tmp_path / named)} if named else {})
-        said = compute(home, **changes)
-        assert f"OpenCL kernels are compiled anew by each process: no files can be written in {home}" in said
+        reported = compute(home, **changes)
+        assert f"OpenCL kernels are compiled anew by each process: no files can be written in {home}" in reported
         assert home.read_bytes() == b""
         assert not any(temporary.iterdir())
 
@@ -243,8 +243,8 @@ class TestPlace:
     @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc")
     def test_a_home_of_the_system(self) -> None:
         # Mesa says on its own account where it would keep its shaders
-        said = compute(Path("/proc"), PYTHONWARNINGS="ignore").splitlines()
-        assert [line for line in said if "shader cache" not in line] == []
+        reported = compute(Path("/proc"), PYTHONWARNINGS="ignore").splitlines()
+        assert [line for line in reported if "shader cache" not in line] == []
 
     def test_no_temporary_folder_either(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (tmp_path / "file").touch()

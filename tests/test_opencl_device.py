@@ -545,7 +545,7 @@ def test_the_table_of_the_command(
     alone.update(process=os.getpid(), devices=found, complaints=tried)
     monkeypatch.setenv(device.VARIABLE, asked_for)
     assert cli.main(["devices"]) == bool(complaint)
-    text, said = capsys.readouterr()
+    text, reported = capsys.readouterr()
     assert f"  taken: {taken}" in text
     assert text.count("\n     on ") == len(found)
     for each in found:
@@ -553,7 +553,7 @@ def test_the_table_of_the_command(
         assert f"\n     on {each.platform}\n" in text
     assert re.findall(r"^ \* (\d)", text, re.MULTILINE) == re.findall(r"^\d", taken)
     assert text.count("never taken: it fails") == bool(broken)
-    assert said.splitlines()[-1:] == [f"vrte: error: {complaint} (docs/how_to/opencl.md)"] * bool(complaint)
+    assert reported.splitlines()[-1:] == [f"vrte: error: {complaint} (docs/how_to/opencl.md)"] * bool(complaint)
     lines = describe_devices([BY_POCL, BY_INTEL], 1, "the only CPU", {0: OLD, 1: ""}).splitlines()
     assert lines[3] == f"     never taken: {OLD}"
     assert sum("never taken" in line for line in lines) == 1
@@ -591,11 +591,11 @@ class TestSharing:
 
     def test_the_same_light_as_from_one(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
         """One scene goes to the first."""
-        told: list[tuple[int, int]] = []
-        found = vrte.brdfs(self.scenes, **self.asked, progress=lambda done, total: told.append((done, total)))
+        reported: list[tuple[int, int]] = []
+        found = vrte.brdfs(self.scenes, **self.asked, progress=lambda done, total: reported.append((done, total)))
         assert {each.diagnostics["device"] for each in found} == {each.name for each in both}
-        assert told[-1][0] == told[-1][1] == 500
-        assert sorted(done for done, _ in told) == [done for done, _ in told]
+        assert reported[-1][0] == reported[-1][1] == 500
+        assert sorted(done for done, _ in reported) == [done for done, _ in reported]
         assert vrte.brdf(self.scenes[0], **self.asked).diagnostics["device"] == both[0].name
         monkeypatch.setenv(device.VARIABLE, device.read_wanted_device().split(",")[0])
         for each, right in zip(found, vrte.brdfs(self.scenes, **self.asked), strict=True):

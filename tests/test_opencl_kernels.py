@@ -206,14 +206,14 @@ def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
     n_out, columns, size = 5, 2 * 4, int(np.prod(shape))
     stack = rng.standard_normal((sum(n_order), columns, 24))  # rows padded
     cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
-    stokes, kind, place, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
+    stokes, kind, index, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
     factors = rng.standard_normal((n_out, 4))
     buffer = either_form.upload(np.ones(first + 3 * size))
     sums.add_orders(
         either_form,
         sums.Kernels(either_form.upload(stack), (columns * 24, 0, 4 * 24, 24, 4, 1)),
         either_form.upload(np.array([[0, 0, 5, 0], [1, 5, 3, 0]], np.int32)),
-        sums.upload_entries(either_form, stokes, kind, place, 4, cosine, sine),
+        sums.upload_entries(either_form, stokes, kind, index, 4, cosine, sine),
         sums.upload_azimuths(either_form, azimuths.angle, azimuths.sign, cosine.shape[1]),
         either_form.upload(np.zeros(1, np.int32)),
         either_form.upload(rows),
@@ -228,7 +228,7 @@ def test_orders_of_many_scenes_are_added_at_once(either_form: Any) -> None:
         expected = np.ones(shape)
         kernels = stack[5 * scene : 5 * scene + count, :, :20].reshape(count, 1, 2, 4, n_out, 4) * factors
         tables = cosine[:count], sine[:count], azimuths.angle, azimuths.sign, *integers([0]), rows
-        given = zip(NAMES, (kernels, stokes, kind, place, *tables, np.array([0.5, 2.0])), strict=True)
+        given = zip(NAMES, (kernels, stokes, kind, index, *tables, np.array([0.5, 2.0])), strict=True)
         _core.azimuthal_sum(a_crew(), **dict(given), first=0, last=2, out=expected)
         found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
         assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
@@ -239,7 +239,7 @@ def test_scatterers_of_many_scenes_are_added_at_once(either_form: Session) -> No
     rng, mu0, mu = np.random.default_rng(4), np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
     sphere = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
     pairs = [(_core.series_table(sphere[:n]), rng.uniform(0.5, 2.0, (2, 3, 6))) for n in (27, 3, 10)]
-    azimuths, columns, (kind, place) = fold_azimuths(PHI), np.eye(4), integers([0, 0, 1, 1], range(4))
+    azimuths, columns, (kind, index) = fold_azimuths(PHI), np.eye(4), integers([0, 0, 1, 1], range(4))
     cosine, sine = azimuths.cos_sin(np.ones(1, np.int32))
     turn, shape = (cosine[0], sine[0]), (2, 3, 6, PHI.size, 4, 4)
     size = int(np.prod(shape))
@@ -247,13 +247,13 @@ def test_scatterers_of_many_scenes_are_added_at_once(either_form: Session) -> No
     sums.add_scattering(
         either_form,
         sums.upload_scatterers(either_form, [[], pairs[:2], pairs[2:]]),
-        sums.upload_directions(either_form, mu0, mu, *turn, columns, kind, place),
+        sums.upload_directions(either_form, mu0, mu, *turn, columns, kind, index),
         sums.upload_azimuths(either_form, azimuths.angle, azimuths.sign, turn[0].size),
         (0, mu0.size),
         sums.Table(result, shape, 3, 4, size),
     )
     given = {"mu0": mu0, "mu": mu, "cos_phi": turn[0], "sin_phi": turn[1], "angle": azimuths.angle}
-    given |= {"sign": azimuths.sign, "columns": columns, "kind": kind, "place": place, "first": 0}
+    given |= {"sign": azimuths.sign, "columns": columns, "kind": kind, "place": index, "first": 0}
     expected = np.zeros((3, *shape))
     for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
         _core.add_single_scattering(a_crew(), **given, table=table, path=path, last=3, out=expected[scene])
@@ -263,7 +263,7 @@ def test_scatterers_of_many_scenes_are_added_at_once(either_form: Session) -> No
     refused = {"table": table, "path": path, "last": 1, "out": np.zeros(1)}
     for changes, words in (
         (
-            {"columns": np.tile(columns, (5, 1)), "kind": np.tile(kind, 5), "place": np.tile(place, 5)},
+            {"columns": np.tile(columns, (5, 1)), "kind": np.tile(kind, 5), "place": np.tile(index, 5)},
             "at most 16 columns",
         ),
         ({"table": table[:-1]}, "series_table"),

@@ -65,9 +65,9 @@ def test_sessions_of_both_precisions(opencl: Any) -> None:
         session = opencl.in_precision(precision)
         made, items = make_stack(session, 3, 20, 20), session.upload(np.arange(3, dtype=np.int32))
         multiply_stacks(session, items, upload_stack(session, a), upload_stack(session, b), made)
-        gap = np.abs(download_stack(session, made) - expected).max() / np.abs(expected).max()
-        assert gap < 20 * np.finfo(REALS[precision]).eps
-        assert precision == "double" or gap > np.finfo(np.float64).eps * 1e4
+        difference = np.abs(download_stack(session, made) - expected).max() / np.abs(expected).max()
+        assert difference < 20 * np.finfo(REALS[precision]).eps
+        assert precision == "double" or difference > np.finfo(np.float64).eps * 1e4
 
 
 GOLD = vrte.spheres("gold", radius_um=0.2, wavelength_um=0.64)
@@ -96,8 +96,8 @@ def find_error(found: vrte.Brdf, expected: vrte.Brdf) -> float:
     pairs = [(found.mueller, expected.mueller)]
     if found.transmission is not None:
         pairs.append((found.transmission, expected.transmission))
-    gaps = [np.abs(one - other).max() / np.abs(other[..., 0, 0]).max() for one, other in pairs]
-    return float(max(*gaps, np.abs(found.reflectance - expected.reflectance).max()))
+    differences = [np.abs(one - other).max() / np.abs(other[..., 0, 0]).max() for one, other in pairs]
+    return float(max(*differences, np.abs(found.reflectance - expected.reflectance).max()))
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -174,7 +174,7 @@ def ask(
     phase = vrte.henyey_greenstein(0.5) if scalar else spheroids()
     mu = np.array([0.08, 0.5, 1.0])
     problem = discretise_scene(vrte.Scene([vrte.Layer(phase, 0.5, np.inf)]), mu, np.eye(4), mu, np.zeros(1), nodes)
-    off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
+    off, indices = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     order = np.tile(np.array(orders, np.int32), len(albedos))
     material = np.repeat(np.arange(len(albedos), dtype=np.int32), len(orders))
     count = problem.mu_out.size
@@ -188,8 +188,8 @@ def ask(
         np.array(albedos),
         np.concatenate([problem.nodes, off]),
         problem.weights,
-        places[:count].astype(np.int32),
-        places[count:].astype(np.int32),
+        indices[:count].astype(np.int32),
+        indices[count:].astype(np.int32),
         problem.columns,
         np.full(order.size, tolerance),
     ]
@@ -205,8 +205,8 @@ def in_doubles(session: Any, asked: Sequence[Any], tolerance: float = TIGHT) -> 
 def find_gaps(session: Any, found: Any, expected: Any) -> np.ndarray:
     """The largest difference of each item, relative to its largest element."""
     one, other = (session.download(each).reshape(each.shape[0], -1) for each in (found, expected))
-    gaps: np.ndarray = np.abs(one - other).max(axis=1) / np.abs(other).max(axis=1)
-    return gaps
+    differences: np.ndarray = np.abs(one - other).max(axis=1) / np.abs(other).max(axis=1)
+    return differences
 
 
 @pytest.mark.parametrize("scalar", [False, True])
@@ -227,9 +227,9 @@ def test_floats_alone_are_not_enough(opencl: Any) -> None:
     asked = ask([0.9], [0, 1], 5e-9)
     single = opencl.in_precision("single")
     rough = invariance.reflect_semi_infinite(single, *mixed.upload_all(single, asked))
-    gaps = find_gaps(opencl, rough.up, in_doubles(opencl, asked).up)
-    assert (gaps > 1e-8).any()
-    assert (gaps < 1e-4).all()
+    differences = find_gaps(opencl, rough.up, in_doubles(opencl, asked).up)
+    assert (differences > 1e-8).any()
+    assert (differences < 1e-4).all()
 
 
 def test_an_item_does_not_depend_on_the_others(either_form: Any) -> None:

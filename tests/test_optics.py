@@ -300,9 +300,9 @@ def test_mixture_of_species() -> None:
     extinction = 0.7 * gold.extinction_um2 + 0.3 * silica.extinction_um2
     assert mixed.extinction_um2 == close_to(extinction, rtol=1e-6, atol=0.0)
     assert mixed.albedo == close_to(mixed.scattering_um2 / mixed.extinction_um2, rtol=1e-6, atol=0.0)
-    share = 0.7 * gold.scattering_um2 / mixed.scattering_um2
+    fraction = 0.7 * gold.scattering_um2 / mixed.scattering_um2
     f = [one.phase_matrix.scattering_matrix([0.0, 60.0, 150.0]) for one in (gold, silica, mixed)]
-    assert_close(f[2], share * f[0] + (1 - share) * f[1], rtol=0.0, atol=1e-12)
+    assert_close(f[2], fraction * f[0] + (1 - fraction) * f[1], rtol=0.0, atol=1e-12)
     assert vrte.mixture([(gold, 7), (silica, 3)]).asymmetry == close_to(mixed.asymmetry, rtol=1e-14, atol=0.0)
     assert vrte.mixture([(silica, 1.0)]).albedo == 1.0
     assert "0.7 of spheres" in mixed.description

@@ -32,8 +32,8 @@ def answer(method: str, **how: Any) -> str:
     """What a field brings, without the times that it took; along the nodes, where these are chosen."""
     found = vrte.radiance(SCENE, [0.5, 0.9], mu=None if "nodes" in how else [0.4, 1.0, -0.7], method=method, **how)
     left_out = ("stages", "wall_seconds")
-    told = {name: value for name, value in found.diagnostics.items() if name not in left_out}
-    return repr((found.stokes.shape, found.stokes.tobytes(), told))
+    reported = {name: value for name, value in found.diagnostics.items() if name not in left_out}
+    return repr((found.stokes.shape, found.stokes.tobytes(), reported))
 
 
 @pytest.mark.parametrize("method", METHOD_NAMES)
@@ -85,13 +85,13 @@ def test_help_has_each_option_in_the_same_words(where: Any, capsys: pytest.Captu
     """Of calls and of commands."""
     if isinstance(where, str):
         assert run(where, "--help") == 0
-        told, names = capsys.readouterr().out, OPTIONS.keys() - {"settings"}
+        reported, names = capsys.readouterr().out, OPTIONS.keys() - {"settings"}
     else:
-        told, names = where.__doc__, signature(where).parameters.keys() & OPTIONS.keys()
-        assert not re.search(r"\{[\w, ]+\}\n", told)
+        reported, names = where.__doc__, signature(where).parameters.keys() & OPTIONS.keys()
+        assert not re.search(r"\{[\w, ]+\}\n", reported)
     for name in names:
-        assert (f"--{name.replace('_', '-')}" if isinstance(where, str) else f"\n    {name} : ") in told
-        assert "".join(OPTIONS[name].short[1:].split()) in "".join(told.split())
+        assert (f"--{name.replace('_', '-')}" if isinstance(where, str) else f"\n    {name} : ") in reported
+        assert "".join(OPTIONS[name].short[1:].split()) in "".join(reported.split())
 
 
 @pytest.mark.parametrize(

@@ -30,9 +30,9 @@ def test_walsh() -> None:
 
 def test_it_is_the_literal_solver_with_more_digits() -> None:
     """Two slabs over a base, reflection and transmission: doubles that share nothing with it."""
-    pile = [(SPHEROIDS, 0.9, 1.3), (RAYLEIGH, 0.99, 0.4)]
-    scene = vrte.Scene([vrte.Layer(*layer) for layer in pile], vrte.Lambertian(0.3))
-    layers = [(matrix.coefficients, *numbers) for matrix, *numbers in pile]
+    stack = [(SPHEROIDS, 0.9, 1.3), (RAYLEIGH, 0.99, 0.4)]
+    scene = vrte.Scene([vrte.Layer(*layer) for layer in stack], vrte.Lambertian(0.3))
+    layers = [(matrix.coefficients, *numbers) for matrix, *numbers in stack]
     orders = literal.brdf_orders(layers, 0.3, np.array([0.6]), np.array([0.35]), 6, 2)
     found = oracle.brdf(scene, [0.6], [0.35], 6, range(2))
     for got, right in zip((found.reflected, found.transmitted), orders, strict=True):
@@ -65,8 +65,8 @@ def test_derivatives_are_those_of_closed_forms() -> None:
 
 def test_a_plate_is_the_airy_sum_of_intensities() -> None:
     """Glass that absorbs, between air and water: no light but beams."""
-    pile = [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.0, 0.3), vrte.Interface(1.5, 1.33)]
-    found = oracle.brdf(vrte.Scene(pile), MU_I, MU_O, 4, [0])
+    stack = [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.0, 0.3), vrte.Interface(1.5, 1.33)]
+    found = oracle.brdf(vrte.Scene(stack), MU_I, MU_O, 4, [0])
     for got, right in zip((found.specular, found.specular_transmission), airy_sum(MU_I, 1.5, 1.33, 0.3), strict=True):
         assert_close(got, right, rtol=0.0, atol=1e-15)
     assert not found.reflected.any()
@@ -85,7 +85,7 @@ def test_no_light_is_lost(index: float) -> None:
 
 def test_it_is_reciprocal() -> None:
     """Layers and interfaces of all kinds over a metal, and through a plate, both ways."""
-    pile = [
+    stack = [
         vrte.Layer(RAYLEIGH, 0.9, 0.3),
         vrte.Interface(1.0, 1.5),
         vrte.Layer(SPHEROIDS, 0.97, 1.0),
@@ -93,10 +93,10 @@ def test_it_is_reciprocal() -> None:
     ]
     q, phi = np.diag([1.0, 1.0, 1.0, -1.0]), np.array([0.0, 70.0])
     over = literal.azimuthal_sum(
-        oracle.brdf(vrte.Scene(pile, vrte.Mirror(0.2 + 3.0j)), MU_I[:2], MU_I[:2], 4, range(2)).reflected, phi
+        oracle.brdf(vrte.Scene(stack, vrte.Mirror(0.2 + 3.0j)), MU_I[:2], MU_I[:2], 4, range(2)).reflected, phi
     )
     assert_close(over, q @ over.transpose(1, 0, 2, 4, 3) @ q, rtol=0.0, atol=1e-14)
-    plate = vrte.Scene(pile)
+    plate = vrte.Scene(stack)
     down, up = (
         literal.azimuthal_sum(oracle.brdf(scene, MU_I[:2], MU_I[:2], 4, range(2)).transmitted, phi)
         for scene in (plate, plate.turned())
@@ -125,8 +125,8 @@ def test_without_polarization_it_is_iadpython(
     """Adding-doubling that others wrote, of intensities alone, which two surfaces that see each other change: by 7e-5
     at thickness 1. Their Gauss points see the critical angle as noise of n^-3, which two numbers of them take off."""
     albedo, thickness, _, index = slab
-    pile = [vrte.Interface(1.0, index), vrte.Layer(vrte.isotropic(), albedo, thickness), vrte.Interface(index, 1.0)]
-    found = [oracle.brdf(vrte.Scene(pile), [1.0], [], 24, [0], None, polarized) for polarized in (False, True)]
+    stack = [vrte.Interface(1.0, index), vrte.Layer(vrte.isotropic(), albedo, thickness), vrte.Interface(index, 1.0)]
+    found = [oracle.brdf(vrte.Scene(stack), [1.0], [], 24, [0], None, polarized) for polarized in (False, True)]
     (R, T), (polarized, _) = (
         (x.reflectance[0] + x.specular[0, 0, 0], x.transmittance[0] + x.specular_transmission[0, 0, 0]) for x in found
     )
@@ -208,8 +208,8 @@ def test_both_algorithms_inside_and_out(name: str) -> None:
         assert (error / np.max(fluxes, axis=0)).max() < 1e-11
         for m, light in enumerate(right):
             expected = oracle.split_beam(light.radiance[:, 0], STOKES)
-            gap = np.abs(oracle.find_field_order(field.stokes, m) - expected).max(axis=(0, 2, 3)) / size
-            assert gap.max() < 1e-11
+            difference = np.abs(oracle.find_field_order(field.stokes, m) - expected).max(axis=(0, 2, 3)) / size
+            assert difference.max() < 1e-11
 
 
 def test_a_last_place_of_a_conservative_layer_is_worth_its_thickness() -> None:
@@ -243,8 +243,8 @@ def test_derivatives_are_those_of_ball_arithmetic(case: oracle_table.Case) -> No
         values += [(found.transmission_jacobian[name], found.transmission)] if case.is_transparent else []
         for (value, whole), right in zip(values, orders.swapaxes(0, 1), strict=True):
             assert np.isfinite(value).all(), name
-            gap = np.abs([oracle.find_order(value, m) for m in case.orders] - right).max()
-            assert gap < 1e-9 * np.abs(right).max() + ROUNDING * np.abs(whole).max(), name
+            difference = np.abs([oracle.find_order(value, m) for m in case.orders] - right).max()
+            assert difference < 1e-9 * np.abs(right).max() + ROUNDING * np.abs(whole).max(), name
 
 
 RAYLEIGH_DARK, SPHEROIDS_DARK = (Slab("rayleigh", 0.2, 60.0),), (Slab("spheroids", 0.3, 60.0),)

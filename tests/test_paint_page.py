@@ -92,13 +92,13 @@ def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint, t
     with open(tmp_path / "grey.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["value"]) for row in rows] == [one.value for one in readings]
-    places = ["" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings]
-    assert [row["wavelength_um"] for row in rows] == places
+    indices = ["" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings]
+    assert [row["wavelength_um"] for row in rows] == indices
     panel = make_panel(GREY, AT, nodes=4)
     assert grey.glosses == close_to({angle: find_gloss(panel, angle) for angle in GLOSS_ANGLES}, rtol=1e-9, atol=0.0)
     assert grey.hiding is not None
     assert grey.hiding.contrast_ratio == close_to(find_contrast(panel), rtol=1e-6, atol=0.0)
-    assert list(grey.colours) == ["over black", "over white", "without end"]
+    assert list(grey.colours) == ["over black", "over white", "semi-infinite"]
     luminance = grey.hiding.find_luminance(grey.hiding.reflectance_over_black)
     assert close_to(100.0 * luminance, rtol=1e-6, atol=0.0) == grey.colours["over black"].Y
 
@@ -185,12 +185,12 @@ def test_the_command_writes_all_three(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["paint", str(red), "--png", "red.png", "--csv", "red.csv"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("Red\n  surface: smooth")
+    reported = capsys.readouterr().out
+    assert reported.startswith("Red\n  surface: smooth")
     with open(tmp_path / "red.csv", newline="") as file:
         numbers = {row["quantity"]: row["value"] for row in csv.DictReader(file) if not row["wavelength_um"]}
-    assert f"contrast ratio: {float(numbers['contrast ratio']):.4f}" in said
-    assert re.findall(r"wrote (\S+)", said) == ["red.html", "red.png", "red.csv"]
+    assert f"contrast ratio: {float(numbers['contrast ratio']):.4f}" in reported
+    assert re.findall(r"wrote (\S+)", reported) == ["red.html", "red.png", "red.csv"]
     assert (tmp_path / "red.png").read_bytes().startswith(b"\x89PNG")
 
 

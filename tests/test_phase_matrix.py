@@ -45,8 +45,8 @@ def test_functions_of_degrees_2_and_3() -> None:
         (3, 0): (5 * u**3 - 3 * u) / 2,
         (3, 2): (1 + u) ** 2 * (3 * u - 2) / 4,
     }
-    for place, values in expected.items():
-        assert_close(d[place], values, rtol=0.0, atol=1e-15)
+    for index, values in expected.items():
+        assert_close(d[index], values, rtol=0.0, atol=1e-15)
     assert not d[:2, 1:].any()
 
 
@@ -62,8 +62,8 @@ def test_functions_keep_their_digits_at_high_degree() -> None:
 def test_functions_are_orthogonal(pairs: Any) -> None:
     u, weights = find_gauss_legendre(80)
     d, degree = functions(pairs, 60, u), np.arange(60)
-    for place, (m, n) in enumerate(pairs):
-        gram = (d[:, place] * weights) @ d[:, place].T
+    for index, (m, n) in enumerate(pairs):
+        gram = (d[:, index] * weights) @ d[:, index].T
         expected = np.diag(np.where(degree >= max(m, abs(n)), 2.0 / (2 * degree + 1), 0.0))
         assert_close(gram, expected, rtol=0.0, atol=1e-14)
 

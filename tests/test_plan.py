@@ -189,12 +189,12 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
     monkeypatch.setattr(cpu, "solve_orders", watched)
     plan, found = solved(case)
     facts = plan.as_dict()
-    said = [
+    reported = [
         (b["orders"], b["stokes"], b["unknowns"], b["layers"], b["right_hand_sides"], b["algorithm"])
         for b in facts["blocks"]
     ]
-    assert len(done) <= len(said)
-    for (orders, stokes, *numbers), (planned_orders, letters, *planned_numbers) in zip(done, said, strict=False):
+    assert len(done) <= len(reported)
+    for (orders, stokes, *numbers), (planned_orders, letters, *planned_numbers) in zip(done, reported, strict=False):
         assert orders == planned_orders[: len(orders)]
         assert " ".join("IQUV"[k] for k in stokes) == letters
         assert numbers == planned_numbers
@@ -249,12 +249,12 @@ def test_predicted_operations_grow_with_the_work() -> None:
 def test_plan_takes_and_refuses_what_the_functions_do(kind: str, keywords: dict[str, Any]) -> None:
     """In the same words."""
     for wrong in ({"nodes": 0}, {"accuracy": 2.0}, {"algorithm": "best"}, {"verify": 3}, {"phi": "x"}, {"threads": 0}):
-        said = []
+        reported = []
         for call in (partial(vrte.plan, kind), getattr(vrte, kind)):
             with pytest.raises(SceneError) as raised:
                 call(ONE, **keywords | wrong)
-            said.append(str(raised.value))
-        assert said[0] == said[1]
+            reported.append(str(raised.value))
+        assert reported[0] == reported[1]
     with pytest.raises(TypeError, match="colour"):
         vrte.plan(kind, ONE, **keywords, colour=1)
     by_position = vrte.plan("brdf", ONE, [0.3, 0.8], [0.2, 0.55, 1.0], [0.0, 50.0, 310.0], nodes=8, threads=1)
@@ -277,10 +277,10 @@ def test_a_plan_in_two_parts() -> None:
         assert f"Light that comes in {kind}, by itself:\n{part}" in str(plan)
         assert facts[kind]["truncation"] == part.truncation.name
     found = vrte.brdf(scene, **table()).diagnostics
-    for part, said in zip(plan.parts, (found, found["polarized_light"]), strict=True):
-        assert said["truncation"] == part.truncation.name
-        assert said["orders"] <= part.orders
-        assert said["algorithm"] == part.diagnostics()["algorithm"]
+    for part, reported in zip(plan.parts, (found, found["polarized_light"]), strict=True):
+        assert reported["truncation"] == part.truncation.name
+        assert reported["orders"] <= part.orders
+        assert reported["algorithm"] == part.diagnostics()["algorithm"]
 
 
 BY_NUMBERS = {"scene", "mu0", "columns", "mu", "phi", "tau", "wanted", "under"}

@@ -14,14 +14,14 @@ RAYLEIGH = vrte.Layer(vrte.rayleigh(), 0.9, 0.001451)
 def find_reference(one: Asked, accuracy: float, counts: tuple[int, ...]) -> tuple[Answer, float]:
     """The answer on the first of these counts of graded nodes that differs from the one before by a tenth of the
     accuracy at most, and by how much it differs; by doubling: no eigenproblem on steep nodes."""
-    found, gap = None, np.inf
+    found, difference = None, np.inf
     for count in counts:
         before, found = found, one.solved(nodes=count, grading=2, accuracy=1e-9, algorithm="doubling")
-        gap = before.error(found) if before else np.inf
-        if gap <= 0.1 * accuracy:
+        difference = before.error(found) if before else np.inf
+        if difference <= 0.1 * accuracy:
             break
     assert found is not None
-    return found, gap
+    return found, difference
 
 
 def check(seeds: range, finest: float, counts: tuple[int, ...]) -> None:
@@ -34,9 +34,9 @@ def check(seeds: range, finest: float, counts: tuple[int, ...]) -> None:
             continue
         promised += 1
         assert found.made["achieved"] <= accuracy
-        right, gap = find_reference(one, accuracy, counts if not one.scene.is_rough else counts[:3])
-        undecided += gap > 0.3 * accuracy
-        if found.error(right) > accuracy + gap:
+        right, difference = find_reference(one, accuracy, counts if not one.scene.is_rough else counts[:3])
+        undecided += difference > 0.3 * accuracy
+        if found.error(right) > accuracy + difference:
             broken.append((seed, accuracy, found.error(right), found.made["nodes_rule"]))
     assert broken == []
     assert promised >= 0.9 * len(seeds)

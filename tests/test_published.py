@@ -86,10 +86,10 @@ def test_natraj_2009_rayleigh(source: str, tau: float, nodes: int, reference: Fi
     """ApJ 691, 1909: Rayleigh, omega = 1, Lambertian bases; their Q and U have the opposite sign."""
     table = [row for row in NATRAJ if row[0] == tau]
     if source == "whole":
-        names, told = ("tau", "albedo", "mu0", "mu", "phi_deg"), rows(reference("natraj2009/rayleigh.csv"))
-        signs = [1 if row["direction"] == "UP" else -1 for row in told]
-        numbers = [[float(row[name]) for name in names] for row in told]
-        light = [[float(row[name]) for name in "IQU"] for row in told]
+        names, reported = ("tau", "albedo", "mu0", "mu", "phi_deg"), rows(reference("natraj2009/rayleigh.csv"))
+        signs = [1 if row["direction"] == "UP" else -1 for row in reported]
+        numbers = [[float(row[name]) for name in names] for row in reported]
+        light = [[float(row[name]) for name in "IQU"] for row in reported]
         table = [
             (depth, albedo, mu0, sign * mu, phi, values)
             for (depth, albedo, mu0, mu, phi), sign, values in zip(numbers, signs, light, strict=True)
@@ -199,13 +199,17 @@ def test_haze_l_single_scattering(source: str, reference: Find) -> None:
     1969): single scattering takes all of them whatever the nodes."""
     table, matrix = HAZE_L, cases.find_phase_matrix("haze-L")
     if source == "whole":
-        matrix, told = phase_matrix(reference("haze_L/expansion.csv")), rows(reference("haze_L/single_scattering.csv"))
+        matrix, reported = (
+            phase_matrix(reference("haze_L/expansion.csv")),
+            rows(reference("haze_L/single_scattering.csv")),
+        )
         table = [
-            (-float(row["mu_neg_is_up"]), float(row["az_deg"]), [float(row[name]) for name in "IQU"]) for row in told
+            (-float(row["mu_neg_is_up"]), float(row["az_deg"]), [float(row[name]) for name in "IQU"])
+            for row in reported
         ]
     tiny = 1e-7  # at this albedo multiple scattering is below the print precision
     scene = vrte.Scene([vrte.Layer(matrix, tiny, 0.2)])
     for mu, phi, published in table:
         field = exact.radiance(scene, 0.6, FLUX_PI, mu, phi, 0.0 if mu > 0.0 else 0.2, nodes=4)
-        gap = np.abs(field.stokes[0, 0, 0, :3] / tiny - published).max()
-        assert gap <= 1.5e-6 * (1.0 if source == "quoted" else max(1.0, published[0])), (mu, phi)
+        difference = np.abs(field.stokes[0, 0, 0, :3] / tiny - published).max()
+        assert difference <= 1.5e-6 * (1.0 if source == "quoted" else max(1.0, published[0])), (mu, phi)

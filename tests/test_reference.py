@@ -85,15 +85,18 @@ def find_faults(given: Any, words: str) -> list[str]:
     is_error = inspect.isclass(given) and issubclass(given, BaseException)
     if ">>> " not in words and not is_error:
         faults.append("no example")
-    told = {one.name: one for kind in ("parameters", "attributes") for one in sections.get(kind, [])}
+    reported = {one.name: one for kind in ("parameters", "attributes") for one in sections.get(kind, [])}
     taken = {} if is_error and "__init__" not in vars(given) else dict(inspect.signature(given).parameters)
     taken.pop("self", None), taken.pop("cls", None)
     stars = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
     names = {stars.get(one.kind, "") + name for name, one in taken.items()}
     own = {*dir(given), *given.__annotations__}
-    faults += [f"not said: {name}" for name in sorted(names - told.keys())]
-    faults += [f"no such parameter: {name}" for name in sorted(told.keys() - names - own)]
-    explained = [*told.values(), *(one for kind in ("returns", "raises", "warns") for one in sections.get(kind, []))]
+    faults += [f"not said: {name}" for name in sorted(names - reported.keys())]
+    faults += [f"no such parameter: {name}" for name in sorted(reported.keys() - names - own)]
+    explained = [
+        *reported.values(),
+        *(one for kind in ("returns", "raises", "warns") for one in sections.get(kind, [])),
+    ]
     faults += [f"nothing said of {one.annotation}" for one in explained if not one.description.strip()]
     if inspect.isfunction(given) and given.__annotations__.get("return") not in (None, "None"):
         faults += [] if "returns" in sections else ["no Returns"]
@@ -114,11 +117,11 @@ def test_docstrings() -> None:
 def test_docstring_of_the_core(name: str) -> None:
     source = "\n".join(path.read_text("utf-8") for path in (ROOT / "vrte/core").glob("*.pxi"))
     words = re.search(rf'^def {name}\(.*?\):\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
-    told = read_sections(inspect.cleandoc(words[1] if words else ""))
+    reported = read_sections(inspect.cleandoc(words[1] if words else ""))
     (taken,) = (one for one in ast.walk(STUB) if isinstance(one, ast.FunctionDef) and one.name == name)
     names = {each.arg for each in (*taken.args.args, *taken.args.kwonlyargs)}
-    assert {one.name for one in told["parameters"]} == names - {"self"}
-    assert "returns" in told or "out" in names
+    assert {one.name for one in reported["parameters"]} == names - {"self"}
+    assert "returns" in reported or "out" in names
     assert not find_unknown_names(words[1] if words else "")
 
 

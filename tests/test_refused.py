@@ -209,11 +209,11 @@ SCENES: list[tuple[Any, ...]] = [
 
 @pytest.mark.parametrize("row", [*OPTICS, *SCENES], ids=lambda row: row[1])
 def test_what_is_wrong_is_refused_in_one_sentence(row: tuple[Any, ...]) -> None:
-    call, words, *place = row
+    call, words, *index = row
     with pytest.raises(vrte.SceneError, match=words) as caught:
         call()
-    if place:
-        assert list(caught.value.place) == ([words.split()[0]] if place[0] is None else place[0])
+    if index:
+        assert list(caught.value.place) == ([words.split()[0]] if index[0] is None else index[0])
 
 
 GOOD: dict[str, dict[str, Any]] = {
@@ -325,9 +325,9 @@ def test_packings_say_where_their_domain_ends(
         return vrte.Layer.of(particles, thickness_um=1.0, volume_fraction=fraction, packing=packing)
 
     if words.startswith("warn: "):
-        with pytest.warns(vrte.PackingWarning, match=words.removeprefix("warn: ")) as told:
+        with pytest.warns(vrte.PackingWarning, match=words.removeprefix("warn: ")) as reported:
             fill()
-        assert told[0].filename == __file__
+        assert reported[0].filename == __file__
     elif words:
         warnings.simplefilter("ignore", vrte.PackingWarning)
         with pytest.raises(vrte.SceneError, match=words):

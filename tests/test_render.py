@@ -233,9 +233,9 @@ def test_what_the_resolution_is_good_for() -> None:
         draw(view(sky, 96, place_camera(10.0, 50.0), chosen), table(scene, chosen, nodes=None, accuracy=1e-4))
         for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28))
     )
-    gap = np.abs(usual - fine) / fine[:, 0].max()
-    assert gap.max() < 3e-3
-    assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4
+    difference = np.abs(usual - fine) / fine[:, 0].max()
+    assert difference.max() < 3e-3
+    assert np.sqrt((difference**2).mean(axis=0)).max() < 3e-4
 
 
 SMALL = "[render]\nsize_px = 48\nwavelengths_um = [0.45, 0.55, 0.65]\n"
@@ -419,9 +419,11 @@ def mirror_table(index: complex) -> BrdfTable:
     """A sphere that only mirrors, as if of glass or metal without end."""
     directions = COARSE.mu, COARSE.mu, COARSE.phi
     dark = np.zeros((*(one.size for one in directions), 4, 4))
-    share = np.zeros(COARSE.mu.size)
+    fraction = np.zeros(COARSE.mu.size)
     beams = reflect_smooth(index, COARSE.mu)
-    return tabulate_brdf(vrte.Brdf(dark, share, *directions, {}, direct_transmittance=share, specular=beams), COARSE)
+    return tabulate_brdf(
+        vrte.Brdf(dark, fraction, *directions, {}, direct_transmittance=fraction, specular=beams), COARSE
+    )
 
 
 def rough_table(surface: RoughSurface) -> BrdfTable:
@@ -486,8 +488,8 @@ def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
     brewster = float(np.degrees(np.arctan(1.5)))  # from the vertical: that of the sun, and on its other side the camera
     sky = make_sky("sun", [0.5], 90.0 - brewster, 0.0)
     seen = view(sky, size=120, camera=place_camera(90.0 - brewster, 180.0))
-    share = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
-    expected = share * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
+    fraction = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
+    expected = fraction * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
     assert_close(draw(seen, mirror_table(1.5)).sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
 
 
@@ -591,9 +593,9 @@ def test_a_ball_is_the_sphere(
         clear &= (np.abs(mirrored[:, 2]) * seen.radius * np.cos(theta) > 1.2) & (mirrored @ -sky.beam < 0.99)
     assert clear.sum() > 0.5 * theta.size
     clear = inside[clear]
-    gap = np.abs(found - expected)[clear] / expected[clear, 0].max()
-    assert gap.max() < largest
-    assert np.sqrt((gap**2).mean(axis=0)).max() < rms
+    difference = np.abs(found - expected)[clear] / expected[clear, 0].max()
+    assert difference.max() < largest
+    assert np.sqrt((difference**2).mean(axis=0)).max() < rms
     assert np.abs(expected[clear, 1:3]).max() > 0.03 * expected[clear, 0].max()
 
 
@@ -682,7 +684,7 @@ def test_shapes_are_closed_and_stand_on_the_ground(name: str) -> None:
 
 def test_the_camera_frames_what_stands_there() -> None:
     camera = place_camera(10.0, 40.0)
-    bodies = [find_shape("knot").place(0.0, (0.0, float(place))) for place in range(3)]
+    bodies = [find_shape("knot").place(0.0, (0.0, float(index))) for index in range(3)]
     for chosen in (bodies[:1], bodies):
         lens = place_lens(camera, chosen, 100)
         ways = np.concatenate([body.corners for body in chosen]) - lens.place

@@ -72,8 +72,8 @@ def test_the_mesh_of_a_lobe_is_fine_enough_for_zeros_of_the_polarization() -> No
     lobe = lobes.compute_lobe(brdf, 0)
     half_way = 0.5 * (lobe.theta[1:] + lobe.theta[:-1])
     exact = of_stokes(stokes_over_hemisphere(brdf, 0, half_way, lobe.phi), "degree of linear polarization")
-    gap = np.abs(0.5 * (lobe.polarized[1:] + lobe.polarized[:-1]) - exact).max()
-    assert gap < 0.05 * lobe.polarized.max()
+    difference = np.abs(0.5 * (lobe.polarized[1:] + lobe.polarized[:-1]) - exact).max()
+    assert difference < 0.05 * lobe.polarized.max()
 
 
 @pytest.mark.parametrize("order", ["half a turn", "unsorted", "negative"])

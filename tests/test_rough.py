@@ -76,11 +76,11 @@ def test_the_rough_sea_over_water_that_is_published() -> None:
     for water, rows in PUBLISHED.items():
         orders = see_water(surface, nodes, 1.34, water, mu0)
         for phi, angle, *expected in rows:
-            place = int(np.searchsorted(zenith, angle))
+            index = int(np.searchsorted(zenith, angle))
             turn = np.arange(3) * np.radians(phi)
             factor = np.stack([np.cos(turn)] * 2 + [np.sin(turn)] * 2, axis=1) * np.array([[1.0], [2.0], [2.0]])
-            light = (factor * orders[:, place]).sum(axis=0) / mu0
-            light += RoughSurface(1.0, 1.34, SEA.roughness).reflect(mu0, seen[place], phi)[:, 0]
+            light = (factor * orders[:, index]).sum(axis=0) / mu0
+            light += RoughSurface(1.0, 1.34, SEA.roughness).reflect(mu0, seen[index], phi)[:, 0]
             assert_close(np.pi * light[:3], expected, rtol=0.0, atol=5e-6)
 
 
@@ -130,11 +130,11 @@ def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) ->
     power += np.einsum("o,oab->ab", weights_below * mu_below, down[0, n])[0, 0]
     x, weight = np.polynomial.legendre.leggauss(80)
     mu_o = np.concatenate([edge + size * 0.5 * (x + 1.0) for edge, size in ((0.0, 0.4), (0.4, 0.6))])  # 0.6 = 1.5 0.4:
-    share = np.concatenate([0.2 * weight, 0.3 * weight]) * mu_o  # upright facets
+    fraction = np.concatenate([0.2 * weight, 0.3 * weight]) * mu_o  # upright facets
     phi = (np.arange(400) + 0.5) * 360.0 / 400
     surface = RoughSurface(1.0, 1.5, 0.3, distribution, shadowing=True)
     ways = [f(0.6, mu_o[:, None], phi) for f in (surface.reflect, surface.transmit)]
-    expected = 2.0 * np.pi * share @ sum(way[..., 0, 0].mean(axis=1) for way in ways)
+    expected = 2.0 * np.pi * fraction @ sum(way[..., 0, 0].mean(axis=1) for way in ways)
     assert power == close_to(expected, rtol=0.0, atol=2e-6)
     assert 0.9 < power < 1.0
 

@@ -55,18 +55,18 @@ def test_every_job_is_done_once_and_its_answer_is_in_its_place(threads: int) -> 
 
 
 def test_jobs_are_done_side_by_side_each_on_one_thread_and_progress_is_told_by_the_caller() -> None:
-    together, told = threading.Barrier(3, timeout=10.0), []
+    together, reported = threading.Barrier(3, timeout=10.0), []
 
     def job(own: Run) -> int:
         together.wait()  # never passed by one thread after another
         return hold(0.0 if threading.current_thread() is threading.main_thread() else 0.1, own.threads)
 
     def tell(done: int) -> None:
-        told.append((threading.current_thread() is threading.main_thread(), done))
+        reported.append((threading.current_thread() is threading.main_thread(), done))
 
     with run_of(3) as run:
         assert run_jobs(run, [job] * 3, tell) == [1, 1, 1]
-        assert told == [(True, 1), (True, 3)]
+        assert reported == [(True, 1), (True, 3)]
     alone = Run(8)
     assert run_jobs(alone, [lambda own: threading.get_ident()]) == [threading.get_ident()]
     assert "helpers" not in vars(alone)  # no thread without a job
@@ -145,9 +145,9 @@ def run_program(program: str, **environment: str) -> str:
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="there is no fork here")
 def test_a_pool_forked_while_another_thread_solves_says_so() -> None:
-    told = run_program(FORKED)
-    assert told.startswith("this process was forked while another thread of its parent was solving")
-    assert "spawn" in told
+    reported = run_program(FORKED)
+    assert reported.startswith("this process was forked while another thread of its parent was solving")
+    assert "spawn" in reported
 
 
 TIMED = """
@@ -179,8 +179,8 @@ def test_two_threads_take_no_more_of_a_busy_processor_than_one() -> None:
 
 @pytest.mark.parametrize("given", [{}, {POLICY: "active"}])
 def test_the_policy_is_for_the_core_alone(given: dict[str, str]) -> None:
-    told = run_program(f"import os, vrte; print(os.environ.get({POLICY!r}))", **given)
-    assert told.strip() == str(given.get(POLICY))
+    reported = run_program(f"import os, vrte; print(os.environ.get({POLICY!r}))", **given)
+    assert reported.strip() == str(given.get(POLICY))
 
 
 @pytest.fixture

@@ -288,8 +288,8 @@ def test_p34_that_was_copied_to_p43_is_told_and_read_as_libradtran_has_it(tmp_pa
     with pytest.warns(vrte.UnitsWarning, match=r"its F43 is \+F34, .* libRadtran's tables"):
         found = vrte.read_scattering(path, wavelength_um=0.65)
     assert_matrix(found, powder(0.65).phase_matrix)
-    said = vrte.read_scattering(path, wavelength_um=0.65, convention="vrte")
-    assert_close(said.b2, -found.b2, rtol=1e-9, atol=1e-11)
+    reported = vrte.read_scattering(path, wavelength_um=0.65, convention="vrte")
+    assert_close(reported.b2, -found.b2, rtol=1e-9, atol=1e-11)
 
 
 def test_a_scalar_table_of_eradiate_has_one_element(tmp_path: Path) -> None:
@@ -415,23 +415,23 @@ def test_the_command_tells_what_a_table_is_and_writes_it(
     options = ("--convention", "granada", "--normalise", "--ends", "extrapolate")
     coefficients, picture = tmp_path / "coefficients.csv", tmp_path / "dust.png"
     assert run("phase", dust_table, *options, "-o", coefficients, "--plot", picture) == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     found = vrte.read_scattering(dust_table, convention="granada", normalise=True, ends="extrapolate")
     assert isinstance(found, PhaseMatrix)
     assert found.expansion is not None
-    assert "175 angles, convention granada; a spline over 175 angles, extrapolated short of 3 degrees" in told
-    assert f"integral    {found.expansion.integral:.6g}" in told
-    assert re.search(r"peak +F11 is 10\.\d+ at 0 degrees, half of that at 28\.\d degrees", told)
-    assert f"asymmetry   {found.asymmetry:.6g}\nterms       {found.terms}\n" in told
-    assert re.search(r"coherency +lowest eigenvalue \S+ of F11, at \d+ degrees", told)
+    assert "175 angles, convention granada; a spline over 175 angles, extrapolated short of 3 degrees" in reported
+    assert f"integral    {found.expansion.integral:.6g}" in reported
+    assert re.search(r"peak +F11 is 10\.\d+ at 0 degrees, half of that at 28\.\d degrees", reported)
+    assert f"asymmetry   {found.asymmetry:.6g}\nterms       {found.terms}\n" in reported
+    assert re.search(r"coherency +lowest eigenvalue \S+ of F11, at \d+ degrees", reported)
     assert read_coefficients(coefficients).coefficients.tobytes() == found.coefficients.tobytes()
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert run("phase", dust_table, "--recognise") == 0
     assert capsys.readouterr().out == f"{dust_table} is in the convention granada\n"
     assert run("phase") == 0
-    told = capsys.readouterr().out
-    assert all(f"\n{name}: " in told for name in CONVENTIONS)
-    assert "F34      0.5014 at 30" in told
+    reported = capsys.readouterr().out
+    assert all(f"\n{name}: " in reported for name in CONVENTIONS)
+    assert "F34      0.5014 at 30" in reported
 
 
 @pytest.mark.parametrize(

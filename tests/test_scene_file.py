@@ -353,7 +353,7 @@ def test_tables_and_wavelengths_of_media_are_found() -> None:
             "base": {"kind": "mirror", "index": "gold.csv"},
         },
     )
-    assert {show_place(place): name for place, name in find_named_tables(content).items()} == {
+    assert {show_place(index): name for index, name in find_named_tables(content).items()} == {
         "layer[1].interface.below": "oil.csv",
         "layer[2].phase": "fog.csv",
         "layer[3].phase.table": "ice.nc",
@@ -552,12 +552,12 @@ def test_a_mistake_is_named(content: Content, changes: Content, words: str, fold
     """In one sentence that begins with its place; of media that do not fit, and of the light, with whose they are."""
     with pytest.raises(vrte.SceneError) as caught:
         make_scene_file(change(content, changes), folder=folder)
-    message, place = str(caught.value), caught.value.place
+    message, index = str(caught.value), caught.value.place
     assert words in message
     assert "\n" not in message
-    at_its_place = not place or re.match(re.escape(show_place(place)) + "[ :]", message)
-    assert at_its_place or place[:1] in (("wavelength_um",), ("host_index",)) or "has the refractive index" in message
-    assert pickle.loads(pickle.dumps(caught.value)).place == place
+    at_its_place = not index or re.match(re.escape(show_place(index)) + "[ :]", message)
+    assert at_its_place or index[:1] in (("wavelength_um",), ("host_index",)) or "has the refractive index" in message
+    assert pickle.loads(pickle.dumps(caught.value)).place == index
 
 
 def test_each_command_takes_its_own_table_and_text(folder: Path) -> None:

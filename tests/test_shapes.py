@@ -225,9 +225,9 @@ def test_scene_files_and_sweeps_know_them(tmp_path: Path) -> None:
     expected = vrte.spheroids((1.5, 0.01), host_index=1.33, **how)
     assert (found.extinction_um2, found.description) == (expected.extinction_um2, expected.description)
     table = vrte.sweep(make_scene() | {"axes": {"particles.one.aspect_ratio": [0.5, 2.0]}}, tmp_path / "flat.zarr")
-    for place, aspect_ratio in enumerate((0.5, 2.0)):
+    for index, aspect_ratio in enumerate((0.5, 2.0)):
         alone = vrte.brdf(make_scene_file(make_scene(aspect_ratio=aspect_ratio)).scene, 0.5, 0.5, nodes=4)
-        assert table.mueller.values[place].ravel() == close_to(alone.mueller.ravel(), rtol=1e-12, atol=0.0)
+        assert table.mueller.values[index].ravel() == close_to(alone.mueller.ravel(), rtol=1e-12, atol=0.0)
     table.close()
     kinds = [(kind, {"index": 1.5, **how, "aspect_ratio": k}) for kind in ("spheroids", "cylinders") for k in (1, 2)]
     assert len({make_file_name(*kind) for kind in kinds}) == 4

@@ -60,8 +60,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
 
 def check_said(process: "subprocess.Popen[str]", number: signal.Signals) -> None:
     """One line on standard error, nothing beside it, and the exit code."""
-    said, complaint = process.communicate(timeout=60)
-    assert (process.returncode, said, complaint) == (128 + number, "", f"vrte: error: {WORDS[number]}\n")
+    reported, complaint = process.communicate(timeout=60)
+    assert (process.returncode, reported, complaint) == (128 + number, "", f"vrte: error: {WORDS[number]}\n")
 
 
 def slow_module(folder: Path, name: str) -> Path:

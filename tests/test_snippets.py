@@ -90,16 +90,16 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
     PREPARED.get(page.name, lambda folder: None)(tmp_path)
     names: dict[str, Any] = {}
     runner = doctest.DocTestRunner(checker=Rough())
-    for place, (code, printed) in enumerate(printing_snippets(page), 1):
+    for index, (code, printed) in enumerate(printing_snippets(page), 1):
         if code.startswith(">>>"):
-            test = doctest.DocTestParser().get_doctest(code, names, f"{page.name}, {place}", str(page), 0)
+            test = doctest.DocTestParser().get_doctest(code, names, f"{page.name}, {index}", str(page), 0)
             runner.run(test, clear_globs=False)
             names = test.globs
         else:
-            with contextlib.redirect_stdout(io.StringIO()) as told:
-                exec(compile(code, f"{page.name}, {place}", "exec"), names)
+            with contextlib.redirect_stdout(io.StringIO()) as reported:
+                exec(compile(code, f"{page.name}, {index}", "exec"), names)
             if printed or page.parent.name == "tutorials":
-                assert Rough().check_output(printed, told.getvalue(), 0), f"{place}: {told.getvalue()}"
+                assert Rough().check_output(printed, reported.getvalue(), 0), f"{index}: {reported.getvalue()}"
     assert runner.failures == 0
     if page.parent.name == "tutorials":
         for picture in re.findall(r"\]\(\.\./images/(\w+\.png)\)", page.read_text(encoding="utf-8")):

@@ -67,11 +67,11 @@ def test_keywords_win_over_the_file() -> None:
 
 
 def test_progress_goes_up_to_the_end() -> None:
-    told: list[tuple[int, int]] = []
-    vrte.spectrum(PAINT, WAVELENGTHS, progress=lambda done, total: told.append((done, total)))
-    assert {total for _, total in told} == {400}
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert told[-1] == (400, 400)
+    reported: list[tuple[int, int]] = []
+    vrte.spectrum(PAINT, WAVELENGTHS, progress=lambda done, total: reported.append((done, total)))
+    assert {total for _, total in reported} == {400}
+    assert [done for done, _ in reported] == sorted(done for done, _ in reported)
+    assert reported[-1] == (400, 400)
 
 
 @pytest.mark.parametrize(
@@ -128,10 +128,10 @@ def test_the_command_solves_the_wavelengths_given_or_listed(
     scene, out, table = (tmp_path / name for name in ("paint.toml", "out.nc", "out.csv"))
     scene.write_text(TOML, encoding="utf-8")
     assert run("brdf", scene, "--wavelengths-um", "0.45,0.6", "-o", out, "--csv", table) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert "Spectrum(2 wavelengths from 0.45 to 0.6 um" in told.out
-    assert f"{paint.reflectance[1, 0]:.6f}" in told.out
+    reported = capsys.readouterr()
+    assert reported.err == ""
+    assert "Spectrum(2 wavelengths from 0.45 to 0.6 um" in reported.out
+    assert f"{paint.reflectance[1, 0]:.6f}" in reported.out
     loaded = vrte.load(out)
     assert_same(loaded, vrte.load(table))
     np.testing.assert_array_equal(loaded.mueller, paint.mueller)
@@ -161,9 +161,9 @@ def test_the_command_complains_in_one_line(
 ) -> None:
     (tmp_path / "paint.toml").write_text(TOML, encoding="utf-8")
     assert run("brdf", tmp_path / "paint.toml", "-o", tmp_path / "out.nc", *options) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert words in reported
+    assert reported.count("\n") == 1
     assert not (tmp_path / "out.nc").exists()
 
 

@@ -111,11 +111,11 @@ def test_tables_of_sweeps(scene: vrte.Scene) -> None:
 def test_azimuths_go_on_for_ever(count: int) -> None:
     """A period's spline is that of many periods, however few points it has."""
     phi = 360.0 * np.sort(np.random.default_rng(count).uniform(size=count))
-    grid, places = repeat_grid(phi, 360.0)
+    grid, indices = repeat_grid(phi, 360.0)
     assert (grid[0], grid[-1]) < (0.0, 720.0)
     values = np.sin(np.radians(phi))
     at = np.linspace(0.0, 360.0, 19)
-    found = compute_weights(grid, at) @ values[places]
+    found = compute_weights(grid, at) @ values[indices]
     turns = 2 + 30 // count
     many = np.concatenate([phi + 360.0 * turn for turn in range(-turns, turns + 1)])
     assert_close(found, compute_weights(many, at) @ np.tile(values, 2 * turns + 1), rtol=0.0, atol=1e-8)

@@ -238,9 +238,9 @@ def test_the_estimate_of_c_is_of_the_right_size() -> None:
 @pytest.mark.slow
 def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call_study("stability", "--quick", "-o", tmp_path / "out") == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert re.search(r"^\| all \| .* holds \|$", told.out, re.MULTILINE)
+    reported = capsys.readouterr()
+    assert reported.err == ""
+    assert re.search(r"^\| all \| .* holds \|$", reported.out, re.MULTILINE)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"stability.md", "stability_cases.csv"}
     text = (tmp_path / "out" / "stability.md").read_text()
     tables = re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE)
@@ -290,9 +290,9 @@ def test_a_shortfall_is_exit_code_1_unless_its_reason_is_known(
     reasons = ("sun on*", "energy", "nothing is less than nothing"), ("sun on*", "net flux*", "nor this")
     monkeypatch.setattr(stability, "KNOWN", reasons if known else ())
     assert call_study("stability", "--cases", "sun on a node", "-o", tmp_path) == (0 if known else 1)
-    told, page = capsys.readouterr(), (tmp_path / "stability.md").read_text()
+    reported, page = capsys.readouterr(), (tmp_path / "stability.md").read_text()
     line = r"vrte: error: 1 of 1 scenes fall short, the first: sun on a node: energy [^\n]+\n"
-    assert re.fullmatch("" if known else line, told.err)
-    for text in (told.out, page) if known else (page,):
+    assert re.fullmatch("" if known else line, reported.err)
+    for text in (reported.out, page) if known else (page,):
         assert ("nothing is less than nothing" if known else "- sun on a node: energy") in text
-    assert ("1 fall short" in told.out) is not known
+    assert ("1 fall short" in reported.out) is not known

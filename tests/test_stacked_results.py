@@ -38,15 +38,15 @@ def test_a_stack_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> 
     ground, upper, lower = vrte.Lambertian(0.3), [of_spheroids(0.4)], [of_spheroids(2.0, 0.9)]
     whole = over([*upper, *lower], ground, 12)
     assert np.abs(whole.mueller[..., 3, 2]).max() > 1e-4 * whole.mueller.max()
-    gaps = []
+    differences = []
     for cosines in (6, 16):
         below = solve_on(vrte.Scene(lower, ground), cosines, 12)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", vrte.CoarseTableWarning)
             found = over(upper, below, 12)
-        gaps.append(largest_gap(found.mueller, whole.mueller))
-    assert gaps[0] < 1e-3
-    assert gaps[1] < 2e-6
+        differences.append(largest_gap(found.mueller, whole.mueller))
+    assert differences[0] < 1e-3
+    assert differences[1] < 2e-6
     assert_close(found.reflectance, whole.reflectance, rtol=1e-6, atol=0.0)
 
 

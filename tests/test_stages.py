@@ -138,9 +138,9 @@ def test_doubling(problem: Problem, thickness: float) -> None:
         literal = slab(int(m), spheroids().coefficients, ALBEDO, thickness, mu, weights, 1)
         plus, minus = kernel(int(m), out, np.array([MU0]))
         once = 0.25 * ALBEDO * np.repeat(1.0 / out, 4)[:, None] * np.array([plus - minus, plus + minus])
-        sums, gaps = np.repeat(1.0 / out + 1.0 / MU0, 4), np.repeat(1.0 / out - 1.0 / MU0, 4)
+        sums, differences = np.repeat(1.0 / out + 1.0 / MU0, 4), np.repeat(1.0 / out - 1.0 / MU0, 4)
         once[0] *= (-np.expm1(-thickness * sums) / sums)[:, None]
-        once[1] *= (np.exp(-thickness / MU0) * -np.expm1(-thickness * gaps) / gaps)[:, None]
+        once[1] *= (np.exp(-thickness / MU0) * -np.expm1(-thickness * differences) / differences)[:, None]
         for full, single, values in zip(literal, once, (slabs.R[o, 0], slabs.T[o, 0]), strict=True):
             found = blocks(stack.problem, values)
             # 2.5e-13 at most: what some twenty doublings leave of digits
@@ -271,8 +271,8 @@ def test_path_integrals_by_quadrature() -> None:
         for t, depth in enumerate(tau):
             for j, direction in enumerate(mu):
                 low, high = (max(top, depth), top + thickness) if direction > 0 else (top, min(top + thickness, depth))
-                place = 0.5 * (low + high) + 0.5 * max(high - low, 0.0) * x
-                light = np.exp(-place / mu0[:, None] - np.abs(place - depth) / abs(direction)) / abs(direction)
+                index = 0.5 * (low + high) + 0.5 * max(high - low, 0.0) * x
+                light = np.exp(-index / mu0[:, None] - np.abs(index - depth) / abs(direction)) / abs(direction)
                 expected = 0.5 * max(high - low, 0.0) * light @ weights
                 assert_close(found[k, t, :, j], expected, rtol=1e-12, atol=1e-15)
 

@@ -36,7 +36,7 @@ def summed(
     orders: np.ndarray,
     stokes: Sequence[int],
     kind: Sequence[int],
-    place: Sequence[int],
+    index: Sequence[int],
     phi: np.ndarray,
     out: np.ndarray,
     levels: Sequence[int],
@@ -47,7 +47,7 @@ def summed(
     """The kernel under test, in two pieces of the incident directions."""
     azimuths = fold_azimuths(phi)
     cosine, sine = azimuths.cos_sin(orders)
-    listed = {"stokes": stokes, "kind": kind, "place": place, "levels": levels, "rows": rows}
+    listed = {"stokes": stokes, "kind": kind, "place": index, "levels": levels, "rows": rows}
     integers = {name: np.array(values, np.int32) for name, values in listed.items()}
     middle = out.shape[1] // 2
     for first, last in ((0, middle), (middle, out.shape[1])):
@@ -76,7 +76,7 @@ def test_azimuthal_sum_adds_orders_of_some_stokes_components_and_columns(
     stokes: tuple[int, ...], kind: tuple[int, ...]
 ) -> None:
     kernels, orders = some_kernels(7, len(kind)), np.array([0, 1, 2, 5, 6, 9, 30], np.int32)
-    place, levels, rows = [3, 0, 2, 1][: len(kind)], [2, 0], [20, 3, 3, 0, 7, 8, 9, 10, 11, 12, 13]
+    index, levels, rows = [3, 0, 2, 1][: len(kind)], [2, 0], [20, 3, 3, 0, 7, 8, 9, 10, 11, 12, 13]
     scale = np.array([1.0, 0.5, 2.0, -3.0])
     out = np.ones((2, 4, len(rows), FULL_TURN.size, 4, 4))
     expected = np.ones_like(out)
@@ -84,8 +84,8 @@ def test_azimuthal_sum_adds_orders_of_some_stokes_components_and_columns(
     masked = kernels.copy()
     masked[..., missing] = 0.0
     whole = fourier_sum(masked, orders, kind, FULL_TURN)[np.ix_(levels, range(4), rows)]
-    expected[..., place] += scale[:, None, None, None, None] * whole
-    summed(kernels[..., list(stokes)], orders, stokes, kind, place, FULL_TURN, out, levels, rows, scale)
+    expected[..., index] += scale[:, None, None, None, None] * whole
+    summed(kernels[..., list(stokes)], orders, stokes, kind, index, FULL_TURN, out, levels, rows, scale)
     assert_close(out, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 

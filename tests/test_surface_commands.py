@@ -38,7 +38,7 @@ def make_pile(index: float = 1.5, roughness: float = 0.0) -> list[Any]:
 def test_a_brdf_is_described_with_its_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, out = written(tmp_path, HEAD + GLASS + RAYLEIGH + BRDF), tmp_path / "a.csv"
     assert run("brdf", scene, "-o", out) == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     found: Any = vrte.load(out)
     alone = vrte.brdf(vrte.Scene(make_pile()), MU, 0.5, nodes=4, transmission=True)
     for name in ("mueller", "specular", "specular_transmission", "direct_transmittance"):
@@ -50,7 +50,7 @@ def test_a_brdf_is_described_with_its_surface(tmp_path: Path, capsys: pytest.Cap
         "terms, in index 1.5",
         f"mirrored as a beam, and not in it: {found.specular[0, 0, 0]:.4f} at mu_i 0.5",
     ):
-        assert words in told
+        assert words in reported
 
 
 def test_a_field_lies_on_a_side_of_the_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,20 +71,20 @@ def test_a_field_lies_on_a_side_of_the_surface(tmp_path: Path, capsys: pytest.Ca
 def test_a_spectrum_follows_the_index_of_its_medium(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, out = written(tmp_path, HEAD + GLASS.replace("1.5", '"silica"') + RAYLEIGH + BRDF), tmp_path / "a.csv"
     assert run("brdf", scene, "-o", out, "--wavelengths-um", "0.4,0.7") == 0
-    told, found = capsys.readouterr().out, vrte.load(out)
+    reported, found = capsys.readouterr().out, vrte.load(out)
     assert isinstance(found, vrte.Spectrum)
     assert found.specular is not None
     for place, wavelength in enumerate((0.4, 0.7)):
         index = refractive_index("silica", wavelength).n
-        assert f"1, {index:.6g}, {index:.6g}; 1, 0.900000" in told
+        assert f"1, {index:.6g}, {index:.6g}; 1, 0.900000" in reported
         assert_close(found.specular[place], reflect_smooth(index, np.array(MU)), rtol=0.0, atol=1e-15)
 
 
 def make_sweep(axes: dict[str, Any], **more: Any) -> Any:
     """A table of Rayleigh layers under an interface, made in memory."""
-    pile = [{"interface": {"above": 1.0, "below": 1.5}}, BINDER]
+    stack = [{"interface": {"above": 1.0, "below": 1.5}}, BINDER]
     asked = {} if "field" in more else {"brdf": {"mu_i": MU, "mu_o": MU, "transmission": True}}
-    return vrte.sweep({"nodes": 4, "layer": pile, **asked, **more, "axes": axes}, workers=1)
+    return vrte.sweep({"nodes": 4, "layer": stack, **asked, **more, "axes": axes}, workers=1)
 
 
 FACETS = {"kind": "facets", "index": 1.34, "roughness": 0.2}
@@ -104,15 +104,15 @@ def test_each_scene_of_a_sweep_is_that_of_a_call(key: str) -> None:
     values, more, make_scene = SWEPT[key]
     table = make_sweep({"axis": {"key": key, "values": values}}, **more)
     assert not (table.error != "").any()
-    for place, value in enumerate(values):
+    for index, value in enumerate(values):
         alone: Any = vrte.brdf(make_scene(value), MU, MU, nodes=4, transmission=True)
         surfaces = {"total_reflectance", "specular", "specular_transmission", "surface"} & {*table.data_vars}
         for name in ("mueller", "transmission", "reflectance", "direct_transmittance", *surfaces):
             found = getattr(alone, name)
-            np.testing.assert_array_equal(table[name][place], 0.0 if found is None else found)
+            np.testing.assert_array_equal(table[name][index], 0.0 if found is None else found)
         if key == "base.index":
             expected = reflect_smooth(value, np.array(MU))[:, 0, 0] * np.exp(-2.0 / np.array(MU))
-            assert_close(table.specular_reflectance[place], expected, rtol=1e-13, atol=0.0)
+            assert_close(table.specular_reflectance[index], expected, rtol=1e-13, atol=0.0)
     if key == "layer[1].interface.below":
         between = vrte.interpolate(table.isel(axis=[1, 2]), {"axis": 1.4})
         assert 0.02 < between.specular_reflectance.sel(mu_i=1.0) < 0.04
@@ -144,8 +144,8 @@ def test_all_that_falls_on_a_white_glossy_thing_comes_back() -> None:
 def test_the_sweep_command_names_what_is_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = written(tmp_path, HEAD + GLASS + RAYLEIGH + BRDF + '[axes]\n"layer[2].thickness" = [0.5, 1.0]\n')
     assert run("sweep", scene, "-o", tmp_path / "a.nc") == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in ("specular_reflectance", "total_reflectance", "specular_transmission"))
+    reported = capsys.readouterr().out
+    assert all(name in reported for name in ("specular_reflectance", "total_reflectance", "specular_transmission"))
 
 
 @pytest.mark.slow
@@ -158,9 +158,9 @@ def test_nested_tables_from_command_line_and_call(
     five, line = "0.45,0.5,0.55,0.6,0.65", ["--mitsuba-step-deg", 15, "-o", tmp_path / "a.nc", "--wavelengths-um"]
     for name, more in (("plain", []), ("nested", ["--mitsuba-nested"])):
         assert run("brdf", scene, *line, five, "--mitsuba", tmp_path / f"{name}.bsdf", *more) == 0
-        told = capsys.readouterr().out
-        assert ("left out is the mirrored beam" in told) == (name == "plain")
-    assert "which Mitsuba's own dielectric is" in told
+        reported = capsys.readouterr().out
+        assert ("left out is the mirrored beam" in reported) == (name == "plain")
+    assert "which Mitsuba's own dielectric is" in reported
     assert 'value="nested.bsdf"' in (tmp_path / "nested.xml").read_text()
     assert not (tmp_path / "plain.xml").exists()
     bare = written(tmp_path, HEAD + RAYLEIGH + BRDF)

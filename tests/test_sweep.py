@@ -111,11 +111,11 @@ def gap(one: Any, other: Any) -> float:
     assert one.error.equals(other.error)
     there = one.error.values == ""
     assert there.any()
-    gaps = []
+    differences = []
     for name in BRDF_ARRAYS:
         first, second = (table[name].values[there].reshape(int(there.sum()), -1) for table in (one, other))
-        gaps.append((np.abs(second - first).max(axis=1) / np.maximum(np.abs(first).max(axis=1), 1e-290)).max())
-    return float(max(gaps))
+        differences.append((np.abs(second - first).max(axis=1) / np.maximum(np.abs(first).max(axis=1), 1e-290)).max())
+    return float(max(differences))
 
 
 class StoppedError(Exception):
@@ -136,14 +136,16 @@ def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
     assert_close(table.radius, [0.02, 0.08], rtol=1e-15, atol=0.0)
     assert table.radius.attrs == {"units": "um", "long_name": "particles.gold.radius_um"}
     assert not (table.error != "").any()
-    for wavelength, radius, share, albedo in itertools.product((0.5, 0.64), (0.02, 0.08), (0.0, 0.25, 1.0), (0.0, 1.0)):
+    for wavelength, radius, fraction, albedo in itertools.product(
+        (0.5, 0.64), (0.02, 0.08), (0.0, 0.25, 1.0), (0.0, 1.0)
+    ):
         gold = vrte.spheres("gold", radius_um=radius, wavelength_um=wavelength)
         glass = vrte.spheres((1.5, 0.0), radius_um=0.05, wavelength_um=wavelength)
-        both = vrte.mixture([(gold, share), (glass, 0.5)])
+        both = vrte.mixture([(gold, fraction), (glass, 0.5)])
         scene = vrte.Scene([vrte.Layer.of(both, 1.0)], vrte.Lambertian(albedo))
         alone = vrte.brdf(scene, [0.6, 1.0], [0.3, 0.8], [0, 90, 180], nodes=4)
-        place = {"wavelength_um": wavelength, "radius": radius, "share": share, "base.albedo": albedo}
-        here = table.sel(place, method="nearest")
+        index = {"wavelength_um": wavelength, "radius": radius, "share": fraction, "base.albedo": albedo}
+        here = table.sel(index, method="nearest")
         assert_close(here.mueller, alone.mueller, rtol=0.0, atol=1e-13 * np.abs(alone.mueller).max())
         assert_close(here.reflectance, alone.reflectance, rtol=1e-12, atol=0.0)
         assert_close(here.direct_transmittance, alone.direct_transmittance, rtol=1e-15, atol=0.0)
@@ -175,11 +177,11 @@ def test_axes_that_go_together_make_a_list() -> None:
     assert dict(table.reflectance.sizes) == {"sample": 3, "mu_i": 1}
     assert table.thickness.dims == table.albedo.dims == ("sample",)
     grid = vrte.sweep(simple(axes))
-    for place, (depth, albedo) in enumerate(zip(*TOGETHER.values(), strict=True)):
+    for index, (depth, albedo) in enumerate(zip(*TOGETHER.values(), strict=True)):
         alone = vrte.brdf(vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, depth)]), 0.6, [0.5, 1.0], nodes=3)
         for name in ("mueller", "reflectance"):
-            np.testing.assert_array_equal(table[name][place], grid[name][place, place])
-            np.testing.assert_array_equal(table[name][place], getattr(alone, name))
+            np.testing.assert_array_equal(table[name][index], grid[name][index, index])
+            np.testing.assert_array_equal(table[name][index], getattr(alone, name))
     with pytest.raises(SceneError, match="'thickness' is one of several along a list, not a grid"):
         vrte.interpolate(table, {"thickness": 0.5})
 
@@ -209,14 +211,14 @@ def test_transmission_and_sizes_and_phases_are_swept() -> None:
 def test_each_scene_has_its_field(field: dict[str, Any], side: str) -> None:
     table = vrte.sweep(fields(field, illuminate=side), workers=1)
     device = vrte.sweep(fields(field, illuminate=side), engine="opencl")
-    for place, depth in enumerate(DEPTHS):
+    for index, depth in enumerate(DEPTHS):
         scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, depth)])
         asked = {name.removesuffix("_deg"): values for name, values in field.items()}
         alone = vrte.radiance(scene, nodes=4, illuminate=side, **asked | {"mu0": np.atleast_1d(field["mu0"])})
         names = ("flux_up", "flux_down", "direct", *(("stokes",) if field["mu"] else ()))
         assert set(table.data_vars) == {*names, "incident_stokes", "error"}
         for name in names:
-            np.testing.assert_array_equal(table[name].values[place], getattr(alone, name))
+            np.testing.assert_array_equal(table[name].values[index], getattr(alone, name))
             assert_close(device[name], table[name], rtol=0.0, atol=1e-12 * float(table[name].max()))
         np.testing.assert_array_equal(table.incident_stokes, alone.incident_stokes)
     if side == "top" and not field["mu"]:
@@ -381,11 +383,11 @@ def test_warnings_of_scenes_are_told_once_and_shown_as_before_afterwards() -> No
     layer = {"particles": "gold", "thickness_um": 1.0, "volume_fraction": 0.1}
     axes = {"layer[1].volume_fraction": [0.05, 0.2, 0.3]}
     shown, threads = warnings.showwarning, threading.active_count()
-    with pytest.warns(SweepWarning) as told:
+    with pytest.warns(SweepWarning) as reported:
         vrte.sweep(simple(axes, wavelength_um=0.6, particles=GOLD, layer=[layer]))
-    assert len(told) == 1
-    assert "volume_fraction of 0.2" in str(told[0].message)
-    assert "and 1 more like it" in str(told[0].message)
+    assert len(reported) == 1
+    assert "volume_fraction of 0.2" in str(reported[0].message)
+    assert "and 1 more like it" in str(reported[0].message)
     assert warnings.showwarning is shown
     wait_until(lambda: threading.active_count() <= threads + 2, 5.0)
 
@@ -406,9 +408,9 @@ def test_boxes_cover_the_grid_once_and_cores_are_never_used_twice() -> None:
     for shape in ((7,), (3, 10), (2, 3, 5), (1, 1), (4, 1, 6)):
         for most in (1, 2, 3, 4, 7, 16, 1000):
             grid = cut_grid(shape, most)
-            places = [list(grid.places(chunk)) for chunk in range(grid.chunks)]
-            assert sorted(itertools.chain(*places)) == list(np.ndindex(*shape))
-            assert max(map(len, places)) <= most
+            indices = [list(grid.places(chunk)) for chunk in range(grid.chunks)]
+            assert sorted(itertools.chain(*indices)) == list(np.ndindex(*shape))
+            assert max(map(len, indices)) <= most
     assert Grid((2, 5), (1, 3)).extent(1) == (1, 2)
     cores = Cores(8, 3)
     assert [(cores.share(), cores.leave())[0] for _ in range(3)] == [2, 4, 8]
@@ -424,17 +426,17 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     os.link(folder / "log.txt", tmp_path / "log")
     before = store.read_work(folder).done()
     assert {0, 1, 2} <= before < set(range(6))
-    told: list[tuple[int, int]] = []
-    table = vrte.sweep(given, output, workers=1, progress=lambda *given: told.append(given))
-    assert told == [(done, 12) for done in range(2 * len(before), 13, 2)]
+    reported: list[tuple[int, int]] = []
+    table = vrte.sweep(given, output, workers=1, progress=lambda *given: reported.append(given))
+    assert reported == [(done, 12) for done in range(2 * len(before), 13, 2)]
     begun = [int(line.split()[1]) for line in (tmp_path / "log").read_text().splitlines() if line.startswith("begin")]
     assert not before & set(begun[len(before) + 1 :])
     assert table.load().equals(vrte.sweep(given))
     assert not folder.exists()
     # and once complete, it is only opened
-    told.clear()
-    assert vrte.sweep(given, output, progress=lambda *given: told.append(given)).load().equals(table)
-    assert told == []
+    reported.clear()
+    assert vrte.sweep(given, output, progress=lambda *given: reported.append(given)).load().equals(table)
+    assert reported == []
     assert not folder.exists()
 
 
@@ -483,10 +485,10 @@ def test_an_output_has_one_process_and_a_system_with_locks(tmp_path: Path, monke
 def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "table.zarr"
     assert run("sweep", file, "-o", output, "--workers", 1) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert "24 scenes (2 wavelength_um x 2 radius x 3 share x 2 base.albedo)" in told.out
-    assert f"wrote {output} (" in told.out
+    reported = capsys.readouterr()
+    assert reported.err == ""
+    assert "24 scenes (2 wavelength_um x 2 radius x 3 share x 2 base.albedo)" in reported.out
+    assert f"wrote {output} (" in reported.out
     for arguments, code, words in (
         ((file, "-o", tmp_path / "t.csv"), 2, "must end in .zarr or .nc"),
         ((tmp_path / "none.toml", "-o", output), 1, "No such file"),
@@ -543,8 +545,8 @@ def listening() -> set[Any]:
     return {each.laddr for process in processes for each in process.net_connections() if each.status == "LISTEN"}
 
 
-def ask_plainly(place: Any) -> None:
-    with closing(http.client.HTTPConnection(*place, timeout=2)) as plain:
+def ask_plainly(index: Any) -> None:
+    with closing(http.client.HTTPConnection(*index, timeout=2)) as plain:
         plain.request("GET", "/info/main/workers.html")
         plain.getresponse()
 
@@ -557,30 +559,30 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
         assert client.submit(abs, -7).result() == 7
         address = client.scheduler.address
         sockets = listening() - before
-        assert {place.ip for place in sockets} == {"127.0.0.1"}
+        assert {index.ip for index in sockets} == {"127.0.0.1"}
         # without encryption, and with a certificate that anybody can make
         for strange, security in ((address.replace("tls:", "tcp:"), Security()), (address, Security.temporary())):
             with pytest.raises(OSError, match=r"reset|Timed out|SSL|certificate"):
                 Client(strange, timeout=1.0, security=security)
-        for place in sockets:  # and nothing but TLS is spoken
+        for index in sockets:  # and nothing but TLS is spoken
             with pytest.raises((OSError, http.client.HTTPException)):
-                ask_plainly(place)
+                ask_plainly(index)
         assert client.submit(abs, -8).result() == 8
 
 
 @pytest.fixture
 def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many scenes were solved together, batch by batch."""
-    told: list[int] = []
+    reported: list[int] = []
     solve = alike.solve_batch
 
     def noted(*given: Any) -> Any:
         found = solve(*given)
-        told.append(len(found))
+        reported.append(len(found))
         return found
 
     monkeypatch.setattr(alike, "solve_batch", noted)
-    return told
+    return reported
 
 
 def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
@@ -592,13 +594,13 @@ def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
     assert vrte.sweep(given, workers=2, chunk=18).equals(together)
     assert together.equals(alone)
     axes = [together[name] for name in together.error.dims]
-    for place in np.ndindex(3, 3, 2):
-        depth, albedo, floor = (axis.values[k] for axis, k in zip(axes, place, strict=True))
+    for index in np.ndindex(3, 3, 2):
+        depth, albedo, floor = (axis.values[k] for axis, k in zip(axes, index, strict=True))
         layers = [vrte.Layer(vrte.rayleigh(), float(albedo), 1.0), vrte.Layer(vrte.isotropic(), 0.8, float(depth))]
         scene = vrte.Scene(layers, vrte.Lambertian(float(floor)))
         one = vrte.brdf(scene, MU, MU, PHI, nodes=6, truncation="none")
         for name in BRDF_ARRAYS:
-            np.testing.assert_array_equal(together[name].values[place], getattr(one, name))
+            np.testing.assert_array_equal(together[name].values[index], getattr(one, name))
     batches.clear()
     asked = stacks([], axes={"nodes": [5, 6], "accuracy": [1e-8, 1e-6], ALBEDO: [0.3, 0.6, 0.9]})
     together = vrte.sweep(asked, workers=1, chunk=12)
@@ -633,7 +635,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
 
         monkeypatch.setattr(module, name, picky)
 
-    refuse_in(alike, "solve_batch", lambda requests, likeness, places, run: [requests[place] for place in places])
+    refuse_in(alike, "solve_batch", lambda requests, likeness, places, run: [requests[index] for index in places])
     refuse_in(chunks, "solve_request", lambda request, run: [request])
     refuse_in(chunks, "solve_together", lambda requests, *rest: requests)
     with pytest.warns(SweepWarning, match="2 of 6 scenes failed; the first said: AccuracyError: not this one"):
@@ -700,13 +702,13 @@ def test_between_it_is_close_and_closer_in_a_finer_table(table: Any) -> None:
 
 def test_an_error_that_is_measured_is_the_error(table: Any) -> None:
     found = held_out(table, 3, seed=4)
-    for place in range(3):
-        depth, albedo = found.points["depth"][place], found.points["albedo"][place]
+    for index in range(3):
+        depth, albedo = found.points["depth"][index], found.points["albedo"][index]
         scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, depth)], vrte.Lambertian(0.3))
         solved = vrte.brdf(scene, [0.5, 1.0], [0.2, 0.6, 1.0], [0, 60, 120, 180], nodes=6)
         guess = vrte.interpolate(table, {"depth": depth, "albedo": albedo}).mueller.values
-        gap = np.abs(guess - solved.mueller).max() / np.abs(solved.mueller).max()
-        assert_close(found.errors[place], gap, rtol=1e-6, atol=0.0)
+        difference = np.abs(guess - solved.mueller).max() / np.abs(solved.mueller).max()
+        assert_close(found.errors[index], difference, rtol=1e-6, atol=0.0)
         assert (guess[..., 0, 0] > 0.0).all()
 
 

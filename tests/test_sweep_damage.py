@@ -91,9 +91,9 @@ def cut(path: Path) -> None:
 def flipped(path: Path) -> None:
     content = bytearray(path.read_bytes())
     if content:
-        place = random.randrange(len(content))
-        place += place == 4 and "c" in path.parts  # where zstd has a bit for nothing: no damage
-        content[min(place, len(content) - 1)] ^= 1 << random.randrange(8)
+        index = random.randrange(len(content))
+        index += index == 4 and "c" in path.parts  # where zstd has a bit for nothing: no damage
+        content[min(index, len(content) - 1)] ^= 1 << random.randrange(8)
     path.write_bytes(bytes(content))
 
 
@@ -115,7 +115,7 @@ def each_damage(folder: Path, spare: Path) -> Iterator[tuple[str, str]]:
 
 def check_mended(output: Path, expected: Any, what: object) -> int:
     """The table is the same to the last bit and nothing else is left; in how many lines was it told?"""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         with vrte.sweep(GOLD, output, workers=1) as table:
             found = table.load()
@@ -123,7 +123,7 @@ def check_mended(output: Path, expected: Any, what: object) -> int:
     for name in ("mueller", "reflectance", "direct_transmittance"):
         assert found[name].values.tobytes() == expected[name].values.tobytes(), what
     assert os.listdir(output.parent) == [output.name], what
-    lines = [str(one.message) for one in told if "was damaged" in str(one.message)]
+    lines = [str(one.message) for one in reported if "was damaged" in str(one.message)]
     assert all("\n" not in line for line in lines)
     return len(lines)
 
@@ -140,8 +140,8 @@ def test_whatever_is_damaged_is_made_again_or_refused(
         names.add(name.split("/")[0])
         is_told = not name.endswith(("lock", "log.txt")) and (harm != "unlink" or name.startswith("table/"))
         try:
-            told = check_mended(folder.with_name("table.zarr"), expected, (name, harm))
-            assert told == (is_told or stage == "output"), (name, harm)
+            reported = check_mended(folder.with_name("table.zarr"), expected, (name, harm))
+            assert reported == (is_told or stage == "output"), (name, harm)
         except SceneError as error:
             assert (stage, name) == ("output", "zarr.json")
             assert "is no table of a sweep, or too damaged to say of which" in str(error)  # noqa: PT017
@@ -190,7 +190,7 @@ def test_mending_killed_half_way_goes_on(
         done.append(places)
         rename(*places)
 
-    told: list[int] = []
+    reported: list[int] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         monkeypatch.setattr(os, "rename", killed)
@@ -198,18 +198,18 @@ def test_mending_killed_half_way_goes_on(
             vrte.sweep(GOLD, output, workers=1)
         monkeypatch.setattr(os, "rename", rename)
         assert output.exists() == (renamings == 0)
-        vrte.sweep(GOLD, output, progress=lambda scenes, _: told.append(scenes)).close()
-    assert told == ([5, 6] if renamings == 0 else [])
+        vrte.sweep(GOLD, output, progress=lambda scenes, _: reported.append(scenes)).close()
+    assert reported == ([5, 6] if renamings == 0 else [])
     assert check_mended(output, expected, "mended") == 0
 
 
 def planted(table: Path, mark: Path) -> None:
     """Makes of a Zarr table one of version 2 that, read, runs code which leaves a mark."""
     for name in ("mueller", "reflectance", "direct_transmittance", "error", "checksum", "mu_i", "mu_o", "phi_deg"):
-        said = json.loads((table / name / "zarr.json").read_text())
+        reported = json.loads((table / name / "zarr.json").read_text())
         store.remove(table / name)
         (table / name).mkdir()
-        shape, filters = said["shape"], [{"id": "vlen-utf8"}, {"id": "pickle", "protocol": 5}]
+        shape, filters = reported["shape"], [{"id": "vlen-utf8"}, {"id": "pickle", "protocol": 5}]
         array = {"zarr_format": 2, "shape": shape, "chunks": shape, "dtype": "|O", "order": "C", "fill_value": ""}
         (table / name / ".zarray").write_text(json.dumps(array | {"compressor": None, "filters": filters}))
         (table / name / ".".join("0" for _ in shape)).write_bytes(pickle.dumps(Mark(mark)))
@@ -244,9 +244,12 @@ def test_a_table_that_would_run_code_runs_none(
         trap[...]
     mark.rmdir()  # it works
     assert check_mended(output, expected, "planted") == 1
-    said = json.loads((output / "zarr.json").read_text())
-    said["consolidated_metadata"]["metadata"]["mueller"]["codecs"][-1] = {"name": "gzip", "configuration": {"level": 1}}
-    (output / "zarr.json").write_text(json.dumps(said))
+    reported = json.loads((output / "zarr.json").read_text())
+    reported["consolidated_metadata"]["metadata"]["mueller"]["codecs"][-1] = {
+        "name": "gzip",
+        "configuration": {"level": 1},
+    }
+    (output / "zarr.json").write_text(json.dumps(reported))
     with pytest.raises(SceneError, match="its mueller is packed as gzip"):
         open_table(output)
     planted(output, mark)

@@ -156,9 +156,9 @@ def test_the_command_writes_a_page_beside_the_table(tmp_path: Path, capsys: pyte
     assert list(tmp_path.iterdir()) == [path]
     path.write_text(PAINT)
     assert main(words) == 0
-    said = capsys.readouterr().out
-    assert f"wrote {tmp_path / 'paint.html'}" in said
-    assert "off by at most" in said
+    reported = capsys.readouterr().out
+    assert f"wrote {tmp_path / 'paint.html'}" in reported
+    assert "off by at most" in reported
     (held,) = read_content(tmp_path / "paint.html")["tables"]
     assert held["name"] == "paint"
     assert held["axes"][0]["key"] == "layer[2].thickness_um"  # where the paint's film is
@@ -213,14 +213,14 @@ def look(tab: Any) -> str:
 @pytest.mark.slow
 def test_the_page_interpolates_as_vrte_does(tab: Any, table: Any) -> None:
     """Mueller matrices and reflectances between the scenes, and the light between the directions."""
-    for depth, albedo, place in ((0.2, 0.6, 0), (0.71, 0.1, 1), (3.3, 0.6, 1)):
-        at = f"[tables[0], [{depth}, {albedo}], {place}]".replace("tables", "content.tables")
+    for depth, albedo, index in ((0.2, 0.6, 0), (0.71, 0.1, 1), (3.3, 0.6, 1)):
+        at = f"[tables[0], [{depth}, {albedo}], {index}]".replace("tables", "content.tables")
         found = np.array(tab.evaluate(f"Array.from(interpolateMatrices(...{at}))")).reshape(4, 4, 5, 7)
         here = interpolate(table, {"depth": depth, "base.albedo": albedo})
-        expected = here.mueller.values[place]
+        expected = here.mueller.values[index]
         assert np.abs(found.transpose(2, 3, 0, 1) - expected).max() < 2.5 * STEP * expected[..., 0, 0].max()
-        share = tab.evaluate(f"interpolateShares(content.tables[0], 'reflectance', [{depth}, {albedo}], {place})")
-        assert share == close_to(here.reflectance.values[place], rtol=0.0, atol=2e-6)
+        fraction = tab.evaluate(f"interpolateShares(content.tables[0], 'reflectance', [{depth}, {albedo}], {index})")
+        assert fraction == close_to(here.reflectance.values[index], rtol=0.0, atol=2e-6)
     brdf = vrte.brdf(
         vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)], vrte.Lambertian(0.6)),
         *(np.array(BRDF[key], float) for key in ("mu_i", "mu_o", "phi_deg")),
@@ -264,8 +264,8 @@ def test_sliders_menus_keys_and_clicks_change_what_is_shown(tab: Any) -> None:
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.click(box["x"] + 0.45 * box["width"], box["y"] + 0.55 * box["height"])
     assert tab.locator("#numbers").inner_text() != before
-    place = tab.evaluate("findPlace()")
-    assert tab.locator("#theta-said").inner_text() == f"{tab.evaluate('shown.mesh.theta')[place[0]]:.1f}°"
+    index = tab.evaluate("findPlace()")
+    assert tab.locator("#theta-said").inner_text() == f"{tab.evaluate('shown.mesh.theta')[index[0]]:.1f}°"
     look(tab)
     tab.mouse.move(x, y), tab.mouse.down(), tab.mouse.move(x + 60, y + 20), tab.mouse.up()
     changed("a drag")

@@ -228,10 +228,10 @@ def is_there(pid: int) -> bool:
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     folder = tmp_path / "new"
     assert call_study("tables", "--quick", "--configurations", "1,2", "-o", folder) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
+    reported = capsys.readouterr()
+    assert reported.err == ""
     assert {path.name for path in folder.iterdir()} == FILES
-    assert all(f"wrote {folder / name}" in told.out for name in FILES)
+    assert all(f"wrote {folder / name}" in reported.out for name in FILES)
     text = (folder / "tables.md").read_text(encoding="utf-8")
     assert "quick, 2 rounds" in text
     assert "baseline SIMD: openblas" in text

@@ -45,8 +45,8 @@ def test_spectra_and_sweeps_know_core_and_shell(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"0\.43 to 1\.53 um"):
         vrte.spectrum(content, [0.4, 0.65])
     table = vrte.sweep(content | {"axes": {"particles.one.shell_um": [0.02, 0.05]}}, tmp_path / "shells.zarr")
-    for place, shell in enumerate((0.02, 0.05)):
-        assert_close(table.mueller.values[place].ravel(), solve(shell, 0.55).mueller.ravel(), rtol=1e-12, atol=0.0)
+    for index, shell in enumerate((0.02, 0.05)):
+        assert_close(table.mueller.values[index].ravel(), solve(shell, 0.55).mueller.ravel(), rtol=1e-12, atol=0.0)
     table.close()
 
 

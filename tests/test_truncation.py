@@ -149,10 +149,10 @@ def test_spread_light_is_the_flux() -> None:
     """Radiance integrated over the lower hemisphere; delta-M leaves a hundredth of it out."""
     nodes, weights = make_double_gauss(60)
     scene, phi = vrte.Scene([vrte.Layer(HG, 1.0, 2.0)]), np.arange(1.0, 360.0, 2.0)
-    for name, gap in (("delta-m", 0.014), ("small-angle", 1e-5)):
+    for name, difference in (("delta-m", 0.014), ("small-angle", 1e-5)):
         field = vrte.radiance(scene, 0.6, mu=-nodes, phi=phi, tau=2.0, nodes=8, truncation=name)
         flux = 2.0 * np.pi * (field.stokes[0, ..., 0].mean(axis=1) @ (weights * nodes))
-        assert abs(flux / field.flux_down[0] - 1.0) < gap
+        assert abs(flux / field.flux_down[0] - 1.0) < difference
 
 
 def test_matrix_functions_of_the_degrees() -> None:
@@ -280,9 +280,9 @@ def lit_by_q(scene: vrte.Scene, part: float, mu: Any, phi: Any = 0.0, tau: Any =
 def test_two_solutions_make_one_field() -> None:
     """Light that is polarized in part is the sum of what is and what is not; progress goes through both."""
     asked = {"mu": MU, "phi": PHI, "tau": [0.0, 0.7, 1.5], "nodes": 6}
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     field = vrte.radiance(
-        peaked_over_rayleigh(), 0.6, (1, 0.3, 0.2, 0.1), **asked, progress=lambda *done: told.append(done)
+        peaked_over_rayleigh(), 0.6, (1, 0.3, 0.2, 0.1), **asked, progress=lambda *done: reported.append(done)
     )
     unpolarized = vrte.radiance(peaked_over_rayleigh(), 0.6, **asked)
     opposite = vrte.radiance(peaked_over_rayleigh(), 0.6, (1, -0.3, -0.2, -0.1), **asked)
@@ -291,8 +291,8 @@ def test_two_solutions_make_one_field() -> None:
     for name, atol in (("stokes", 2e-14 * scale), ("flux_up", 2e-15), ("flux_down", 2e-15)):
         twice, both = 2.0 * getattr(unpolarized, name), getattr(field, name) + getattr(opposite, name)
         assert_close(both, twice, rtol=0.0, atol=atol)
-    assert told == sorted(told)
-    assert told[-1][0] == told[-1][1]
+    assert reported == sorted(reported)
+    assert reported[-1][0] == reported[-1][1]
     # what Q alone does is what Q does beside I: no order is left out for want of an I to compare it with
     scene = vrte.Scene([vrte.Layer(find_phase_matrix("haze-L"), 0.99, 3.0)])
     asked = {"mu": [0.3, 0.7, -0.5], "phi": [0.0, 40.0, 90.0], "tau": [0.0, 1.0], "nodes": 12}
@@ -308,9 +308,9 @@ def test_counts_of_nodes_without_an_answer_are_passed_over() -> None:
     right = vrte.radiance(scene, 0.6, nodes=96, **asked).stokes
     for name in ("auto", "none"):
         found = vrte.radiance(scene, 0.6, accuracy=1e-2, truncation=name, **asked)
-        gap = np.abs(found.stokes - right).max(axis=(1, 2, 3)) / right[..., 0].max(axis=(1, 2))
+        difference = np.abs(found.stokes - right).max(axis=(1, 2, 3)) / right[..., 0].max(axis=(1, 2))
         assert found.diagnostics["promised"]
-        assert gap.max() <= 1e-2
+        assert difference.max() <= 1e-2
 
 
 def test_light_decays_over_truncated_depths() -> None:
@@ -323,11 +323,11 @@ def test_light_decays_over_truncated_depths() -> None:
 
 def test_the_report(tmp_path: Path) -> None:
     case = truncation.Case("g = 0.5", "HG 0.5, thickness 1", (2, 4), (14, 16), resolved=True)
-    said: list[str] = []
-    errors, reference = truncation.measure_case_errors(case, said.append)
+    reported: list[str] = []
+    errors, reference = truncation.measure_case_errors(case, reported.append)
     truncation.write_report(errors, reference, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"truncation.csv", "truncation.md", "truncation.png"}
-    assert len(said) == 7
+    assert len(reported) == 7
     assert max(row.largest for row in reference) < 1e-6
     worst = {(row.truncation, row.nodes): row.largest for row in errors if row.part == "reflected"}
     assert worst["delta-m", 4] < worst["none", 4] < worst["none", 2]

@@ -36,27 +36,27 @@ def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
 
 
 def test_a_small_set_passes_and_a_spoiled_kernel_is_noticed(one_form: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    said, begun = list[str](), list[str]()
-    assert verify_device.verify_device(None, said.append, begun.append, wanted=QUICK) == ""
+    reported, begun = list[str](), list[str]()
+    assert verify_device.verify_device(None, reported.append, begun.append, wanted=QUICK) == ""
     own = device.find_chosen_device()
-    assert own.name in said[0]
-    assert own.driver in said[0]
-    assert [line.split("  ")[1] for line in said[1:4]] == list(QUICK)
-    assert "3 of 3 checks passed" in said[4]
+    assert own.name in reported[0]
+    assert own.driver in reported[0]
+    assert [line.split("  ")[1] for line in reported[1:4]] == list(QUICK)
+    assert "3 of 3 checks passed" in reported[4]
     assert len(begun) == 4
     spoil(monkeypatch, "product" if one_form == "cpu" else "product_gpu")
-    complaint = verify_device.verify_device(None, said.append, wanted=QUICK[:1])
+    complaint = verify_device.verify_device(None, reported.append, wanted=QUICK[:1])
     assert f"is not to be trusted: products and inverses, form '{one_form}': differs by" in complaint
-    assert any("<- WRONG" in line for line in said)
+    assert any("<- WRONG" in line for line in reported)
     assert not verify_device.Check("?", "cpu", float("nan"), 1e-10, 0.0).passed
 
 
 def test_what_there_is_no_time_for_and_no_such_device(one_form: str) -> None:
-    said: list[str] = []
-    complaint = verify_device.verify_device(None, said.append, seconds=0.0)
+    reported: list[str] = []
+    complaint = verify_device.verify_device(None, reported.append, seconds=0.0)
     assert "is not verified: there was no time for any check" in complaint
-    assert said[-1].startswith("  left out for want of time: products and inverses")
-    assert said[-1].count("; ") == 15
+    assert reported[-1].startswith("  left out for want of time: products and inverses")
+    assert reported[-1].count("; ") == 15
     with pytest.raises(DeviceError, match="there is no OpenCL device 99: 0 = "):
         verify_device.verify_device(99)
 
@@ -93,8 +93,8 @@ def test_each_kernel_matters(
 def test_a_device_without_doubles(opencl: Session, alone: dict[str, Any]) -> None:
     """In floats, all that goes without doubles."""
     alone.update(process=os.getpid(), devices=(replace(device.find_chosen_device(), double_precision=False),))
-    said: list[str] = []
-    assert verify_device.verify_device(None, said.append) == ""
-    assert "no doubles" in said[0]
-    names = {line[2:54].strip() for line in said}
+    reported: list[str] = []
+    assert verify_device.verify_device(None, reported.append) == ""
+    assert "no doubles" in reported[0]
+    names = {line[2:54].strip() for line in reported}
     assert names >= {"products and inverses", "twelve depths", *QUICK}

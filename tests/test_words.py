@@ -47,13 +47,13 @@ def test_first_lines_are_no_riddles(path: Path) -> None:
 def test_public_calls_say_what_they_take_return_and_raise(name: str) -> None:
     """Numpydoc sections, every parameter among them, and an example."""
     call = getattr(vrte, name)
-    said = inspect.getdoc(call) or ""
+    reported = inspect.getdoc(call) or ""
     parameters = inspect.signature(call).parameters
-    assert "\nReturns\n-------\n" in said
-    assert ">>> " in said
+    assert "\nReturns\n-------\n" in reported
+    assert ">>> " in reported
     if parameters:
-        assert "\nParameters\n----------\n" in said
-        _, _, listed = said.partition("\nParameters\n----------\n")
+        assert "\nParameters\n----------\n" in reported
+        _, _, listed = reported.partition("\nParameters\n----------\n")
         listed = listed.partition("\nReturns\n")[0]
         for parameter in parameters:
             assert any(

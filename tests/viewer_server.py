@@ -43,8 +43,8 @@ def viewer(*options: str) -> Iterator[str]:
         process.send_signal(signal.SIGINT)
         time.sleep(0.05)
         process.send_signal(signal.SIGINT)  # an impatient second one, which must leave no trace
-        said, complained = process.communicate(timeout=20)
-        assert (process.returncode, said, complained) == (0, "vrte view: ended\n", ""), complained
+        reported, complained = process.communicate(timeout=20)
+        assert (process.returncode, reported, complained) == (0, "vrte view: ended\n", ""), complained
     finally:
         process.kill()
         process.communicate()

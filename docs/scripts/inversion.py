@@ -252,8 +252,8 @@ class Hiding:
         logarithms, slopes = [], []
         for albedo in (0.0, WHITE):
             asked = [f"layer[{len(pieces)}].thickness", *more]
-            pile = Scene(pieces, base=Lambertian(albedo))
-            found = brdf(pile, np.sqrt(0.5), 1.0, nodes=NODES, derivatives=asked)
+            stack = Scene(pieces, base=Lambertian(albedo))
+            found = brdf(stack, np.sqrt(0.5), 1.0, nodes=NODES, derivatives=asked)
             self.solves += 1
             assert found.jacobian is not None
             there = found.mueller[0, 0, 0, 0, 0]

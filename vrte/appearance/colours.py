@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_vector, check_whole, settle_array, show_value
+from vrte.basics.arrays import Array, check_vector, check_whole, make_readonly, show_value
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.toml_table import suggest_nearest
 
@@ -95,14 +95,14 @@ def combine_illuminant(illuminant: str, observer: int) -> tuple[Array, Array]:
         raise SceneError(words + suggest_nearest(illuminant, known), "illuminant")
     table = import_colour_science().SDS_ILLUMINANTS[illuminant]
     fine, combined = combine_with_observer(lambda um: np.interp(um * 1e3, table.wavelengths, table.values), observer)
-    return settle_array(fine), settle_array(combined)
+    return make_readonly(fine), make_readonly(combined)
 
 
 @lru_cache(maxsize=256)
 def find_white(illuminant: str, observer: int) -> Array:
     """X, Y, Z of the perfect white (3,), Y = 1."""
     _, combined = combine_illuminant(illuminant, observer)
-    return settle_array(combined.sum(axis=0) / combined[:, 1].sum())
+    return make_readonly(combined.sum(axis=0) / combined[:, 1].sum())
 
 
 @lru_cache(maxsize=256)
@@ -110,7 +110,7 @@ def find_shares_beyond(first_um: float, last_um: float, illuminant: str, observe
     """(2, 3): shares of X, Y, Z of the perfect white that lie below the first wavelength, and above the last."""
     fine, combined = combine_illuminant(illuminant, observer)
     outside = fine < first_um - 1e-9, fine > last_um + 1e-9
-    return settle_array(np.array([combined[where].sum(axis=0) for where in outside]) / combined.sum(axis=0))
+    return make_readonly(np.array([combined[where].sum(axis=0) for where in outside]) / combined.sum(axis=0))
 
 
 @lru_cache(maxsize=256)
@@ -122,14 +122,14 @@ def _weigh(wavelengths: bytes, illuminant: str, observer: int) -> Array:
         raise SceneError("wavelengths_um must rise from each to the next", "wavelengths_um")
     _check_ends(float(wavelengths_um[0]), float(wavelengths_um[-1]), illuminant, observer)
     seen = (wavelengths_um[1:] > STEPS_FROM_UM) & (wavelengths_um[:-1] < STEPS_TO_UM)
-    place = int(np.where(seen, steps, 0.0).argmax())
-    if seen[place] and steps[place] > WIDEST_STEP_UM + 1e-9:
+    index = int(np.where(seen, steps, 0.0).argmax())
+    if seen[index] and steps[index] > WIDEST_STEP_UM + 1e-9:
         raise SceneError(
             f"wavelengths_um must be at most {WIDEST_STEP_UM:g} µm apart from {STEPS_FROM_UM:g} to {STEPS_TO_UM:g} µm, "
-            f"not {steps[place]:.3g} as between {wavelengths_um[place]:g} and {wavelengths_um[place + 1]:g}",
+            f"not {steps[index]:.3g} as between {wavelengths_um[index]:g} and {wavelengths_um[index + 1]:g}",
             "wavelengths_um",
         )
-    return settle_array(spread_weights(wavelengths_um, *combine_illuminant(illuminant, observer)))
+    return make_readonly(spread_weights(wavelengths_um, *combine_illuminant(illuminant, observer)))
 
 
 def _check_ends(first_um: float, last_um: float, illuminant: str, observer: int) -> None:
@@ -192,7 +192,7 @@ class Colour:
     def linear_srgb(self) -> Array:
         """Linear sRGB (3,), the perfect white of the illuminant at 1, 1, 1; not cut off."""
         to_screen = balance_for_screen(find_white(self.illuminant, self.observer).tobytes())
-        return settle_array(to_screen @ (self.X, self.Y, self.Z) / 100.0)
+        return make_readonly(to_screen @ (self.X, self.Y, self.Z) / 100.0)
 
     @property
     def srgb(self) -> Array:
@@ -312,4 +312,4 @@ def balance_for_screen(white: bytes) -> Array:
 
     to_xyz = colour.RGB_COLOURSPACES["sRGB"].matrix_RGB_to_XYZ
     balance = matrix_chromatic_adaptation_VonKries(np.frombuffer(white), to_xyz.sum(axis=1), transform="CAT02")
-    return settle_array(np.linalg.solve(to_xyz, balance))
+    return make_readonly(np.linalg.solve(to_xyz, balance))

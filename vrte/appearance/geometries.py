@@ -195,10 +195,10 @@ def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, po
     """The hemispherical reflectance factor without what goes out of a round port around the mirrored beam."""
     check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
     assert geometry.angle_i is not None
-    place = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry.words)
-    own = find_own_light(surface, float(brdf.mu_i[place]), port_deg)
+    index = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry.words)
+    own = find_own_light(surface, float(brdf.mu_i[index]), port_deg)
     there = pick_matrix(brdf, geometry)[0, 0]
-    return float(subtract_port(brdf.reflectance[place], there, own, geometry.angle_i, port_deg))
+    return float(subtract_port(brdf.reflectance[index], there, own, geometry.angle_i, port_deg))
 
 
 def find_own_light(surface: Interface | None, mu_i: float, port_deg: float) -> Array:
@@ -227,13 +227,13 @@ def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:
 
 def find_place(name: str, values: Array, wanted: float, reading: str) -> int:
     """The index of a direction that a reading takes among those of a BRDF. Raises SceneError where it is missing."""
-    place = int(np.abs(values - wanted).argmin())
-    if abs(values[place] - wanted) > SAME * (360.0 if name == "phi" else 1.0):
+    index = int(np.abs(values - wanted).argmin())
+    if abs(values[index] - wanted) > SAME * (360.0 if name == "phi" else 1.0):
         raise SceneError(
-            f"{reading} needs {name} = {wanted:.10g}, and the nearest that was solved for is {values[place]:.10g}: ask "
+            f"{reading} needs {name} = {wanted:.10g}, and the nearest that was solved for is {values[index]:.10g}: ask "
             "for it, or give the scene in place of its spectrum"
         )
-    return place
+    return index
 
 
 def measure_panel(panel: Panel, geometry: Any, progress: Progress | None = None) -> Array:
@@ -252,9 +252,9 @@ def solve_geometries(
     groups = [group for group in (along, [one for one in known.values() if one not in along]) if group]
     reflectances: dict[str, Array] = {}
     light: dict[str, Array] = {}
-    for place, group in enumerate(groups):
+    for index, group in enumerate(groups):
         axes = [np.unique(np.concatenate(values)) for values in zip(*(one.directions for one in group), strict=True)]
-        spectrum = panel.solve(axes[0], axes[1], axes[2], share_progress(progress, place, len(groups)))
+        spectrum = panel.solve(axes[0], axes[1], axes[2], share_progress(progress, index, len(groups)))
         for one in group:
             reflectances[one.name] = find_reflectance(spectrum, one, panel.surface, port_deg)
             if one.angle_o is not None:

@@ -125,11 +125,11 @@ def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tupl
     glass = collect_mirrored(BLACK_GLASS, mu, receptor)
     mu_o, phi = list_rims(angle_deg)
     reading = f"gloss at {angle_deg:g} degrees"
-    place = find_place("mu_i", brdf.mu_i, mu, reading)
+    index = find_place("mu_i", brdf.mu_i, mu, reading)
     rows = [find_place("mu_o", brdf.mu_o, one, reading) for one in mu_o.tolist()]
     columns = [find_place("phi", brdf.phi, one, reading) for one in phi.tolist()]
-    light = brdf.mueller[place, rows][:, columns, 0, 0]  # (in the plane, across)
-    mirrored = 0.0 if brdf.specular is None else float(brdf.specular[place, 0, 0]) / glass
+    light = brdf.mueller[index, rows][:, columns, 0, 0]  # (in the plane, across)
+    mirrored = 0.0 if brdf.specular is None else float(brdf.specular[index, 0, 0]) / glass
     if surface is not None and not surface.is_smooth:
         light = light - surface.facets.reflect(mu, mu_o[:, None], phi)[..., 0, 0]
         mirrored += alone

@@ -212,14 +212,14 @@ def divide_luminances(black: Any, white: Any) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hiding:
-    """How well the film of a panel hides cards: reflectance factors (n,) ``over_lambertian`` bases and ``without_end``;
+    """How a panel's film hides cards: reflectance factors (n,) ``over_lambertian`` bases and ``semi_infinite``;
     Y ``over_black`` and ``over_white`` (m,) exact at thicknesses ``times`` (m,) over the film's own; ``hiding_times``
     that hides, or None and the ``reason``; ``length_um``, None where the film is given optically."""
 
     conditions: Conditions
     wavelength_um: Array
     over_lambertian: OverLambertian
-    without_end: Array
+    semi_infinite: Array
     times: Array
     over_black: Array
     over_white: Array
@@ -252,9 +252,9 @@ class Hiding:
 
     @property
     def reflectances(self) -> dict[str, Array]:
-        """Reflectance factors (n,) over black, over white and of the semi-infinite film, "without end"."""
+        """Reflectance factors (n,) over black, over white and of the semi-infinite film, "semi-infinite"."""
         over = {"over black": self.reflectance_over_black, "over white": self.reflectance_over_white}
-        return {**over, "without end": self.without_end}
+        return {**over, "semi-infinite": self.semi_infinite}
 
     @property
     def contrast_ratio(self) -> float:
@@ -262,14 +262,14 @@ class Hiding:
         return self.compare_cards(self.conditions.black, self.conditions.white)
 
     @property
-    def luminance_without_end(self) -> float:
+    def luminance_semi_infinite(self) -> float:
         """Y of the semi-infinite film, where the perfect white has 1."""
-        return self.find_luminance(self.without_end)
+        return self.find_luminance(self.semi_infinite)
 
     @property
     def opacity(self) -> float:
         """Y over a black base over Y of a semi-infinite film: ISO 2471, where the geometry is diffuse."""
-        return float(divide_luminances(self.find_luminance(self.over_lambertian.bare), self.luminance_without_end))
+        return float(divide_luminances(self.find_luminance(self.over_lambertian.bare), self.luminance_semi_infinite))
 
     @property
     def paper_opacity(self) -> float:
@@ -337,7 +337,7 @@ def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Pr
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"
         raise SceneError(f"hiding: the film is {how}: give it a thickness to begin with, above 0 and not inf", "layer")
     drawdown = Drawdown(panel, conditions or Conditions(), progress)
-    without_end = drawdown.read(math.inf, 0.0)
+    semi_infinite = drawdown.read(math.inf, 0.0)
     even = fit_lambertian_bases(*(drawdown.read(1.0, albedo) for albedo in (0.0, 0.5, 1.0)))
     seen, weights = drawdown.conditions, drawdown.weights
     dark, light = (float(weights @ even.reflect(albedo)) for albedo in (seen.black, seen.white))
@@ -347,5 +347,5 @@ def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Pr
     curve = np.array([drawdown.measure(each) for each in times])
     if progress is not None:
         progress(len(drawdown.spectra), len(drawdown.spectra))
-    known = seen, panel.wavelength_um, even, without_end
+    known = seen, panel.wavelength_um, even, semi_infinite
     return Hiding(*known, np.array(times), curve[:, 0], curve[:, 1], hiding, reason, panel.length_um)

@@ -123,6 +123,6 @@ def complain(wrong: Any, name: str, words: str, values: Any) -> None:
     """Raises SceneError with the first value that is wrong, if there is one, and where it stands among several."""
     found: BoolArray = np.asarray(wrong)
     if found.any():
-        place = np.unravel_index(int(np.argmax(found)), found.shape)
-        where = f" (at place {', '.join(str(one) for one in place)})" if place else ""
-        raise SceneError.of(name, f"{words}, not {np.broadcast_to(values, found.shape)[place]:.6g}{where}")
+        index = np.unravel_index(int(np.argmax(found)), found.shape)
+        where = f" (at place {', '.join(str(one) for one in index)})" if index else ""
+        raise SceneError.of(name, f"{words}, not {np.broadcast_to(values, found.shape)[index]:.6g}{where}")

@@ -225,13 +225,13 @@ def paint(
         glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, parts[2]), notes) or {}
         hiding = try_part("hiding power", lambda: find_hiding(panel, seen, parts[3]), notes)
         fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)
-        place = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
+        index = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
         mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
-        lobe = panel.pick([place]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], parts[5])[0]
+        lobe = panel.pick([index]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], parts[5])[0]
     content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
     made_of = tuple(describe_content(content, Path(folder))) if content else (repr(panel),)
     title = panel.title or (Path(scene).stem.replace("_", " ") if isinstance(scene, str | os.PathLike) else "Paint")
-    lobe_um = float(panel.wavelength_um[place])
+    lobe_um = float(panel.wavelength_um[index])
     known = (*list_approximations(content, look.colour()), *dict.fromkeys(notes))
     return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, known)
 
@@ -244,7 +244,7 @@ def share_parts(progress: Progress | None) -> list[Progress | None]:
     def report(start: int, part: int, done: int, total: int) -> None:
         progress(round(100 * (start + part * done / max(total, 1))), 100 * sum(PARTS))
 
-    return [partial(report, sum(PARTS[:place]), part) for place, part in enumerate(PARTS)]
+    return [partial(report, sum(PARTS[:index]), part) for index, part in enumerate(PARTS)]
 
 
 def try_part(name: str, find: Callable[[], Found], notes: list[str]) -> Found | None:
@@ -283,7 +283,7 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[InstrumentReading]:
         ("contrast ratio", hiding.contrast_ratio, "1", cards, ratio),
         ("opacity", hiding.opacity, "1", "Y over black over Y of the semi-infinite film", "ISO 2471"),
         ("paper opacity", hiding.paper_opacity, "1", "Y over black over Y over white of 0.89", paper),
-        ("luminance without end", hiding.luminance_without_end, "1", white, "ISO/CIE 11664-3"),
+        ("luminance of the semi-infinite film", hiding.luminance_semi_infinite, "1", white, "ISO/CIE 11664-3"),
         ("hiding thickness over this film's", times, "1", thick, thickness),
         ("hiding thickness", length, "um", thick, thickness),
         ("spreading rate", hiding.spreading_rate, "m2/l", "area that a litre of it hides", thickness),

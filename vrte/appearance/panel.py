@@ -86,10 +86,10 @@ class Panel:
         """Indices of the first, a middle and the last wavelength, from which the nodes of all are chosen."""
         return sorted({0, len(self) // 2, len(self) - 1})
 
-    def pick(self, places: Sequence[int]) -> "Panel":
+    def pick(self, indices: Sequence[int]) -> "Panel":
         """The same panel at some of its wavelengths, by their indices."""
-        scenes = tuple(self.scenes[place] for place in places)
-        return replace(self, wavelength_um=self.wavelength_um[list(places)], scenes=scenes)
+        scenes = tuple(self.scenes[index] for index in indices)
+        return replace(self, wavelength_um=self.wavelength_um[list(indices)], scenes=scenes)
 
     def choose_quadrature(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> dict[str, int]:
         """The options nodes and grading of `vrte.brdf` that the accuracy takes for some directions: the most of the
@@ -103,24 +103,24 @@ class Panel:
     def scale_film(self, times: float) -> "Panel":
         """The same panel with a film ``times`` as thick; math.inf: semi-infinite, and nothing lies below it. Raises
         SceneError where no layer is the film, or the film is semi-infinite."""
-        place = self.film
+        index = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
         ends = np.isfinite(times)
         lengths, own = list(self.lengths_um), self.length_um
-        lengths[place] = None if own is None else own * times
+        lengths[index] = None if own is None else own * times
 
         def scale(scene: Scene) -> Scene:
-            film = scene.layers[place]
+            film = scene.layers[index]
             if np.isinf(film.thickness):
                 raise SceneError("the film is semi-infinite, and can be made no thicker: give it a thickness_um")
             thick = replace(film, thickness=film.thickness * times if ends else np.inf)
             if ends:
-                layers = *scene.layers[:place], thick, *scene.layers[place + 1 :]
+                layers = *scene.layers[:index], thick, *scene.layers[index + 1 :]
                 return Scene(layers, scene.base, scene.interfaces)
-            return Scene((*scene.layers[:place], thick), None, (*scene.interfaces[: place + 1], None))
+            return Scene((*scene.layers[:index], thick), None, (*scene.interfaces[: index + 1], None))
 
-        kept = lengths if ends else [*lengths[:place], np.inf]
-        layer = self.layer if self.layer is None else place + 1
+        kept = lengths if ends else [*lengths[:index], np.inf]
+        layer = self.layer if self.layer is None else index + 1
         return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
 
     def make_as_thick(self, length_um: float) -> "Panel":
@@ -148,24 +148,24 @@ class Panel:
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
         looked_at = self.ends_and_middle
-        rest = [place for place in range(count) if place not in looked_at]
-        requests = {place: self._ask(place, **directions, **self.asked) for place in looked_at}
+        rest = [index for index in range(count) if index not in looked_at]
+        requests = {index: self._ask(index, **directions, **self.asked) for index in looked_at}
         part = progress and (lambda done, total: progress(done, count))
         found = dict(zip(looked_at, solve_side_by_side(list(requests.values()), part), strict=True))
         if rest:
             fixed = find_finest_nodes(found.values()) if "accuracy" in self.asked else {}
-            others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
+            others = [self._ask(index, **directions, **{**self.asked, **fixed}) for index in rest]
             words = f"the other {len(rest)} wavelengths"
             if not is_shared():  # who shares the cores has warned of all of it
-                warn_runtime_of_all(len(rest), lambda place: (others[place], 0.0), words, workers=count_usable_cpus())
+                warn_runtime_of_all(len(rest), lambda index: (others[index], 0.0), words, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))
             found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
-        return Spectrum(self.wavelength_um, tuple(found[place] for place in range(count)))
+        return Spectrum(self.wavelength_um, tuple(found[index] for index in range(count)))
 
-    def _ask(self, place: int, **asked: Any) -> Request:
+    def _ask(self, index: int, **asked: Any) -> Request:
         """The request at one wavelength, on one thread. Raises SceneError, which names it."""
-        with name_wavelength(self.wavelength_um[place]):
-            return make_request("brdf", self.scenes[place], threads=1, **asked)
+        with name_wavelength(self.wavelength_um[index]):
+            return make_request("brdf", self.scenes[index], threads=1, **asked)
 
 
 def make_panel(
@@ -215,7 +215,7 @@ def make_panel(
     if not {"nodes", "accuracy", "method"} & {*how}:
         how["accuracy"] = ACCURACY
     scenes, listed = tuple(file.scene for file in files), expand_content(content, folder).get("layer", ())
-    lengths = (0.0 if place is None else listed[place].get("thickness_um") for place in scenes[0].places)
+    lengths = (0.0 if index is None else listed[index].get("thickness_um") for index in scenes[0].places)
     found = Panel(at, scenes, tuple(lengths), how, layer, str(content.get("title", "")))
     if layer is not None:
         _ = found.film

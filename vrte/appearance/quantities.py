@@ -73,12 +73,12 @@ class PanelQuantity:
 
 
 # panels solved for each part of a reading
-PARTS = {"panel": 1, "nodes": 1, "bare": 1, "black": 1, "white": 1, "without_end": 1, "search": 10, "gloss": 4}
+PARTS = {"panel": 1, "nodes": 1, "bare": 1, "black": 1, "white": 1, "semi_infinite": 1, "search": 10, "gloss": 4}
 LOOK = ("geometry",)
 SEEN = (*LOOK, "illuminant", "observer")
 CARDS = ("black", "white")
 FILM = ("layer",)  # which of several is meant
-HIDES = ("nodes", *CARDS, "without_end", "search")
+HIDES = ("nodes", *CARDS, "semi_infinite", "search")
 SPECTRUM = ("wavelength_um",)
 
 
@@ -101,9 +101,9 @@ SPECTRA: dict[str, tuple[Callable[[Readings], Array], str, tuple[str, ...], tupl
         lambda seen: seen.drawdown.read(1.0, seen.conditions.white),
         "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
     ),
-    "reflectance_without_end": (
+    "reflectance_semi_infinite": (
         lambda seen: seen.drawdown.read(np.inf, 0.0),
-        "reflectance factor of the semi-infinite film", FILM, ("nodes", "without_end"),
+        "reflectance factor of the semi-infinite film", FILM, ("nodes", "semi_infinite"),
     ),
 }  # fmt: skip
 QUANTITIES: dict[str, PanelQuantity] = {
@@ -125,7 +125,7 @@ QUANTITIES: dict[str, PanelQuantity] = {
         "opacity, Y over a black base over Y of the semi-infinite film (ISO 2471)",
         lambda seen: float(divide_luminances(*(seen.drawdown.find_luminance(times, 0.0) for times in (1.0, np.inf)))),
         (*SEEN, *FILM),
-        ("nodes", "bare", "without_end"),
+        ("nodes", "bare", "semi_infinite"),
     ),
     "hiding_thickness_um": PanelQuantity(
         "thickness at which the contrast ratio is the target (ISO 6504-1); inf where none has it",

@@ -150,10 +150,10 @@ class KubelkaMunk:
         math.inf is semi-infinite. Raises SceneError."""
         wanted = np.atleast_1d(check_numbers("lengths", lengths))
         exact = np.empty((2, wanted.size, self.wavelength_um.size))
-        for place, length in enumerate(wanted):
+        for index, length in enumerate(wanted):
             panel = self.panel.scale_film(check_number("lengths", length, 5e-324, np.inf, "above 0") / self.length)
-            part = share_progress(progress, place, wanted.size)
-            exact[:, place] = measure_over_cards(panel, self.geometry, self.white, part)
+            part = share_progress(progress, index, wanted.size)
+            exact[:, index] = measure_over_cards(panel, self.geometry, self.white, part)
         found = np.array([[self.predict(length, base) for length in wanted] for base in (0.0, self.white)])
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
@@ -251,7 +251,7 @@ def check_film(panel: Panel) -> None:
     """Raises SceneError for other layers and interfaces than one film under a surface."""
     film = panel.film
     for scene in panel.scenes:
-        others = [layer.thickness > 0.0 for place, layer in enumerate(scene.layers) if place != film]
+        others = [layer.thickness > 0.0 for index, layer in enumerate(scene.layers) if index != film]
         if any(others) or any(scene.interfaces[1:]) or not 0.0 < scene.layers[film].thickness < np.inf:
             raise SceneError(
                 "K and S are of one film that ends, under one surface or none: no other layer or interface"
@@ -290,20 +290,20 @@ def find_surface_shares(
     returned = np.zeros((2, len(panel)))  # over black, over white
     mu, weights = find_beams(geometry)
     for part, (base, inner) in enumerate(zip((None, Lambertian(white)), returned, strict=True)):
-        lit = [place for place, surface in enumerate(panel.surface) if surface is not None]
+        lit = [index for index, surface in enumerate(panel.surface) if surface is not None]
         over = panel.put_over(base)
-        over = replace(over, wavelength_um=panel.wavelength_um[lit], scenes=tuple(over.scenes[place] for place in lit))
+        over = replace(over, wavelength_um=panel.wavelength_um[lit], scenes=tuple(over.scenes[index] for index in lit))
         fields = solve_fluxes(over, mu, "below", share_progress(progress, part, 2))
-        for place, scene, field in zip(lit, over.scenes, fields, strict=True):
+        for index, scene, field in zip(lit, over.scenes, fields, strict=True):
             surface = scene.interfaces[0]
             assert surface is not None
             mirrored, through = surface.share(mu)
-            outer[place], even[place] = weights @ (mu * mirrored), find_even_share(surface)
+            outer[index], even[index] = weights @ (mu * mirrored), find_even_share(surface)
             assert field.direct_up is not None
             down, up = field.flux_down + field.direct, field.flux_up + field.direct_up
             risen = weights @ up[:, 0]
             # where no light comes up, any share will do
-            inner[place] = weights @ (down[:, 0] - mu * through) / risen if risen > 0.0 else even[place]
+            inner[index] = weights @ (down[:, 0] - mu * through) / risen if risen > 0.0 else even[index]
     return outer, returned, even
 
 
@@ -330,10 +330,10 @@ def find_even_share(surface: Interface) -> float:
 def solve_fluxes(panel: Panel, mu0: Array, side: str, progress: Progress | None = None) -> list[Field]:
     """Fluxes at the top, and above the bottom where there is one, of beams mu0, a field a wavelength."""
 
-    def solve(place: int) -> Field:
-        scene = panel.scenes[place]
+    def solve(index: int) -> Field:
+        scene = panel.scenes[index]
         tau = [0.0, scene.thickness] if side == "above" and scene.base_is_reached else [0.0]
-        with name_wavelength(panel.wavelength_um[place]):
+        with name_wavelength(panel.wavelength_um[index]):
             return radiance(scene, mu0, mu=[], tau=tau, side=side, threads=1, **panel.asked)
 
-    return run_side_by_side([partial(solve, place) for place in range(len(panel))], progress)
+    return run_side_by_side([partial(solve, index) for index in range(len(panel))], progress)

@@ -166,11 +166,11 @@ def list_kinds(call: Callable[..., Any]) -> dict[str, Kind]:
         parts: list[Any] = [declared]
         if isinstance(declared, str):
             parts = declared.split(" | ")
-            for place, part in enumerate(parts):  # those that are not imported there stay names
+            for index, part in enumerate(parts):  # those that are not imported there stay names
                 try:
-                    parts[place] = eval(part, sys.modules[call.__module__].__dict__)
+                    parts[index] = eval(part, sys.modules[call.__module__].__dict__)
                 except NameError:
-                    parts[place] = part.rpartition(".")[2]
+                    parts[index] = part.rpartition(".")[2]
         elif get_origin(declared) in (Union, UnionType):
             parts = list(get_args(declared))
         found[name] = join_kinds(parts, is_optional=one.default is None)
@@ -210,7 +210,7 @@ def describe_refusal(of: str, name: str, kind: Kind, value: Any) -> SceneError:
     """What is wrong with an argument, or with the first item in it that is, in a sentence."""
     alone = ""
     if kind.items is not None and isinstance(value, list | tuple):
-        parts = [(f"item {place} of {name}", kind.items, item) for place, item in enumerate(value, 1)]
+        parts = [(f"item {index} of {name}", kind.items, item) for index, item in enumerate(value, 1)]
     elif kind.values is not None and isinstance(value, Mapping):
         parts = [(f"{name}: {key}", kind.values, item) for key, item in value.items() if isinstance(key, str)]
     else:

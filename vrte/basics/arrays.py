@@ -21,7 +21,7 @@ EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
 
 
-def settle_array(array: Array) -> Array:
+def make_readonly(array: Array) -> Array:
     """The array itself, from now on read-only."""
     array.setflags(write=False)
     return array
@@ -29,10 +29,10 @@ def settle_array(array: Array) -> Array:
 
 def freeze_copy(values: Any) -> Array:
     """A read-only float64 copy, contiguous."""
-    return settle_array(np.array(values, dtype=np.float64, order="C"))
+    return make_readonly(np.array(values, dtype=np.float64, order="C"))
 
 
-def is_settled(values: Any) -> bool:
+def is_readonly(values: Any) -> bool:
     """Whether this is a contiguous float64 array that nothing can be written into, nor into what it is a view of."""
     if type(values) is not np.ndarray or values.dtype != np.float64 or not values.flags.c_contiguous:
         return False

@@ -34,11 +34,11 @@ SHRINKS = 4  # times that a step is quartered where neither side is allowed
 
 def divide_exp_once(a: Any, b: Any) -> Any:
     """exp[a, b] = (e^a - e^b)/(a - b) for complex a, e^b where they meet, of any shapes; real parts <= 0."""
-    gap = a - b
-    small = np.abs(gap) < SMALL
+    difference = a - b
+    small = np.abs(difference) < SMALL
     # the larger one in front: expm1 of what does not grow
-    ahead = np.where(gap.real > 0.0, a, b)
-    turned = np.where(gap.real > 0.0, -gap, gap)
+    ahead = np.where(difference.real > 0.0, a, b)
+    turned = np.where(difference.real > 0.0, -difference, difference)
     slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
     return np.exp(ahead) * slope
 
@@ -57,7 +57,7 @@ def sample_around(
     refused: SceneError | None = None
     for side, stencil in ((1.0, central), (1.0, one_sided), (-1.0, one_sided)):
         try:
-            return [(side * weight / step, make(value + side * place * step)) for place, weight in stencil.items()]
+            return [(side * weight / step, make(value + side * index * step)) for index, weight in stencil.items()]
         except SceneError as error:
             refused = refused or error
     assert refused is not None

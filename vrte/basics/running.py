@@ -141,21 +141,21 @@ def run_jobs(
     workers = min(run.threads, len(jobs))
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}
-    places, done, said = iter(range(len(jobs))), [], 0
+    indices, done, said = iter(range(len(jobs))), [], 0
     runs = [replace_unchecked(run, threads=1, stages={}) for _ in range(workers)]
 
     def work(own: Run) -> None:
         nonlocal said
-        for place in places:
+        for index in indices:
             try:
-                found[place] = jobs[place](own)
-                done.append(place)
+                found[index] = jobs[index](own)
+                done.append(index)
                 if own is runs[0]:
                     said = len(done)
                     told(said)
             except BaseException as error:
-                failed[place] = error
-                for _ in places:  # nobody begins another
+                failed[index] = error
+                for _ in indices:  # nobody begins another
                     pass
 
     others = [run.helpers.submit(work, own) for own in runs[1:]]
@@ -181,9 +181,9 @@ def wait_for(done: threading.Event, seconds: float) -> bool:
     return done.is_set()
 
 
-def share_progress(progress: Progress | None, place: int, count: int, steps: int = 100) -> Progress | None:
+def share_progress(progress: Progress | None, index: int, count: int, steps: int = 100) -> Progress | None:
     """Progress of one of ``count`` equal parts of the work, told in ``steps`` of each, whatever the part itself
     counts."""
     if progress is None:
         return None
-    return lambda done, total: progress(steps * place + steps * done // max(total, 1), steps * count)
+    return lambda done, total: progress(steps * index + steps * done // max(total, 1), steps * count)

@@ -16,12 +16,12 @@ DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
 
 
 def compute_wigner_functions(
-    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, gap: Array | None = None
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array | None = None
 ) -> Iterator[tuple[int, Array]]:
-    """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees. ``gap``
-    is 1 - |cosine|, for who knows it better (`find_gap`). A pair is (0, n), or (m, m) and (m, -m) next to each other.
+    """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees.
+    ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). A pair is (0, n), or (m, m) and (m, -m) in turn.
     Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
-    gap, behind = 1.0 - np.abs(cosine) if gap is None else gap, int(np.searchsorted(cosine, 0.0))
+    difference, behind = 1.0 - np.abs(cosine) if difference is None else difference, int(np.searchsorted(cosine, 0.0))
     gain, shift, memory = _find_recurrence(pairs, terms)
     step, change = np.zeros((2, len(pairs), cosine.size))
     now = np.zeros_like(step)
@@ -29,17 +29,19 @@ def compute_wigner_functions(
         degrees = np.arange(first, min(first + DEGREES_AT_ONCE, terms))
         block = np.empty((degrees.size, len(pairs), cosine.size))
         for row, degree in enumerate(degrees):
-            np.multiply(gain[degree], gap, out=change)
+            np.multiply(gain[degree], difference, out=change)
             np.subtract(shift[degree], change, out=change)
             change *= now
             step *= memory[degree]
             step += change
             now = np.add(now, step, out=block[row])
-            for place, (m, n) in enumerate(pairs if degree <= 2 else ()):
+            for index, (m, n) in enumerate(pairs if degree <= 2 else ()):
                 if degree == max(m, abs(n)):
                     minus, plus = abs(m - n), abs(m + n)
                     count = math.factorial(minus + plus) / (math.factorial(minus) * math.factorial(plus))
-                    now[place] = math.sqrt(count) * (0.5 * gap) ** (minus / 2) * (1.0 - 0.5 * gap) ** (plus / 2)
+                    now[index] = (
+                        math.sqrt(count) * (0.5 * difference) ** (minus / 2) * (1.0 - 0.5 * difference) ** (plus / 2)
+                    )
         now = now.copy()
         _turn_back(block[:, :, :behind], pairs, degrees)
         yield first, block
@@ -73,7 +75,7 @@ def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Arra
 
 def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[np.int64]) -> None:
     """Makes d^l_mn(x) into d^l_mn(-x) = (-1)^(l+m) d^l_m,-n(x), in place."""
-    partners = [place if m == 0 else list(pairs).index((m, -n)) for place, (m, n) in enumerate(pairs)]
+    partners = [index if m == 0 else list(pairs).index((m, -n)) for index, (m, n) in enumerate(pairs)]
     sign = (-1.0) ** (degrees[:, None, None] + np.array([m for m, _ in pairs])[:, None])
     np.multiply(sign, block[:, partners], out=block)
 
@@ -102,9 +104,9 @@ def find_gauss_legendre(count: int) -> tuple[Array, Array]:
 
 def _evaluate_legendre(degree: int, angle: Array) -> tuple[Array, Array]:
     """P_l and P_(l-1) of cos(angle), angle up to 90 degrees."""
-    gap = 2.0 * np.sin(0.5 * angle) ** 2
-    now, step, before = np.ones_like(gap), np.zeros_like(gap), np.zeros_like(gap)
+    difference = 2.0 * np.sin(0.5 * angle) ** 2
+    now, step, before = np.ones_like(difference), np.zeros_like(difference), np.zeros_like(difference)
     for known in range(degree):
-        step = (known * step - (2 * known + 1) * gap * now) / (known + 1)
+        step = (known * step - (2 * known + 1) * difference * now) / (known + 1)
         before, now = now, now + step
     return now, before

@@ -76,8 +76,8 @@ def repeat_grid(
 def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
     """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, from 0 to below 360, and where each is in the
     two one after the other."""
-    found, places = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
-    return found, places
+    found, indices = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
+    return found, indices
 
 
 def extend_azimuths(
@@ -85,10 +85,10 @@ def extend_azimuths(
 ) -> tuple[Array, Array]:
     """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there, of
     those (..., n, 4, 4) at ``phi`` (n,) [degrees]; missing azimuths are mirror images."""
-    azimuths, places = mirror_azimuths(phi)
+    azimuths, indices = mirror_azimuths(phi)
     grid, turn = repeat_grid(azimuths, 360.0, low, high, margin)
-    sign = np.where((places[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
-    return grid, matrices[..., places[turn] % phi.size, :, :] * sign
+    sign = np.where((indices[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
+    return grid, matrices[..., indices[turn] % phi.size, :, :] * sign
 
 
 def extend_over_pole(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import replace_unchecked, settle_array
+from vrte.basics.arrays import make_readonly, replace_unchecked
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
 from vrte.calls.energy import ROUNDING
@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.request import Request
-from vrte.results.brdf import Brdf, make_settled_brdf
+from vrte.results.brdf import Brdf, make_readonly_brdf
 from vrte.scene.scene import Scene
 
 BATCH_BYTES = 16e6  # of what is worked with for the scenes that are solved in one go, by each thread
@@ -35,7 +35,7 @@ def make_alike_request(request: Request, scene: Scene) -> Request | None:
     """The same asked of another scene; None where that has to be checked anew."""
     if not is_shared_request(request) or find_batch_key(scene, request) is None:
         return None
-    levels = settle_array(np.array([0.0, scene.thickness][: request.tau.size]))
+    levels = make_readonly(np.array([0.0, scene.thickness][: request.tau.size]))
     return replace_unchecked(request, scene=scene, tau=levels)
 
 
@@ -45,7 +45,7 @@ def solve_alike_ones(requests: Sequence[Request], warned: bool, progress: Progre
     batches = sort_into_batches(requests)
     if not batches:
         return {}
-    run = make_run(requests[0], sum(len(places) for _, places in batches))
+    run = make_run(requests[0], sum(len(indices) for _, indices in batches))
     run.runtime_warned = warned
     return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
 
@@ -80,30 +80,30 @@ def sort_into_batches(requests: Sequence[Request]) -> list[tuple[BatchKey, list[
         return []
     assert first.nodes is not None
     alike: dict[BatchKey, list[int]] = {}
-    for place, request in enumerate(requests):
+    for index, request in enumerate(requests):
         if (key := find_batch_key(request.scene, first)) is not None:
-            alike.setdefault(key, []).append(place)
+            alike.setdefault(key, []).append(index)
     batches = []
-    for key, places in alike.items():
-        terms = max(layer.phase_matrix.terms for place in places for layer in requests[place].scene.layers)
+    for key, indices in alike.items():
+        terms = max(layer.phase_matrix.terms for index in indices for layer in requests[index].scene.layers)
         step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, min(terms, 2 * first.nodes))))
-        if len(places) >= FEWEST:
-            batches += [(key, places[k : k + step]) for k in range(0, len(places), step)]
+        if len(indices) >= FEWEST:
+            batches += [(key, indices[k : k + step]) for k in range(0, len(indices), step)]
     return batches
 
 
-def solve_batch(requests: Sequence[Request], key: BatchKey, places: list[int], run: Run) -> dict[int, Brdf]:
+def solve_batch(requests: Sequence[Request], key: BatchKey, indices: list[int], run: Run) -> dict[int, Brdf]:
     """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
     why."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
-    scenes = [requests[place].scene for place in places]
-    alike, fits = plan_batch(requests[places[0]], key, scenes, own)
+    scenes = [requests[index].scene for index in indices]
+    alike, fits = plan_batch(requests[indices[0]], key, scenes, own)
     if not fits.any():
         return {}
     found, asked = solve_together(alike, own), alike.request
     for name, clock in own.stages.items():
         run.record(name, clock["wall_seconds"], clock["thread_seconds"])
-    reflectance = settle_array(found.flux / asked.mu0)
+    reflectance = make_readonly(found.flux / asked.mu0)
     white = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
     lost = np.where(white[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
     solved = fits & found.right & (lost <= max(asked.accuracy, ROUNDING))
@@ -118,11 +118,11 @@ def solve_batch(requests: Sequence[Request], key: BatchKey, places: list[int], r
         "wall_seconds": (time.perf_counter() - begin) / alike.size,
     }
     thickness = np.array([scene.thickness for scene in scenes])
-    through = settle_array(np.exp(-thickness[:, None] / asked.mu0))
-    mu_o = settle_array(alike.mu[alike.mu > 0.0])
+    through = make_readonly(np.exp(-thickness[:, None] / asked.mu0))
+    mu_o = make_readonly(alike.mu[alike.mu > 0.0])
     return {
-        places[k]: make_settled_brdf(
-            partial(describe_solve, requests[places[k]], alike, found, k, shared),
+        indices[k]: make_readonly_brdf(
+            partial(describe_solve, requests[indices[k]], alike, found, k, shared),
             mueller=found.parts[0][k],
             reflectance=reflectance[k],
             mu_i=asked.mu0,
@@ -136,18 +136,18 @@ def solve_batch(requests: Sequence[Request], key: BatchKey, places: list[int], r
 
 
 def describe_solve(
-    request: Request, alike: Alike, found: Together, place: int, shared: dict[str, Any]
+    request: Request, alike: Alike, found: Together, index: int, shared: dict[str, Any]
 ) -> dict[str, Any]:
     """The diagnostics of one scene of a batch; its own plan is made for that."""
     return {
         **plan_request(request, Run(1)).diagnostics(),
         "threads": 1,
         "openmp": True,
-        "orders": int(found.orders[place]),
-        "unknowns": int(found.unknowns[place]),
-        "orders_by": {"modes": sum(int(wanted[:, place].sum()) for wanted in alike.wanted.values())},
+        "orders": int(found.orders[index]),
+        "unknowns": int(found.unknowns[index]),
+        "orders_by": {"modes": sum(int(wanted[:, index].sum()) for wanted in alike.wanted.values())},
         "orders_repeated": None,
-        **{name: float(values[place]) for name, values in found.residuals.items()},
+        **{name: float(values[index]) for name, values in found.residuals.items()},
         **shared,
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,

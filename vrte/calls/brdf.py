@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import Array, make_readonly
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
@@ -98,7 +98,7 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
 def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:
     """Mueller matrices (n_in, n_mu, n_phi, 4, 4) of light going up at the top and, where asked for, down at the
     bottom, as seen from the side that is lit, and the reflectance (n_in,)."""
-    matrices = [settle_array(values)[0] for values in solution.parts]  # of one depth
+    matrices = [make_readonly(values)[0] for values in solution.parts]  # of one depth
     if request.illuminate == "bottom":
         matrices = [mirror_mueller(values) for values in matrices]
     reflectance = solution.flux_up[0, :, 0] / request.mu0

@@ -81,13 +81,13 @@ def brdfs(
     names = asked.pop("derivatives")
     requests: list[Request] = []
     variations = []
-    for place, scene in enumerate(given, 1):
+    for index, scene in enumerate(given, 1):
         try:
             variations.append(read_derivatives(check_scene(scene), names))
             request = make_alike_request(requests[0], scene) if requests else None
             requests.append(request or choose_method(make_brdf_request(scene, **asked)))
         except SceneError as error:
-            raise error.behind(f"scene {place} of {len(given)}") from error
+            raise error.behind(f"scene {index} of {len(given)}") from error
     return solve_brdfs(requests, progress, "scenes", variations=variations)
 
 
@@ -105,7 +105,7 @@ def solve_brdfs(
     if not requests:
         return []
     if warned is None:
-        warned = warn_runtime_of_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
+        warned = warn_runtime_of_all(count, lambda index: (requests[index], 0.0), f"{count} {what}")
     exact = all(request.method == EXACT and not request.verify for request in requests)
     for request, some in zip(requests, variations, strict=True):
         if some:
@@ -115,14 +115,14 @@ def solve_brdfs(
         run.runtime_warned = warned
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
     found = {} if any(variations) else solve_alike_ones(requests, warned, progress)
-    rest = [place for place in range(count) if place not in found]
-    for done, place in enumerate(rest, len(found)):
+    rest = [index for index in range(count) if index not in found]
+    for done, index in enumerate(rest, len(found)):
         part = share_progress(progress, done, count)
-        light = find_light(requests[place], variations[place], part, warned)
-        found[place] = make_brdf(requests[place], *light[1:])
+        light = find_light(requests[index], variations[index], part, warned)
+        found[index] = make_brdf(requests[index], *light[1:])
         if part is not None:
             part(1, 1)
-    return [found[place] for place in range(count)]
+    return [found[index] for index in range(count)]
 
 
 def solve_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:

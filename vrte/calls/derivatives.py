@@ -141,8 +141,8 @@ def differentiate(
             found = dict(zip(exact, differentiate_plan(plan, exact, run, together, orders), strict=True))
         except AccuracyError as error:  # modes that cannot be trusted; solves have other ways
             others, how = list(variations), how | dict.fromkeys(exact, f"{BY_SOLVES} ({error})")
-    for place, one in enumerate(others, 1):
-        found[one] = differentiate_once(plan, one, run, share_progress(progress, place, 1 + len(others)))
+    for index, one in enumerate(others, 1):
+        found[one] = differentiate_once(plan, one, run, share_progress(progress, index, 1 + len(others)))
     return [Derivative(one, found[one], how[one]) for one in variations]
 
 
@@ -158,11 +158,11 @@ def plan_derivatives(plan: Plan, variations: Sequence[Variation]) -> tuple[Diffe
     if not variations:
         return ()
     algebra = count_operations_of_derivatives(plan, 1.0, cost.ONCE) / max(1.0, count_operations_of_plan(plan))
-    gaps = {one.name: find_gap(plan, one) for one in variations}
+    reasons = {one.name: find_gap(plan, one) for one in variations}
     ways = {None: (ALGEBRA, algebra)} | {
-        gap: (f"{BY_SOLVES} ({gap})", cost.DIFFERENCES) for gap in gaps.values() if gap
+        reason: (f"{BY_SOLVES} ({reason})", cost.DIFFERENCES) for reason in reasons.values() if reason
     }
-    return tuple(Differentiated(name, *ways[gap]) for name, gap in gaps.items())
+    return tuple(Differentiated(name, *ways[reason]) for name, reason in reasons.items())
 
 
 def collect_jacobians(

@@ -33,8 +33,8 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
     scenes = sample_scenes(plan.request, variation)
     plans = [plan_batch(plan, scene, run) for _, scene in scenes]
     sums: list[Array] = []
-    for place, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
-        (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))
+    for index, ((weight, _), each) in enumerate(zip(scenes, plans, strict=True)):
+        (found,) = solve_plans([each], run, share_progress(progress, index, len(plans)))
         weighted = [weight * array for array in (found.flux_up, found.flux_down, *found.parts)]
         sums = [one + other for one, other in zip(sums, weighted, strict=True)] if sums else weighted
     return Solution(sums[2:], sums[0], sums[1], found.diagnostics)

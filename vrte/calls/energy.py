@@ -52,9 +52,9 @@ def list_notes(request: Request, net: Array) -> list[str]:
     notes = list(list_facets_that_make_light(scene, request.mu0, allowed))
     if not np.isfinite(net).all():
         return notes
-    places, losing = locate_levels(request)
-    order = np.argsort(places)
-    edges = [*places[order].tolist(), float(len(losing))]
+    indices, losing = locate_levels(request)
+    order = np.argsort(indices)
+    edges = [*indices[order].tolist(), float(len(losing))]
     absorbed = -np.diff(net[order], axis=0, append=0.0)
     made = np.sqrt((absorbed[..., 1:] ** 2).sum(axis=-1)) - absorbed[..., 0]  # of the polarization that gains most
     kept = [not any(losing[int(edges[k]) : int(np.ceil(edges[k + 1]))]) for k in range(len(order))]
@@ -79,18 +79,18 @@ def locate_levels(request: Request) -> tuple[Array, list[bool]]:
         losing[2 * k] = interface is not None and not interface.is_smooth and not interface.conserving
     losing[-1] = scene.base_is_reached and scene.below.even_albedo < 1.0
     depths = locate_depths(scene, request.tau, find_under(request))
-    inside = depths.joint < 0
-    return np.where(inside, 2.0 * depths.layer + 1.0 + depths.share, 2.0 * depths.joint + depths.under), losing
+    inside = depths.interface < 0
+    return np.where(inside, 2.0 * depths.layer + 1.0 + depths.share, 2.0 * depths.interface + depths.under), losing
 
 
 def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Iterator[str]:
     """Facets that, without shadowing, send on more than falls on them along beams; a warning where it is much more."""
     there = [(k, one) for k, one in enumerate(scene.interfaces) if one]
     surfaces = [(f"interface {number}", k, one.facets) for number, (k, one) in enumerate(there, 1) if not one.is_smooth]
-    for name, place, facets in (*surfaces, ("the base", -1, scene.below.facets)):
+    for name, index, facets in (*surfaces, ("the base", -1, scene.below.facets)):
         if facets is None or facets.shadowing:
             continue
-        cosines = find_cosines(scene.media, scene.index_above, mu0)[place]
+        cosines = find_cosines(scene.media, scene.index_above, mu0)[index]
         lit = cosines > 0.0
         sent = np.sum(share_energy(facets, cosines[lit]), axis=0)
         if sent.max(initial=0.0) <= 1.0 + allowed:

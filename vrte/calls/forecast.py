@@ -35,9 +35,9 @@ def warn_runtime_of_all(
     if count < 2:
         return False
     begin, looked, solving = time.perf_counter(), [], []
-    for place in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
+    for index in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
         try:
-            request, made = asked_at(place)
+            request, made = asked_at(index)
             start = time.perf_counter()
             seconds, planned = predict_seconds(request)
         except SceneError:
@@ -48,7 +48,7 @@ def warn_runtime_of_all(
         quick = beside + count * (looked[-1] + seconds) < cost.LONG / 100.0
         # the first alone says little: what is loaded for it is no matter of the others
         patience = cost.LOOKING if len(looked) > 1 else cost.LOADING
-        if (place and quick) or time.perf_counter() - begin > patience:
+        if (index and quick) or time.perf_counter() - begin > patience:
             break
     if limit is None or not looked:
         return False

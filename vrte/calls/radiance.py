@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import Array, make_readonly
 from vrte.basics.running import Progress
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
@@ -134,7 +134,7 @@ def make_field(
 def gather_light(request: Request, solution: Solution) -> tuple[Array, Array, Array]:
     """Stokes vectors (n_in, n_tau, n_mu, n_phi, 4) and fluxes up and down, (n_in, n_tau), as seen from the side that is
     lit."""
-    seen = settle_array(solution.parts[0])[..., 0].swapaxes(0, 1)
+    seen = make_readonly(solution.parts[0])[..., 0].swapaxes(0, 1)
     up, down = solution.flux_up.sum(axis=-1).T, solution.flux_down.sum(axis=-1).T
     if request.illuminate == "top":
         return seen, up, down

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, check_number, settle_array
+from vrte.basics.arrays import Array, check_number, make_readonly
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
 from vrte.calls.brdf import brdf, make_brdf
@@ -23,7 +23,7 @@ from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
 COSINES = (12, 24, 48, 96)  # one after another, until the table is good enough
 FEWEST_AZIMUTHS, MOST_AZIMUTHS = 9, 361  # from 0 to 180 degrees
 CHECKED, CHECKED_FROM = 6, 0.1  # cosines to check a table with, and the smallest of them
-CHECKED_AZIMUTHS = settle_array(np.array([2.3, 17.1, 71.9, 133.7, 174.9]))
+CHECKED_AZIMUTHS = make_readonly(np.array([2.3, 17.1, 71.9, 133.7, 174.9]))
 FINEST = 1e-8  # accuracy of a table
 
 
@@ -71,9 +71,9 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     if asked.get("method", EXACT) == EXACT:
         asked |= find_finest_nodes([first])  # left to itself, a solve for grazing cosines would take many more
     azimuths = int(np.clip(first.diagnostics.get("orders_of_phase_matrix", 0) + 1, FEWEST_AZIMUTHS, MOST_AZIMUTHS))
-    place, more = 0, True
+    index, more = 0, True
     while more:
-        cosines = COSINES[place]
+        cosines = COSINES[index]
         mu = np.concatenate([make_cosines(cosines), checked])
         phi = np.concatenate([np.linspace(0.0, 180.0, azimuths), CHECKED_AZIMUTHS])
         request = make_request("brdf", scene, mu, mu, phi, **asked)
@@ -84,10 +84,10 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
         base, off, off_azimuths = split_checked(found, cosines, azimuths)
         if max(off, off_azimuths) <= wanted:
             return base
-        finer = min(place + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)
-        more = finer[0] > place or (off_azimuths > wanted and finer[1] > azimuths)
+        finer = min(index + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)
+        more = finer[0] > index or (off_azimuths > wanted and finer[1] > azimuths)
         if more:
-            place, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
+            index, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
     words = f"the base is off by {max(off, off_azimuths):.2g} between its {cosines} cosines and {azimuths} azimuths"
     warn_user(f"{words}, and {wanted:g} was asked for", AccuracyWarning)
     return base

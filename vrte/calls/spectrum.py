@@ -88,25 +88,25 @@ def prepare_scenes(
     ``asked`` of them is predicted first, by some of them. Raises SceneError, also beyond ``time_limit_s``."""
     made: dict[int, SceneFile] = {}
 
-    def prepare(place: int) -> SceneFile:
-        with name_wavelength(wavelength := float(wavelengths[place])):
+    def prepare(index: int) -> SceneFile:
+        with name_wavelength(wavelength := float(wavelengths[index])):
             if isinstance(scene, Mapping):
                 return make_scene_file({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
             return read_scene(scene, "brdf", wavelength)
 
-    def asked_at(place: int) -> tuple[Request, float]:
+    def asked_at(index: int) -> tuple[Request, float]:
         begin = time.perf_counter()
-        made[place] = prepare(place)
+        made[index] = prepare(index)
         seconds = time.perf_counter() - begin
-        return make_request("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
+        return make_request("brdf", made[index].scene, **made[index].keywords(asked or {})), seconds
 
     count = wavelengths.size
     warned = None if asked is None else warn_runtime_of_all(count, asked_at, f"{count} wavelengths")
-    for place in range(count):
-        made[place] = made.get(place) or prepare(place)
+    for index in range(count):
+        made[index] = made.get(index) or prepare(index)
         if progress is not None:
-            progress(place + 1, count)
-    return [made[place] for place in range(count)], warned
+            progress(index + 1, count)
+    return [made[index] for index in range(count)], warned
 
 
 def vary_files(
@@ -118,13 +118,13 @@ def vary_files(
         return []
     names = [derivatives] if isinstance(derivatives, str) else derivatives
     if isinstance(scene, Mapping):
-        content, place = dict(scene), Path(folder)
+        content, index = dict(scene), Path(folder)
     else:
-        content, place = read_content(scene), Path(scene).parent
+        content, index = read_content(scene), Path(scene).parent
     found = []
     for wavelength in wavelengths.tolist():
         try:
-            found.append(SceneFamily({**content, "wavelength_um": wavelength}, names, place).variations())
+            found.append(SceneFamily({**content, "wavelength_um": wavelength}, names, index).variations())
         except SceneError as error:
             raise SceneError(f"derivatives at {wavelength:g} um: {error}", "derivatives") from error
     return found

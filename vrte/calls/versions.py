@@ -48,7 +48,7 @@ def describe_versions() -> str:
         "Python": f"{platform.python_version()} ({platform.python_implementation()}), {platform.platform()}",
         "processor": describe_processor(),
         "compiled core": describe_core(),
-        **{f"BLAS {place}": words for place, words in enumerate(list_blas(), 1)},
+        **{f"BLAS {index}": words for index, words in enumerate(list_blas(), 1)},
         "refractive indices": describe_database(),
         "OpenCL": list_devices(),
         "installed": ", ".join(f"{name} {version}" for name, version in versions.items() if version),

@@ -2,7 +2,7 @@
 // correction d = r + X'(R) d in floats, X'(R) d = (d K + (d K)^T) Q/2 over 1/mu + 1/mu', K = phi C H^T. Off the nodes,
 // where H on the nodes stands still, d K alone. All matrices are stored column by column.
 
-#define NOW_SETTLED 2    // what an item's state is, beside RUNS and LEFT: its matrix is made once more
+#define NOW_CONVERGED 2    // what an item's state is, beside RUNS and LEFT: its matrix is made once more
 
 // The factor of a row's and a column's cosine that every product is weighted with, the sign of V's column included.
 real share_of(real row_mu, real column_mu)
@@ -123,7 +123,7 @@ __kernel void judge_step(int step, int columns, IN found, IN rate, IN tolerance,
                                 &done);
     steps[item]++;
     if (done)
-        state[item] = NOW_SETTLED;
+        state[item] = NOW_CONVERGED;
 }
 
 // R of the last steps. Pieces: columns, items.

@@ -29,7 +29,7 @@ from vrte.cl.stages import stand_in_for
 from vrte.cl.steps import Memory, is_quicker_fused
 
 # How far Zo Ze of a semi-infinite slab is from 1 before the last doubling, which squares that.
-SETTLED = {"double": 1e-9, "single": 1e-4}
+CONVERGED = {"double": 1e-9, "single": 1e-4}
 SCRATCH, NUMBERS = 8, 8  # matrices while slabs are doubled, and arrays of a number an item that are left of them
 
 
@@ -290,7 +290,7 @@ class Doubling:
             difference = self.gap(active, skip) if (ratio[active] > 0.999).any() else np.ones(self.count)
             self.double(active)
             self.doublings[active] += 1
-            active &= ~((difference < SETTLED[self.session.precision]) & (ratio > 0.999))
+            active &= ~((difference < CONVERGED[self.session.precision]) & (ratio > 0.999))
             ratio = np.minimum(2.0 * ratio * np.sqrt(used) / (used + ratio * ratio), 2.0 * np.sqrt(used) / (1.0 + used))
 
     def gap(self, chosen: BoolArray, skip: Any) -> Array:
@@ -300,7 +300,7 @@ class Doubling:
         return self.session.download(found)
 
     def reflect_and_transmit(self, R: Extended, T: Extended, lost: Any) -> None:
-        """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's
+        """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; semi-infinite: R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's
         row."""
         algebra, finite, semi_infinite = self.algebra, self.finite, self.semi_infinite
         algebra.combine(self.doubled, 1.0, self.Ze, self.a, gamma=1.0)

@@ -13,8 +13,8 @@ STRIP = 8  # rows of a product per step
 PANEL = 16  # columns eliminated per step
 GROUP, TILE = 16, 64  # of `product_gpu`: work-items, and elements of the product, along each side
 TILED = {64: "product_gpu", 40: "product_gpu_40", 32: "product_gpu_32"}  # kernels by their tile
-CREW = 256  # work-items that invert one matrix in `invert_gpu`
-LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory beside the matrix, some to spare
+WORKERS = 256  # work-items that invert one matrix in `invert_gpu`
+LOCAL_BESIDE = 16 * 8 + WORKERS * (8 + 4) + 256  # bytes of local memory beside the matrix, some to spare
 
 
 def pad_to_strips(rows: int) -> int:
@@ -135,7 +135,7 @@ def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info:
     elif m.rows:
         width = choose_panel_width(m.rows, session.device.local_mem_size)
         panel = session.local_memory(8 * m.rows * width)
-        session.launch("invert_gpu", (CREW * items.size,), *arguments, width, panel, group=(CREW,))
+        session.launch("invert_gpu", (WORKERS * items.size,), *arguments, width, panel, group=(WORKERS,))
 
 
 def choose_panel_width(rows: int, local_bytes: int) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.cl.matrices import CREW, PANEL, choose_panel_width
+from vrte.cl.matrices import PANEL, WORKERS, choose_panel_width
 from vrte.cl.rates import estimate_rate, name_architecture
 from vrte.cl.session import DeviceArray, Session
 
@@ -172,7 +172,7 @@ class Steps:
         width, shelf = 0, 1
         if session.form == "gpu":
             width = choose_panel_width(max(self.rows, 1), session.device.local_mem_size)
-            shelf = max(TILES, PANEL + 2 * CREW + self.rows * width)
+            shelf = max(TILES, PANEL + 2 * WORKERS + self.rows * width)
         arguments = (
             *(session.constant(each) for each in (programs, reported, np.array(self.shares), chosen, numbers)),
             *(

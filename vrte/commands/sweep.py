@@ -78,8 +78,8 @@ def run(options: argparse.Namespace) -> None:
 def describe_failures(errors: "xarray.DataArray") -> list[str]:
     """Where the first scenes without result are, and their errors."""
     found = []
-    for place in np.argwhere(errors.values != "")[:MOST_NAMED]:
-        here = errors[tuple(place)]
+    for index in np.argwhere(errors.values != "")[:MOST_NAMED]:
+        here = errors[tuple(index)]
         values = ", ".join(f"{name} = {value.item():g}" for name, value in here.coords.items())
         found.append(f"{values}: {here.item()}")
     return found

@@ -60,9 +60,9 @@ class Check(NamedTuple):
     @property
     def line(self) -> str:
         """Its line in the table."""
-        gap = "failed" if self.problem else f"{self.gap:.1e}"
+        difference = "failed" if self.problem else f"{self.gap:.1e}"
         mark = "" if self.passed else "  <- WRONG" + (f": {self.problem}" if self.problem else "")
-        return f"  {self.name:52}{self.form:9}{gap:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"
+        return f"  {self.name:52}{self.form:9}{difference:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"
 
 
 class MistakeError(Exception):
@@ -74,8 +74,8 @@ def make_scenes() -> dict[str, vrte.Scene]:
     powder = vrte.spheres(1.6 + 0.01j, radius_um=0.15, wavelength_um=0.5)
     pigment = vrte.spheres(2.0 + 0.01j, radius_um=0.1, wavelength_um=0.5, host_index=1.5)
     gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-    gap, cloud = vrte.Layer(vrte.rayleigh(), 0.0, 0.1), vrte.Layer(vrte.henyey_greenstein(0.5), 0.9, 2.0)
-    stack = [vrte.Layer.of(powder, thickness=0.4), vrte.Layer(vrte.rayleigh(), 1.0, 0.7), gap, cloud]
+    clear, cloud = vrte.Layer(vrte.rayleigh(), 0.0, 0.1), vrte.Layer(vrte.henyey_greenstein(0.5), 0.9, 2.0)
+    stack = [vrte.Layer.of(powder, thickness=0.4), vrte.Layer(vrte.rayleigh(), 1.0, 0.7), clear, cloud]
     glass: list[Any] = [vrte.Interface(1.0, 1.5), vrte.Layer.of(pigment, thickness=1.0)]
     return {
         "semi-infinite": vrte.Scene([vrte.Layer.of(powder, thickness=np.inf)]),
@@ -158,18 +158,18 @@ class Verification:
 
     def check_matrices(self) -> float:
         """Products and inverses of several sizes beside NumPy's."""
-        gaps = []
+        differences = []
         for rows, inner, columns in ((5, 3, 7), (40, 33, 48), (64, 50, 64), (130, 80, 70)):
             a, b = (np.random.default_rng(rows).random((3, *shape)) for shape in ((inner, rows), (columns, inner)))
             items = self.session.upload(np.arange(3, dtype=np.int32))
             made = make_stack(self.session, 3, rows, columns)
             multiply_stacks(self.session, items, upload_stack(self.session, a), upload_stack(self.session, b), made)
-            gaps.append(measure_gap(download_stack(self.session, made), b @ a))
+            differences.append(measure_gap(download_stack(self.session, made), b @ a))
             square = a[:, :, :inner] + inner * np.eye(inner)
             stack = upload_stack(self.session, square)
             Algebra(self.session, Sizes(inner, 0, 0, 1), 3).invert_stack(np.ones(3, bool), stack)
-            gaps.append(measure_gap(download_stack(self.session, stack), np.linalg.inv(square)))
-        return max(gaps)
+            differences.append(measure_gap(download_stack(self.session, stack), np.linalg.inv(square)))
+        return max(differences)
 
     def solve_batch(self, progress: Callable[[int, int], None] | None = None) -> list[Array]:
         """Mueller matrices of the batch on the device."""
@@ -275,14 +275,14 @@ def list_forms(found: Device) -> list[str]:
 
 def perform_check(name: str, form: str, allowed: float, call: Callable[[], float]) -> Check:
     """A check and its time; an error is one that did not pass."""
-    start, gap, problem = time.perf_counter(), np.inf, ""
+    start, difference, problem = time.perf_counter(), np.inf, ""
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            gap = call()
+            difference = call()
         except Exception as error:  # wrong numbers may lead to any
             problem = str(error) or type(error).__name__
-    return Check(name, form, gap, allowed, time.perf_counter() - start, problem)
+    return Check(name, form, difference, allowed, time.perf_counter() - start, problem)
 
 
 def describe_machine(own: Device) -> str:

@@ -166,7 +166,7 @@ cdef inline void turn_edges(const Work* w, Extended a) noexcept nogil:
     turn_rows(w.nodes, w.s.o, w.v, a.ON, w.spare.N)
 
 
-cdef double SETTLED = 1e-17     # below the rounding of 1
+cdef double CONVERGED = 1e-17     # below the rounding of 1
 TANH_NUMERATOR = 135135.0, 17325.0, 378.0, 1.0      # tanh's continued fraction, its seventh convergent
 TANH_DENOMINATOR = 135135.0, 62370.0, 3150.0, 28.0
 cdef double[4] NUMERATOR = TANH_NUMERATOR
@@ -194,7 +194,7 @@ cdef int double_plainly(Work* w, bint converged, int* doublings) noexcept nogil:
     for step in range(count):
         if info != 0 or w.desk.stop[0]:
             return info
-        if converged and carried and largest_of(size_extended(s), w.C.N) < SETTLED:
+        if converged and carried and largest_of(size_extended(s), w.C.N) < CONVERGED:
             product_extended(s, 0.25, w.C, w.C, w.b)
             copy_extended(s, w.b, w.C)
             h = 2.0 * h

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import Array, make_readonly
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import BeamShares
@@ -46,7 +46,7 @@ class Sight:
     @property
     def axes(self) -> tuple[Array, ...]:
         """Cosines of incidence and of exit and azimuths [degrees] of the solve, each ascending."""
-        incident, out, turned = ({one[place] for one in self.triples} for place in (1, 2, 3))
+        incident, out, turned = ({one[index] for one in self.triples} for index in (1, 2, 3))
         return tuple(np.array(sorted(one)) for one in (incident | {*self.beams}, out, turned))
 
     def split(self) -> list["Sight"]:
@@ -55,8 +55,8 @@ class Sight:
             return [self]
         return [
             Sight(
-                {one: place for one, place in self.triples.items() if one[1] == mu},
-                {one: place for one, place in self.beams.items() if one == mu},
+                {one: index for one, index in self.triples.items() if one[1] == mu},
+                {one: index for one, index in self.beams.items() if one == mu},
                 self.through,
             )
             for mu in self.axes[0].tolist()
@@ -71,7 +71,7 @@ class Sight:
             return make_brdf_request(scene, mu_i, mu_o, phi, transmission=self.through, **options)
         request = make_radiance_request(scene, mu_i, mu=[], **options)
         levels = np.array([0.0, request.scene.thickness] if self.through else [0.0])
-        return replace(request, tau=settle_array(levels), asked_tau=None, under=np.arange(levels.size) > 0)
+        return replace(request, tau=make_readonly(levels), asked_tau=None, under=np.arange(levels.size) > 0)
 
     def read(self, request: Request, found: Solution) -> tuple[Array, Array, Array]:
         """Mueller matrices (triple, 4, 4), and shares (beam,) of scattered light that come back and get through, of a
@@ -81,13 +81,13 @@ class Sight:
             faces = [part[0] for part in found.parts]
             if request.illuminate == "bottom":
                 faces = [mirror_mueller(part) for part in faces]
-            for place, (through, *where) in enumerate(self.triples):
+            for index, (through, *where) in enumerate(self.triples):
                 at = tuple(int(np.searchsorted(axis, one)) for axis, one in zip(axes, where, strict=True))
-                matrices[place] = faces[through][at]
-        places = np.searchsorted(axes[0], np.array([*self.beams]))
-        mu = axes[0][places]
-        up = found.flux_up[0, places, 0] / mu
-        down = found.flux_down[1, places, 0] / mu if self.through else np.zeros_like(up)
+                matrices[index] = faces[through][at]
+        indices = np.searchsorted(axes[0], np.array([*self.beams]))
+        mu = axes[0][indices]
+        up = found.flux_up[0, indices, 0] / mu
+        down = found.flux_down[1, indices, 0] / mu if self.through else np.zeros_like(up)
         return matrices, up, down
 
     def follow_beams(self, scene: Scene) -> Array:

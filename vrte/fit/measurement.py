@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.appearance.colours import check_light
 from vrte.appearance.geometries import read_geometry
-from vrte.basics.arrays import Array, check_list, check_numbers, settle_array, show_value
+from vrte.basics.arrays import Array, check_list, check_numbers, make_readonly, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
 from vrte.formats.columns import write_table
@@ -94,14 +94,14 @@ class Measurement:
         for name in QUANTITIES:
             rows = np.flatnonzero(self.quantity == name)
             if rows.size:
-                self._settle(QUANTITIES[name], rows)
+                self._fill(QUANTITIES[name], rows)
         if np.isnan(self.sigma).any() and not np.isnan(self.sigma).all():
             row = int(np.flatnonzero(np.isnan(self.sigma))[0])
             raise SceneError(f"row {row + 1}: sigma is missing; it must be there for all rows, or for none", "sigma")
         for name in COLUMNS:
-            settle_array(getattr(self, name))
+            make_readonly(getattr(self, name))
 
-    def _settle(self, known: MeasuredQuantity, rows: Any) -> None:
+    def _fill(self, known: MeasuredQuantity, rows: Any) -> None:
         """Checks the rows of a quantity, and fills in what may be left out. Raises SceneError."""
         what = self.quantity[rows[0]]
         for name in COORDINATES:

@@ -105,11 +105,11 @@ class Model:
         sight = self.sights.setdefault(wavelength, Sight())
         mu_i, theta_o, phi = find_cosine(given.theta_i_deg[row]), given.theta_o_deg[row], given.phi_deg[row]
         if known.needs == BEAM:
-            place = sight.add_beam(mu_i, known.through)
+            index = sight.add_beam(mu_i, known.through)
         else:
             turned = phi + 180.0 * bool(theta_o < 0.0)
-            place = sight.add_triple(known.through, mu_i, find_cosine(theta_o), turned)
-        self.direct.setdefault((name, wavelength), []).append((row, place))
+            index = sight.add_triple(known.through, mu_i, find_cosine(theta_o), turned)
+        self.direct.setdefault((name, wavelength), []).append((row, index))
 
     def _place_instrument(self, wavelength: Wavelength, geometry: Geometry) -> Instrument:
         """The directions of an instrument, added to the sight of a wavelength."""
@@ -131,13 +131,13 @@ class Model:
             jets = self._find_jets(values, with_slopes=True)
             return jets[0], jets[1:].T
 
-        def differentiate(place: int) -> Array:
+        def differentiate(index: int) -> Array:
             """The derivative by one number (rows,), from differences of five points."""
-            here, step = np.arange(values.size) == place, STEP * (abs(values[place]) or 1.0)
-            points = sample_around(lambda value: self.predict(np.where(here, value, values)), values[place], step)
+            here, step = np.arange(values.size) == index, STEP * (abs(values[index]) or 1.0)
+            points = sample_around(lambda value: self.predict(np.where(here, value, values)), values[index], step)
             return np.sum([weight * found for weight, found in points], axis=0)
 
-        return self.predict(values), np.stack([differentiate(place) for place in range(values.size)], axis=1)
+        return self.predict(values), np.stack([differentiate(index) for index in range(values.size)], axis=1)
 
     def converge_on_nodes(self, values: Array) -> None:
         """Chooses how many nodes all solves take, by the first, a middle and the last wavelength at these numbers."""
@@ -164,8 +164,8 @@ class Model:
         self, values: Array, wavelengths: Sequence[Wavelength], options: dict[str, Any], with_slopes: bool
     ) -> dict[Wavelength, list[Solved]]:
         """The solves of some wavelengths at these numbers, side by side where there are several."""
-        places = [(one, part) for one in wavelengths for part in self.sights[one].split()]
-        alone = len(places) == 1
+        indices = [(one, part) for one in wavelengths for part in self.sights[one].split()]
+        alone = len(indices) == 1
         how = options if alone else options | {"threads": 1}
 
         def make(wavelength: Wavelength) -> tuple[Scene, list[Variation]]:
@@ -187,12 +187,12 @@ class Model:
                 _, solution, found = run_interruptible(run, work) if alone else work()
             return sight, request, solution, [one.solution for one in found], variations
 
-        self.solves += len(places)
+        self.solves += len(indices)
         scenes = dict(zip(wavelengths, run_side_by_side([partial(make, one) for one in wavelengths]), strict=True))
-        tasks = [partial(solve, *one) for one in places]
+        tasks = [partial(solve, *one) for one in indices]
         solved = [tasks[0]()] if alone else run_side_by_side(tasks)
         found: dict[Wavelength, list[Solved]] = {}
-        for (one, _), made in zip(places, solved, strict=True):
+        for (one, _), made in zip(indices, solved, strict=True):
             found.setdefault(one, []).append(made)
         return found
 
@@ -202,11 +202,11 @@ class Model:
         out = np.zeros((next(iter(seen.values())).matrices.shape[0], len(self.measurement)))
         for (name, wavelength), pairs in self.direct.items():
             known, light = QUANTITIES[name], seen[wavelength]
-            rows, places = np.transpose(pairs)
+            rows, indices = np.transpose(pairs)
             if known.needs == DIRECTIONS:
-                out[:, rows] = known.read(light.matrices[:, places])
+                out[:, rows] = known.read(light.matrices[:, indices])
             else:
-                out[:, rows] = known.read(BeamShares(*(part[:, places] for part in light.shares)))
+                out[:, rows] = known.read(BeamShares(*(part[:, indices] for part in light.shares)))
         for row, parts in self.read_by_instruments:
             factors = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
             name, light_of = self.measurement.quantity[row], self.measurement.illuminant[row]

@@ -79,7 +79,7 @@ def read_parameters(
         start = read_number(name, "start", entry.get("start", starts[name]))
         usual = allowed.get(name) or find_usual_bounds(name, start)
         low, high = (
-            usual[place] if one is None else read_number(name, KEYS[1 + place], one) for place, one in enumerate(pair)
+            usual[index] if one is None else read_number(name, KEYS[1 + index], one) for index, one in enumerate(pair)
         )
         spacing = entry.get("spacing", "linear")
         if spacing not in SPACINGS:

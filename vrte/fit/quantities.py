@@ -73,20 +73,20 @@ def make_matrix_rows(letter: str, through: bool) -> dict[str, MeasuredQuantity]:
     factor = "transmittance_factor" if through else "reflectance_factor"
     unpolarized = "light, unpolarized where it came in"
     elements = {f"{row}{column}": (..., row, column) for row, column in np.ndindex(4, 4)}
-    ratios = {name: {"row": place[1], "column": place[2]} for name, place in elements.items() if name != "00"}
+    ratios = {name: {"row": index[1], "column": index[2]} for name, index in elements.items() if name != "00"}
     rows: dict[str, tuple[str, str, Callable[[Array], Array], float, float]] = {
         **{
             f"{letter}{name}": (
-                f"element {name} of the Mueller {what}", "sr-1", itemgetter(place),
+                f"element {name} of the Mueller {what}", "sr-1", itemgetter(index),
                 -np.inf if name > "00" else 0.0, np.inf,
             )
-            for name, place in elements.items()
+            for name, index in elements.items()
         },
         **{
             f"normalized_{letter}{name}": (
-                f"element {name} of the Mueller {what} over element 00", "1", partial(read_ratio, **place), -1.0, 1.0
+                f"element {name} of the Mueller {what} over element 00", "1", partial(read_ratio, **index), -1.0, 1.0
             )
-            for name, place in ratios.items()
+            for name, index in ratios.items()
         },
         factor: (
             f"{factor.replace('_', ' ')}: pi times element 00", "1", lambda seen: np.pi * seen[..., 0, 0], 0.0, np.inf,

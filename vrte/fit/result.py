@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, settle_array
+from vrte.basics.arrays import Array, make_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import view
@@ -114,7 +114,7 @@ class Fit:
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
-            object.__setattr__(self, name, settle_array(np.array(getattr(self, name), float)))
+            object.__setattr__(self, name, make_readonly(np.array(getattr(self, name), float)))
 
     @property
     def correlations(self) -> Array:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_choice, check_whole, settle_array
+from vrte.basics.arrays import Array, check_choice, check_whole, make_readonly
 from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning, warn_user
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
@@ -192,8 +192,8 @@ def fit(
     check_slopes(problem, first)
     search, interrupted = Search(problem, journal, most, watch), False
     try:
-        for place, begin in enumerate(begins):
-            search.descend(place, begin, share_progress(progress, place, count))
+        for index, begin in enumerate(begins):
+            search.descend(index, begin, share_progress(progress, index, count))
         search.refine(isinstance(nodes, int) or "nodes" in model.options)
     except KeyboardInterrupt:
         if search.best is None:
@@ -237,11 +237,11 @@ class Search:
         self.best: Point | None = None
         self.cost = math.inf
 
-    def descend(self, place: int, begin: Array, progress: Progress | None) -> None:
+    def descend(self, index: int, begin: Array, progress: Progress | None) -> None:
         """One start to its end, or on from where it was. Raises SceneError where the model takes no such start."""
         problem, journal, before, step = self.problem, self.journal, self.problem.model.solves, 0
-        if place < len(journal.finished):
-            self.keep(problem.find_point(np.array(journal.finished[place].found), True))
+        if index < len(journal.finished):
+            self.keep(problem.find_point(np.array(journal.finished[index].found), True))
             return
         start = problem.find_values(begin)
 
@@ -252,7 +252,7 @@ class Search:
             if self.watch is not None:
                 values_by_name = dict(zip(problem.model.names, point.values.tolist(), strict=True))
                 chi2 = problem.measure(problem.join(point))
-                self.watch(FitStep(place, step, values_by_name, chi2, settle_array(point.predicted.copy())))
+                self.watch(FitStep(index, step, values_by_name, chi2, make_readonly(point.predicted.copy())))
             step += 1
             if progress is not None:
                 progress(min(step, self.most_steps), self.most_steps)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_vector, check_whole, settle_array
+from vrte.basics.arrays import Array, check_vector, check_whole, make_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.fit.measurement import COORDINATES, Measurement
@@ -208,34 +208,34 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
     problem = fit.find_problem()
     if name not in fit.names:
         raise SceneError.of("name", f"must be one of {', '.join(fit.names)}, not {name!r}")
-    place = fit.names.index(name)
-    grid = choose_values(problem, fit, place, check_whole("points", points, 3, 1000)) if values is None else values
+    index = fit.names.index(name)
+    grid = choose_values(problem, fit, index, check_whole("points", points, 3, 1000)) if values is None else values
     grid = np.unique(check_vector("values", grid))
-    one = problem.parameters[place]
+    one = problem.parameters[index]
     if grid[0] < one.low or grid[-1] > one.high:
         raise SceneError.of("values", f"must lie within the bounds {one.low:g} and {one.high:g} of {name}")
-    others = np.arange(len(fit.names)) != place
+    others = np.arange(len(fit.names)) != index
     chi2, found = np.empty(grid.size), np.empty((grid.size, int(others.sum())))
     scale = float((problem.sigma[0] / (fit.sigma[0] * fit.error_scale)) ** 2)
-    order = np.argsort(np.abs(grid - fit.values[place]))
+    order = np.argsort(np.abs(grid - fit.values[index]))
     for done, k in enumerate(order.tolist()):  # outward from the best, each from its nearest that is known
         known = order[:done]
         near = known[np.argmin(np.abs(grid[known] - grid[k]))] if done else None
         begin = fit.values.copy()
-        begin[place] = grid[k]
+        begin[index] = grid[k]
         if near is not None:
             begin[others] = found[near]
         point, cost, _ = fit_residuals(problem, problem.find_steps(begin), others, MOST_STEPS)
         found[k], chi2[k] = point[others], cost * scale
         if progress is not None:
             progress(done + 1, grid.size)
-    low, high = find_interval(grid, chi2, float(fit.values[place]), fit.chi2 * scale)
-    return Profile(name, settle_array(grid), settle_array(chi2), settle_array(found), low, high)
+    low, high = find_interval(grid, chi2, float(fit.values[index]), fit.chi2 * scale)
+    return Profile(name, make_readonly(grid), make_readonly(chi2), make_readonly(found), low, high)
 
 
-def choose_values(problem: FitProblem, fit: "Fit", place: int, points: int) -> Array:
+def choose_values(problem: FitProblem, fit: "Fit", index: int, points: int) -> Array:
     """Values to three standard deviations on either side, within the bounds. Raises SceneError."""
-    one, value, error = problem.parameters[place], float(fit.values[place]), float(fit.errors[place])
+    one, value, error = problem.parameters[index], float(fit.values[index]), float(fit.errors[index])
     if not np.isfinite(error) or error == 0.0:
         raise SceneError(f"{one.name} has no finite error: say the values of its profile", "values")
     low, high = max(value - REACH * error, one.low), min(value + REACH * error, one.high)

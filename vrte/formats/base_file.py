@@ -100,10 +100,10 @@ def pick_wavelength(own: Array, wanted: float | None) -> int:
     allowed = f"one of the file's wavelengths, {put_in_one_line(listed, 200)}"
     if wanted is None:
         raise SceneError.of("wavelength_um", f"is needed: {allowed}")
-    place = int(np.argmin(np.abs(own - check_number("wavelength_um", wanted, 0.0, math.inf, allowed))))
-    if abs(own[place] - wanted) > SAME_WAVELENGTH:
+    index = int(np.argmin(np.abs(own - check_number("wavelength_um", wanted, 0.0, math.inf, allowed))))
+    if abs(own[index] - wanted) > SAME_WAVELENGTH:
         raise SceneError.of("wavelength_um", f"must be {allowed}, not {wanted:g}")
-    return place
+    return index
 
 
 def read_measured(path: PathName, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
@@ -114,13 +114,13 @@ def read_measured(path: PathName, wavelength_um: float | None, average_mirrored:
             raise SceneError(f"it has no field {name}: measured_polarized has {', '.join((*AXES, 'wvls', 'M'))}")
         if fields[name].size == 0 or not np.isfinite(fields[name]).all():
             raise SceneError(f"its field {name} must have values, all of them finite")
-    phi_d, theta_d, theta_h = axes = settle_axes(fields)
+    phi_d, theta_d, theta_h = axes = convert_axes(fields)
     nanometres = fields["wvls"].ravel().astype(np.float64)
-    place = pick_wavelength(1e-3 * nanometres, wavelength_um)
+    index = pick_wavelength(1e-3 * nanometres, wavelength_um)
     shape = phi_d.size, theta_d.size, theta_h.size, nanometres.size, 4, 4
     if fields["M"].shape != shape:
         raise SceneError(f"its field M must have the shape {shape} to fit its angles and wvls, not {fields['M'].shape}")
-    table = average_images(fields["M"][:, :, :, place].astype(np.float64), phi_d, average_mirrored)
+    table = average_images(fields["M"][:, :, :, index].astype(np.float64), phi_d, average_mirrored)
     mu_i, mu_o, azimuths = directions().values()
     aside = np.clip(azimuths, ASIDE, 180.0 - ASIDE)
     found = evaluate_table(table[:, :, :, None], axes, mu_i, mu_o, aside)
@@ -128,7 +128,7 @@ def read_measured(path: PathName, wavelength_um: float | None, average_mirrored:
     return TabulatedBase(mu_i, mu_o, azimuths, mueller, average_mirrored=True)  # which ASIDE is not, nearly
 
 
-def settle_axes(fields: Mapping[str, NDArray[Any]]) -> Axes:
+def convert_axes(fields: Mapping[str, NDArray[Any]]) -> Axes:
     """The angles (n,) [rad] of each axis, which ascend from one end to the other. Raises SceneError."""
     found = []
     for name in AXES:
@@ -147,8 +147,10 @@ def average_images(table: Array, phi_d: Array, average_mirrored: bool) -> Array:
     if np.abs(phi_d + phi_d[::-1]).max() > END:
         raise SceneError("its field phi_d must have -phi_d for each of its angles")
     image = table[::-1] * MIRROR
-    gap, largest = np.abs(table - image).max(), np.abs(table).max()
-    if gap > SINGLE * largest and not average_mirrored:
-        words = f"differs from it by {gap:.3g}, and it is at most {largest:.3g} (average_mirrored takes the mean)"
+    difference, largest = np.abs(table - image).max(), np.abs(table).max()
+    if difference > SINGLE * largest and not average_mirrored:
+        words = (
+            f"differs from it by {difference:.3g}, and it is at most {largest:.3g} (average_mirrored takes the mean)"
+        )
         raise SceneError(f"its mirror image, phi_d turned over, {words}")
     return np.asarray(0.5 * (table + image))

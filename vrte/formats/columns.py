@@ -109,8 +109,8 @@ class Columns:
 
     def words(self, name: str) -> list[str]:
         """The cells of a column, as they are."""
-        place = self.names.index(name)
-        return [cells[place] for cells in self.rows]
+        index = self.names.index(name)
+        return [cells[index] for cells in self.rows]
 
     def numbers(
         self,

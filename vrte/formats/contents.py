@@ -248,8 +248,8 @@ def restore_result(texts: Mapping[str, str], arrays: Mapping[str, Any]) -> Resul
             raise SceneError("there must be diagnostics for each wavelength")
         brdfs: list[Any] = []
         for k, one in enumerate(diagnostics):
-            places = {name: (slice(None),) * about.is_derivative + (k,) for name, about in kind.variables.items()}
-            here = {name: values[places.get(name, ...)] for name, values in arrays.items()}
+            indices = {name: (slice(None),) * about.is_derivative + (k,) for name, about in kind.variables.items()}
+            here = {name: values[indices.get(name, ...)] for name, values in arrays.items()}
             brdfs.append(restore_result({**texts, "kind": BRDF.name, "diagnostics": json.dumps(one)}, here))
         return Spectrum(arrays["wavelength_um"], tuple(brdfs))
     found: dict[str, Any] = {}

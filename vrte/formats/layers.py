@@ -147,7 +147,7 @@ def read_layers(reading: Reading) -> list[tuple[Table, str, dict[str, Any]]]:
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
     if len(layers) > MOST_LAYERS:
         raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}", "layer")
-    return [read_layer(Table(("layer", place), layer, LAYER_KEYS), reading) for place, layer in enumerate(layers)]
+    return [read_layer(Table(("layer", index), layer, LAYER_KEYS), reading) for index, layer in enumerate(layers)]
 
 
 def read_layer(layer: Table, reading: Reading) -> tuple[Table, str, dict[str, Any]]:

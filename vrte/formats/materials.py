@@ -101,8 +101,8 @@ def read_material_file(path: Path, name: str) -> ReadyMaterial:
             raise file.wrong("particles", f"must be tables headed [particles.NAME], which {show_key(kind)} is not")
         for key, value in table.items():
             if isinstance(value, str) and value.endswith(".csv"):
-                place = Table(("particles", kind), table, tuple(table))
-                raise place.wrong(key, "a material names no other files; such particles go into the scene file")
+                index = Table(("particles", kind), table, tuple(table))
+                raise index.wrong(key, "a material names no other files; such particles go into the scene file")
     if "material" in found.layer:
         raise Table(("layer",), found.layer, tuple(found.layer)).wrong("material", "a material is not made of another")
     return found

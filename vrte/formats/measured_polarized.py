@@ -133,11 +133,11 @@ def tabulate_spectrum(spectrum: Spectrum, axes: Axes) -> NDArray[np.float32]:
     into, out, across = make_direction_pairs((phi_d[half:], theta_d, theta_h))
     lowest = FLOOR * math.sin(theta_h[1])
     found = np.empty((phi_d.size, theta_d.size, theta_h.size, len(spectrum), 4, 4), np.float32)
-    for place, one in enumerate(spectrum):
+    for index, one in enumerate(spectrum):
         matrices = sample_in_scattering_plane(Splines(one), into, out, across, lowest)
         matrices = matrices.reshape(-1, theta_d.size, theta_h.size, 4, 4)
-        found[half:, :, :, place] = matrices
-        found[:half, :, :, place] = (matrices * MIRROR)[:0:-1]
+        found[half:, :, :, index] = matrices
+        found[:half, :, :, index] = (matrices * MIRROR)[:0:-1]
     return found
 
 
@@ -178,10 +178,10 @@ def evaluate_table(table: NDArray[np.floating], axes: Axes, mu_i: Array, mu_o: A
     sideways = normalise(np.cross([0.0, 0.0, 1.0], middle))
     phi = np.arctan2((sideways * into).sum(axis=1), (np.cross(sideways, middle) * into).sum(axis=1))
     spread = np.arccos(np.clip((middle * into).sum(axis=1), -1.0, 1.0))
-    places = np.stack([phi, spread, np.arccos(np.clip(middle[:, 2], -1.0, 1.0))], axis=1)
+    indices = np.stack([phi, spread, np.arccos(np.clip(middle[:, 2], -1.0, 1.0))], axis=1)
     across = normalise(np.cross(into, out))
     from_light, to_view = turn(-into, across)[:, None], turn(out, across)[:, None]
-    return np.asarray(to_view.swapaxes(2, 3) @ RegularGridInterpolator(axes, table)(places) @ from_light)
+    return np.asarray(to_view.swapaxes(2, 3) @ RegularGridInterpolator(axes, table)(indices) @ from_light)
 
 
 def normalise(vectors: Array) -> Array:

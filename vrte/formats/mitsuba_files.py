@@ -51,17 +51,17 @@ TEMPLATE = """\
 def write_tensors(fields: Mapping[str, NDArray[Any]], path: PathName) -> None:
     """Writes arrays by their names to ``path``, all of it or nothing. Raises OSError, SceneError for another type."""
     arrays = {name.encode("utf-8"): np.asarray(values, order="C") for name, values in fields.items()}
-    place = len(MAGIC) + 6 + sum(13 + len(name) + 8 * array.ndim for name, array in arrays.items())
+    index = len(MAGIC) + 6 + sum(13 + len(name) + 8 * array.ndim for name, array in arrays.items())
     head, starts = [MAGIC, struct.pack("<BBI", *VERSION, len(arrays))], []
     for name, array in arrays.items():
         kind = array.dtype.str[1:]
         if kind not in TYPES:
             raise SceneError(f"{name.decode()} must be real numbers of a plain type, not {array.dtype}")
-        place += -place % ALIGNMENT
-        about = array.ndim, TYPES.index(kind), place, *array.shape
+        index += -index % ALIGNMENT
+        about = array.ndim, TYPES.index(kind), index, *array.shape
         head.append(struct.pack("<H", len(name)) + name + struct.pack(f"<HBQ{array.ndim}Q", *about))
-        starts.append(place)
-        place += array.nbytes
+        starts.append(index)
+        index += array.nbytes
     with write_atomically(path) as part, open(part, "wb") as file:
         file.write(b"".join(head))
         for start, array in zip(starts, arrays.values(), strict=True):
@@ -91,15 +91,15 @@ def _read_fields(content: bytes) -> dict[str, NDArray[Any]]:
     major, minor, count = struct.unpack_from("<BBI", content, len(MAGIC))
     if (major, minor) != VERSION or count > MOST_FIELDS:
         raise SceneError(f"not a tensor file of version 1.0 with at most {MOST_FIELDS} fields")
-    place, found = len(MAGIC) + 6, {}
+    index, found = len(MAGIC) + 6, {}
     for _ in range(count):
-        (length,) = struct.unpack_from("<H", content, place)
-        (label,) = struct.unpack_from(f"<{length}s", content, place + 2)
-        dimensions, number, start = struct.unpack_from("<HBQ", content, place + 2 + length)
+        (length,) = struct.unpack_from("<H", content, index)
+        (label,) = struct.unpack_from(f"<{length}s", content, index + 2)
+        dimensions, number, start = struct.unpack_from("<HBQ", content, index + 2 + length)
         if dimensions > MOST_DIMENSIONS or not 0 < number < len(TYPES):
             raise SceneError(f"a field has {dimensions} dimensions and is of type {number}, which is no tensor")
-        shape = struct.unpack_from(f"<{dimensions}Q", content, place + 13 + length)
-        place += 13 + length + 8 * dimensions
+        shape = struct.unpack_from(f"<{dimensions}Q", content, index + 13 + length)
+        index += 13 + length + 8 * dimensions
         kind, size = np.dtype(f"<{TYPES[number]}"), math.prod(shape)
         if start + size * kind.itemsize > len(content):
             raise SceneError("the file is cut off: it ends before its fields do")

@@ -42,7 +42,7 @@ def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> 
     """
     about = find_convention(convention)
     columns = Columns(path, LARGEST_FILE, MOST_ANGLES)
-    places = find_columns(columns.names, about, convention)
+    indices = find_columns(columns.names, about, convention)
     columns.check()
     if COSINE in columns.names:
         cosines = columns.numbers(COSINE, -1.0, 1.0)
@@ -54,24 +54,24 @@ def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> 
     else:
         turn, angles = slice(None), columns.numbers(ANGLE, 0.0, 180.0, ascending=True)
     found = {
-        place: columns.numbers(name, *(0.0,) * (place == 0))[turn]
-        for name, place in zip(columns.names, places, strict=True)
-        if place is not None
+        index: columns.numbers(name, *(0.0,) * (index == 0))[turn]
+        for name, index in zip(columns.names, indices, strict=True)
+        if index is not None
     }
-    return AngleTable(angles, tuple(found.get(place) for place in range(len(ELEMENTS))))
+    return AngleTable(angles, tuple(found.get(index) for index in range(len(ELEMENTS))))
 
 
 def find_columns(header: list[str], about: Convention, convention: str) -> list[int | None]:
     """The place in ELEMENTS of each column, None for the angle. Raises SceneError for names that do not go together."""
-    places = [None if name in (ANGLE, COSINE) else find_element(name, about, convention) for name in header]
-    if places.count(None) != 1:
+    indices = [None if name in (ANGLE, COSINE) else find_element(name, about, convention) for name in header]
+    if indices.count(None) != 1:
         raise SceneError(f"the first line must name the columns, one of them {ANGLE} or {COSINE}")
-    for place in places:
-        if place is not None and places.count(place) > 1:
-            raise SceneError(f"the column {about.columns[place]} must be there once, not {places.count(place)} times")
-    if 0 not in places:
+    for index in indices:
+        if index is not None and indices.count(index) > 1:
+            raise SceneError(f"the column {about.columns[index]} must be there once, not {indices.count(index)} times")
+    if 0 not in indices:
         raise SceneError(f"the column {about.columns[0]} is missing: it is {', '.join(header)}")
-    return places
+    return indices
 
 
 def find_element(name: str, about: Convention, convention: str) -> int:
@@ -86,13 +86,13 @@ def find_element(name: str, about: Convention, convention: str) -> int:
             f"the column {put_in_one_line(repr(name), 40)} is not known: there may be {ANGLE} or {COSINE}, and "
             f'{", ".join(about.columns)} (P, S or M in place of F) in the convention "{convention}"'
         )
-    place = PLACES[found[3]]
-    meant = about.columns[place]
+    index = PLACES[found[3]]
+    meant = about.columns[index]
     other_sign = (found[1] == "-" and not meant.startswith("-")) or (found[3] == "43" and about.circular > 0)
     if other_sign or (found[4] and not meant.endswith(RATIO)):
         words = f'is {meant} in the convention "{convention}": give the one that the table is in, convention=...'
         raise SceneError(f"the column {name} {words}")
-    return place
+    return index
 
 
 def read_scattering(

@@ -60,7 +60,7 @@ class WavelengthTable(NamedTuple):
 
         columns: dict[int, Array] = {}
         first = None
-        for place, angles, values in zip(self.places, self.angle_deg[k], self.values[k], strict=True):
+        for index, angles, values in zip(self.places, self.angle_deg[k], self.values[k], strict=True):
             there = np.flatnonzero(np.isfinite(angles))
             there = there[::-1] if there.size and angles[there[0]] > angles[there[-1]] else there
             angles, values = angles[there], values[there]
@@ -69,10 +69,10 @@ class WavelengthTable(NamedTuple):
             if not np.isfinite(values).all():
                 raise SceneError("its phase must be finite numbers at all its angles")
             first = angles if first is None else first
-            columns[place] = values if np.array_equal(angles, first) else CubicSpline(angles, values)(first)
+            columns[index] = values if np.array_equal(angles, first) else CubicSpline(angles, values)(first)
         of_spheres = set(columns) == {0, 1, 3, 4}  # libRadtran's four, and Eradiate's from them
         assert first is not None
-        return AngleTable(first, tuple(columns.get(place) for place in range(6)), of_spheres)
+        return AngleTable(first, tuple(columns.get(index) for index in range(6)), of_spheres)
 
 
 def read_wavelength_table(path: PathName, selection: dict[str, float | None]) -> WavelengthTable:
@@ -100,15 +100,15 @@ def arrange_libradtran(stored: Stored, selection: dict[str, float | None]) -> Wa
             f"{phase.shape} and {theta.shape}"
         )
     wavelengths = find_wavelengths(stored, "wavelen", "um", phase.shape[0])
-    place, radius = select_size(stored, selection, phase.shape[1])
+    index, radius = select_size(stored, selection, phase.shape[1])
     for key, shape in {"ntheta": phase.shape[:3], "ssa": phase.shape[:2], "ext": phase.shape[:2]}.items():
         if key in stored.arrays and stored.arrays[key].shape != shape:
             raise SceneError(f"its {key} must be of shape {shape}, not {stored.arrays[key].shape}")
-    of = {key: stored.arrays[key][:, place] for key in ("ntheta", "ssa", "ext") if key in stored.arrays}
-    angles = cut_angles(theta[:, place], of.get("ntheta"))
-    places, values = ORDER[: phase.shape[2]], phase[:, place]
+    of = {key: stored.arrays[key][:, index] for key in ("ntheta", "ssa", "ext") if key in stored.arrays}
+    angles = cut_angles(theta[:, index], of.get("ntheta"))
+    indices, values = ORDER[: phase.shape[2]], phase[:, index]
     return WavelengthTable(
-        wavelengths, values, angles, places, of.get("ssa"), of.get("ext"), True, radius, "libradtran"
+        wavelengths, values, angles, indices, of.get("ssa"), of.get("ext"), True, radius, "libradtran"
     )
 
 
@@ -117,20 +117,20 @@ def arrange_eradiate(stored: Stored, selection: dict[str, float | None]) -> Wave
     select_size(stored, selection, 1)
     phase, mu, labels = stored.arrays["phase"], stored.arrays["mu"], stored.arrays.get(LABELS)
     convention, doubt = "vrte", ""
-    places: tuple[int, ...] = tuple(PLACES.values())
+    indices: tuple[int, ...] = tuple(PLACES.values())
     if phase.ndim == 4 and mu.ndim == 1 and phase.shape[1:] == (mu.size, 4, 4):
         if phase[..., 2, 3].any() and np.array_equal(phase[..., 2, 3], phase[..., 3, 2]):
             convention, doubt = "libradtran", COPIED
         values = np.stack([phase[..., int(name[0]) - 1, int(name[1]) - 1] for name in PLACES], axis=1)
         if not values[:, 1:].any():  # a scalar one
-            values, places = values[:, :1], places[:1]
+            values, indices = values[:, :1], indices[:1]
         mu = np.tile(mu, (phase.shape[0], 1))
         whole = np.isfinite(mu).all()
     elif phase.ndim == 3 and mu.shape == phase.shape[1:] and labels is not None:
         if len(labels) != phase.shape[0] or not {*labels} <= {*PLACES}:
             shown = put_in_one_line(", ".join(labels.ravel().tolist()), 60)
             raise SceneError(f"its {LABELS} must be of {', '.join(PLACES)}, not {shown}")
-        values, places = phase.swapaxes(0, 1), tuple(PLACES[label] for label in labels)
+        values, indices = phase.swapaxes(0, 1), tuple(PLACES[label] for label in labels)
         mu, whole = cut_angles(mu, stored.arrays.get("nangles")), True
     else:
         raise SceneError(
@@ -145,7 +145,7 @@ def arrange_eradiate(stored: Stored, selection: dict[str, float | None]) -> Wave
         raise SceneError("its albedo and extinction must have a value for each wavelength")
     angles = np.broadcast_to(np.degrees(np.arccos(mu))[:, None], values.shape)
     albedo, extinction = of.get("ssa", of.get("albedo")), of.get("ext", of.get("sigma_t"))
-    return WavelengthTable(wavelengths, values, angles, places, albedo, extinction, convention=convention, doubt=doubt)
+    return WavelengthTable(wavelengths, values, angles, indices, albedo, extinction, convention=convention, doubt=doubt)
 
 
 def cut_angles(angles: Array, counts: Array | None) -> Array:
@@ -168,7 +168,7 @@ def find_wavelengths(stored: Stored, name: str, usual: str, count: int) -> Array
 
 def select_size(stored: Stored, selection: dict[str, float | None], count: int) -> tuple[int, float | None]:
     """The place of the size or humidity that is asked for, and the effective radius where there is one."""
-    place, radius = 0, None
+    index, radius = 0, None
     axes = {
         key: stored.arrays[key].ravel() for key in SIZES if key in stored.arrays and stored.arrays[key].size == count
     }
@@ -182,13 +182,13 @@ def select_size(stored: Stored, selection: dict[str, float | None], count: int) 
             words = f"is missing: the file has {values.min():g} to {values.max():g}, {count} of them"
             raise SceneError.of(name, words)
         if wanted is not None:
-            place = int(np.argmin(np.abs(values - wanted)))
-            if abs(values[place] - wanted) > 1e-6 * abs(wanted):
-                raise SceneError.of(name, f"must be one of the file's, {values[place]:g} is nearest, not {wanted:g}")
-        radius = float(values[place]) if key == "reff" else radius
+            index = int(np.argmin(np.abs(values - wanted)))
+            if abs(values[index] - wanted) > 1e-6 * abs(wanted):
+                raise SceneError.of(name, f"must be one of the file's, {values[index]:g} is nearest, not {wanted:g}")
+        radius = float(values[index]) if key == "reff" else radius
     if not axes and count > 1:
         raise SceneError(f"its phase is for {count} sizes, and no reff or hum says which")
-    return place, radius
+    return index, radius
 
 
 LAYOUTS: tuple[tuple[set[str], Callable[..., WavelengthTable]], ...] = (

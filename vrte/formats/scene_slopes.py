@@ -56,14 +56,14 @@ class ChangingFile:
         self.names, self.folder, self.optics = names, folder, Optics()
         self.places = [find_expanded_place(content, split_key(name)) for name in names]
         content = expand_paint(content)
-        for name, place in zip(names, self.places, strict=True):
-            if place[0] in REQUESTS:
+        for name, index in zip(names, self.places, strict=True):
+            if index[0] in REQUESTS:
                 raise SceneError(f"{name} is of what is asked for, not of the scene")
             try:
-                find_number(content, place, name)
+                find_number(content, index, name)
             except SceneError:
                 content = expand_materials(content, folder)  # it may be of a material that a layer names
-                find_number(content, place, name)
+                find_number(content, index, name)
         if len({*self.places}) != len(self.places):
             raise SceneError.of("names", "two of them are the same number")
         self.content = content
@@ -76,8 +76,8 @@ class ChangingFile:
     def content_at(self, values: Array) -> dict[str, Any]:
         """The content with other values of its numbers."""
         found = copy.deepcopy(self.content)
-        for place, value in zip(self.places, values.tolist(), strict=True):
-            put(found, place, convert_to_plain_number(value) if math.isfinite(value) else value)
+        for index, value in zip(self.places, values.tolist(), strict=True):
+            put(found, index, convert_to_plain_number(value) if math.isfinite(value) else value)
         return found
 
     def make(self, values: Array, compute: Compute) -> SceneFile:
@@ -253,7 +253,7 @@ class Neighbourhood:
         """What a recipe's scene is made of: ingredients of its layers without particles, amounts in those of particles,
         absorption around each kind, and what spheres depend on."""
         found = list_ingredients(recipe.scene, self.recipe.scene)
-        found |= {("amounts", place): layer.amounts for place, layer in enumerate(recipe.layers)}
+        found |= {("amounts", index): layer.amounts for index, layer in enumerate(recipe.layers)}
         found["absorption",] = np.array([kind.host_absorption for kind in recipe.particles])
         for kind, numbers in self.numbers.items():
             if recipe.descriptions[kind] != self.recipe.descriptions[kind]:
@@ -266,18 +266,18 @@ class Neighbourhood:
         return not draft.changed <= self.numbers.keys() or any(
             layer.packing != INDEPENDENT
             and (
-                draft.slopes["amounts", place].any()
+                draft.slopes["amounts", index].any()
                 or draft.changed & {*layer.kinds}
                 or draft.slopes["absorption",][[*layer.kinds]].any()
             )
-            for place, layer in enumerate(self.recipe.layers)
+            for index, layer in enumerate(self.recipe.layers)
         )
 
     def finish(self, draft: Draft) -> Variation:
         """The variation of a draft. Raises SceneError where nothing changes."""
         known = dict(draft.ingredients or draft.slopes)
         n, bulk = len(self.scene.layers), known["bulk",]
-        rows = {place: row for row, place in enumerate(self.scene.places)}
+        rows = {index: row for row, index in enumerate(self.scene.places)}
         for number, layer in enumerate(self.recipe.layers if not draft.ingredients else ()):
             row = rows[layer.place]
             bulk[row], bulk[n + row], known["table", row] = self.vary_layer(draft, number, layer)

@@ -39,15 +39,15 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
     flat = [part for plan in plans for part in plan.parts or (plan,)]
     solutions: dict[int, Solution] = {}
     for refracts in (False, True):
-        places = [place for place, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
-        if places:
+        indices = [index for index, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
+        if indices:
             request = flat[0].request
             engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
             own = replace_unchecked(run, kernels=engine.stages) if refracts else run
             solutions |= dict(
-                zip(places, carry_out_on_devices([flat[k] for k in places], engine, own, progress), strict=True)
+                zip(indices, carry_out_on_devices([flat[k] for k in indices], engine, own, progress), strict=True)
             )
-    found = (solutions[place] for place in range(len(flat)))
+    found = (solutions[index] for index in range(len(flat)))
     return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
 
@@ -96,8 +96,10 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
 
 def measure_largest_gap(found: Array, expected: Array) -> float:
     """The largest difference at each depth, axis 0, over the largest there."""
-    size, gap = (np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected))
-    return float((gap / np.maximum(size, NO_LIGHT)).max())
+    size, difference = (
+        np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected)
+    )
+    return float((difference / np.maximum(size, NO_LIGHT)).max())
 
 
 def join_solutions(one: Solution, other: Solution) -> Solution:

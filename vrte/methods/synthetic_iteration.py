@@ -187,7 +187,7 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
             for each, rows, paths in (sights if iterations == 1 else nodes)
         }
         if iterations == 1:
-            light = stack.look(m, {place: faces for place, (_, faces) in made.items()}, arriving)
+            light = stack.look(m, {index: faces for index, (_, faces) in made.items()}, arriving)
         else:
             order = Order(stack, m)
             field = stack.carry(made, order.reflect(arriving)) + order.once

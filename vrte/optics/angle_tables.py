@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, settle_array, show_value
+from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, make_readonly, show_value
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.spherical_functions import find_gap
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
@@ -157,7 +157,7 @@ def expand_table(
     else:
         warn_of_coarse_steps(whole_angles, whole, sums[0, 0])
         coefficients = expand_spline(spline, mean, whole_angles, whole / mean, accuracy or FINE_ENOUGH)
-    error = settle_array(follow_errors(coefficients, angles, table.elements)[1])
+    error = make_readonly(follow_errors(coefficients, angles, table.elements)[1])
     found = Expansion(table, convention, integral, way, error, lowest, where)
     if found.largest_error > (accuracy or FINE_ENOUGH):
         warn_user(
@@ -219,9 +219,9 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
     worst = int(np.argmin(elements[0]))
     if elements[0, worst] <= 0.0:
         raise SceneError.of("F11", f"must be above 0: it is {elements[0, worst]:.3g} at {angles[worst]:g} degrees")
-    gaps = [name for name, gap in ((FORWARD, angles[0] > 0.0), (BACKWARD, angles[-1] < 180.0)) if gap]
+    missing = [name for name, is_missing in ((FORWARD, angles[0] > 0.0), (BACKWARD, angles[-1] < 180.0)) if is_missing]
     way = f"a spline over {angles.size} angles"
-    if not gaps:
+    if not missing:
         return angles, elements, way
     if ends is None:
         words = (
@@ -231,12 +231,12 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
         raise SceneError.of("angle_deg", f"{words}, and may be most of the light; {cure}")
     if angles.size < 3:
         raise SceneError.of("angle_deg", "must be at least 3 angles where the ends are extrapolated")
-    for name in gaps:
+    for name in missing:
         theta = np.radians(angles if name == FORWARD else 180.0 - angles[::-1])
         end = extend_to_end(theta, elements if name == FORWARD else elements[:, ::-1], forward=name == FORWARD)
         angles = np.append(0.0, angles) if name == FORWARD else np.append(angles, 180.0)
         elements = np.hstack([end, elements] if name == FORWARD else [elements, end])
-    said = " and ".join(f"{name} of {angles[1 if name == FORWARD else -2]:g} degrees" for name in gaps)
+    said = " and ".join(f"{name} of {angles[1 if name == FORWARD else -2]:g} degrees" for name in missing)
     return angles, elements, f"{way}, extrapolated {said}"
 
 
@@ -287,8 +287,8 @@ def check_coherency(table: ScatteringTable, tolerance: float) -> tuple[float, fl
             f"the signs and the convention; tolerance={-1.1 * float(lowest.min()):.2g} takes it)"
         )
     relative = lowest / np.where(f11 > 0.0, f11, 1.0)
-    place = int(np.argmin(relative))
-    return float(relative[place]), float(table.angle_deg[place])
+    index = int(np.argmin(relative))
+    return float(relative[index]), float(table.angle_deg[index])
 
 
 def warn_of_coarse_steps(angles: Array, elements: Array, integral: float) -> None:

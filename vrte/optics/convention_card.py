@@ -74,17 +74,17 @@ def recognise_convention(
     """
     angles = check_angles(angle_deg)
     columns = enumerate(check_columns(angles, (F11, F12, F22, F33, F34, F44)))
-    given = {place: column for place, column in columns if column is not None}
+    given = {index: column for index, column in columns if column is not None}
     found = {name: _compare(given, tabulate_card(about, angles), about) for name, about in CONVENTIONS.items()}
     fitting = tuple(name for name, (off, _, _) in found.items() if off <= ALIKE)
     if fitting:
         return fitting
     nearest = min(found, key=lambda name: found[name][0])
-    off, place, angle = found[nearest]
+    off, index, angle = found[nearest]
     scaled = [name for name, about in CONVENTIONS.items() if _is_scaled(given, tabulate_card(about, angles), about)]
     also = f"; up to a constant factor it is {' or '.join(scaled)}, which normalise=True reads" if scaled else ""
     raise SceneError(
-        f'no known convention: "{nearest}" is nearest, and its {CONVENTIONS[nearest].columns[place]} is off by '
+        f'no known convention: "{nearest}" is nearest, and its {CONVENTIONS[nearest].columns[index]} is off by '
         f"{off:.2g} of F11 at {angles[angle]:g} degrees{also} (is it the sphere of index 1.5, radius 0.5 um, "
         "wavelength 1 um?)"
     )
@@ -93,10 +93,10 @@ def recognise_convention(
 def _compare(given: dict[int, Array], card: Array, about: Convention) -> tuple[float, int, int]:
     """The largest difference over F11, of a ratio as it is, and the places of its column and angle."""
     worst = (0.0, 0, 0)
-    for place, column in given.items():
-        scale = 1.0 if about.columns[place].endswith("/F11") else np.abs(card[0])
-        off = np.abs(column - card[place]) / scale
-        worst = max(worst, (float(off.max()), place, int(off.argmax())))
+    for index, column in given.items():
+        scale = 1.0 if about.columns[index].endswith("/F11") else np.abs(card[0])
+        off = np.abs(column - card[index]) / scale
+        worst = max(worst, (float(off.max()), index, int(off.argmax())))
     return worst
 
 
@@ -106,5 +106,5 @@ def _is_scaled(given: dict[int, Array], card: Array, about: Convention) -> bool:
         return False
     factor = float(np.median(card[0] / np.where(given[0] == 0.0, np.inf, given[0])))
     ratio = [name.endswith("/F11") for name in about.columns]
-    scaled = {place: column * (1.0 if ratio[place] else factor) for place, column in given.items()}
+    scaled = {index: column * (1.0 if ratio[index] else factor) for index, column in given.items()}
     return bool(_compare(scaled, card, about)[0] <= ALIKE)

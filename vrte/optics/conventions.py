@@ -59,9 +59,9 @@ class Convention:
             along, exchanged, across = columns[:3]
             both, twice = along + across, 2.0 * exchanged
             found[:3] = 0.5 * np.stack([both + twice, along - across, both - twice])
-        for place, name in enumerate(self.columns):
-            found[place] *= -1.0 if name.startswith("-") else 1.0
-            found[place] *= found[0] if name.endswith("/F11") else 1.0
+        for index, name in enumerate(self.columns):
+            found[index] *= -1.0 if name.startswith("-") else 1.0
+            found[index] *= found[0] if name.endswith("/F11") else 1.0
         found[4] *= self.circular
         return found
 
@@ -69,9 +69,9 @@ class Convention:
         """What the six columns hold, from vrte's six elements (6, angles) in the convention's scale."""
         found = elements.copy()
         found[4] *= self.circular
-        for place, name in enumerate(self.columns):
-            found[place] *= -1.0 if name.startswith("-") else 1.0
-            found[place] /= elements[0] if name.endswith("/F11") else 1.0
+        for index, name in enumerate(self.columns):
+            found[index] *= -1.0 if name.startswith("-") else 1.0
+            found[index] /= elements[0] if name.endswith("/F11") else 1.0
         if self.columns[0] == "Pll":
             f11, f12, f22 = elements[:3]
             found[:3] = 0.5 * np.stack([f11 + f22 + 2.0 * f12, f11 - f22, f11 + f22 - 2.0 * f12])

@@ -73,7 +73,7 @@ def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
 def find_lost(surface: RoughSurface, mu: Array) -> Array:
     """1 - R - T of single bounces along mu (...), of I and of what Q adds, (..., 2), of facets that reflect everything
     where light that gets in stays."""
-    cosines, place = np.unique(mu, return_inverse=True)
+    cosines, index = np.unique(mu, return_inverse=True)
     if cosines.size > TABLE:
         from scipy.interpolate import CubicSpline
 
@@ -84,7 +84,7 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
         reflected, through = share_once(lit, cosines)
         lost = np.array([1.0, 0.0]) - reflected - through
     lost[:, 0] = np.maximum(lost[:, 0], 0.0)  # of I: integrals may miss that where it is next to nothing
-    found: Array = lost[place].reshape(*np.shape(mu), 2)
+    found: Array = lost[index].reshape(*np.shape(mu), 2)
     return found
 
 

@@ -73,12 +73,12 @@ def gather_orders(
         mu_out = np.minimum(mu_out, math.sqrt(1.0 - upright * upright))
     found = np.zeros((n_order, mu_node.size, mu_out.size, 4, 4))
     met = find_pieces(surface, transmitted, mu_out)
-    for place, panel, x_node in list_panels(nodes, surface.index_from):
+    for index, panel, x_node in list_panels(nodes, surface.index_from):
         out, x, share = spread_points(panel, x_node, met, surface, transmitted, mu_out, points, reach)
         depth, rate = panel.spread(x)
         mu = find_cosines(surface.index_from, panel, depth)
         share = share * rate / surface.index_from**2
-        sine, sine_node = np.sqrt((1.0 - mu) * (1.0 + mu)), np.sqrt((1.0 - mu_node[place]) * (1.0 + mu_node[place]))
+        sine, sine_node = np.sqrt((1.0 - mu) * (1.0 + mu)), np.sqrt((1.0 - mu_node[index]) * (1.0 + mu_node[index]))
         even = share[:, None] * interpolate_nodes(x_node, x)
         odd = even * sine[:, None] / sine_node  # light of odd orders is the sine times what is smooth
         bounds = np.searchsorted(out, np.arange(mu_out.size + 1))
@@ -93,7 +93,7 @@ def gather_orders(
                 part = orders[own.start - bounds[first] : own.stop - bounds[first]]
                 for parity, weights in ((0, even), (1, odd)):
                     summed = np.tensordot(weights[own], part[:, parity::2], (0, 0))  # (node, order, 16)
-                    found[parity::2, place, k] = summed.reshape(*summed.shape[:2], 4, 4).transpose(1, 0, 2, 3)
+                    found[parity::2, index, k] = summed.reshape(*summed.shape[:2], 4, 4).transpose(1, 0, 2, 3)
             first = last
     found /= (weight * mu_node)[:, None, None, None]
     return found
@@ -174,7 +174,7 @@ def interpolate_nodes(x_node: Array, x: Array) -> Array:
     """Lagrange's polynomials through Gauss nodes in (0, 1) at x, (point, node)."""
     _, weight = make_double_gauss(x_node.size)
     barycentric = np.sqrt(weight * x_node * (1.0 - x_node)) * (-1.0) ** np.arange(x_node.size)
-    gap = x[:, None] - x_node
-    share = barycentric / np.where(gap == 0.0, 1e-30, gap)
+    difference = x[:, None] - x_node
+    share = barycentric / np.where(difference == 0.0, 1e-30, difference)
     found: Array = share / share.sum(axis=1, keepdims=True)
     return found

@@ -23,7 +23,7 @@ from vrte.basics.arrays import (
     check_whole,
     count_items,
     freeze_copy,
-    settle_array,
+    make_readonly,
     show_value,
 )
 from vrte.basics.errors import SceneError, warn_user
@@ -172,7 +172,7 @@ class PhaseMatrix:
     @cached_property
     def coefficients(self) -> Array:
         """The expansion coefficients (terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
-        return settle_array(np.stack([getattr(self, name) for name in SEQUENCES], axis=1))
+        return make_readonly(np.stack([getattr(self, name) for name in SEQUENCES], axis=1))
 
     @property
     def asymmetry(self) -> float:
@@ -222,8 +222,8 @@ class PhaseMatrix:
         sums = np.zeros((6, cosine.size))
         for here in np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE):
             some = slice(here[0], here[-1] + 1) if here.size else slice(0)
-            found, gaps = sums[:, some], None if gap is None else gap[some]
-            for first, block in compute_wigner_functions(PAIRS, self.terms, cosine[some], gaps):
+            found, differences = sums[:, some], None if gap is None else gap[some]
+            for first, block in compute_wigner_functions(PAIRS, self.terms, cosine[some], differences):
                 part = slice(first, first + len(block))
                 found[:2] += plain[:, part] @ block[:, 0]
                 found[2:4] += crossed[:, part] @ block[:, 1]
@@ -266,13 +266,13 @@ class PhaseMatrix:
             object.__setattr__(self, name, freeze_copy(values) if isinstance(values, np.ndarray) else values)
 
 
-def project_elements(cosine: Array, combined: Array, terms: int, gap: Array | None = None) -> Array:
+def project_elements(cosine: Array, combined: Array, terms: int, difference: Array | None = None) -> Array:
     """Integrals over the cosine (terms, 6, ...) of ``combined`` (6, n, ...), on ascending nodes (n,), weighted:
     F11 and F44 with d^l_00, -F12 and -F34 with d^l_02, F22 + F33 with d^l_22, F22 - F33 with d^l_2,-2."""
     more = combined.shape[2:]
     plain, crossed = (np.stack((combined[k], combined[k + 1]), axis=1).reshape(cosine.size, -1) for k in (0, 2))
     sums = np.empty((terms, 6, *more))
-    for first, block in compute_wigner_functions(PAIRS, terms, cosine, gap):
+    for first, block in compute_wigner_functions(PAIRS, terms, cosine, difference):
         rows = slice(first, first + len(block))
         sums[rows, :2], sums[rows, 2:4] = (
             (block[:, kind] @ pair).reshape(-1, 2, *more) for kind, pair in enumerate((plain, crossed))

@@ -179,9 +179,9 @@ class Tabulated:
         parts = 2 ** math.ceil(math.log2(max(1.0, (count - 1) / (knots.size - 1))))
         inside = np.arange(parts) / parts
         radii = np.append((knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel(), knots[-1])
-        gaps = np.diff(radii, prepend=radii[0], append=radii[-1])
+        differences = np.diff(radii, prepend=radii[0], append=radii[-1])
         density = np.asarray(self.density) / np.max(self.density)  # it may be as large or small as a double may be
-        weights = np.interp(radii, knots, density) * 0.5 * (gaps[:-1] + gaps[1:])
+        weights = np.interp(radii, knots, density) * 0.5 * (differences[:-1] + differences[1:])
         return radii, weights / weights.sum()
 
     def __repr__(self) -> str:
@@ -211,8 +211,8 @@ class Held:
         """How many radii to take in a medium, and up to which moment; None the first time."""
         if host not in self.hosts:
             self.hosts.append(host)
-        place = self.hosts.index(host)
-        return self.settled[place] if place < len(self.settled) else None
+        index = self.hosts.index(host)
+        return self.settled[index] if index < len(self.settled) else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Held) and self.settled is other.settled and self.distribution == other.distribution

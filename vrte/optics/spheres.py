@@ -46,7 +46,7 @@ class Ball(ParticleKind):
     @property
     def in_words(self) -> str:
         """What it consists of."""
-        core, shell = (describe_index(self.substances[place]) for place in (0, -1))
+        core, shell = (describe_index(self.substances[index]) for index in (0, -1))
         if len(self.substances) == 1:
             return core
         if self.shell_um:

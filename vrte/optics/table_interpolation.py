@@ -122,14 +122,14 @@ def follow_errors(coefficients: Array, angles: Array, elements: Array) -> tuple[
     (angles,): the largest |difference| of an element over F11, or over 1e-3 of its mean where that is more."""
     combined = combine_elements(elements)[:, ::-1]
     theta = np.radians(angles)[::-1]
-    cosine, gap = np.cos(theta), find_gap(theta)
+    cosine, difference = np.cos(theta), find_gap(theta)
     worst, final = np.zeros(len(coefficients)), np.empty(angles.size)
     kinds = np.array([0, 0, 1, 1, 2, 3])  # of the functions: places in PAIRS
     for start in range(0, angles.size, ANGLES_AT_ONCE):
         here = slice(start, start + ANGLES_AT_ONCE)
         scale = np.maximum(combined[0, here], FLOOR)
         rest = -combined[:, here]
-        for first, block in compute_wigner_functions(PAIRS, len(coefficients), cosine[here], gap[here]):
+        for first, block in compute_wigner_functions(PAIRS, len(coefficients), cosine[here], difference[here]):
             rows = slice(first, first + len(block))
             rests = rest + np.cumsum(coefficients[rows, :, None] * block[:, kinds], axis=0)
             rest = rests[-1]

@@ -179,9 +179,9 @@ def sample_amplitudes(solver: Any, handle: Any) -> Complex:
     amplitudes = np.empty((count, count, azimuths.size, 2, 2), dtype=np.complex128)
 
     def fill_pair(incident: int, row: int) -> None:
-        for place, azimuth in enumerate(azimuths):
+        for index, azimuth in enumerate(azimuths):
             found = solver.calcampl_py(handle, 0.0, polar[incident], polar[row], 0.0, azimuth, 0.0, 0.0)[0]
-            amplitudes[row, incident, place] = found
+            amplitudes[row, incident, index] = found
 
     with ThreadPoolExecutor(count_usable_cpus()) as pool:  # the solver lets go of Python's lock
         for incident in range(half, count):

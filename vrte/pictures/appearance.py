@@ -42,7 +42,7 @@ def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
         left.append(Curve([at], [seen.target], f"{seen.target:g} at {at:.3g} {unit}", RED, "", "o"))
     right = describe_curve(over_white, hiding.over_white, ORANGE, f"over white, {seen.white:g}")
     right += describe_curve(contrast * over_white, hiding.over_black, BLUE, f"over black, {seen.black:g}")
-    right.append(Line(y=hiding.luminance_without_end, name="semi-infinite", colour=INK, dash=":"))
+    right.append(Line(y=hiding.luminance_semi_infinite, name="semi-infinite", colour=INK, dash=":"))
     film: list[Any] = [
         Line(x=scale, width=1.2),
         Words("this film", 1.06 * scale, 0.45, size=8.0, of_data=True, turned=True),
@@ -94,13 +94,13 @@ def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> "Figure":
     lengths, count = errors.lengths[order], errors.wavelength_um.size
     between = np.geomspace(lengths[0], lengths[-1], FINE)
     parts: list[list[Any]] = [[], [], []]  # reflectance, error, colour difference
-    for place, shade in zip(sorted({0, count // 2, count - 1}), (BLUE, GREEN, RED), strict=False):
+    for index, shade in zip(sorted({0, count // 2, count - 1}), (BLUE, GREEN, RED), strict=False):
         for over, dash in enumerate(DASHES):
-            label = f"{1e3 * errors.wavelength_um[place]:.0f} nm, over {BACKGROUNDS[over]}"
-            predicted = [found.predict(length, found.white * over)[place] for length in between]
+            label = f"{1e3 * errors.wavelength_um[index]:.0f} nm, over {BACKGROUNDS[over]}"
+            predicted = [found.predict(length, found.white * over)[index] for length in between]
             parts[0].append(Curve(between, predicted, label, shade, dash, width=1.2))
-            parts[0].append(Curve(lengths, errors.exact[over, order, place], "", shade, "", "o", size=3.5))
-            parts[1].append(Curve(lengths, errors.error[over, order, place], "", shade, dash, "o", size=3.0))
+            parts[0].append(Curve(lengths, errors.exact[over, order, index], "", shade, "", "o", size=3.5))
+            parts[1].append(Curve(lengths, errors.error[over, order, index], "", shade, dash, "o", size=3.0))
     try:
         for over, dash in enumerate(DASHES):
             label = f"over {BACKGROUNDS[over]}"

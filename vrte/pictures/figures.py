@@ -52,9 +52,9 @@ def draw_picture(picture: Picture) -> "Figure":
             end = row + 1
             while end < len(picture.rows) and column < len(picture.rows[end]) and picture.rows[end][column] is None:
                 end += 1  # a panel fills what is empty below it, and the last of a row the rest of the row
-            place = grid[row:end, column:] if column == len(panels) - 1 else grid[row:end, column]
+            index = grid[row:end, column:] if column == len(panels) - 1 else grid[row:end, column]
             shared = drawn[0] if drawn and picture.share_y else None
-            axes = figure.add_subplot(place, projection="polar" if panel.polar else None, sharey=shared)
+            axes = figure.add_subplot(index, projection="polar" if panel.polar else None, sharey=shared)
             draw_panel(axes, panel)
             drawn.append(axes)
         if picture.share_y and panels[0] is not None:

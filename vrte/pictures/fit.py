@@ -37,7 +37,7 @@ def describe_curves(
     known; ``smooth``: x and y of finer lines by the number of a curve."""
     upper: list[Any] = []
     lower: list[Any] = [Line(y=0.0)]
-    for number, (place, one) in enumerate(curves.items()):
+    for number, (index, one) in enumerate(curves.items()):
         colour = COLOURED[number % len(COLOURED)]
         own: dict[str, Any] = {"name": one.name, "colour": colour}
         error = None if sigma is None else sigma[one.rows]
@@ -45,7 +45,7 @@ def describe_curves(
         upper.append(Curve(one.x, value[one.rows], **own, dash="", marker="o", sigma=error, hover=hover))
         if predicted is None:
             continue
-        x, y = smooth.get(place, (one.x, predicted[one.rows]))
+        x, y = smooth.get(index, (one.x, predicted[one.rows]))
         upper.append(Curve(x, y, **own, listed=False, hover="vrte: %{y:.4g} at %{x:.4g}"))
         left = (value - predicted)[one.rows] / (1.0 if error is None else error)
         hover = "residual: %{y:.3g} at %{x:.4g}"
@@ -83,11 +83,11 @@ def measurement(
         under = "measured" + ("" if predicted is None else f", and vrte's, {source}, beside")
     else:
         axis, curves = split_curves(measured, shown)
-        taken = {place: curves[place] for place in spread(len(curves), MOST_CURVES)}
+        taken = {index: curves[index] for index in spread(len(curves), MOST_CURVES)}
         smooth = {}
         if fine is not None and shown in fine[0].names:
             finer = split_curves(fine[0], shown)[1]
-            smooth = {place: (one.x, fine[1][one.rows]) for place, one in enumerate(finer)}
+            smooth = {index: (one.x, fine[1][one.rows]) for index, one in enumerate(finer)}
         upper, lower = describe_curves(taken, measured.value, sigma, predicted, smooth)
         along = Axis("{0} [{2}]".format(*COORDINATES[axis]))
         some = "" if len(taken) == len(curves) else f"; {len(taken)} of {len(curves)} curves"

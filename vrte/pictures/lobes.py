@@ -93,7 +93,7 @@ class Lobe:
 
 def compute_lobe(
     brdf: Brdf,
-    place: int,
+    index: int,
     height: str = "f00",
     colour: str = DEGREE_LINEAR,
     stokes: Any = UNPOLARIZED,
@@ -101,21 +101,21 @@ def compute_lobe(
 ) -> Lobe:
     """The lobe for light of the Stokes vector ``stokes`` from ``mu_i[place]``. Raises SceneError for an unknown
     quantity or place, too few directions, or what is not finite."""
-    check_whole("place", place, 0, brdf.mu_i.size - 1)
+    check_whole("place", index, 0, brdf.mu_i.size - 1)
     names = height, colour
-    meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), step_deg) for name in names]
+    meshes = [light_on_mesh(brdf, index, incident_for(name, stokes), step_deg) for name in names]
     heights, colours = (of_light(light, name) for (*_, light), name in zip(meshes, names, strict=True))
     theta, phi, _ = meshes[0]
     return Lobe(
-        float(brdf.mu_i[place]), theta, phi, heights, colours, *names, describe_mirrored_beam(brdf, place, stokes)
+        float(brdf.mu_i[index]), theta, phi, heights, colours, *names, describe_mirrored_beam(brdf, index, stokes)
     )
 
 
-def describe_mirrored_beam(brdf: Brdf, place: int, stokes: Any = UNPOLARIZED) -> str:
+def describe_mirrored_beam(brdf: Brdf, index: int, stokes: Any = UNPOLARIZED) -> str:
     """What comes back as a beam of light with the Stokes vector ``stokes`` from ``mu_i[place]``; "" where none does."""
     if brdf.specular is None:
         return ""
-    beam = brdf.specular[place] @ np.asarray(stokes, float)
+    beam = brdf.specular[index] @ np.asarray(stokes, float)
     words = f"mirrored: {beam[0] / stokes[0]:.3g}"
     degree = float(np.nan_to_num(find_degree_of_polarization(beam)))
     return words + (f", degree of polarization {degree:.3g}" if degree >= 5e-4 else "")
@@ -151,9 +151,9 @@ def label_quantity(quantity: str) -> str:
     return f"{quantity} [{unit}]" if unit else quantity
 
 
-def describe_incidence(brdf: Brdf, place: int) -> str:
+def describe_incidence(brdf: Brdf, index: int) -> str:
     """Where the light comes from, in words."""
-    mu = float(brdf.mu_i[place])
+    mu = float(brdf.mu_i[index])
     return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
 
 
@@ -203,8 +203,8 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float
     for degrees in range(0, 360, 90):
         end = RIM[degrees // 2]
         axes.plot(*project_points(np.stack([0.0 * end, end])), **GROUND)
-        place = project_points(1.13 * end)
-        axes.text(*place, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
+        index = project_points(1.13 * end)
+        axes.text(*index, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
     ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
@@ -229,12 +229,12 @@ def project_points(points: Array) -> tuple[Array, Array]:
 # ---- to turn around, by Plotly
 
 
-def lobe(brdf: Brdf, place: int, height: str = "f00", colour: str = DEGREE_LINEAR, stokes: Any = UNPOLARIZED) -> Any:
+def lobe(brdf: Brdf, index: int, height: str = "f00", colour: str = DEGREE_LINEAR, stokes: Any = UNPOLARIZED) -> Any:
     """The lobe of `compute_lobe` as a body to turn around: the distance from the centre is the size of ``height`` over
     its largest; ``colour`` is cyclic for angles, white at 0 where it may be negative. The light comes in along the red
     arrow, the mirrored beam is the green one. Raises as `compute_lobe`, MissingExtraError without Plotly."""
     import_plotly()
-    shown = compute_lobe(brdf, place, height, colour, stokes, STEP)
+    shown = compute_lobe(brdf, index, height, colour, stokes, STEP)
     largest, unit = float(shown.radius.max()), unit_of(height)
     angle_bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}  # of corners' own colours
     scale_in_words = f"rim of the disc = {largest:.3g}{'' if unit == '°' else ' '}{unit}".rstrip()
@@ -246,7 +246,7 @@ def lobe(brdf: Brdf, place: int, height: str = "f00", colour: str = DEGREE_LINEA
             *make_rays(shown),
         ],
         f"{name_brdf(brdf)}: distance from the centre {f'|{height}|' if height in SIGNED else height}",
-        "; ".join(filter(None, (describe_incidence(brdf, place), scale_in_words, shown.mirrored))),
+        "; ".join(filter(None, (describe_incidence(brdf, index), scale_in_words, shown.mirrored))),
         margin={"l": 0, "r": 0, "t": 84, "b": 0},
         scene=SPACE,
         showlegend=False,
@@ -304,8 +304,8 @@ def list_cyclic_colours(angle: Array) -> list[str]:
     """
     colours = import_plotly().colors  # the last of the circle is its first
     circle = np.array([colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float)
-    place = (angle % 180.0) / 180.0 * (len(circle) - 1)
-    levels = [np.interp(place, np.arange(len(circle)), channel).round().astype(int).tolist() for channel in circle.T]
+    index = (angle % 180.0) / 180.0 * (len(circle) - 1)
+    levels = [np.interp(index, np.arange(len(circle)), channel).round().astype(int).tolist() for channel in circle.T]
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in zip(*levels, strict=True)]
 
 
@@ -317,11 +317,11 @@ def make_space_trace(points: Array, mode: str, **more: Any) -> dict[str, Any]:
 def make_ground_disc() -> list[dict[str, Any]]:
     """The surface as a disc of radius 1, with its azimuths."""
     rim = RIM.astype(np.float32)
-    places = np.arange(1 + len(rim), dtype=np.int16)
+    indices = np.arange(1 + len(rim), dtype=np.int16)
     disc = {
         "type": "mesh3d",
         **dict(zip("xyz", np.concatenate([np.zeros((1, 3)), rim]).T, strict=True)),
-        **dict(zip("ijk", (0 * places[:-2], places[1:-1], places[2:]), strict=True)),
+        **dict(zip("ijk", (0 * indices[:-2], indices[1:-1], indices[2:]), strict=True)),
         "color": "#dfe3e8",
         "opacity": 0.45,
         "hoverinfo": "skip",

@@ -75,10 +75,10 @@ def draw_field(field: Field) -> "Figure | None":
 def draw_brdf(brdf: Brdf) -> "Figure | None":
     """f00 and the degree of linear polarization in the plane of incidence. SceneError for too few directions."""
     check_directions(brdf.mu_o, brdf.phi)
-    places = spread(brdf.mu_i.size, MOST_LINES)
-    if len(places) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
+    indices = spread(brdf.mu_i.size, MOST_LINES)
+    if len(indices) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
         return None
-    return draw_picture(Picture([describe_brdf(brdf, places)], WIDTH, HEIGHT))
+    return draw_picture(Picture([describe_brdf(brdf, indices)], WIDTH, HEIGHT))
 
 
 def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> "Figure | None":
@@ -168,14 +168,14 @@ def show_layer(layer: Layer) -> dict[str, str]:
 def show_scene(scene: Scene) -> dict[str, str]:
     """A scene: its layers, top first, the interfaces between them, and its base."""
     stack: dict[str, str] = {}
-    for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1):
-        interface, medium = scene.interfaces[place - 1], ""
+    for index, layer in enumerate(scene.layers[:MOST_LAYERS], 1):
+        interface, medium = scene.interfaces[index - 1], ""
         if interface is not None:
-            stack[f"above layer {place}"] = interface.in_words
+            stack[f"above layer {index}"] = interface.in_words
         if scene.has_interfaces:
-            medium = f"; in a medium of index {scene.indices[place - 1]:g}"
+            medium = f"; in a medium of index {scene.indices[index - 1]:g}"
         clear = layer.thickness == layer.albedo == 0.0
-        stack[f"layer {place}"] = f"{'clear, of no thickness' if clear else layer.in_words}{medium}"
+        stack[f"layer {index}"] = f"{'clear, of no thickness' if clear else layer.in_words}{medium}"
     more = len(scene.layers) - MOST_LAYERS
     if more > 0:
         stack["and"] = f"{more} more layers"

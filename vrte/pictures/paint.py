@@ -33,13 +33,13 @@ def describe_card(paint: Paint) -> PlotPanel:
     """A drawdown card: the film across black and white, its colours as a screen shows them."""
     shown = list(paint.colours.items())[:2]
     parts: list[Any] = []
-    for place, (name, colour) in enumerate(shown):
+    for index, (name, colour) in enumerate(shown):
         width = 1.0 / len(shown)
-        parts += [Swatch(CARDS[place], place * width, 0.0, width, 1.0)]
-        parts += [Swatch(colour.hex, place * width, 0.12, width, 0.76)]
-        gap = "" if colour.is_in_gamut else f"\nout of the screen's colours\nby {colour.gamut_gap:.1f} CIEDE2000"
-        words = f"{name}\n{colour.hex}\nL* {colour.L:.1f}  a* {colour.a:.1f}  b* {colour.b:.1f}{gap}"
-        parts.append(Words(words, (place + 0.5) * width, colour=INK if colour.L > 55.0 else "white"))
+        parts += [Swatch(CARDS[index], index * width, 0.0, width, 1.0)]
+        parts += [Swatch(colour.hex, index * width, 0.12, width, 0.76)]
+        beyond = "" if colour.is_in_gamut else f"\nout of the screen's colours\nby {colour.gamut_gap:.1f} CIEDE2000"
+        words = f"{name}\n{colour.hex}\nL* {colour.L:.1f}  a* {colour.a:.1f}  b* {colour.b:.1f}{beyond}"
+        parts.append(Words(words, (index + 0.5) * width, colour=INK if colour.L > 55.0 else "white"))
     return PlotPanel(parts, title="Drawdown card", bare=True)
 
 
@@ -50,7 +50,7 @@ def describe_reflectance(paint: Paint) -> PlotPanel:
         parts = [Curve(at, paint.look.reflectance(VISUAL), f"as it lies, {VISUAL}", BLUE)]
     else:
         parts = [
-            Curve(at, seen.without_end, f"semi-infinite, {seen.conditions.geometry}", INK, ":"),
+            Curve(at, seen.semi_infinite, f"semi-infinite, {seen.conditions.geometry}", INK, ":"),
             Curve(at, seen.reflectance_over_white, f"over white, {seen.conditions.geometry}", ORANGE),
             Curve(at, seen.reflectance_over_black, f"over black, {seen.conditions.geometry}", BLUE),
         ]
@@ -149,8 +149,8 @@ def make_paint_body(paint: Paint) -> str:
     for name, value in paint.list_numbers():
         colour = paint.colours.get(name.removeprefix("colour "))
         chip = "" if colour is None else f"<i class='chip' style='background:{colour.hex}'></i> "
-        gap = "" if colour is None or colour.is_in_gamut else ", which a screen shows cut off"
-        cells.append(f"<div><span>{html.escape(name)}{gap}</span><b>{chip}{html.escape(value)}</b></div>")
+        beyond = "" if colour is None or colour.is_in_gamut else ", which a screen shows cut off"
+        cells.append(f"<div><span>{html.escape(name)}{beyond}</span><b>{chip}{html.escape(value)}</b></div>")
     for describe in PANELS:
         panel = describe(paint)
         words = f"{panel.title}: {' '.join((describe.__doc__ or '').split())}"

@@ -86,17 +86,17 @@ def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> 
 # ---- BRDFs
 
 
-def describe_cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> PlotPanel:
+def describe_cuts(brdf: Brdf, index: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> PlotPanel:
     """A quantity of the light that leaves against its angle from the normal, in upright planes, as a half circle, whose
     centre is as far below 0 as the rim is above where the quantity may be negative."""
     incident = incident_for(quantity, stokes)
-    found = [light_in_plane(brdf, place, phi, incident) for phi, *_ in CUTS]
+    found = [light_in_plane(brdf, index, phi, incident) for phi, *_ in CUTS]
     values = [of_light(light, quantity) for _, light in found]
     low, high = choose_range(np.stack(values), quantity)
     parts = describe_zero(low, 90.0)
     for (angle, _), value, (_, name, colour, dash) in zip(found, values, CUTS, strict=True):
         parts.append(describe_polar_curve(angle, value, quantity, name, colour, dash))
-    beam, mirrored = float(np.degrees(np.arccos(brdf.mu_i[place]))), describe_mirrored_beam(brdf, place, stokes)
+    beam, mirrored = float(np.degrees(np.arccos(brdf.mu_i[index]))), describe_mirrored_beam(brdf, index, stokes)
     parts.append(describe_arrow(-beam, high, low, "incident light"))
     if mirrored:
         parts.append(describe_arrow(beam, low, high, f"{mirrored}, not in the curves", MIRRORED))
@@ -123,13 +123,13 @@ def describe_arrow(angle: float, start: float, end: float, name: str, colour: st
     return Curve([angle, angle], [start, end], name, colour, width=1.6, arrow=True, hover=name)
 
 
-def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
+def cuts(brdf: Brdf, index: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
     """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence, for
     light ``stokes`` at ``mu_i[place]``. Raises SceneError for an unknown quantity or index, or too few directions,
     MissingExtraError without Plotly."""
-    check_whole("place", place, 0, brdf.mu_i.size - 1)
-    title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, place)}; {SIDES}"
-    return draw_interactive([describe_cuts(brdf, place, quantity, stokes)], title, under)
+    check_whole("place", index, 0, brdf.mu_i.size - 1)
+    title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, index)}; {SIDES}"
+    return draw_interactive([describe_cuts(brdf, index, quantity, stokes)], title, under)
 
 
 def draw_brdf(brdf: Brdf) -> "Figure":
@@ -138,16 +138,16 @@ def draw_brdf(brdf: Brdf) -> "Figure":
     check_directions(brdf.mu_o, brdf.phi)
     require_pictures()
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
-    lobes = [compute_lobe(brdf, place) for place in chosen]
+    lobes = [compute_lobe(brdf, index) for index in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
     colours = make_lobe_colours(lobes)
     bodies: list[PlotPanel] = []
     cuts: list[PlotPanel] = []
-    for place, lobe in zip(chosen, lobes, strict=True):
+    for index, lobe in zip(chosen, lobes, strict=True):
         title = f"μ$_i$ = {lobe.mu_i:.4g}  ({np.degrees(np.arccos(lobe.mu_i)):.0f}° from the normal)"
         title += f"\nlargest $f_{{00}}$ = {lobe.radius.max():.3g} sr$^{{-1}}$"
         bodies.append(PlotPanel([Body(lobe, 1.0 / scale, colours)], title=title, bare=True))
-        panel = describe_cuts(brdf, place)
+        panel = describe_cuts(brdf, index)
         beams = [  # along the whole radius; the lobe's own arrow has the share
             replace(one, name=re.sub(":.*,", " beam,", one.name), y=[0.0, 1.05 * scale]) if one.arrow else one
             for one in panel.parts
@@ -171,7 +171,7 @@ def describe_changes(brdf: Brdf, chosen: Sequence[int]) -> list[PlotPanel]:
     parts: list[list[Any]] = [[Line(y=0.0, width=0.8)] for _ in chosen]
     for number, (dash, (name, values)) in enumerate(zip(cycle(("-", "--", ":")), changes.items(), strict=False)):
         shown = Brdf(values, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
-        found = [light_in_plane(shown, place, 0.0) for place in chosen]
+        found = [light_in_plane(shown, index, 0.0) for index in chosen]
         largest = max(float(np.abs(light[:, 0]).max()) for _, light in found) or 1.0
         for some, (angle, light) in zip(parts, found, strict=True):
             label = f"{name}: over {largest:.3g} sr$^{{-1}}$ a unit"
@@ -181,26 +181,26 @@ def describe_changes(brdf: Brdf, chosen: Sequence[int]) -> list[PlotPanel]:
     title = "derivatives of f00, each over its largest" + (f" ({left_out} more are not drawn)" if left_out else "")
     return [
         PlotPanel(
-            [*some, Line(x=-float(np.degrees(np.arccos(brdf.mu_i[place]))), colour=INCIDENT)],
+            [*some, Line(x=-float(np.degrees(np.arccos(brdf.mu_i[index]))), colour=INCIDENT)],
             along,
             Axis(low=-1.05, high=1.05),
             "" if k else title,
             legend="" if k else "best",
         )
-        for k, (some, place) in enumerate(zip(parts, chosen, strict=True))
+        for k, (some, index) in enumerate(zip(parts, chosen, strict=True))
     ]
 
 
-def describe_brdf(brdf: Brdf, places: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:
+def describe_brdf(brdf: Brdf, indices: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:
     """f00 and the degree of linear polarization in the plane of incidence, a curve an incident direction."""
     light: list[Any] = []
     polarized: list[Any] = []
-    for place, colour in zip(places, colour_scale(len(places)), strict=True):
-        angle, stokes = light_in_plane(brdf, place, step_deg=1.0)
-        light.append(Curve(angle, stokes[:, 0], f"μ incident = {brdf.mu_i[place]:.4g}", colour))
+    for index, colour in zip(indices, colour_scale(len(indices)), strict=True):
+        angle, stokes = light_in_plane(brdf, index, step_deg=1.0)
+        light.append(Curve(angle, stokes[:, 0], f"μ incident = {brdf.mu_i[index]:.4g}", colour))
         polarized.append(Curve(angle, find_degree_of_linear_polarization(stokes), colour=colour))
         if brdf.specular is not None:
-            light.append(Line(x=float(np.degrees(np.arccos(brdf.mu_i[place]))), colour=colour, dash=":"))
+            light.append(Line(x=float(np.degrees(np.arccos(brdf.mu_i[index]))), colour=colour, dash=":"))
     beam = "" if brdf.specular is None else "; dotted: mirrored beam, not in it"
     titles = f"f00 [sr⁻¹]{beam}", "degree of linear polarization"
     first, second = (
@@ -253,10 +253,10 @@ def draw_field(field: Field) -> "Figure":
         raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     depths = spread(field.tau.size, MOST_DEPTHS)
     if isinstance(field.mu0, float):
-        chosen = [(field, place, f"φ = {field.phi[place]:g}°") for place in spread(field.phi.size, MOST_AZIMUTHS)]
+        chosen = [(field, index, f"φ = {field.phi[index]:g}°") for index in spread(field.phi.size, MOST_AZIMUTHS)]
         common = f"μ₀ = {field.mu0:g}"
     else:
-        beams = [field.beam(place) for place in spread(field.mu0.size, MOST_AZIMUTHS)]
+        beams = [field.beam(index) for index in spread(field.mu0.size, MOST_AZIMUTHS)]
         chosen, common = [(beam, 0, f"μ₀ = {beam.mu0:g}") for beam in beams], f"φ = {field.phi[0]:g}°"
     columns = [(describe_field(beam, azimuth, depths), title) for beam, azimuth, title in chosen]
     tops = [
@@ -305,7 +305,7 @@ def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
         raise SceneError("polar diagrams of a field need directions mu, at phi_deg 0 or 180: the plane of incidence")
     theta = np.degrees(np.arccos(field.mu))
     angle = np.concatenate([sign * theta for sign, _ in known])
-    value = np.concatenate([of_stokes(field.stokes[:, :, place], quantity) for _, place in known], axis=1)
+    value = np.concatenate([of_stokes(field.stokes[:, :, index], quantity) for _, index in known], axis=1)
     goes_up = np.abs(angle) < 90.0
     angles: list[Any] = []
     values: list[Any] = []
@@ -322,15 +322,15 @@ def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
 def describe_spectrum(spectrum: Spectrum) -> list[PlotPanel]:
     """Reflectance against wavelength, a line an incident direction, and f00 in the plane of incidence of the first of
     them, a line a wavelength, where there are enough directions."""
-    first, places = spectrum[0], spread(spectrum[0].mu_i.size, MOST_LOBES)
+    first, indices = spectrum[0], spread(spectrum[0].mu_i.size, MOST_LOBES)
     marker = "o" if len(spectrum) < FEW else ""
     parts = []
-    for place, colour in zip(places, colour_scale(len(places)), strict=True):
-        label = f"μ incident = {first.mu_i[place]:.4g}"
-        shares = spectrum.reflectance[:, place]
+    for index, colour in zip(indices, colour_scale(len(indices)), strict=True):
+        label = f"μ incident = {first.mu_i[index]:.4g}"
+        shares = spectrum.reflectance[:, index]
         parts.append(Curve(spectrum.wavelength_um, shares, label, colour, "-", marker, size=3.0))
         if first.specular is not None:
-            beams = [float(one.specular[place, 0, 0]) for one in spectrum if one.specular is not None]
+            beams = [float(one.specular[index, 0, 0]) for one in spectrum if one.specular is not None]
             parts.append(Curve(spectrum.wavelength_um, beams, "", colour, "--", marker, size=3.0))
     words = "reflectance" if first.specular is None else "diffuse reflectance; dashed: mirrored as a beam"
     panels = [PlotPanel(parts, WAVELENGTH, Axis(low=0.0), words)]
@@ -339,10 +339,10 @@ def describe_spectrum(spectrum: Spectrum) -> list[PlotPanel]:
     except SceneError:
         return panels
     shown = spread(len(spectrum), MOST_DEPTHS)
-    found = [light_in_plane(spectrum[place], 0) for place in shown]
+    found = [light_in_plane(spectrum[index], 0) for index in shown]
     lines = [
-        Curve(angle, light[:, 0], f"{spectrum.wavelength_um[place]:.4g} µm", colour)
-        for place, (angle, light), colour in zip(shown, found, colour_scale(len(shown)), strict=True)
+        Curve(angle, light[:, 0], f"{spectrum.wavelength_um[index]:.4g} µm", colour)
+        for index, (angle, light), colour in zip(shown, found, colour_scale(len(shown)), strict=True)
     ]
     return [*panels, PlotPanel(lines, EXIT, Axis(low=0.0), f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}")]
 
@@ -352,7 +352,7 @@ def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -
     return draw_picture(Picture([describe_spectrum(spectrum)], width, height))
 
 
-def reflectance(found: Any, wavelength_um: Sequence[float], place: int) -> Any:
+def reflectance(found: Any, wavelength_um: Sequence[float], index: int) -> Any:
     """Reflectance of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle of
     incidence; ``found`` is `vrte.app.solving.messages.Reflectances`. Raises MissingExtraError without Plotly."""
     angle = np.degrees(np.arccos(found.mu_i))
@@ -360,11 +360,11 @@ def reflectance(found: Any, wavelength_um: Sequence[float], place: int) -> Any:
     x = np.array(wavelength_um) if spectral else angle
     order, unit = np.argsort(x), " µm" if spectral else "°"
     parts = [
-        Curve(x[order], (shares[:, place] if spectral else shares[0])[order], name, colour, dash, "o",
+        Curve(x[order], (shares[:, index] if spectral else shares[0])[order], name, colour, dash, "o",
               hover=f"{name}<br>%{{x:.4g}}{unit}: %{{y:.4f}}")
         for (name, shares), (colour, dash) in zip(found.curves.items(), BASES, strict=False)
     ]  # fmt: skip
-    light = f"light from {angle[place]:.0f}° off the normal; " if spectral else ""
+    light = f"light from {angle[index]:.0f}° off the normal; " if spectral else ""
     under = f"{light}unpolarized, all directions of exit"
     along = WAVELENGTH if spectral else Axis("angle of incidence [°]")
     return draw_interactive(

@@ -111,11 +111,11 @@ def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[A
     for block in split(count, BLOCK):
         pixel = np.arange(count)[block]
         clear = np.zeros(pixel.size)
-        for place in range(SAMPLES**2):
-            row, column = divmod(place, SAMPLES)
+        for index in range(SAMPLES**2):
+            row, column = divmod(index, SAMPLES)
             start, heading = stage.look(pixel, np.array((column + 0.5) / SAMPLES), np.array((row + 0.5) / SAMPLES))
             body, triangle, where = rays.find_hits(start, heading)
-            sun = (place + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
+            sun = (index + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
             missed = body < 0
             kept.append(Samples(pixel.astype(np.int32), body, triangle, where, sun).choose(~missed))
             clear[missed & (heading[:, 2] >= 0.0)] += fraction

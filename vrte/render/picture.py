@@ -93,7 +93,7 @@ def draw_sheet(
         sheet.show(row, 0, put_over_grey(rendering.rgba))
         sheet.show(row, 1, degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover))
         brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
-        both = [compute_lobe(brdf, place) for place in range(LOBE_MU_I.size)]
+        both = [compute_lobe(brdf, index) for index in range(LOBE_MU_I.size)]
         circle = round_up(max(float(lobe.radius.max()) for lobe in both))
         colours = make_lobe_colours(both)
         for column, lobe in enumerate(both, 2):
@@ -131,8 +131,8 @@ def draw_row(rendering: Rendering, setting: PictureSetting) -> "Figure":
         axes.set_axis_off()
     how: Any = {"fontsize": points, "color": INK, "va": "center"}
     count = len(rendering.materials)
-    for place, material in enumerate(rendering.materials):
-        across = 0.5 + (place - 0.5 * (count - 1)) * rendering.apart / width
+    for index, material in enumerate(rendering.materials):
+        across = 0.5 + (index - 0.5 * (count - 1)) * rendering.apart / width
         figure.text(across, 1.0 - (height + 0.5 * strip) / whole, material.title, ha="center", **how)
     axes = figure.add_axes((0.62, (0.5 * foot + 0.1 * letters) / whole, 0.34, 0.7 * letters / whole))
     bar = Colorbar(axes, degrees.mappable, orientation="horizontal", ticks=degrees.ticks)
@@ -264,8 +264,8 @@ class Sheet:
     def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:
         """Axes at a place in pixels from the upper left corner."""
         bottom = self.height - top - height
-        place = (left / self.width, bottom / self.height, width / self.width, height / self.height)
-        return self.figure.add_axes(place, **how)
+        index = (left / self.width, bottom / self.height, width / self.width, height / self.height)
+        return self.figure.add_axes(index, **how)
 
     def corner(self, row: int, column: int) -> tuple[int, int]:
         """Left and top of a panel [pixels]."""

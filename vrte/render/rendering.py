@@ -123,9 +123,9 @@ class Lit:
         wavelengths = material.wavelengths_um
         for chosen in np.array_split(np.arange(wavelengths.size), -(-wavelengths.size // most)):
             tables = []
-            for place in chosen.tolist():
-                same = place == 0 or not material.coloured
-                tables.append(table if same else tabulate_material(material, wavelengths[place], table.resolution))
+            for index in chosen.tolist():
+                same = index == 0 or not material.coloured
+                tables.append(table if same else tabulate_material(material, wavelengths[index], table.resolution))
                 self.step(1, material.title)
             yield chosen, tables
             self.step(chosen.size, material.title)
@@ -158,9 +158,9 @@ def draw_on_ground(
     step(0, materials[0].title)
     light = SceneLight.of(all_lit[0].sky, setting.ground_albedo, stage.ground)
     found, samples = draw_background(stage, light, all_lit[0].weighed[0])
-    for place, lit in enumerate(all_lit):
+    for index, lit in enumerate(all_lit):
         step(0, lit.material.title)
-        own = samples.choose(np.flatnonzero(samples.body == place))
+        own = samples.choose(np.flatnonzero(samples.body == index))
         for chosen, tables in lit.tabulate(MOST_AT_ONCE):
             light = SceneLight.of(lit.sky.choose(chosen), setting.ground_albedo, stage.ground)
             if own.pixel.size:
@@ -176,9 +176,9 @@ def set_stage(materials: Sequence[Material], setting: PictureSetting) -> Stage:
     """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
     camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
     bodies = []
-    for place, material in enumerate(materials):
+    for index, material in enumerate(materials):
         shape = find_shape(material.shape)
-        sideways = APART * (place - 0.5 * (len(materials) - 1)) * camera.right
+        sideways = APART * (index - 0.5 * (len(materials) - 1)) * camera.right
         turn = material.turn_deg - setting.sun_azimuth_deg  # the same side faces the camera, wherever the sun is
         bodies.append(shape.place(turn, (float(sideways[0]), float(sideways[1]))))
     sky = make_sky("sun", [1.0], setting.sun_elevation_deg, 0.0)

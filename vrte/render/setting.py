@@ -103,7 +103,7 @@ def read(
     given: dict[str, tuple[Any, Path]] = {}
     if len(shapes) not in (0, 1, len(paths)):
         raise SceneError(f"{len(shapes)} objects for {len(paths)} scenes: must be one for all, or one for each")
-    for place, path in enumerate(paths):
+    for index, path in enumerate(paths):
         try:
             content = read_content(path)
             keys = (*OWN, *(field.name for field in fields(PictureSetting)))
@@ -112,7 +112,7 @@ def read(
             ours: dict[str, Any] = {key: read_bounded(table, key) for key in RANGES if key in table and key not in OWN}
             ours |= {"sky": table.choice("sky", KINDS)} if "sky" in table else {}
             ours |= {"size_px": table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)} if "size_px" in table else {}
-            shape = shapes[place % len(shapes)] if shapes else None
+            shape = shapes[index % len(shapes)] if shapes else None
             title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
             if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
                 raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")

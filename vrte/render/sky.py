@@ -78,10 +78,10 @@ def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, g
     elif kind == "sun":
         sun[:] = 1.0
     else:
-        for place, wavelength in enumerate(wavelengths_um):
+        for index, wavelength in enumerate(wavelengths_um):
             thickness = float(compute_optical_thickness(wavelength))
             parts = solve_rayleigh_sky(thickness, float(np.sin(elevation)), ground_albedo, theta)
-            splines[place], ground[place], sun[place] = parts
+            splines[index], ground[index], sun[index] = parts
     return Sky(sun, beam, theta, splines, ground)
 
 

@@ -127,8 +127,10 @@ class ShadedGround:
         east, north = (
             0.5 * (low[axis] + high[axis]) + 0.8 * (high[axis] - low[axis]) * t + GROUND_REACH * t**7 for axis in (0, 1)
         )
-        places = np.stack([*(part.ravel() for part in np.meshgrid(east, north, indexing="ij")), 0.0 * t.repeat(t.size)])
-        start = places.T + OFF_SURFACE * UP
+        indices = np.stack(
+            [*(part.ravel() for part in np.meshgrid(east, north, indexing="ij")), 0.0 * t.repeat(t.size)]
+        )
+        start = indices.T + OFF_SURFACE * UP
         points, quadrature = np.polynomial.legendre.leggauss(GROUND_ALONG)
         cosine = np.sqrt(0.5 * (points + 1.0))  # even steps of its square: of what falls on level ground
         steps = np.arange(GROUND_AROUND) + 0.5 * (np.arange(GROUND_ALONG) % 2)[:, None]

@@ -53,17 +53,17 @@ def compute_card(name: str, count: int = FEWEST, progress: Callable[[int, int], 
     known = list_materials()[name]
     low, high, _ = find_known_wavelengths(known.content)
     wavelengths, found = choose_wavelengths(count, low, high), np.empty((2, count))
-    for place, wavelength in enumerate(wavelengths):
+    for index, wavelength in enumerate(wavelengths):
         layer = material(name, float(wavelength))
         host = layer.host_index or 1.0
         stack: list[Any] = [layer] if host == 1.0 else [Interface(1.0, host), layer]
         for row, base in enumerate((None, Lambertian(WHITE))):
             if row == 1 and np.isinf(layer.thickness):
-                found[1, place] = found[0, place]
+                found[1, index] = found[0, index]
                 continue
-            found[row, place] = brdf(Scene(stack, base), mu_i=[MU_I], mu_o=[1.0], nodes=NODES).reflectance[0]
+            found[row, index] = brdf(Scene(stack, base), mu_i=[MU_I], mu_o=[1.0], nodes=NODES).reflectance[0]
         if progress is not None:
-            progress(place + 1, count)
+            progress(index + 1, count)
     weighed = weigh_wavelengths(wavelengths)
     film = make_film(weighed.sum(axis=1))
     xyz = weighed @ found[0], weighed @ found[1]
@@ -74,7 +74,7 @@ def describe_card(card: ColourCard) -> PlotPanel:
     """The left half over black, the right half over white, and both spectra drawn across."""
     ink = "white" if card.xyz[0][1] < DARK else INK
     at = 1e3 * card.wavelengths_um
-    halves = [Swatch(convert_to_hex(rgb), 0.5 * place, 0.0, 0.5, 1.0) for place, rgb in enumerate(card.rgb)]
+    halves = [Swatch(convert_to_hex(rgb), 0.5 * index, 0.0, 0.5, 1.0) for index, rgb in enumerate(card.rgb)]
     spectra = [
         Curve(at, values, colour=ink, dash=dash, width=1.2, opacity=0.85)
         for values, dash in zip(card.reflectances, ("-", ":"), strict=True)

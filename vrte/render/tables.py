@@ -136,10 +136,10 @@ class Lookup:
         half = np.linspace(0.0, np.pi, AZIMUTHS)
         around = make_spline_matrix((turn,), (half,)).toarray()
         values = np.empty((ANGLES * ANGLES * AZIMUTHS, len(tables), 4, 3), dtype=np.float32)
-        for place, table in enumerate(tables):
+        for index, table in enumerate(tables):
             splines = table.splines.reshape(*table.splines.shape[:3], 4, 4)[..., :3]
             found = np.einsum("ai,bo,cp,iopst->abcst", fine, fine, around, splines, optimize=True)
-            values[:, place] = found.reshape(-1, 4, 3)
+            values[:, index] = found.reshape(-1, 4, 3)
 
         def find_rows(mu_i: Array, mu_o: Array, phi: Array) -> tuple[Any, Any]:
             mirrored = phi > np.pi
@@ -148,11 +148,11 @@ class Lookup:
 
         return cls(values, tables, find_rows)
 
-    def at_outgoing(self, place: int) -> "Lookup":
+    def at_outgoing(self, index: int) -> "Lookup":
         """The splines at one of the tables' own outgoing angles, by its index."""
         resolution = self.tables[0].resolution
         theta, turn = resolution.theta, resolution.turn
-        weight = make_spline_matrix((theta,), (theta[place : place + 1],)).toarray()[0]
+        weight = make_spline_matrix((theta,), (theta[index : index + 1],)).toarray()[0]
         near = slice(int(np.flatnonzero(weight)[0]), int(np.flatnonzero(weight)[-1]) + 1)
         splines = self.values.reshape(theta.size, theta.size, turn.size, -1)[:, near]
         values = np.einsum("o,iopx->ipx", weight[near], splines).reshape(-1, *self.values.shape[1:])

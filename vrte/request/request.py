@@ -14,7 +14,7 @@ from vrte.basics.arrays import (
     check_numbers,
     check_vector,
     freeze_copy,
-    settle_array,
+    make_readonly,
 )
 from vrte.basics.errors import SceneError
 from vrte.request.how import BY_RULE, How, check_choice, check_options
@@ -112,7 +112,7 @@ def check_depths(values: Any, scene: Scene) -> Array:
         raise SceneError.of(
             "tau", f"must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}"
         )
-    return settle_array(np.where(total - within <= rounding, total, within)) if rounding else array
+    return make_readonly(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
 def find_under(request: "Request") -> BoolArray:
@@ -128,9 +128,11 @@ def check_side(side: Any, scene: Scene, tau: Array, illuminate: str) -> BoolArra
     under = np.full(tau.size, (side == "below") != turned)
     if side == "below":
         levels = scene.thickness - tau if turned else tau
-        upper, lower = (locate_depths(scene, levels, np.full(tau.size, way)).joint.tolist() for way in (False, True))
-        joints = {k for top, bottom in zip(upper, lower, strict=True) if top >= 0 for k in range(top, bottom + 1)}
-        if not any(scene.interfaces[k] is not None for k in joints):
+        upper, lower = (
+            locate_depths(scene, levels, np.full(tau.size, way)).interface.tolist() for way in (False, True)
+        )
+        interfaces = {k for top, bottom in zip(upper, lower, strict=True) if top >= 0 for k in range(top, bottom + 1)}
+        if not any(scene.interfaces[k] is not None for k in interfaces):
             raise SceneError.of("side", "'below' is for depths tau at an interface, and none of these is at one")
     return under
 

@@ -172,7 +172,7 @@ class Brdf(Result):
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
 
 
-def make_settled_brdf(tell: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
+def make_readonly_brdf(tell: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
     """A result whose arrays are read-only and fit together; ``tell`` makes its diagnostics when they are asked for."""
     found = object.__new__(Brdf)
     found.__dict__.update(given, _tell=tell)

@@ -18,7 +18,7 @@ MOST_TIMES = 1000
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
 
 
-def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
+def stokes_over_hemisphere(brdf: Brdf, index: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
     """Stokes vectors (n_theta, n_phi, 4) [1/sr] that leave at angles theta (n_theta,) from the normal and azimuths phi
     (n_phi,) [degrees] under light (4,) along ``brdf.mu_i[place]``.
 
@@ -26,18 +26,18 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     the horizon than the last mu_o, and around the normal where no mu_o is within 25 degrees of it. At the pole the
     meridian plane, and with it Q and U, is that of each phi.
     """
-    place = check_whole("place", place, 0, brdf.mu_i.size - 1)
+    index = check_whole("place", index, 0, brdf.mu_i.size - 1)
     theta, phi = check_vector("theta", theta), check_vector("phi", phi)
     light = check_vector("incident", incident)
     if light.size != 4:
         raise SceneError.of("incident", f"must be four numbers I, Q, U, V, not {light.size}")
-    azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[place])
+    azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[index])
     if not np.isfinite(matrices).all():
         raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
     smooth = _turn_axes(matrices @ light, -azimuths)
-    given, places = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    here, opposite = (compute_weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
+    given, indices = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
+    here, opposite = (compute_weights(azimuths, turned % 360.0) @ smooth[indices] for turned in (phi, phi + 180.0))
     circle, light = extend_over_pole(given, here, opposite)
     found = np.einsum("tc,cps->tps", compute_weights(circle, theta), light)
     found[theta > given[-1] + EDGE] = np.nan
@@ -53,27 +53,27 @@ def _turn_axes(light: Array, degrees: Array) -> Array:
 
 
 def light_on_mesh(
-    brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+    brdf: Brdf, index: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array, Array]:
     """Rings (n_theta,) and spokes (n_phi,) [degrees] at most ``step_deg`` apart, 0 and 360 both, and the Stokes vectors
     there, (n_theta, n_phi, 4) [1/sr]."""
     theta = _list_polar_angles(brdf, step_deg)
     phi = np.linspace(0.0, 360.0, 1 + _count_steps(360.0, step_deg))
-    return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
+    return theta, phi, stokes_over_hemisphere(brdf, index, theta, phi, incident)
 
 
 def light_in_plane(
-    brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+    brdf: Brdf, index: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array]:
     """Angles (n,) [degrees] from the normal in the upright plane of an azimuth, below 0 half a turn away, and the
     Stokes vectors there, (n, 4) [1/sr]; NaN where nothing is known around the normal."""
     theta = _list_polar_angles(brdf, step_deg)
     there, opposite = stokes_over_hemisphere(
-        brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
+        brdf, index, theta, np.array([phi_deg, phi_deg + 180.0]), incident
     ).swapaxes(0, 1)
     if theta[0] > 0.0:
         theta, there, opposite = (
-            np.insert(part, 0, gap, axis=0) for part, gap in ((theta, 0.0), (there, np.nan), (opposite, np.nan))
+            np.insert(part, 0, filler, axis=0) for part, filler in ((theta, 0.0), (there, np.nan), (opposite, np.nan))
         )
     return np.concatenate([-theta[:0:-1], theta]), np.concatenate([opposite[:0:-1], there])
 

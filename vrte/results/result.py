@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.arrays import freeze_copy, is_settled
+from vrte.basics.arrays import freeze_copy, is_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 
@@ -36,7 +36,7 @@ class Labelled:
         """
         for name, shape in shapes.items():
             given = getattr(self, name)
-            array = given if is_settled(given) else freeze_copy(given)
+            array = given if is_readonly(given) else freeze_copy(given)
             if array.shape != shape:
                 raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}", name)
             object.__setattr__(self, name, array)
@@ -55,7 +55,7 @@ class Labelled:
             if names is not None and list(given) != names:
                 raise SceneError(f"{attribute} must have the names {', '.join(names)}, in that order", attribute)
             names = list(given)
-            found = {name: array if is_settled(array) else freeze_copy(array) for name, array in given.items()}
+            found = {name: array if is_readonly(array) else freeze_copy(array) for name, array in given.items()}
             for name, array in found.items():
                 if value not in shapes:
                     raise SceneError(f"{attribute} is of {value}, which is not there", attribute)

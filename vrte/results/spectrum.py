@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_vector, put_in_one_line, settle_array
+from vrte.basics.arrays import Array, check_vector, make_readonly, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
 from vrte.results.field import Field
@@ -24,8 +24,8 @@ def stack(name: str, words: str) -> Any:
     def collect(spectrum: "Spectrum") -> Any:
         found = [getattr(one, name) for one in spectrum.brdfs]
         if isinstance(found[0], dict):
-            return {key: settle_array(np.stack([one[key] for one in found])) for key in found[0]}
-        return None if found[0] is None else settle_array(np.stack(found))
+            return {key: make_readonly(np.stack([one[key] for one in found])) for key in found[0]}
+        return None if found[0] is None else make_readonly(np.stack(found))
 
     return property(collect, doc=words)
 
@@ -73,8 +73,8 @@ class Spectrum(Result):
     def __len__(self) -> int:
         return len(self.brdfs)
 
-    def __getitem__(self, place: int) -> Brdf:
-        return self.brdfs[place]
+    def __getitem__(self, index: int) -> Brdf:
+        return self.brdfs[index]
 
     def __iter__(self) -> Iterator[Brdf]:
         return iter(self.brdfs)
@@ -116,13 +116,13 @@ class Spectrum(Result):
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, ascending [um], each one of ``wavelength_um`` to 1e-9 um."""
         wanted = check_ascending(wavelengths_um)
-        places = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
-        for one, place in zip(wanted, places, strict=True):
-            if abs(self.wavelength_um[place] - one) > 1e-9:
+        indices = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
+        for one, index in zip(wanted, indices, strict=True):
+            if abs(self.wavelength_um[index] - one) > 1e-9:
                 raise SceneError(
-                    f"wavelength {one:g} um is none of the spectrum's: the next is at {self.wavelength_um[place]:g} um"
+                    f"wavelength {one:g} um is none of the spectrum's: the next is at {self.wavelength_um[index]:g} um"
                 )
-        return Spectrum(self.wavelength_um[places], tuple(self.brdfs[place] for place in places))
+        return Spectrum(self.wavelength_um[indices], tuple(self.brdfs[index] for index in indices))
 
 
 def check_ascending(wavelengths_um: Any) -> Array:

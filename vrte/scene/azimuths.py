@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, BoolArray, settle_array
+from vrte.basics.arrays import Array, BoolArray, make_readonly
 from vrte.basics.errors import AccuracyError
 
 FEWEST_AZIMUTHS, ENOUGH, MOST_AZIMUTHS = 32, 1 << 9, 1 << 11  # of the rule for smooth functions, from 0 to 180 degrees
@@ -141,12 +141,17 @@ def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Arr
     by_rule = np.einsum("kpe,kr->pkre", f.reshape(*phi.shape, -1), np.stack([weights, weights - fewer], axis=1))
     waves = multiply_angles(phi.T, n_order, (crossing != 0.0).any())
     summed = np.empty((mu_i.size, n_order, 2, crossing.size))
-    for wave, places in zip(waves, (crossing == 0.0, crossing != 0.0), strict=False):
-        part = wave @ by_rule[..., places].reshape(mu_i.size, points.size, -1)
-        summed[..., places] = part.reshape(*summed.shape[:3], -1)
-    values, gap = summed[:, :, 0] * np.where(crossing == 0.0, 1.0, crossing), np.abs(summed[:, :, 1]).max(axis=(1, 2))
+    for wave, indices in zip(waves, (crossing == 0.0, crossing != 0.0), strict=False):
+        part = wave @ by_rule[..., indices].reshape(mu_i.size, points.size, -1)
+        summed[..., indices] = part.reshape(*summed.shape[:3], -1)
+    values, difference = (
+        summed[:, :, 0] * np.where(crossing == 0.0, 1.0, crossing),
+        np.abs(summed[:, :, 1]).max(axis=(1, 2)),
+    )
     whole = np.maximum(np.einsum("kpab,k->pab", np.abs(f), weights).max(axis=(1, 2)), 1e-300)
-    return values.reshape(*values.shape[:2], *shape), np.minimum(gap, whole * (SMOOTH * gap / whole) ** 1.5)
+    return values.reshape(*values.shape[:2], *shape), np.minimum(
+        difference, whole * (SMOOTH * difference / whole) ** 1.5
+    )
 
 
 def multiply_angles(phi: Array, n_order: int, with_sine: bool) -> tuple[Array, ...]:
@@ -170,7 +175,7 @@ def make_piece_rule(intervals: int) -> tuple[Array, Array]:
     share = np.where(j == intervals // 2, 1.0, 2.0) / (4.0 * j**2 - 1.0)
     inner = np.where(k % intervals == 0, 0.5, 1.0) / intervals
     weights = inner * (1.0 - np.cos(2.0 * np.pi * np.outer(k, j) / intervals) @ share)
-    return settle_array(np.sin(0.5 * np.pi * k / intervals) ** 2), settle_array(weights)
+    return make_readonly(np.sin(0.5 * np.pi * k / intervals) ** 2), make_readonly(weights)
 
 
 def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_whole, settle_array
+from vrte.basics.arrays import Array, check_whole, make_readonly
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
 
 LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
-CHECKED_COSINES = settle_array(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
+CHECKED_COSINES = make_readonly(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
 GRAZING = 0.05  # mu_i below which a base may give back more than it gets
 ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
 MOST_POINTS = 4096
@@ -53,17 +53,17 @@ def check_energy(reflectance: Callable[[Array, int], Array]) -> None:
     computed with more points, until it converges, only where it seems to be too much. Raises SceneError."""
     most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
     excess = reflectance(CHECKED_COSINES, COARSE) / most
-    for place in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
-        mu_i, before = CHECKED_COSINES[place : place + 1], np.inf
+    for index in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
+        mu_i, before = CHECKED_COSINES[index : index + 1], np.inf
         for points in (2 * COARSE, 4 * COARSE, 8 * COARSE, 16 * COARSE):
             now = reflectance(mu_i, points)[0]
-            if now <= most[place] or abs(now - before) <= ENERGY_ALLOWED * now:
+            if now <= most[index] or abs(now - before) <= ENERGY_ALLOWED * now:
                 break
             before = now
         else:
             continue  # too narrow for this quadrature: the solver's own will tell
-        if now > most[place]:
+        if now > most[index]:
             raise SceneError(
                 f"base: it gives back {now:.4g} of the light along mu_i = {mu_i[0]:g}, and at most "
-                f"{most[place]:.4g} is allowed there (facets without shadows give back too much near the horizon)"
+                f"{most[index]:.4g} is allowed there (facets without shadows give back too much near the horizon)"
             )

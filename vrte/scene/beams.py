@@ -19,7 +19,7 @@ LOWEST = 1e-8  # cosines below are along the surface: they lead nowhere
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
+class Interfaces:
     """Mueller matrices (interface, n, 4, 4) of power at what lies above each layer and below the last, for n
     directions: reflected from above and from below, transmitted down and up."""
 
@@ -31,8 +31,8 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """Light on either side of every joint, (joint, n, 4, columns): coming down upon it and going up above it, going
-    down and coming up below it."""
+    """Light on either side of every interface, (interface, n, 4, columns): above it coming down and going up, below it
+    going down and coming up."""
 
     arriving: Array
     leaving: Array
@@ -49,12 +49,12 @@ def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
     return np.where(cosines < LOWEST, 0.0, np.minimum(cosines, 1.0))
 
 
-def make_joints(scene: Scene, cosines: Array) -> Joints:
-    """The joints of a scene along directions, cosines (medium, n) as of `find_cosines`: rough interfaces and bases that
-    scatter send no beam on."""
+def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
+    """The interfaces of a scene along directions, cosines (medium, n) of `find_cosines`; rough ones and scattering
+    bases send no beam on."""
     media, count = scene.media, cosines.shape[1]
     shape = len(media) - 1, count, 4, 4
-    found = Joints(*(np.zeros(shape) for _ in range(4)))
+    found = Interfaces(*(np.zeros(shape) for _ in range(4)))
     for k, interface in enumerate(scene.interfaces):
         if interface is None:
             found.down[k] = found.up[k] = np.eye(4)
@@ -80,13 +80,15 @@ def make_joints(scene: Scene, cosines: Array) -> Joints:
     return found
 
 
-def pass_along(joints: Joints, decay: Array, sources: Passing) -> Passing:
-    """Light everywhere, from ``sources`` that add to it on either side of every joint, those from outside ``arriving``
-    at the first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
-    last = joints.above.shape[0] - 1
-    one = np.eye(joints.above.shape[-1])
-    back: list[Array] = [np.zeros_like(joints.above[0])] * (last + 1)  # of what lies below a joint: its reflection
-    sent = [sources.rising[last]] * (last + 1)  # and its own light, as they rise to the joint
+def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passing:
+    """Light everywhere, from ``sources`` on either side of every interface, those from outside ``arriving`` at the
+    first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
+    last = interfaces.above.shape[0] - 1
+    one = np.eye(interfaces.above.shape[-1])
+    back: list[Array] = [np.zeros_like(interfaces.above[0])] * (
+        last + 1
+    )  # of what lies below a interface: its reflection
+    sent = [sources.rising[last]] * (last + 1)  # and its own light, as they rise to the interface
     inverse: list[Array] = [one] * (last + 1)
     seen, own = back[last], sources.rising[last]
     for k in range(last, -1, -1):
@@ -95,18 +97,18 @@ def pass_along(joints: Joints, decay: Array, sources: Passing) -> Passing:
             own = f * (own + seen @ sources.arriving[k + 1]) + sources.rising[k]
             seen = f * f * seen
         back[k], sent[k] = seen, own
-        inverse[k] = np.linalg.inv(one - seen @ joints.below[k])
-        up = joints.up[k] @ inverse[k]
+        inverse[k] = np.linalg.inv(one - seen @ interfaces.below[k])
+        up = interfaces.up[k] @ inverse[k]
         own = up @ (seen @ sources.entering[k] + own) + sources.leaving[k]
-        seen = joints.above[k] + up @ seen @ joints.down[k]
+        seen = interfaces.above[k] + up @ seen @ interfaces.down[k]
     found = Passing(*(np.zeros_like(part) for part in vars(sources).values()))
     arriving = sources.arriving[0]
     for k in range(last + 1):
         found.arriving[k] = arriving
-        through = joints.down[k] @ arriving + sources.entering[k]
+        through = interfaces.down[k] @ arriving + sources.entering[k]
         found.rising[k] = inverse[k] @ (back[k] @ through + sent[k])
-        found.leaving[k] = joints.above[k] @ arriving + joints.up[k] @ found.rising[k] + sources.leaving[k]
-        found.entering[k] = through + joints.below[k] @ found.rising[k]
+        found.leaving[k] = interfaces.above[k] @ arriving + interfaces.up[k] @ found.rising[k] + sources.leaving[k]
+        found.entering[k] = through + interfaces.below[k] @ found.rising[k]
         if k < last:
             arriving = decay[k][:, None, None] * found.entering[k] + sources.arriving[k + 1]
     return found
@@ -121,44 +123,44 @@ def find_decaying(thickness: Array, cosines: Array) -> Array:
     return np.where(inside > 0.0, decay, 0.0)
 
 
-def follow_beams(joints: Joints, decay: Array) -> Passing:
-    """Mueller matrices of beams that come in from above, at every joint."""
-    nothing = np.zeros_like(joints.above)
+def follow_beams(interfaces: Interfaces, decay: Array) -> Passing:
+    """Mueller matrices of beams that come in from above, at every interface."""
+    nothing = np.zeros_like(interfaces.above)
     arriving = nothing.copy()
     arriving[0] = np.eye(4)
-    return pass_along(joints, decay, Passing(arriving, nothing, nothing, nothing))
+    return pass_along(interfaces, decay, Passing(arriving, nothing, nothing, nothing))
 
 
 @dataclass(frozen=True, eq=False)
 class Depths:
-    """Where depths lie: joint (n_tau,), at which of them, and under (n_tau,), on its lower side; or joint -1, at
+    """Where depths lie: index of the interface (n_tau,), and under (n_tau,), on its lower side; or interface -1, at
     ``share`` (n_tau,) of the optical thickness of ``layer`` (n_tau,)."""
 
-    joint: IntArray
+    interface: IntArray
     under: BoolArray
     layer: IntArray
     share: Array
 
     def medium(self, media: tuple[float, ...]) -> Array:
         """The refractive index at every depth, (n_tau,)."""
-        place = np.where(self.joint < 0, self.layer + 1, self.joint + self.under)
-        return np.array(media)[place]
+        index = np.where(self.interface < 0, self.layer + 1, self.interface + self.under)
+        return np.array(media)[index]
 
 
 def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
-    """Where optical depths lie in a scene; of layers without thickness the joints above and below are at one depth:
+    """Where optical depths lie in a scene; of layers without thickness the interfaces above and below are at one depth:
     the upper side is that of the first, the lower side that of the last."""
     thickness = np.array([layer.thickness for layer in scene.layers])
     tops = np.concatenate([[0.0], np.cumsum(thickness)])
     near = np.abs(tops - tau[:, None]) <= LAST_PLACES * np.finfo(float).eps * tau[:, None]
     first, last = near.argmax(axis=1), near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)
-    joint = np.where(near.any(axis=1), np.where(under, last, first), -1)
+    interface = np.where(near.any(axis=1), np.where(under, last, first), -1)
     if scene.base is not None:  # nothing lies below it
-        under = under & (joint < thickness.size)
+        under = under & (interface < thickness.size)
     layer = np.clip(np.searchsorted(tops, tau, side="right") - 1, 0, thickness.size - 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(np.isinf(thickness[layer]), tau - tops[layer], (tau - tops[layer]) / thickness[layer])
-    return Depths(joint.astype(np.int32), under, layer.astype(np.int32), np.where(joint < 0, share, 0.0))
+    return Depths(interface.astype(np.int32), under, layer.astype(np.int32), np.where(interface < 0, share, 0.0))
 
 
 def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
@@ -166,9 +168,9 @@ def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
     frame."""
     cosines = find_cosines(scene.media, scene.index_above, mu0)
     thickness = np.array([layer.thickness for layer in scene.layers])
-    passing = follow_beams(make_joints(scene, cosines), find_decaying(thickness, cosines))
-    found = np.empty((depths.joint.size, mu0.size, 2, 4, 4))
-    for t, k in enumerate(depths.joint.tolist()):
+    passing = follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, cosines))
+    found = np.empty((depths.interface.size, mu0.size, 2, 4, 4))
+    for t, k in enumerate(depths.interface.tolist()):
         if k >= 0:
             parts = (passing.rising, passing.entering) if depths.under[t] else (passing.leaving, passing.arriving)
             found[t] = np.stack([part[k] for part in parts], axis=1)

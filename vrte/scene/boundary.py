@@ -253,11 +253,11 @@ class MuellerBase(SampledBase):
         phi = np.array([0.0, 20.0, 75.0, 160.0, 180.0])
         there, mirrored = self(mu_i, mu_o, phi), self(mu_i, mu_o, -phi)
         flip = np.array([1.0, 1.0, -1.0, -1.0])
-        gap = np.abs(mirrored - flip[:, None] * there * flip).max()
-        if gap > 1e-8 * max(np.abs(there).max(), 1e-300):
+        difference = np.abs(mirrored - flip[:, None] * there * flip).max()
+        if difference > 1e-8 * max(np.abs(there).max(), 1e-300):
             raise SceneError(
                 "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every "
-                f"mirror-symmetric surface; the given function breaks this by {gap:.3g}"
+                f"mirror-symmetric surface; the given function breaks this by {difference:.3g}"
             )
         check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
         check_energy(self.reflectance)

@@ -65,9 +65,9 @@ class ScalarBase(SampledBase):
         within, beyond = (np.where(there, f, 0.0) for there in (lower >= STEEPEST, lower < STEEPEST))
 
         def name_lowest(values: Array) -> str:
-            place = np.unravel_index(np.argmin(values), f.shape)
-            ways = f"from mu_i {angles.mu_i[place]:g} to mu_o {angles.mu_o[place]:g} at phi_deg"
-            return f"{f[place]:.3g} 1/sr {ways} {AZIMUTHS[place[-1]]:g}"
+            index = np.unravel_index(np.argmin(values), f.shape)
+            ways = f"from mu_i {angles.mu_i[index]:g} to mu_o {angles.mu_o[index]:g} at phi_deg"
+            return f"{f[index]:.3g} 1/sr {ways} {AZIMUTHS[index[-1]]:g}"
 
         if within.min() < 0.0:
             raise SceneError(f"base: f must be at least 0 for zenith angles up to 75, not {name_lowest(within)}")

@@ -66,8 +66,8 @@ class Scene:
                 given = type(part).__name__
                 raise SceneError(f"layer {position} must be a vrte.Layer or a vrte.Interface, not {given}")
             if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(stack):
-                place = "layer", position - 1, "thickness"
-                raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
+                index = "layer", position - 1, "thickness"
+                raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *index)
         as_base = getattr(self.base, "as_base", None)
         if as_base is not None and not isinstance(self.base, type):
             object.__setattr__(self, "base", as_base())
@@ -81,10 +81,10 @@ class Scene:
         surfaces = check_list("interfaces", self.interfaces, MOST_LAYERS + 1)
         if surfaces:
             stack = interleave(stack, surfaces)
-        layers, interfaces, places = sort_stack(stack, self.base is not None)
+        layers, interfaces, indices = sort_stack(stack, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a semi-infinite layer")
-        numbered = tuple(range(len(layers))) if surfaces else places
+        numbered = tuple(range(len(layers))) if surfaces else indices
         media = find_media(layers, interfaces, numbered, self.base)
         sides = itertools.pairwise(media)
         refracting = tuple(i and i.put_between(*both) for i, both in zip(interfaces, sides, strict=True))
@@ -204,7 +204,7 @@ def sort_stack(
     clear = make_empty_layer()
     placed: list[tuple[Layer, int | None]] = []
     interfaces: list[Interface | None] = []
-    for place, part in enumerate(stack):
+    for index, part in enumerate(stack):
         if isinstance(part, Interface):
             if len(interfaces) > len(placed):
                 placed.append((clear, None))
@@ -212,26 +212,26 @@ def sort_stack(
         else:
             if len(interfaces) == len(placed):
                 interfaces.append(None)
-            placed.append((part, place))
+            placed.append((part, index))
     if not placed or (has_base and len(interfaces) > len(placed)):
         placed.append((clear, None))
     interfaces += [None] * (len(placed) + 1 - len(interfaces))
-    layers, places = zip(*placed, strict=True)
-    return layers, tuple(interfaces), places
+    layers, indices = zip(*placed, strict=True)
+    return layers, tuple(interfaces), indices
 
 
 def find_media(
     layers: Sequence[Layer],
     interfaces: Sequence[Interface | None],
-    places: Sequence[int | None],
+    indices: Sequence[int | None],
     base: Boundary | None = None,
 ) -> tuple[float, ...]:
     """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit, which
     names a layer by its place in the list that was given."""
     media: list[float | None] = [None, *(layer.host_index for layer in layers), None]
-    between = ["the medium between two interfaces" if place is None else f"layer {place + 1}" for place in places]
+    between = ["the medium between two interfaces" if place is None else f"layer {place + 1}" for place in indices]
     base_index = None if base is None else base.index_above
-    if base_index is not None and places[-1] is None:
+    if base_index is not None and indices[-1] is None:
         between[-1] = "the medium above it"
     names = ["the medium above", *between, "the medium below" if base_index is None else "the base"]
 
@@ -240,7 +240,7 @@ def find_media(
         if index is None:
             return
         if known is not None and not math.isclose(known, index, rel_tol=SAME_INDEX):
-            listed = [None, *places, None][place]
+            listed = [None, *indices, None][place]
             words = f"{names[place]} has the refractive index {known:g}, and {source} has {index:g}"
             raise SceneError(words, *(() if listed is None else ("layer", listed)))
         media[place] = known if known is not None else index

@@ -13,7 +13,7 @@ from vrte.basics.arrays import (
     check_numbers,
     check_vector,
     freeze_copy,
-    settle_array,
+    make_readonly,
 )
 from vrte.basics.errors import SceneError, warn_user
 from vrte.basics.polarization import FLIP
@@ -126,21 +126,21 @@ class TabulatedBase(Boundary):
     mixes_stokes = True
 
     def __post_init__(self) -> None:
-        mu_i, mu_o = (settle_cosines(name, getattr(self, name)) for name in ("mu_i", "mu_o"))
+        mu_i, mu_o = (check_cosines_of(name, getattr(self, name)) for name in ("mu_i", "mu_o"))
         phi_deg = check_vector("base: phi_deg", self.phi_deg)
-        mueller = settle_matrices("mueller", self.mueller, (mu_i.size, mu_o.size, phi_deg.size, 4, 4))
+        mueller = check_matrices_of("mueller", self.mueller, (mu_i.size, mu_o.size, phi_deg.size, 4, 4))
         named: dict[str, Any] = {"mu_i": mu_i, "mu_o": mu_o, "phi_deg": phi_deg, "mueller": mueller}
         into, out = np.argsort(-mu_i), np.argsort(-mu_o)
         if self.specular is not None:
-            named["specular"] = settle_matrices("specular", self.specular, (mu_i.size, 4, 4))
-            named["_specular"] = settle_array(named["specular"][into])
+            named["specular"] = check_matrices_of("specular", self.specular, (mu_i.size, 4, 4))
+            named["_specular"] = make_readonly(named["specular"][into])
         check_fields("base: ", self, {"index_above": (LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED)})
         if (mueller[..., 0, 0] < -DARK * np.abs(mueller).max()).any():
             raise SceneError.of("base: mueller", f"must have f_00 >= 0, not {mueller[..., 0, 0].min():.3g}")
         orders, azimuths = expand_azimuths(phi_deg, mueller, self.average_mirrored)
         cosines = mu_i[into], mu_o[out]
         weighted = orders[:, into[:, None], out] * (cosines[0][:, None] + cosines[1])[..., None, None]
-        named |= {"_cosines": cosines, "_orders": settle_array(weighted)}
+        named |= {"_cosines": cosines, "_orders": make_readonly(weighted)}
         named["interpolation_error"] = estimate_error(cosines, weighted, azimuths)
         for name, value in named.items():
             object.__setattr__(self, name, value)
@@ -150,7 +150,7 @@ class TabulatedBase(Boundary):
         """Raises SceneError for what no surface does, and says what the table does not reach."""
         count = self.mueller[..., 0, 0].size
         sample = np.unravel_index(np.arange(0, count, -(-count // MOST_CHECKED)), self.mueller.shape[:3])
-        directions = (axis[place] for axis, place in zip((self.mu_i, self.mu_o, self.phi_deg), sample, strict=True))
+        directions = (axis[index] for axis, index in zip((self.mu_i, self.mu_o, self.phi_deg), sample, strict=True))
         check_physical(self.mueller[sample], *directions)
         check_energy(self.reflectance)
         words = []
@@ -208,13 +208,13 @@ class TabulatedBase(Boundary):
         weights = self.weigh(mu_in, mu_out)
         for k in range(mu_in.size):  # one after another: all at once would take a table's memory a pair
             here = np.flatnonzero(lit == k)
-            distinct, place = np.unique(seen[here], return_inverse=True)
+            distinct, index = np.unique(seen[here], return_inverse=True)
             given = weights[0][:, k : k + 1], weights[1][:, distinct]
             orders = interpolate_orders(self._cosines, self._orders, *given)[:, 0].reshape(m.size, -1, 16)
             orders = orders.swapaxes(0, 1)
             turns = angle[here, :, None] * m
             twice = np.where(m > 0, 2.0, 1.0)
-            even, odd = ((twice * turn(turns)) @ orders[place] for turn in (np.cos, np.sin))
+            even, odd = ((twice * turn(turns)) @ orders[index] for turn in (np.cos, np.sin))
             found[here] = np.where(ODD.ravel(), odd * ENTRY.ravel(), even)
         return found.reshape(*shape, 4, 4)
 
@@ -234,7 +234,7 @@ class TabulatedBase(Boundary):
         return np.tensordot(weigh_cosines(self._cosines[0], mu)[0], self._specular, 1)
 
 
-def settle_cosines(name: str, values: Any) -> Array:
+def check_cosines_of(name: str, values: Any) -> Array:
     """Different cosines (n,), at least two. Raises SceneError."""
     found = check_vector(f"base: {name}", values)
     if found.size < FEWEST_COSINES or not ((found > 0.0) & (found <= 1.0)).all() or np.unique(found).size < found.size:
@@ -242,7 +242,7 @@ def settle_cosines(name: str, values: Any) -> Array:
     return found
 
 
-def settle_matrices(name: str, values: Any, shape: tuple[int, ...]) -> Array:
+def check_matrices_of(name: str, values: Any, shape: tuple[int, ...]) -> Array:
     """Finite matrices of that shape, read-only. Raises SceneError."""
     found = freeze_copy(check_numbers(f"base: {name}", values))
     if found.shape != shape:
@@ -256,34 +256,34 @@ def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> t
     """R^m/(2 pi) of a table, (order, in, out, 4, 4), and how many azimuths it has all around, mirror images counted.
     Raises SceneError where these contradict the table, or are too far apart."""
     both = np.round(np.concatenate([phi_deg, -phi_deg]) % 360.0, 6) % 360.0
-    azimuths, place, count = np.unique(both, return_inverse=True, return_counts=True)
-    gaps = np.diff(azimuths, append=azimuths[0] + 360.0)
-    if gaps.max() > WIDEST_GAP + SAME_AZIMUTHS or phi_deg.size < FEWEST_AZIMUTHS:
+    azimuths, index, count = np.unique(both, return_inverse=True, return_counts=True)
+    differences = np.diff(azimuths, append=azimuths[0] + 360.0)
+    if differences.max() > WIDEST_GAP + SAME_AZIMUTHS or phi_deg.size < FEWEST_AZIMUTHS:
         words = (
             f"at least {FEWEST_AZIMUTHS} azimuths, from 0 to 180 or all around, at most {WIDEST_GAP:g} degrees apart"
         )
-        raise SceneError.of("base: phi_deg", f"must be {words}, mirror images counted, not {gaps.max():.4g}")
-    together, starts = np.argsort(place, kind="stable"), np.concatenate([[0], np.cumsum(count)[:-1]])
-    even = np.ptp(gaps) < 2 * SAME_AZIMUTHS
+        raise SceneError.of("base: phi_deg", f"must be {words}, mirror images counted, not {differences.max():.4g}")
+    together, starts = np.argsort(index, kind="stable"), np.concatenate([[0], np.cumsum(count)[:-1]])
+    even = np.ptp(differences) < 2 * SAME_AZIMUTHS
     onto = None if even else interpolate_azimuths(azimuths)
     total = azimuths.size if onto is None else len(onto)
     m = np.arange(total // 2 + 1)
     phase = np.exp(-1j * m * np.radians(azimuths[0] if even else 0.0)) / total
     phase[2 * m == total] *= 0.5
     found = np.empty((m.size, *mueller.shape[:2], 4, 4))
-    gap = 0.0
+    difference = 0.0
     for k, one in enumerate(mueller):
         images = np.concatenate([one, one * MIRROR], axis=1)[:, together]
         mean = np.add.reduceat(images, starts, axis=1) / count[:, None, None]
-        gap = max(gap, 2.0 * np.abs(images - mean[:, place[together]]).max())
+        difference = max(difference, 2.0 * np.abs(images - mean[:, index[together]]).max())
         around = mean if onto is None else np.tensordot(onto, mean, (1, 1)).swapaxes(0, 1)
         terms = np.fft.rfft(around, axis=1).swapaxes(0, 1) * phase[:, None, None, None]
         found[:, k] = np.where(ODD, -ENTRY * terms.imag, terms.real)
     largest = np.abs(mueller).max()
-    if gap > SYMMETRIC * largest and not average_mirrored:
+    if difference > SYMMETRIC * largest and not average_mirrored:
         raise SceneError(
             "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every mirror-symmetric surface; "
-            f"the table breaks this by {gap:.3g} (average_mirrored takes the mean)"
+            f"the table breaks this by {difference:.3g} (average_mirrored takes the mean)"
         )
     size = np.abs(found).max(axis=(1, 2, 3, 4))
     kept = 1 + max(np.flatnonzero(size > ROUNDING * size.max()), default=0)
@@ -293,10 +293,10 @@ def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> t
 def interpolate_azimuths(azimuths: Array) -> Array:
     """Weights (2 n, n) that take values at azimuths (n,) [degrees] all around to evenly spaced ones from 0 on, along a
     periodic cubic spline."""
-    grid, place = repeat_grid(azimuths, 360.0)
+    grid, index = repeat_grid(azimuths, 360.0)
     weights = compute_weights(grid, np.linspace(0.0, 360.0, 2 * azimuths.size, endpoint=False))
     found = np.zeros((len(weights), azimuths.size))
-    np.add.at(found.T, place, weights.T)
+    np.add.at(found.T, index, weights.T)
     return found
 
 

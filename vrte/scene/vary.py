@@ -45,16 +45,16 @@ def vary_scene(scene: Scene, name: str) -> Variation:
     if found := BASE.fullmatch(name):
         return vary_base_number(scene, name, found[1], found[2])
     if found := LAYER.fullmatch(name):
-        place, key = find_layer(scene, name, int(found[1])), found[2]
+        index, key = find_layer(scene, name, int(found[1])), found[2]
         if key is None:
-            return vary_coefficient(scene, name, place, int(found[3]), found[4])
-        return vary_medium(scene, name, place + 1) if key == "index" else vary_layer(scene, name, place, key)
+            return vary_coefficient(scene, name, index, int(found[3]), found[4])
+        return vary_medium(scene, name, index + 1) if key == "index" else vary_layer(scene, name, index, key)
     if found := INTERFACE.fullmatch(name):
-        places = [k for k, one in enumerate(scene.interfaces) if one is not None]
-        if not 1 <= int(found[1]) <= len(places):
-            raise complain_of(name, f"the scene has {len(places)} interfaces that refract")
-        place = places[int(found[1]) - 1]
-        return vary_medium(scene, name, place + 1) if found[2] == "index" else vary_roughness(scene, name, place)
+        indices = [k for k, one in enumerate(scene.interfaces) if one is not None]
+        if not 1 <= int(found[1]) <= len(indices):
+            raise complain_of(name, f"the scene has {len(indices)} interfaces that refract")
+        index = indices[int(found[1]) - 1]
+        return vary_medium(scene, name, index + 1) if found[2] == "index" else vary_roughness(scene, name, index)
     raise complain_of(name, f"no number of a scene is called so: there are {KNOWN}")
 
 
@@ -65,29 +65,29 @@ def complain_of(name: str, why: str) -> SceneError:
 
 def find_layer(scene: Scene, name: str, number: int) -> int:
     """The place among a scene's layers of that number in the list it was made of."""
-    places = list(scene.places)
-    if number - 1 not in places:
-        there = [str(place + 1) for place in places if place is not None]
+    indices = list(scene.places)
+    if number - 1 not in indices:
+        there = [str(index + 1) for index in indices if index is not None]
         words = f"layer{'s'[: len(there) > 1]} {', '.join(there)}" if there else "no layer"
         raise complain_of(name, f"there is no such layer; the scene has {words}")
-    return places.index(number - 1)
+    return indices.index(number - 1)
 
 
-def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
+def vary_layer(scene: Scene, name: str, index: int, key: str) -> Variation:
     """With the optical thickness or the albedo of a layer."""
-    layer, unit = scene.layers[place], np.eye(len(scene.layers))[place]
+    layer, unit = scene.layers[index], np.eye(len(scene.layers))[index]
     if key == "thickness" and math.isinf(layer.thickness):
         raise complain_of(name, "a semi-infinite layer has no thickness to change")
     if key == "albedo" and layer.thickness == 0.0:
         raise complain_of(name, "it does nothing: the layer has no thickness")
     changes: dict[str, Any] = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
-    changes["scene_at"] = lambda now: replace_layer(scene, place, replace(layer, **{key: now}))
+    changes["scene_at"] = lambda now: replace_layer(scene, index, replace(layer, **{key: now}))
     return Variation(name, getattr(layer, key), **changes)
 
 
-def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: str) -> Variation:
+def vary_coefficient(scene: Scene, name: str, index: int, degree: int, column: str) -> Variation:
     """With an expansion coefficient of a layer's phase matrix."""
-    layer = scene.layers[place]
+    layer = scene.layers[index]
     if degree < LEAST_DEGREE[column]:
         why = "a1[0] is 1 and cannot change" if column == "a1" else f"what stands below l = 2 of {column} does nothing"
         raise complain_of(name, why)
@@ -97,12 +97,12 @@ def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: s
         raise complain_of(name, f"it does nothing: the layer {'scatters nothing' if layer.thickness else 'is empty'}")
     unit = np.zeros((degree + 1, len(SEQUENCES)))
     unit[degree, SEQUENCES.index(column)] = 1.0
-    tables = [unit[: unit.shape[0] * (k == place)] for k in range(len(scene.layers))]
+    tables = [unit[: unit.shape[0] * (k == index)] for k in range(len(scene.layers))]
     matrix = layer.phase_matrix
     value = float(getattr(matrix, column)[degree]) if degree < matrix.terms else 0.0
 
     def scene_at(now: float) -> Scene:
-        return replace_layer(scene, place, replace(layer, phase_matrix=add_coefficients(matrix, (now - value) * unit)))
+        return replace_layer(scene, index, replace(layer, phase_matrix=add_coefficients(matrix, (now - value) * unit)))
 
     return vary_beside_layers(scene, name, value, scene_at, coefficients=tuple(tables))
 
@@ -200,24 +200,24 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
     return vary_beside_layers(scene, name, scene.media[place], scene_at, is_outside=True)
 
 
-def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
+def vary_roughness(scene: Scene, name: str, index: int) -> Variation:
     """With the roughness of an interface. Raises SceneError for a smooth one: the smallest roughness is far from 0."""
-    surface = scene.interfaces[place]
+    surface = scene.interfaces[index]
     assert surface is not None
     if surface.is_smooth:
         raise complain_of(name, "a smooth interface has no derivative with its roughness, which is 0 or 0.01 and more")
 
     def scene_at(roughness: float) -> Scene:
         rougher = replace(surface, roughness=roughness)
-        surfaces = [*scene.interfaces[:place], rougher, *scene.interfaces[place + 1 :]]
+        surfaces = [*scene.interfaces[:index], rougher, *scene.interfaces[index + 1 :]]
         return build_like(scene, scene.layers, scene.base, surfaces)
 
     return vary_beside_layers(scene, name, surface.roughness, scene_at, is_outside=True)
 
 
-def replace_layer(scene: Scene, place: int, layer: Layer) -> Scene:
+def replace_layer(scene: Scene, index: int, layer: Layer) -> Scene:
     """The scene with another layer in the place of one."""
-    return build_like(scene, [*scene.layers[:place], layer, *scene.layers[place + 1 :]], scene.base, scene.interfaces)
+    return build_like(scene, [*scene.layers[:index], layer, *scene.layers[index + 1 :]], scene.base, scene.interfaces)
 
 
 def add_coefficients(matrix: PhaseMatrix, change: Array) -> PhaseMatrix:

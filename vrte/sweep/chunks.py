@@ -98,16 +98,16 @@ def prepare(work: Work, job: Shared) -> None:
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     """Computes a chunk, writes it and marks it done, in this order; nothing where it is done already."""
-    places = list(work.grid.places(chunk))
+    indices = list(work.grid.places(chunk))
     if work.mark(chunk).is_file():
-        return len(places)
+        return len(indices)
     work.log("begin", chunk)
     start = time.perf_counter()
     warned: dict[str, Any] = {}
     with collect_warnings(warned):
-        outcomes = compute_results(work, places, solve, backend)
+        outcomes = compute_results(work, indices, solve, backend)
     variables = work.results.variables.items()
-    arrays = {name: np.full((len(places), *shape), np.nan) for name, (_, shape) in variables}
+    arrays = {name: np.full((len(indices), *shape), np.nan) for name, (_, shape) in variables}
     failed = {}
     for row, outcome in enumerate(outcomes):
         if isinstance(outcome, Exception):
@@ -119,15 +119,15 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
             values[row] = 0.0 if value is None else value  # of surfaces that others of the table may have
     work.keep(chunk, arrays, {"failed": failed, "warnings": warned, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
-    return len(places)
+    return len(indices)
 
 
-def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
+def compute_results(work: Work, indices: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
     first: dict[str, Request] = {}  # by options, which axes may change, as nothing else that is asked
 
-    def make_question(place: tuple[int, ...]) -> Question:
-        found = make_scene_at(work.sweep, place, work.optics)
+    def make_question(index: tuple[int, ...]) -> Question:
+        found = make_scene_at(work.sweep, index, work.optics)
         if isinstance(found, Sample):
             return found
         options = repr(found.options)
@@ -136,7 +136,7 @@ def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve,
         first.setdefault(options, request)
         return request
 
-    asked = [try_call(partial(make_question, place)) for place in places]
+    asked = [try_call(partial(make_question, index)) for index in indices]
     questions = [one for one in asked if not isinstance(one, Exception)]
     answers = iter(solve(questions) if questions else ())
     return [one if isinstance(one, Exception) else next(answers) for one in asked]
@@ -168,7 +168,7 @@ def make_processor_solver(threads: Callable[[], int] = lambda: 1, stop: Any = No
     def solve(questions: Sequence[Question]) -> list[Outcome]:
         found = solve_alike_questions(questions, stop)
         return [
-            found[place] if place in found else try_call(partial(one, each)) for place, each in enumerate(questions)
+            found[index] if index in found else try_call(partial(one, each)) for index, each in enumerate(questions)
         ]
 
     return solve
@@ -178,17 +178,17 @@ def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int,
     """Those of a chunk that can be solved with others, by their places; none of a batch where anything is wrong: solved
     by itself, each tells its own error."""
     groups: dict[int, list[tuple[int, Request]]] = {}
-    for place, each in enumerate(questions):
+    for index, each in enumerate(questions):
         if isinstance(each, Request):  # those that differ in their scenes alone share their directions
-            groups.setdefault(id(each.mu0), []).append((place, each))
+            groups.setdefault(id(each.mu0), []).append((index, each))
     found: dict[int, Outcome] = {}
     for group in groups.values():
-        places, requests = zip(*group, strict=True)
+        indices, requests = zip(*group, strict=True)
         for batch in sort_into_batches(requests):
             run = Run(1, kernels=make_run(requests[0]).kernels, stop=stop)  # one thread: warnings are heard in it alone
             some = try_call(partial(solve_batches, requests, [batch], run))
             if not isinstance(some, Exception):
-                found.update({places[k]: result for k, result in some.items()})
+                found.update({indices[k]: result for k, result in some.items()})
     return found
 
 

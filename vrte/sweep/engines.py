@@ -60,8 +60,8 @@ def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) 
                 all_left.set()
             results.put(None)
 
-    for place in range(workers):
-        threading.Thread(target=run_worker, name=f"vrte-sweep-{place}", daemon=True).start()
+    for index in range(workers):
+        threading.Thread(target=run_worker, name=f"vrte-sweep-{index}", daemon=True).start()
     try:
         while workers:
             try:

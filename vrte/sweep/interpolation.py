@@ -93,8 +93,8 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
 
     near, shares = table, {}
     for name, value in point.items():
-        places, shares[str(name)] = find_neighbours(table, str(name), value)
-        near = near.isel({name: places})
+        indices, shares[str(name)] = find_neighbours(table, str(name), value)
+        near = near.isel({name: indices})
     errors = near["error"].values if "error" in near else np.array([""])  # a table that was interpolated has none
     if (errors != "").any():
         raise SceneError(f"a scene near the point has no result: {errors[errors != ''][0]}")
@@ -174,10 +174,10 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
     chance = np.random.default_rng(seed)
     drawn = {axis.name: sample_axis(axis.values, points, chance) for axis in sweep.axes}
     errors = np.empty(points)
-    for place in range(points):
-        point = {name: float(values[place]) for name, values in drawn.items()}
+    for index in range(points):
+        point = {name: float(values[index]) for name, values in drawn.items()}
         solved = solve_point(sweep, point).mueller
-        errors[place] = np.abs(interpolate(table, point).mueller.values - solved).max() / np.abs(solved).max()
+        errors[index] = np.abs(interpolate(table, point).mueller.values - solved).max() / np.abs(solved).max()
     return HeldOut(drawn, errors)
 
 

@@ -202,10 +202,10 @@ def predict_sweep(work: Work, workers: int, limit: float) -> None:
     solves = work.sweep.asked.solves if work.sweep.kind == TABLE else 1  # of a scene
 
     def make_request_at(number: int) -> tuple[Request, float]:
-        place = number // solves
-        chunk = left[place * len(left) // scenes]
+        index = number // solves
+        chunk = left[index * len(left) // scenes]
         there = list(grid.places(chunk))
-        where = there[-1 if place == scenes - 1 else place % len(there)]
+        where = there[-1 if index == scenes - 1 else index % len(there)]
         begin = time.perf_counter()
         with collect_warnings({}):
             found = make_scene_at(work.sweep, where, work.optics.keep, at_one=True)
@@ -228,10 +228,10 @@ def measure_particle_seconds(work: Work, shared: list[tuple[str, tuple[int, ...]
     wavelengths, when the first one has loaded what all need."""
     seconds, begin = 0.0, time.perf_counter()
     for name, lengths in shared:
-        place = tuple(length - 1 for length in lengths)
+        index = tuple(length - 1 for length in lengths)
         for wavelength in sorted({0, work.sweep.wavelengths - 1}):
             start = time.perf_counter()
-            prepare(work, Shared(name, place, wavelength))
+            prepare(work, Shared(name, index, wavelength))
         seconds += math.prod(lengths) * work.sweep.wavelengths * (time.perf_counter() - start)
         if time.perf_counter() - begin > cost.LOOKING:
             break

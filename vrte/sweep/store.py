@@ -212,9 +212,9 @@ def repair_work(work: Work) -> list[str]:
     remove(fresh)
     create_table(fresh, work.sweep, work.grid, work.results)
     descriptions = list_changed_files(fresh, work.table)
-    for place in descriptions:
-        (work.table / place).parent.mkdir(parents=True, exist_ok=True)
-        os.replace(fresh / place, work.table / place)
+    for index in descriptions:
+        (work.table / index).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(fresh / index, work.table / index)
     remove(fresh)
     particles = work.optics.remove_damaged()
     damaged = [chunk for chunk in work.done() if not work.find_whole(chunk, lambda one: read_journal(work.mark(one)))]
@@ -269,7 +269,7 @@ def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
 
     def read(chunk: int) -> dict[str, Any]:
         words = np.asarray(work.arrays["error"][work.grid.slices(chunk)]).ravel().tolist()
-        failed = {str(place): word for place, word in enumerate(words) if word}
+        failed = {str(index): word for index, word in enumerate(words) if word}
         return {"failed": failed, "warnings": {}, "seconds": 0.0, "checksum": sums[chunk]}
 
     damaged = 0
@@ -295,7 +295,7 @@ def finish(work: Work, output: Path, on_disk: bool) -> None:
         if record["failed"]:
             extent = work.grid.extent(chunk)
             words = np.full(math.prod(extent), "", object)
-            words[[int(place) for place in record["failed"]]] = list(record["failed"].values())
+            words[[int(index) for index in record["failed"]]] = list(record["failed"].values())
             work.arrays["error"][work.grid.slices(chunk)] = words.reshape(extent)
     work.arrays["checksum"][...] = sums
     if output.suffix == ".zarr":

@@ -52,7 +52,7 @@ class Grid:
     def slices(self, chunk: int) -> tuple[slice, ...]:
         """Where in the table a chunk lies."""
         corner = np.unravel_index(chunk, self.boxes)
-        starts = [int(place) * side for place, side in zip(corner, self.box, strict=True)]
+        starts = [int(index) * side for index, side in zip(corner, self.box, strict=True)]
         ends = zip(starts, self.box, self.shape, strict=True)
         return tuple(slice(start, min(start + side, length)) for start, side, length in ends)
 
@@ -73,10 +73,10 @@ def cut_grid(shape: tuple[int, ...], most: int) -> Grid:
     """
     box = [1] * len(shape)
     room = most
-    for place in reversed(range(len(shape))):
-        pieces = -(-shape[place] // max(1, room))
-        box[place] = -(-shape[place] // pieces)
-        room //= shape[place]
+    for index in reversed(range(len(shape))):
+        pieces = -(-shape[index] // max(1, room))
+        box[index] = -(-shape[index] // pieces)
+        room //= shape[index]
     return Grid(shape, tuple(box))
 
 
@@ -197,7 +197,7 @@ def list_changes(before: Any, now: Any, name: str = "") -> list[str]:
         return [found for key in keys for found in list_changes(before.get(key), now.get(key), f"{dotted}{key}")]
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         pairs = enumerate(zip(before, now, strict=True), 1)
-        return [found for place, pair in pairs for found in list_changes(*pair, f"{name}[{place}]")]
+        return [found for index, pair in pairs for found in list_changes(*pair, f"{name}[{index}]")]
     return [] if before == now else [name]
 
 

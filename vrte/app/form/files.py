@@ -41,10 +41,10 @@ def adopt_with_notes(
         found.setdefault("layer", [{"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}])
     notes = (*remove_axes(found), *add_defaults(found))
     trial = replace_parts(found, list(list_parts(found, tables)) if aside else ())
-    missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}
-    asked_for = {place: name for place, name in missing.items() if find_field(place, found).label}
-    for place in asked_for:
-        repair_field(trial, find_card(place))
+    missing = {index: name for index, name in find_named_tables(found).items() if name not in tables}
+    asked_for = {index: name for index, name in missing.items() if find_field(index, found).label}
+    for index in asked_for:
+        repair_field(trial, find_card(index))
     check(trial, folder, tables)
     found = expand_materials(found, folder)  # the form shows particles, one by one
     here = "is not here: put it in where the form asks for it"

@@ -301,8 +301,8 @@ def choose_free(listed: list[FormNumber], asked: dict[str, dict[str, Any]]) -> d
 
 def find_places(fitted: Fitted) -> dict[Any, float]:
     """The values that were found by their places in the form."""
-    places = {one.key: one.place for one in list_free_numbers(fitted.content)}
-    return {places[name]: float(value) for name, value in zip(fitted.names, fitted.values, strict=True)}
+    indices = {one.key: one.place for one in list_free_numbers(fitted.content)}
+    return {indices[name]: float(value) for name, value in zip(fitted.names, fitted.values, strict=True)}
 
 
 def replace_keys(sentence: str, names: dict[str, str]) -> str:

@@ -45,11 +45,11 @@ class WorkerProcess:
     a `Refused` says why the process has ended, unless it was killed. It starts once there is one of ``places``."""
 
     def __init__(
-        self, hear: Callable[["WorkerProcess", int, Any], None], limits: tuple[float, float], places: Any = None
+        self, hear: Callable[["WorkerProcess", int, Any], None], limits: tuple[float, float], indices: Any = None
     ) -> None:
         self.process: subprocess.Popen[bytes] | None = None
         self.started = self.ended = False
-        self._hear, self._limits, self._places = hear, limits, places
+        self._hear, self._limits, self._places = hear, limits, indices
         self._outbox: SimpleQueue[Any] = SimpleQueue()  # what is still to be sent: of tasks, the newest
         self._asked = self._answered = 0  # numbers of tasks
         self._waits_since: float | None = None  # behind an older task
@@ -230,14 +230,14 @@ class Query:
         limits = memory_bytes or find_memory_share() / (MOST_LIVE if self.stays else 1), 0.0
         if call == "solve.adopt":
             limits = ADOPTING
-        places = None if self.stays else READ_PLACES if call in READERS else SOLVE_PLACES
+        indices = None if self.stays else READ_PLACES if call in READERS else SOLVE_PLACES
         with Query._lock:
             if self.stays:
                 Query._in_use[:] = [one for one in Query._in_use if one is not self] + [self]
                 for other in Query._in_use[:-MOST_LIVE]:
                     other.close()
             if self.worker is None or self.worker.ended:
-                self.worker = WorkerProcess(self._hear, limits, places)
+                self.worker = WorkerProcess(self._hear, limits, indices)
             self.waits = True
             self.worker.ask(self._number, self.task)
 

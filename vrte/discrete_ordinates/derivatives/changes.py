@@ -99,7 +99,7 @@ def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[Lay
     stretch = np.where(problem.albedo > 0.0, 1.0 - problem.fraction * find_albedo(beam_paths), 1.0)
     for k, layer in enumerate(layers):
         own = np.flatnonzero(beam_paths.cut.layer == k)
-        here = (depths.joint < 0) & (depths.layer == k)
+        here = (depths.interface < 0) & (depths.layer == k)
         levels = np.unique(problem.level[here])
         true = levels / stretch[k]
         moved = layer.stretch * true - stretch[k] * true_top[k]

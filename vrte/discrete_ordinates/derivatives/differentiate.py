@@ -43,7 +43,7 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
     if variation.is_outside:
         return "it moves a surface or the refractive index of a medium"
     if find_spread(plan):
-        return "light of small angles is separated"
+        return "light of the forward peak is separated"
     if any(boundary.keeps_beams for weight, boundary in variation.base if weight):
         return "the base mirrors beams"
     if variation.base and not scene.below.orders_reflected:
@@ -54,7 +54,7 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
 
 
 def find_spread(plan: Plan) -> bool:
-    """Whether light of small angles is separated in any part of a plan."""
+    """Whether light of the forward peak is separated in any part of a plan."""
     return any(part.truncation.spread != "none" and bool(part.problem.fraction.any()) for part in plan.parts or (plan,))
 
 
@@ -309,8 +309,8 @@ def change_peak_flux(beam_paths: BeamPaths, variation: Variation, carried: int) 
             continue
         assert change.beams is not None
         beams = change.beams
-        for t, (joint, under) in enumerate(zip(one.cut.at.tolist(), media.depths.under.tolist(), strict=True)):
+        for t, (interface, under) in enumerate(zip(one.cut.at.tolist(), media.depths.under.tolist(), strict=True)):
             ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
-            light = np.stack([way[joint, :, 0] for way in ways])[..., list(ALL)] @ problem.columns.T
+            light = np.stack([way[interface, :, 0] for way in ways])[..., list(ALL)] @ problem.columns.T
             found[:, t] += sign * light * problem.mu0[:, None]
     return found

@@ -29,7 +29,7 @@ def list_changed_vertices(
 ) -> tuple[Sights, list[list[Vertex]]]:
     """For each variation, vertices whose light adds up to the derivative of all that is scattered once."""
     beam_paths = BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0)
-    sources = [*beam_paths.sources, (beam_paths.cut.joint.size - 1, 2)]  # the base's, whether it reflects or not
+    sources = [*beam_paths.sources, (beam_paths.cut.interface.size - 1, 2)]  # the base's, whether it reflects or not
     found = []
     escapes = find_escapes(
         beam_paths.media, beam_paths.cut, beam_paths.sights, problem.n_up, list(ALL), np.array(sources)
@@ -93,7 +93,9 @@ def list_vertices_of(
         )
         for light, new_light, side in sides:
             for transmitted in (False, True):
-                scatter = make_facet_scatterer(media, int(cut.joint[index]), side, transmitted, into, sights, azimuths)
+                scatter = make_facet_scatterer(
+                    media, int(cut.interface[index]), side, transmitted, into, sights, azimuths
+                )
                 add(light, new_light, 2 * cut.layer.size + 2 * k + (side ^ transmitted), scatter, is_surface=True)
     if beams.arriving[-1].any() or (moved is not None and moved.arriving[-1].any()):
         light, new_light = beams.arriving[-1], None if moved is None else moved.arriving[-1]

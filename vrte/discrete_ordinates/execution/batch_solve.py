@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, BoolArray, IntArray, settle_array
+from vrte.basics.arrays import Array, BoolArray, IntArray, make_readonly
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
@@ -56,7 +56,7 @@ def solve_together(alike: Alike, run: Run) -> Together:
         found.right[:] &= values <= Modes.allowed[name]  # not where it is no number
     for values in (*parts, found.flux):
         found.right[:] &= np.isfinite(values.reshape(count, -1).sum(axis=1))
-        settle_array(values)
+        make_readonly(values)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Light added up: the sum over Fourier orders, single scattering, light of small angles, the base's reflection."""
+"""Light added up: the sum over Fourier orders, single scattering, light of the forward peak, the base's reflection."""
 
 import itertools
 import math
@@ -43,8 +43,8 @@ class Light:
 class Target:
     """What light is added up into: the parts ``wanted`` of the radiance in a scene, and its discrete problem.
 
-    mu (n_mu,): signed cosines in the order of the result; spreads (n_mu,): towards which of them light of small angles
-    stands for single scattering.
+    mu (n_mu,): signed cosines in the order of the result; spreads (n_mu,): for which of them light of the forward
+    peak stands for single scattering.
     """
 
     wanted: Wanted
@@ -130,7 +130,7 @@ def fill_results(
 ) -> list[list[Array]]:
     """The radiance of every part of many results, (n_level, n_in, n_mu, n_phi, 4, n_place) each.
 
-    An engine adds up Fourier orders and single scattering; light of small angles and the beam that the base reflects
+    An engine adds up Fourier orders and single scattering; light of the forward peak and the beam reflected by the base
     come from the processor. told(k) is called when the engine is done with k pieces.
     """
     sums = [prepare_sum(target, lights, run, engine.overwrites) for target, lights in lit]

@@ -71,8 +71,8 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
             for transmitted in (False, True):
                 seen = escapes[:, :, :, first_rough + 2 * k + (side ^ transmitted)]
                 if light.any() and seen.any():
-                    joint = int(cut.joint[index])
-                    scatter = make_facet_scatterer(media, joint, side, transmitted, into, sights, azimuths)
+                    number = int(cut.interface[index])
+                    scatter = make_facet_scatterer(media, number, side, transmitted, into, sights, azimuths)
                     found.append(Vertex(lit * (light @ columns), seen, scatter, is_surface=True))
     if base.orders_reflected and beams.arriving[-1].any():
         found.append(
@@ -139,12 +139,12 @@ def make_scatterer(
 
 
 def make_facet_scatterer(
-    media: Media, joint: int, side: int, transmitted: bool, into: Array, sights: Sights, azimuths: Azimuths
+    media: Media, number: int, side: int, transmitted: bool, into: Array, sights: Sights, azimuths: Azimuths
 ) -> Scatter:
     """Of a rough interface, for light from above (side 0) or below (1)."""
-    interface = media.scene.interfaces[joint]
+    interface = media.scene.interfaces[number]
     assert interface is not None
-    here, there = joint + side, joint + (side ^ transmitted)
+    here, there = number + side, number + (side ^ transmitted)
     surface = (interface.turned if side else interface).facets
     lit, out = into[here] > 0.0, sights.cosines[there] > 0.0
     mu_in, mu_out = np.where(lit, into[here], 1.0), np.where(out, sights.cosines[there], 1.0)

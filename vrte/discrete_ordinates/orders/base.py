@@ -15,7 +15,7 @@ from vrte.scene.azimuths import ConvergenceError
 from vrte.scene.boundary import Boundary
 
 SHARE = 0.1  # fraction of the requested accuracy for the Fourier integrals of a base
-UNTOLD = 1e-9  # accuracy of these integrals under methods without an accuracy of their own
+DEFAULT_ACCURACY = 1e-9  # accuracy of these integrals under methods without an accuracy of their own
 FINEST = 1e-12  # relative error of a base's Fourier integrals that is always allowed
 ROUNDING = 1e-13  # rounding error of R^m, relative
 LARGEST_ERROR = 1e-3  # error of light by integrals that do not converge, beyond which the solve is refused
@@ -48,7 +48,7 @@ def count_base_rows(problem: Problem, n_order: int) -> int:
     return 1 if problem.skip_flags.base or np.isinf(problem.thickness[-1]) else max(n_order, 2)
 
 
-def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD) -> Base:
+def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = DEFAULT_ACCURACY) -> Base:
     """The base's operators for the orders 0 .. n_order - 1; ``accuracy``: relative, of the light they lead to."""
     if not boundary.orders_reflected or not (boundary.mixes_stokes or problem.conserves):
         return make_black_base(problem, n_order)
@@ -76,7 +76,7 @@ def make_base_operators(problem: Problem, orders: Array) -> tuple[Array, Array, 
 
 
 def find_reflected_orders(
-    boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD
+    boundary: Boundary, problem: Problem, n_order: int, accuracy: float = DEFAULT_ACCURACY
 ) -> tuple[Array, int]:
     """R^m of (1:35), (order, in, out, 4, 4), and the most azimuths it took.
 

@@ -48,7 +48,7 @@ class BeamPaths:
         self.rough_interfaces = {
             index: make_rough_interface(
                 self.media,
-                int(self.cut.joint[index]),
+                int(self.cut.interface[index]),
                 self.into,
                 self.sights.cosines,
                 list(problem.stokes),
@@ -64,7 +64,7 @@ class BeamPaths:
         return find_rough_places(self.media, self.cut)
 
     def power_at(self, index: int, way: int) -> Array:
-        """Power of beams at a joint, (n_in, S, n_col), coming up below it or down above it."""
+        """Power of beams at a interface, (n_in, S, n_col), coming up below it or down above it."""
         members, part = np.ix_(self.problem.stokes, self.problem.stokes), self.beams
         light = (part.rising if way == RISING else part.arriving)[index]
         found: Array = self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
@@ -143,12 +143,12 @@ class BeamPaths:
         """Fluxes up and down at the depths, (2, n_tau, r), of light on the nodes at every interface, each (n, r)."""
         found = np.empty((2, self.cut.at.size, self.problem.n_rhs))
         sides = zip(self.cut.at.tolist(), self.media.depths.under.tolist(), strict=True)
-        for t, (joint, under) in enumerate(sides):
+        for t, (interface, under) in enumerate(sides):
             index = float(self.sights.index[t])
             nodes, weights = self.media.nodes.carried(index)
             scale = index * np.sqrt(weights * nodes)
             for way, field in enumerate((rising, entering) if under else (leaving, arriving)):
-                found[way, t] = scale @ field[joint][:: len(self.problem.stokes)][-nodes.size :]
+                found[way, t] = scale @ field[interface][:: len(self.problem.stokes)][-nodes.size :]
         return found
 
 
@@ -157,7 +157,7 @@ def list_sources(cut: Cut, rough: Sequence[int], base: Boundary) -> list[tuple[i
     rough surface, one of a base that reflects."""
     found = [source for piece in range(cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
     found += [source for index in rough for source in ((index, LEAVING), (index, ENTERING))]
-    return [*found, (cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
+    return [*found, (cut.interface.size - 1, LEAVING)] if base.orders_reflected else found
 
 
 def expand_lossless_base(base: Boundary, problem: Problem, n_order: int, accuracy: float) -> Base:

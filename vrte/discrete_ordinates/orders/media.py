@@ -9,12 +9,12 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.quadrature import RefractedNodes
 from vrte.scene.beams import (
     Depths,
-    Joints,
+    Interfaces,
     Passing,
     find_cosines,
     find_decaying,
     follow_beams,
-    make_joints,
+    make_interfaces,
     pass_along,
 )
 from vrte.scene.scene import Scene
@@ -28,13 +28,13 @@ class Media:
     scene: Scene
     nodes: RefractedNodes
     depths: Depths
-    _known: dict[bytes, Joints] = field(default_factory=dict)
+    _known: dict[bytes, Interfaces] = field(default_factory=dict)
 
-    def joints_along(self, cosines: Array) -> Joints:
+    def interfaces_along(self, cosines: Array) -> Interfaces:
         """The scene's interfaces along directions (medium, n), found once: all blocks of orders ask for the same."""
         key = cosines.tobytes()
         if key not in self._known:
-            self._known[key] = make_joints(self.scene, cosines)
+            self._known[key] = make_interfaces(self.scene, cosines)
         return self._known[key]
 
     @cached_property
@@ -49,15 +49,15 @@ class Media:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """The layers cut wherever the field is wanted: pieces, and a interface above each and below the last.
+    """The layers cut wherever the field is wanted: pieces, and an interface above each and below the last.
 
-    layer (piece,); thickness (piece,), as the truncated layers have it; joint (piece + 1,): which of the scene's it is,
+    layer (piece,); thickness (piece,), of the truncated layers; interface (piece + 1,): its index in the scene,
     -1 for a mere cut; at (n_tau,): the interface that each depth lies at.
     """
 
     layer: IntArray
     thickness: Array
-    joint: IntArray
+    interface: IntArray
     at: IntArray
 
 
@@ -65,29 +65,29 @@ def cut_pieces(depths: Depths, thickness: Array, level: Array) -> Cut:
     """Cuts layers of that ``thickness`` (layer,) at the depths inside them, ``level`` (n_tau,) below their tops."""
     layers: list[int] = []
     lengths: list[float] = []
-    joints: list[int] = []
+    interfaces: list[int] = []
     at = np.zeros(level.size, np.int32)
     for k, total in enumerate(thickness.tolist()):
-        at[depths.joint == k] = len(joints)
-        joints.append(k)
-        here = (depths.joint < 0) & (depths.layer == k)
+        at[depths.interface == k] = len(interfaces)
+        interfaces.append(k)
+        here = (depths.interface < 0) & (depths.layer == k)
         cuts = np.unique(np.concatenate([[0.0, total], level[here]]))
         if total == 0.0:
             cuts = np.zeros(2)
-        at[here] = len(joints) - 1 + np.searchsorted(cuts, level[here])
+        at[here] = len(interfaces) - 1 + np.searchsorted(cuts, level[here])
         lengths += np.diff(cuts).tolist()
         layers += [k] * (cuts.size - 1)
-        joints += [-1] * (cuts.size - 2)
-    at[depths.joint == thickness.size] = len(joints)
-    joints.append(thickness.size)
-    return Cut(np.array(layers, np.int32), np.array(lengths), np.array(joints, np.int32), at)
+        interfaces += [-1] * (cuts.size - 2)
+    at[depths.interface == thickness.size] = len(interfaces)
+    interfaces.append(thickness.size)
+    return Cut(np.array(layers, np.int32), np.array(lengths), np.array(interfaces, np.int32), at)
 
 
 def find_rough_places(media: Media, cut: Cut) -> list[int]:
     """Which interfaces of the pieces are rough interfaces."""
     kinds = media.scene.interfaces
     rough = {k for k, kind in enumerate(kinds) if kind is not None and not kind.is_smooth}
-    return [index for index, joint in enumerate(cut.joint.tolist()) if joint in rough]
+    return [index for index, interface in enumerate(cut.interface.tolist()) if interface in rough]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +110,14 @@ def list_sights(media: Media, mu_out: Array) -> Sights:
     return Sights(cosines, place.astype(np.int32), index)
 
 
-def join_pieces(joints: Joints, cut: Cut) -> Joints:
+def join_pieces(interfaces: Interfaces, cut: Cut) -> Interfaces:
     """The interfaces of a cut stack from those of its scene: nothing happens at a mere cut. Complex where thicknesses
     are, as derivatives take them."""
-    count = joints.above.shape[1]
+    count = interfaces.above.shape[1]
     nothing, all_ = np.zeros((1, count, 4, 4)), np.broadcast_to(np.eye(4), (1, count, 4, 4))
     ways = (("above", nothing), ("below", nothing), ("down", all_), ("up", all_))
-    parts = (np.concatenate([getattr(joints, name), cut_])[cut.joint] for name, cut_ in ways)
-    return Joints(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
+    parts = (np.concatenate([getattr(interfaces, name), cut_])[cut.interface] for name, cut_ in ways)
+    return Interfaces(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
 
 
 def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
@@ -129,8 +129,8 @@ def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
 def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
     """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at interfaces of the pieces."""
     cosines = find_cosines(media.scene.media, media.scene.index_above, mu0)
-    joints = join_pieces(media.joints_along(cosines), cut)
-    return cosines, follow_beams(joints, find_decaying_of_pieces(cut, cosines))
+    interfaces = join_pieces(media.interfaces_along(cosines), cut)
+    return cosines, follow_beams(interfaces, find_decaying_of_pieces(cut, cosines))
 
 
 def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: list[int], sources: Array) -> Array:
@@ -138,23 +138,23 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
 
     sources (source, 2): at which interface, and on which way: 0 coming up below it, 1 coming down above it, 2 going up
     above it, 3 going down below it; the first n_up outgoing directions see light going up."""
-    joints = join_pieces(media.joints_along(sights.cosines), cut)
+    interfaces = join_pieces(media.interfaces_along(sights.cosines), cut)
     chosen = np.ix_(members, members)
-    joints = Joints(*(part[..., chosen[0], chosen[1]] for part in vars(joints).values()))
-    n_joint, n_sight, size = cut.joint.size, sights.cosines.shape[1], len(members)
+    interfaces = Interfaces(*(part[..., chosen[0], chosen[1]] for part in vars(interfaces).values()))
+    n_interface, n_sight, size = cut.interface.size, sights.cosines.shape[1], len(members)
     kind = cut.thickness.dtype
-    parts = [np.zeros((n_joint, n_sight, size, len(sources), size), kind) for _ in range(4)]
-    for source, (joint, way) in enumerate(sources.tolist()):
-        parts[way][joint, :, :, source] = np.eye(size)
-    rising, arriving, leaving, entering = (part.reshape(n_joint, n_sight, size, -1) for part in parts)
+    parts = [np.zeros((n_interface, n_sight, size, len(sources), size), kind) for _ in range(4)]
+    for source, (interface, way) in enumerate(sources.tolist()):
+        parts[way][interface, :, :, source] = np.eye(size)
+    rising, arriving, leaving, entering = (part.reshape(n_interface, n_sight, size, -1) for part in parts)
     found = pass_along(
-        joints, find_decaying_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising)
+        interfaces, find_decaying_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising)
     )
-    shape = (n_joint, n_sight, size, len(sources), size)
+    shape = (n_interface, n_sight, size, len(sources), size)
     n_out = sights.place.shape[1]
     seen = np.empty((cut.at.size, n_out, *shape[2:]), kind)
-    for t, (joint, under) in enumerate(zip(cut.at.tolist(), media.depths.under.tolist(), strict=True)):
+    for t, (interface, under) in enumerate(zip(cut.at.tolist(), media.depths.under.tolist(), strict=True)):
         up, down = (found.rising, found.entering) if under else (found.leaving, found.arriving)
-        seen[t, :n_up] = up.reshape(shape)[joint, sights.place[t, :n_up]]
-        seen[t, n_up:] = down.reshape(shape)[joint, sights.place[t, n_up:]]
+        seen[t, :n_up] = up.reshape(shape)[interface, sights.place[t, :n_up]]
+        seen[t, n_up:] = down.reshape(shape)[interface, sights.place[t, n_up:]]
     return seen

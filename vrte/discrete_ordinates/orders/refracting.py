@@ -57,7 +57,7 @@ class Refracting(BeamPaths):
             "residual_of_reflection": 1e-9,
             "residual_of_transmission": 1e-6,
             "residual_of_invariance": 1e-9,
-            "residual_of_joints": 1e-9,
+            "residual_of_adding": 1e-9,
         }
         self.places = self.find_places()
         self.interface_operators = self.find_interface_operators()
@@ -93,16 +93,16 @@ class Refracting(BeamPaths):
 
     def find_interface_operators(self) -> list[InterfaceOperators | None]:
         """Of smooth interfaces, in the order of the pieces; None for mere cuts."""
-        joints = self.media.joints_along(self.media.cosines)
+        interfaces = self.media.interfaces_along(self.media.cosines)
         members = np.ix_(self.problem.stokes, self.problem.stokes)
         found: list[InterfaceOperators | None] = []
         scene = self.media.scene
-        for index, joint in enumerate(self.cut.joint.tolist()):
-            mere_cut = joint < 0 or (scene.interfaces[joint] is None and joint < len(scene.layers))
+        for index, at in enumerate(self.cut.interface.tolist()):
+            mere_cut = at < 0 or (scene.interfaces[at] is None and at < len(scene.layers))
             if mere_cut or index in self.rough:
                 found.append(None)
                 continue
-            parts = [part[joint][:, members[0], members[1]] for part in vars(joints).values()]
+            parts = [part[at][:, members[0], members[1]] for part in vars(interfaces).values()]
             found.append(InterfaceOperators(*(part if part.any() else None for part in parts)))
         return found
 
@@ -130,7 +130,7 @@ class Refracting(BeamPaths):
             else:
                 for index in range(orders.size):
                     join(index)
-        residuals: dict[str, Array] = {"residual_of_joints": residual}
+        residuals: dict[str, Array] = {"residual_of_adding": residual}
         for medium in responses:
             for slab in medium:
                 for key, values in slab.residuals.items():

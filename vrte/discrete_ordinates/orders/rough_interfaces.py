@@ -43,19 +43,19 @@ class RoughInterface:
 
 
 def make_rough_interface(
-    media: Media, joint: int, into: Array, sights: Array, members: list[int], n_order: int, accuracy: float
+    media: Media, number: int, into: Array, sights: Array, members: list[int], n_order: int, accuracy: float
 ) -> RoughInterface:
     """That interface of the scene, which is rough; into (medium, n_in), sights (medium, n_sight): cosines."""
-    interface = media.scene.interfaces[joint]
+    interface = media.scene.interfaces[number]
     assert interface is not None
-    beams, seen = ([np.where(mu > 0.0, mu, 1.0) for mu in part[joint : joint + 2]] for part in (into, sights))
+    beams, seen = ([np.where(mu > 0.0, mu, 1.0) for mu in part[number : number + 2]] for part in (into, sights))
     found = expand_interface(
         interface, media.nodes, (beams[0], beams[1]), (seen[0], seen[1]), n_order, accuracy, threads=1
     )
 
     def scale(orders: Array, here: int, there: int, flips: bool) -> Way:
         """R^m (order, into, out, 4, 4) as a way from one side to the other, 0 above and 1 below."""
-        index, behind = media.scene.media[joint + here], media.scene.media[joint + there]
+        index, behind = media.scene.media[number + here], media.scene.media[number + there]
         (mu, weight), (mu_out, weight_out) = media.nodes.carried(index), media.nodes.carried(behind)
         orders = (FLIP[:, None] * orders if flips else orders)[..., members, :][..., members]
         orders = orders.transpose(0, 2, 3, 1, 4)  # (order, out, S, into, S)
@@ -67,12 +67,12 @@ def make_rough_interface(
         nodes[:, first_out:, :, first:] = orders[:, : mu_out.size, :, : mu.size] * (index / behind)
         nodes[:, first_out:, :, first:] *= root_out[:, None, None, None] * root[:, None]
         entering = np.zeros((*shape[:3], into.shape[1], stokes))
-        lit = into[joint + here] > 0.0
+        lit = into[number + here] > 0.0
         entering[:, first_out:] = orders[:, : mu_out.size, :, mu.size :] * root_out[:, None, None, None] / behind
         entering *= lit[:, None]
         leaving = np.zeros((shape[0], sights.shape[1], stokes, count, stokes))
         leaving[..., first:, :] = orders[:, mu_out.size :, :, : mu.size] * root[:, None] * (index / behind**2)
-        leaving *= (sights[joint + there] > 0.0)[:, None, None, None]
+        leaving *= (sights[number + there] > 0.0)[:, None, None, None]
         n = count * stokes
         return Way(
             nodes.reshape(-1, n, n),

@@ -91,7 +91,7 @@ class Doubling:
     """Impedance doubling of homogeneous slabs, joined by the star product."""
 
     name = "doubling"
-    allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
+    allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_adding": 1e-9}
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.slab_stack = cut_layers(problem)
@@ -111,7 +111,7 @@ class Doubling:
         residuals = {
             "residual_of_reflection": worst[:, 0],
             "residual_of_transmission": worst[:, 1],
-            "residual_of_joints": residual,
+            "residual_of_adding": residual,
         }
         return Orders(kernels, up, down, residuals)
 
@@ -163,7 +163,7 @@ class Fractions:
 
 
 class Scatterings:
-    """The same for a few beams, scattering by scattering; at depths inside as well."""
+    """The same for a few beams, by successive scatterings (GMRES); at depths inside as well."""
 
     name = "scatterings"
     allowed: ClassVar = {"residual_of_scatterings": 1e-9}
@@ -208,7 +208,7 @@ def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accura
     return ROUTES[name](problem, base, n_order, accuracy)
 
 
-SETTLES = 80.0  # optical thickness whose half transmits less than the rounding of 1
+OPAQUE = 80.0  # optical thickness whose half transmits less than the rounding of 1
 
 
 def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[str, str]]:
@@ -220,7 +220,7 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     if name == "doubling":
         slab_stack = cut_layers(problem)
         twice, kind = slab_stack.slabs.size - slab_stack.material.size, "slab"
-        thick = (slab_stack.thickness > SETTLES) & np.isfinite(slab_stack.thickness)
+        thick = (slab_stack.thickness > OPAQUE) & np.isfinite(slab_stack.thickness)
         found = [("doublings", "its transmission alone is squared")] if thick.any() else []
     else:
         materials, kinds = find_materials(problem)

@@ -42,14 +42,14 @@ class SingleInterface:
         scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
         into = find_cosines(scene.media, scene.index_above, problem.mu0)
         index = scene.indices[0] / scene.index_above
-        down = self.media.joints_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
+        down = self.media.interfaces_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
         lit = into[1] > 0.0
         mu_in = np.where(lit, into[1], 1.0)
         self.flux = down * (lit * problem.mu0 / mu_in)[:, None, None]  # across the refracted beam, (n_in, S, n_col)
         self.sights = list_sights(self.media, problem.mu_out)
         seen = self.sights.cosines[1]
         mu_out = np.where(seen > 0.0, seen, 1.0)
-        within = (self.media.depths.joint != 0) | self.media.depths.under  # which depths are below the surface
+        within = (self.media.depths.interface != 0) | self.media.depths.under  # which depths are below the surface
         self.within = within
         both = mu_out if not within.any() else np.concatenate([mu_out, mu_out])
         nodes, weights = self.media.nodes.carried(scene.indices[0])
@@ -66,7 +66,7 @@ class SingleInterface:
             level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
             self.inside = replace(self.inside, level=level, level_layer=layer.astype(np.int32))
         # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
-        along, on_nodes = map(self.media.joints_along, (self.sights.cosines, self.media.cosines))
+        along, on_nodes = map(self.media.interfaces_along, (self.sights.cosines, self.media.cosines))
         self.through = along.up[0][:, members[0], members[1]] / index**2
         self.back = FLIP[:, None] * along.below[0]
         self.back = self.back[:, members[0], members[1]]

@@ -42,7 +42,7 @@ def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
 
 
 def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
-    """Doubles of an order's arrays, and of a thread's scratch memory, scattering by scattering."""
+    """Doubles of an order's arrays, and of a thread's scratch memory, by successive scatterings (GMRES)."""
     work = _core.scatterings_work(
         problem.size,
         problem.mu_out.size,

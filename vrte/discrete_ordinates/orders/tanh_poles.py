@@ -22,7 +22,7 @@ PLACES_A_FACTOR = 60  # fit points of the fractions for each factor of two in x
 LOWEST = 1e-2  # smallest x of the fit points
 EXACT = ((np.arange(2) + 0.5) * np.pi) ** 2  # the lowest poles, which are those of tanh itself
 PLACES_INSIDE, LOW, LADDER = 20, 10, 0.17  # of poles for all depths: places a factor of two, exact ones, their ladder
-SETTLED = 1e-3  # error of an order's moments, as a fraction of the requested accuracy, at which GMRES stops
+CONVERGED = 1e-3  # error of an order's moments, as a fraction of the requested accuracy, at which GMRES stops
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
             share=tangent.share,
             constant=tangent.constant,
             inside=inside,
-            tolerance=SETTLED * accuracy,
+            tolerance=CONVERGED * accuracy,
             out=faces.out,
             on_nodes=faces.on_nodes,
             out_inside=faces.out_inside,

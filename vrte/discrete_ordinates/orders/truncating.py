@@ -138,9 +138,11 @@ def find_peak_flux(problem: Problem, tau: Array) -> Array:
         scene, depths = problem.media.scene, problem.media.depths
         cut = cut_pieces(depths, problem.thickness, problem.level)
         _, beams = find_beams(problem.media, cut, problem.mu0)
-        for t, (joint, under) in enumerate(zip(cut.at.tolist(), depths.under.tolist(), strict=True)):
+        for t, (interface, under) in enumerate(zip(cut.at.tolist(), depths.under.tolist(), strict=True)):
             parts = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
-            found[:, t] = np.stack([part[joint, :, 0] for part in parts])[..., list(problem.stokes)] @ problem.columns.T
+            found[:, t] = (
+                np.stack([part[interface, :, 0] for part in parts])[..., list(problem.stokes)] @ problem.columns.T
+            )
         true = find_direct_light(scene, problem.mu0, depths)[..., 0, :][..., list(problem.stokes)] @ problem.columns.T
         return (found - np.moveaxis(true, 2, 0)) * problem.mu0[:, None]
     depth = problem.depth[:, None]

@@ -38,7 +38,7 @@ from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
 Sets = tuple[tuple[tuple[int, ...], ...], ...]  # of Stokes parameters that each order keeps apart
-FADES = 0.8  # decay rate of an order as a fraction of 1 - q, as in `count_layers_reached`
+DECAY = 0.8  # decay rate of an order as a fraction of 1 - q, as in `count_layers_reached`
 
 
 class BatchKey(NamedTuple):
@@ -345,7 +345,7 @@ def find_all_seeing(alike: Alike, strength: Array, effect: Array, brightest: Arr
         seen[index] = counts.min() > least or min(choose_node_counts(total, counts, stokes)) == total
     if alike.request.tau.size > 1:  # the bottom is where the light is wanted
         return seen
-    found: BoolArray = seen & (FADES * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * accuracy))
+    found: BoolArray = seen & (DECAY * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * accuracy))
     return found
 
 

@@ -152,7 +152,7 @@ def count_depths(problem: Problem) -> int:
 
 
 def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
-    """How partial fractions are taken, as operators or scattering by scattering, and the operations of each order.
+    """How partial fractions are taken, as operators or by successive scatterings (GMRES); operations of each order.
 
     Beside a symmetric eigenproblem, measured from 8 to 60 nodes, operators gain nothing; they are for faces alone."""
     found = {"scatterings": count_operations_of_scatterings(problem, orders)}
@@ -162,7 +162,7 @@ def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
 
 
 def is_by_scatterings(algorithm: str, problem: Problem, orders: IntArray, accuracy: float) -> bool:
-    """Whether all orders, over black ground, go scattering by scattering: fewer nodes save less than a block takes."""
+    """Whether all orders over a black base go by successive scatterings (GMRES): fewer nodes would save little."""
     if algorithm != "auto" or not is_for_fractions(problem, accuracy):
         return False
     name, operations = choose_fractions(problem, orders)

@@ -51,8 +51,8 @@ def warn_runtime_of_plan(plan: Plan, run: Run) -> None:
     largest = max(block.problem.size for block in blocks)
     names = " and ".join(sorted({block.choice.name for block in blocks}))
     orders, layers = max(part.orders for part in parts), len(request.scene.layers)
-    piled = f"{layers} layer{'s'[: layers > 1]}"
-    why = f", most of it for {orders} Fourier orders of {largest} unknowns in {piled} by {names}"
+    stacked = f"{layers} layer{'s'[: layers > 1]}"
+    why = f", most of it for {orders} Fourier orders of {largest} unknowns in {stacked} by {names}"
     change = "fewer nodes or a coarser accuracy take less"
     cost.warn_runtime(predict_total_seconds(plan) / run.threads, request.time_limit_s, why, change, run.runtime_warned)
 

@@ -185,7 +185,7 @@ class Plan:
 
     @cached_property
     def spreads(self) -> BoolArray:
-        """Towards which directions ``mu`` light of small angles stands for single scattering, (n_mu,)."""
+        """Towards which directions ``mu`` light of the forward peak stands for single scattering, (n_mu,)."""
         return find_spread_directions(self.truncation, self.problem, self.mu)
 
     @property

@@ -54,8 +54,8 @@ RULES = (
 
 def choose_by_rule(request: Request) -> Request:
     """The request with the method that the table takes, its nodes where the rule finds them, and the rule in words."""
-    place, rule = find_rule(request)
-    told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+    index, rule = find_rule(request)
+    told = f"auto, rule {index + 1} ({rule.name}): {rule.why}"
     if rule.method != EXACT:
         nodes_rule = "of the quadrature of fluxes"
         found = replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
@@ -65,7 +65,7 @@ def choose_by_rule(request: Request) -> Request:
 
 def find_rule(request: Request) -> tuple[int, Rule]:
     """The place and the rule; the last one takes everything."""
-    return next((place, rule) for place, rule in enumerate(RULES) if rule.takes(request))
+    return next((index, rule) for index, rule in enumerate(RULES) if rule.takes(request))
 
 
 def count_special_wishes(request: Request) -> float:

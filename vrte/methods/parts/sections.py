@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.discrete_ordinates.orders.base import UNTOLD
+from vrte.discrete_ordinates.orders.base import DEFAULT_ACCURACY
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import find_decaying_of_pieces, join_pieces
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -190,12 +190,12 @@ class Sections:
     """The sections of a stack, and light on its way along the nodes through all of it."""
 
     def __init__(self, problem: Problem, below: Boundary, levels: int | None) -> None:
-        self.beam_paths = beam_paths = BeamPaths(problem, below, problem.coefficients.shape[1], UNTOLD)
+        self.beam_paths = beam_paths = BeamPaths(problem, below, problem.coefficients.shape[1], DEFAULT_ACCURACY)
         media, cut = beam_paths.media, beam_paths.cut
-        self.joints = join_pieces(media.joints_along(media.cosines), cut)
+        self.interfaces = join_pieces(media.interfaces_along(media.cosines), cut)
         self.members = np.ix_(problem.stokes, problem.stokes)
-        self.joints = type(self.joints)(
-            *(part[..., self.members[0], self.members[1]] for part in vars(self.joints).values())
+        self.interfaces = type(self.interfaces)(
+            *(part[..., self.members[0], self.members[1]] for part in vars(self.interfaces).values())
         )
         self.decay = find_decaying_of_pieces(cut, media.cosines)
         self.scale = np.repeat(np.sqrt(media.nodes.measure), len(problem.stokes))[:, None]
@@ -226,7 +226,7 @@ class Sections:
     def carry(self, made: dict[int, tuple[Array, Faces]], from_base: Array) -> Light:
         """Light that sets out in the sections, at Gauss points and faces, and at the base, on its way through all
         interfaces."""
-        count, (n, b) = self.joints.above.shape[0], from_base.shape
+        count, (n, b) = self.interfaces.above.shape[0], from_base.shape
         sources = Passing(*np.zeros((4, count, n, b)))
         points = np.zeros((2, self.panels, POINTS, n, b))
         for section in self.sections:
@@ -235,7 +235,9 @@ class Sections:
             sources.arriving[section.place + 1, section.nodes] += down
         sources.leaving[-1] += from_base
         stokes = (count, -1, len(self.beam_paths.problem.stokes), b)
-        found = pass_along(self.joints, self.decay, Passing(*(part.reshape(stokes) for part in vars(sources).values())))
+        found = pass_along(
+            self.interfaces, self.decay, Passing(*(part.reshape(stokes) for part in vars(sources).values()))
+        )
         edges = np.stack([part.reshape(count, n, b) for part in vars(found).values()])
         _, leaving, entering, _ = edges
         for section in self.sections:
@@ -251,9 +253,9 @@ class Sections:
         beam_paths = self.beam_paths
         shape = beam_paths.sights.cosines.shape[1], len(beam_paths.problem.stokes), beam_paths.problem.n_rhs
         sent = np.zeros((len(beam_paths.sources), *shape))
-        for place, pair in faces.items():
+        for index, pair in faces.items():
             for end, light in enumerate(pair):
-                sent[2 * place + end] = light.reshape(shape)
+                sent[2 * index + end] = light.reshape(shape)
         if beam_paths.base is not None:
             sent[-1] = beam_paths.leave_base(order, self.scale * arriving)
         return beam_paths.look(sent)

@@ -21,7 +21,7 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.basics.running import Run
 from vrte.basics.spherical_functions import find_gauss_legendre
-from vrte.discrete_ordinates.orders.base import UNTOLD
+from vrte.discrete_ordinates.orders.base import DEFAULT_ACCURACY
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -226,9 +226,9 @@ def join_slabs(task: Task, respond: Responder) -> tuple[Array, tuple[Array, Arra
     Raises AccuracyError where the joined slabs leave too large a residual."""
     problem, run = connect_media(task.request, task.problem), task.run
     count = problem.coefficients.shape[1]
-    route = Refracting(respond, problem, task.request.scene.below, count, UNTOLD)
+    route = Refracting(respond, problem, task.request.scene.below, count, DEFAULT_ACCURACY)
     if task.problem.media is None:
-        route.allowed["residual_of_joints"] = LARGEST_RESIDUAL
+        route.allowed["residual_of_adding"] = LARGEST_RESIDUAL
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
     kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
     fluxes = np.zeros(shape), np.zeros(shape)

@@ -42,11 +42,11 @@ ALONG = 4  # the last so many dimensions are differenced: an axis, incidence, ex
 def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
     """Azimuths (n,) [degrees] from 0 to 180, and the Mueller matrices (axes ..., mu_i, mu_o, n, 4, 4) there."""
     given = np.asarray(table.phi_deg.values, np.float64)
-    azimuths, places = mirror_azimuths(given)
+    azimuths, indices = mirror_azimuths(given)
     here = azimuths <= 180.0
-    azimuths, places = azimuths[here], places[here]
-    sign = np.where((places >= given.size)[:, None, None], MIRROR, 1.0)
-    return azimuths, table.mueller.values[..., places % given.size, :, :] * sign
+    azimuths, indices = azimuths[here], indices[here]
+    sign = np.where((indices >= given.size)[:, None, None], MIRROR, 1.0)
+    return azimuths, table.mueller.values[..., indices % given.size, :, :] * sign
 
 
 def pack_matrices(matrices: Array) -> dict[str, Any]:
@@ -195,8 +195,8 @@ def make_mesh(mu_o: Array, azimuths: Array) -> dict[str, Any]:
     np.add.at(around.T, turn, compute_weights(grid, spokes).T)
     first = float(theta[0]) if theta[0] > HOLE else 0.0
     rings = np.linspace(first, float(theta[-1]), min(MOST_RINGS, max(FEWEST_RINGS, 2 * theta.size)))
-    place: Array = np.arange(float(theta.size))
-    along, order = extend_over_pole(theta, place, place)
+    index: Array = np.arange(float(theta.size))
+    along, order = extend_over_pole(theta, index, index)
     behind = along.size - theta.size
     over = compute_weights(along, rings)
     return {
@@ -220,8 +220,8 @@ def measure_page_error(table: "xarray.Dataset", sweep: Sweep, points: int, seed:
     }
     angle_o = np.arccos(table.mu_o.values)
     errors = []
-    for place in range(points):
-        point = {name: float(values[place]) for name, values in drawn.items()}
+    for index in range(points):
+        point = {name: float(values[index]) for name, values in drawn.items()}
         mu_i = float(chance.choice(table.mu_i.values))
         theta = np.sort(chance.uniform(angle_o[0], angle_o[-1], 12))
         phi = np.sort(chance.uniform(0.0, 180.0, 12))

@@ -93,7 +93,7 @@ class Processor:
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """Both algorithms and what was wrong."""
         tried, before = piece.tried[order]
-        return f"neither algorithm can vouch for Fourier order {order}: {tried} ({before}), {piece.name} ({reason})"
+        return f"neither algorithm can verify Fourier order {order}: {tried} ({before}), {piece.name} ({reason})"
 
     def diagnostics(self) -> dict[str, Any]:
         """Whether threads share the work."""

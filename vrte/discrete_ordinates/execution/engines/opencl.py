@@ -46,7 +46,7 @@ IN_DOUBLES = "doubling in doubles"  # algorithm of items whose answer in floats 
 BY_SLABS = ("doubling", IN_DOUBLES)  # algorithms that work slab by slab
 # Residuals up to which an answer in floats counts: a tenth of its accuracy of 1e-4, as 1e-9 is of doubles' 1e-8; that
 # of transmission is nine times the error that rounding makes of T, and more (docs/how_to/opencl.md).
-ALLOWED_OF_FLOATS = {"residual_of_reflection": 1e-5, "residual_of_transmission": 5e-4, "residual_of_joints": 1e-5}
+ALLOWED_OF_FLOATS = {"residual_of_reflection": 1e-5, "residual_of_transmission": 5e-4, "residual_of_adding": 1e-5}
 CACHED = 256e6  # bytes of matrices per batch on a processor: larger batches are not faster
 
 
@@ -231,7 +231,7 @@ class Device:
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can verify."""
-        return f"the OpenCL device cannot vouch for Fourier order {order} by {piece.name} ({reason}): " + (
+        return f"the OpenCL device cannot verify Fourier order {order} by {piece.name} ({reason}): " + (
             "there are no doubles to solve it in"
             if self.in_doubles is None
             else "backend 'openmp' has another algorithm"
@@ -412,26 +412,26 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
             interface=slab_stack.interface,
             ground=make_ground(batch),
         )
-        joint = joining.Joining(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost).run(run.stop)
+        joined = joining.Joining(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost).run(run.stop)
         if run.stop[0]:
             raise KeyboardInterrupt
         shape = (slab_stacks.slab.shape[0], slab_stack.interface.size, problem.mu0.size, problem.columns.shape[0])
         directions = pieces[0].problem.mu_out.size, len(problem.stokes)
-        kernels = find_leaving_light(opened, batch, joint, (*shape, *directions))
-    measured = slabs.residual.arrays, joint.residual.arrays
+        kernels = find_leaving_light(opened, batch, joined, (*shape, *directions))
+    measured = slabs.residual.arrays, joined.residual.arrays
 
     def make_numbers(slab_info: Array, info: Array, flux: Array, *sizes: Array) -> Numbers:
-        of_slabs, of_joints = sizes[: len(measured[0])], sizes[len(measured[0]) :]
+        of_slabs, of_adding = sizes[: len(measured[0])], sizes[len(measured[0]) :]
         residuals = find_worst_of_items(batch, slabs.residual.made(*of_slabs))
         singular = np.maximum(find_worst_of_items(batch, slab_info)[:, 0], info)
         allowed = {
             "residual_of_reflection": residuals[:, 0],
             "residual_of_transmission": residuals[:, 1],
-            "residual_of_joints": joint.residual.made(*of_joints).max(axis=1),
+            "residual_of_adding": joined.residual.made(*of_adding).max(axis=1),
         }
         return Numbers(flux.reshape(*shape[:2], 2, *shape[2:]), allowed, singular)
 
-    numbers = Reading((slabs.info, joint.info, joint.flux, *measured[0], *measured[1]), make_numbers)
+    numbers = Reading((slabs.info, joined.info, joined.flux, *measured[0], *measured[1]), make_numbers)
     incoming = np.abs(problem.columns).max(axis=1)
     return Found(kernels, (*shape, *directions), incoming, np.ones(directions), numbers)
 
@@ -521,7 +521,7 @@ def make_ground(batch: Batch) -> joining.Ground | None:
     return joining.Ground(*(np.concatenate([getattr(ground, name) for ground in grounds]) for name in names))
 
 
-def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[int, ...]) -> Any:
+def find_leaving_light(opened: Session, batch: Batch, joined: joining.Joined, shape: tuple[int, ...]) -> Any:
     """Radiance of every item in the public frame, (item, n_tau, n_in, n_col, n_out, S)."""
     items, levels, n_in, n_col, n_mu, stokes = shape
     problem, slab_stack = batch.problem, batch.slab_stacks[0]
@@ -532,7 +532,7 @@ def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, sha
         "leaving",
         (n_in * n_col, levels, items),
         *(np.int32(size) for size in sizes),
-        *(opened.constant(slab_stack.out), *factors, joint.up, joint.down, kernels),
+        *(opened.constant(slab_stack.out), *factors, joined.up, joined.down, kernels),
         opened.constant(np.arange(items, dtype=np.int32)),
     )
     return kernels
