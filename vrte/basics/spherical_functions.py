@@ -19,7 +19,7 @@ def compute_wigner_functions(
     pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array | None = None
 ) -> Iterator[tuple[int, Array]]:
     """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees.
-    ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). A pair is (0, n), or (m, m) and (m, -m) in turn.
+    ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). Pairs: (0, n), or (m, m) and (m, -m).
     Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
     difference, behind = 1.0 - np.abs(cosine) if difference is None else difference, int(np.searchsorted(cosine, 0.0))
     gain, shift, memory = _find_recurrence(pairs, terms)
