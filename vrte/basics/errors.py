@@ -33,11 +33,11 @@ class SceneError(ValueError):
     base: albedo must be between 0 and 1, not 2.0 ('albedo',)
     """
 
-    def __init__(self, message: str, *index: str | int) -> None:
+    def __init__(self, message: str, *place: str | int) -> None:
         if not message.isprintable():
             message = "".join(sign if sign.isprintable() else " " for sign in message)
         super().__init__(message)
-        self.place: Place = index
+        self.place: Place = place
 
     @classmethod
     def of(cls, name: str, words: str) -> "SceneError":

@@ -36,7 +36,7 @@ def scatter_by_fractions(crew, *, const int[::1] orders, const int[::1] members,
                          double[:, :, :, :, ::1] out, double[:, :, :, :, ::1] on_nodes,
                          double[:, :, :, :, :, ::1] out_inside, double[:, :, :, :, :, ::1] on_nodes_inside,
                          double[:, ::1] residual, int[:, ::1] info):
-    """What `reflect_by_fractions` finds, beam by beam and by successive scatterings (GMRES), and light at depths inside.
+    """What `reflect_by_fractions` finds, beam by beam and by successive scatterings (GMRES), and light at depths.
 
     Arguments as there, without matrices; tolerance: of the moments, over those of a beam that is scattered evenly.
     inside (2, depth, 1 + pole): constant and shares of cosh(z x)/cosh(x), then of sinh(z x)/(x cosh(x)), z = -1 at the

@@ -121,18 +121,18 @@ class Field(Result):
             f"{tell_achieved(self.diagnostics)})"
         )
 
-    def beam(self, index: int) -> "Field":
+    def beam(self, place: int) -> "Field":
         """The field of one beam of several, by its index in ``mu0``, without the axis of beams."""
         if isinstance(self.mu0, float):
             raise SceneError("this is the field of one beam: there are no others to choose from")
-        if not -self.mu0.size <= index < self.mu0.size:
-            raise SceneError.of("place", f"must be one of {self.mu0.size} beams, from 0 on, not {index}")
+        if not -self.mu0.size <= place < self.mu0.size:
+            raise SceneError.of("place", f"must be one of {self.mu0.size} beams, from 0 on, not {place}")
         names = ("stokes", "flux_up", "flux_down", "direct", *(("direct_up",) if self.direct_up is not None else ()))
-        shares: dict[str, Any] = {name: getattr(self, name)[index] for name in names}
+        shares: dict[str, Any] = {name: getattr(self, name)[place] for name in names}
         for name in FIELD_DERIVATIVES:
             if (found := getattr(self, name)) is not None:
-                shares[name] = {key: array[index] for key, array in found.items()}
-        return replace(self, mu0=float(self.mu0[index]), **shares)
+                shares[name] = {key: array[place] for key, array in found.items()}
+        return replace(self, mu0=float(self.mu0[place]), **shares)
 
 
 def require_one_beam(field: Field) -> float:

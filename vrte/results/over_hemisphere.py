@@ -18,7 +18,7 @@ MOST_TIMES = 1000
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
 
 
-def stokes_over_hemisphere(brdf: Brdf, index: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
+def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
     """Stokes vectors (n_theta, n_phi, 4) [1/sr] that leave at angles theta (n_theta,) from the normal and azimuths phi
     (n_phi,) [degrees] under light (4,) along ``brdf.mu_i[place]``.
 
@@ -26,12 +26,12 @@ def stokes_over_hemisphere(brdf: Brdf, index: int, theta: Array, phi: Array, inc
     the horizon than the last mu_o, and around the normal where no mu_o is within 25 degrees of it. At the pole the
     meridian plane, and with it Q and U, is that of each phi.
     """
-    index = check_whole("place", index, 0, brdf.mu_i.size - 1)
+    place = check_whole("place", place, 0, brdf.mu_i.size - 1)
     theta, phi = check_vector("theta", theta), check_vector("phi", phi)
     light = check_vector("incident", incident)
     if light.size != 4:
         raise SceneError.of("incident", f"must be four numbers I, Q, U, V, not {light.size}")
-    azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[index])
+    azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[place])
     if not np.isfinite(matrices).all():
         raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not

@@ -95,18 +95,18 @@ def solve(exchange: Exchange, content: Content, folder: Path) -> Outcome:
     )
 
 
-def look_at_part(exchange: Exchange, content: Content, folder: Path, index: Place) -> PartRead:
+def look_at_part(exchange: Exchange, content: Content, folder: Path, place: Place) -> PartRead:
     """What a part is that is made from a file, at the first and the last wavelength."""
     wavelengths = form.list_page_wavelengths(content)
     words = []
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
-        alone = form.select_wavelength(select_part(content, index), wavelength)
+        alone = form.select_wavelength(select_part(content, place), wavelength)
         try:
             scene = make_scene_file(alone, "brdf", folder).scene
         except SceneError as error:
             text = str(error).replace(f"{folder}{os.sep}", "")  # where it lies is nobody's business
-            return PartRead(message=put_in_one_line(text, 1000), place=error.place or index)
-        made: Any = scene.base if index[0] == "base" else scene.layers[int(index[1])].phase_matrix
+            return PartRead(message=put_in_one_line(text, 1000), place=error.place or place)
+        made: Any = scene.base if place[0] == "base" else scene.layers[int(place[1])].phase_matrix
         if isinstance(made, PhaseMatrix) and made.expansion is not None:
             words.append("; ".join(f"{name}: {value}" for name, value in describe_expansion(made).items()))
         else:
