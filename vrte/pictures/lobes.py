@@ -93,7 +93,7 @@ class Lobe:
 
 def compute_lobe(
     brdf: Brdf,
-    index: int,
+    place: int,
     height: str = "f00",
     colour: str = DEGREE_LINEAR,
     stokes: Any = UNPOLARIZED,
@@ -101,13 +101,13 @@ def compute_lobe(
 ) -> Lobe:
     """The lobe for light of the Stokes vector ``stokes`` from ``mu_i[place]``. Raises SceneError for an unknown
     quantity or place, too few directions, or what is not finite."""
-    check_whole("place", index, 0, brdf.mu_i.size - 1)
+    check_whole("place", place, 0, brdf.mu_i.size - 1)
     names = height, colour
-    meshes = [light_on_mesh(brdf, index, incident_for(name, stokes), step_deg) for name in names]
+    meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), step_deg) for name in names]
     heights, colours = (of_light(light, name) for (*_, light), name in zip(meshes, names, strict=True))
     theta, phi, _ = meshes[0]
     return Lobe(
-        float(brdf.mu_i[index]), theta, phi, heights, colours, *names, describe_mirrored_beam(brdf, index, stokes)
+        float(brdf.mu_i[place]), theta, phi, heights, colours, *names, describe_mirrored_beam(brdf, place, stokes)
     )
 
 

@@ -123,13 +123,13 @@ def describe_arrow(angle: float, start: float, end: float, name: str, colour: st
     return Curve([angle, angle], [start, end], name, colour, width=1.6, arrow=True, hover=name)
 
 
-def cuts(brdf: Brdf, index: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
+def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
     """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence, for
-    light ``stokes`` at ``mu_i[place]``. Raises SceneError for an unknown quantity or index, or too few directions,
+    light ``stokes`` at ``mu_i[place]``. Raises SceneError for an unknown quantity or place, or too few directions,
     MissingExtraError without Plotly."""
-    check_whole("place", index, 0, brdf.mu_i.size - 1)
-    title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, index)}; {SIDES}"
-    return draw_interactive([describe_cuts(brdf, index, quantity, stokes)], title, under)
+    check_whole("place", place, 0, brdf.mu_i.size - 1)
+    title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, place)}; {SIDES}"
+    return draw_interactive([describe_cuts(brdf, place, quantity, stokes)], title, under)
 
 
 def draw_brdf(brdf: Brdf) -> "Figure":

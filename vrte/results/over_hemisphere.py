@@ -53,23 +53,23 @@ def _turn_axes(light: Array, degrees: Array) -> Array:
 
 
 def light_on_mesh(
-    brdf: Brdf, index: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+    brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array, Array]:
     """Rings (n_theta,) and spokes (n_phi,) [degrees] at most ``step_deg`` apart, 0 and 360 both, and the Stokes vectors
     there, (n_theta, n_phi, 4) [1/sr]."""
     theta = _list_polar_angles(brdf, step_deg)
     phi = np.linspace(0.0, 360.0, 1 + _count_steps(360.0, step_deg))
-    return theta, phi, stokes_over_hemisphere(brdf, index, theta, phi, incident)
+    return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
 
 
 def light_in_plane(
-    brdf: Brdf, index: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+    brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array]:
     """Angles (n,) [degrees] from the normal in the upright plane of an azimuth, below 0 half a turn away, and the
     Stokes vectors there, (n, 4) [1/sr]; NaN where nothing is known around the normal."""
     theta = _list_polar_angles(brdf, step_deg)
     there, opposite = stokes_over_hemisphere(
-        brdf, index, theta, np.array([phi_deg, phi_deg + 180.0]), incident
+        brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
     ).swapaxes(0, 1)
     if theta[0] > 0.0:
         theta, there, opposite = (
