@@ -30,27 +30,27 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
     yield from list_given(("base",), content.get("base"), join_rows(BASES))
 
 
-def list_given(index: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tuple[Place, Key, Any]]:
+def list_given(place: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tuple[Place, Key, Any]]:
     """Those of the keys that a table has, and those of the tables below it."""
     for name, key in keys.items() if isinstance(table, dict) else ():
         if name in table:
-            yield (*index, name), key, table[name]
-            yield from list_given((*index, name), table[name], key.inside)
+            yield (*place, name), key, table[name]
+            yield from list_given((*place, name), table[name], key.inside)
 
 
 def list_substances(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     """Names of substances, and of tables of one's own, with the places of a scene file that have them."""
     found = list_keys(content)
-    return ((index, value) for index, key, value in found if isinstance(key, Substance) and isinstance(value, str))
+    return ((place, value) for place, key, value in found if isinstance(key, Substance) and isinstance(value, str))
 
 
 def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
     """The files that a scene file names, by the place that does."""
     endings = (
-        (index, value, key.suffixes if isinstance(key, FilePath) else TABLE if isinstance(key, Substance) else ())
-        for index, key, value in list_keys(content)
+        (place, value, key.suffixes if isinstance(key, FilePath) else TABLE if isinstance(key, Substance) else ())
+        for place, key, value in list_keys(content)
     )
-    return {index: value for index, value, ending in endings if isinstance(value, str) and value.endswith(ending)}
+    return {place: value for place, value, ending in endings if isinstance(value, str) and value.endswith(ending)}
 
 
 def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:

@@ -142,16 +142,16 @@ def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
     return [(("paint", ours), theirs) for ours, theirs in found]
 
 
-def find_expanded_place(content: Mapping[str, Any], index: Place) -> Place:
+def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
     """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint. Raises
     SceneError for facets of a paint that has none."""
     for ours, theirs in list_places(content):
-        if index[: len(ours)] == ours:
+        if place[: len(ours)] == ours:
             if ours[-1] == "surface" and not isinstance(content["paint"].get("surface"), dict):
                 words = "changes facets, and the paint has none: give it a surface = { roughness = 0.1 } to begin with"
-                raise SceneError(f"{show_place(index)} {words}", *index)
-            return (*theirs, *index[len(ours) :])
-    return index
+                raise SceneError(f"{show_place(place)} {words}", *place)
+            return (*theirs, *place[len(ours) :])
+    return place
 
 
 @contextmanager
@@ -160,14 +160,14 @@ def locate_expanded_errors(content: Mapping[str, Any]) -> Iterator[None]:
     try:
         yield
     except SceneError as error:
-        index, words = error.place, str(error)
+        place, words = error.place, str(error)
         for ours, theirs in list_places(content):
-            if index[: len(theirs)] == theirs:
+            if place[: len(theirs)] == theirs:
                 there, here = show_place(theirs), show_place(ours)
                 words = here + words.removeprefix(there) if words.startswith(there) else f"{here}: {words}"
-                raise SceneError(words, *ours, *index[len(theirs) :]) from error
-        for number, layer in list_named(content) if index[:1] == ("particles",) and len(index) > 1 else ():
-            if str(index[1]).startswith(name_kind(layer["material"], "")):
+                raise SceneError(words, *ours, *place[len(theirs) :]) from error
+        for number, layer in list_named(content) if place[:1] == ("particles",) and len(place) > 1 else ():
+            if str(place[1]).startswith(name_kind(layer["material"], "")):
                 here = f"layer[{number + 1}].material = {show_toml(layer['material'])}"
                 raise SceneError(f"{here}: {words}", "layer", number, "material") from error
         raise

@@ -149,13 +149,13 @@ class Kinds:
         self.computed: dict[str, Particles] = {}
         self.in_hosts: dict[tuple[str, str], tuple[int, Particles]] = {}
 
-    def read(self, index: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
+    def read(self, place: Place, content: dict[str, Any]) -> tuple[Table, str, dict[str, Any]]:
         """The table of a kind, its source and the values of its keys. Raises SceneError."""
         source = content.get("source", SPHERES)
         if not (isinstance(source, str) and source in SOURCES):
-            raise Table(index, content, tuple(content)).wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
+            raise Table(place, content, tuple(content)).wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
         row = SOURCES[source]
-        table = Table(index, content, ("source", *row.keys, *(SIZE_KEYS if row.sized else ()), *HOST))
+        table = Table(place, content, ("source", *row.keys, *(SIZE_KEYS if row.sized else ()), *HOST))
         values = read_keys(HOST, self.reading.file, self.reading) | read_keys(row.keys | HOST, table, self.reading)
         if row.sized:
             table.exactly_one(*SIZE_KEYS)
@@ -164,12 +164,12 @@ class Kinds:
 
     def find(self, name: str, layer: Table) -> tuple[int, Particles]:
         """Particles of a name in the medium of a layer, computed once, and how many were computed before them."""
-        index = (name, repr(layer.content.get("host_index")))
-        if index not in self.in_hosts:
+        place = (name, repr(layer.content.get("host_index")))
+        if place not in self.in_hosts:
             found = self.make(*self.tables[name], layer)
-            self.in_hosts[index] = len(self.in_hosts), found
+            self.in_hosts[place] = len(self.in_hosts), found
             self.computed.setdefault(name, found)
-        return self.in_hosts[index]
+        return self.in_hosts[place]
 
     def make(self, table: Table, source: str, values: dict[str, Any], layer: Table) -> Particles:
         """Particles in the medium of a layer, or of their own, or of the file: whichever says ``host_index`` first."""

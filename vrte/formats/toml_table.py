@@ -186,9 +186,9 @@ class Table:
 
     def wrong(self, key: str, complaint: str) -> SceneError:
         """The error to raise: dotted key, value given, complaint."""
-        index = (*self.place, key)
+        place = (*self.place, key)
         given = f" = {show_toml(self.content[key])}" if key in self.content else ""
-        return SceneError(f"{show_place(index)}{given}: {complaint}", *index)
+        return SceneError(f"{show_place(place)}{given}: {complaint}", *place)
 
     def unfit(self, complaint: str) -> SceneError:
         """The error to raise about the table: its keys do not go together."""
@@ -263,9 +263,9 @@ class Table:
         return np.linspace(start, stop, count).tolist()
 
 
-def show_place(index: Place, most: int | None = SHOWN) -> str:
+def show_place(place: Place, most: int | None = SHOWN) -> str:
     """A place as complaints name it, layers counted from 1; without ``most``, as a dotted key with nothing left out."""
-    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step, most)}" for step in index)
+    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{write_key(step, most)}" for step in place)
     return "".join(steps).removeprefix(".")
 
 
@@ -285,33 +285,33 @@ def convert_to_plain_number(value: float) -> float | int:
 
 def split_key(key: str) -> Place:
     """A dotted key as keys of tables (text) and places in lists (numbers from 0)."""
-    indices: list[str | int] = []
+    places: list[str | int] = []
     position = 0
     while match := STEP.match(key, position):
-        indices.append(match[1].strip("\"'"))
+        places.append(match[1].strip("\"'"))
         if match[2] is not None:
-            indices.append(int(match[2]) - 1)
+            places.append(int(match[2]) - 1)
         position = match.end()
         if key[position : position + 1] != ".":
             break
         position += 1
-    if position != len(key) or not indices or -1 in indices:
+    if position != len(key) or not places or -1 in places:
         words = "is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
         raise SceneError(f"{show_toml(key)} {words}")
-    return tuple(indices)
+    return tuple(places)
 
 
-def put(content: dict[str, Any], indices: Place, value: float | int) -> None:
+def put(content: dict[str, Any], places: Place, value: float | int) -> None:
     """Sets one number."""
-    reduce(getitem, indices[:-1], cast(Any, content))[indices[-1]] = value
+    reduce(getitem, places[:-1], cast(Any, content))[places[-1]] = value
 
 
-def find_number(content: Mapping[str, Any], indices: Place, key: str, default: float | None = None) -> float:
+def find_number(content: Mapping[str, Any], places: Place, key: str, default: float | None = None) -> float:
     """The number at a place, or ``default`` where its table has no such key yet. Raises SceneError, naming ``key``."""
     try:
-        parent: Any = reduce(getitem, indices[:-1], cast(Any, content))
+        parent: Any = reduce(getitem, places[:-1], cast(Any, content))
         missing = default is not None and isinstance(parent, dict)
-        there = parent.get(indices[-1], default) if missing else parent[indices[-1]]
+        there = parent.get(places[-1], default) if missing else parent[places[-1]]
     except (LookupError, TypeError):
         raise SceneError(f"the scene has no {key}") from None
     if not is_number(there):
@@ -321,7 +321,7 @@ def find_number(content: Mapping[str, Any], indices: Place, key: str, default: f
 
 @contextmanager
 def locate_errors(
-    index: Place,
+    place: Place,
     keys: Iterable[str] = (),
     outside: Iterable[str] = (),
     given_as: GivenAs = MappingProxyType({}),
@@ -335,15 +335,15 @@ def locate_errors(
     except SceneError as error:
         name = str(error.place[0]) if error.place else ""
         key, words = given_as.get(name, (name, None))
-        owner = next((step for step in reversed(index) if isinstance(step, str)), "")
+        owner = next((step for step in reversed(place) if isinstance(step, str)), "")
         sentence = str(error).removeprefix(f"{owner}: ")  # whose argument it is, where the place says so
         if key in {*keys}:
             sentence = sentence.removeprefix(name) if words is None else f": {words}{sentence}"
-            raise SceneError(f"{show_place((*index, key))}{sentence}", *index, key) from error
+            raise SceneError(f"{show_place((*place, key))}{sentence}", *place, key) from error
         if keys_only:
             raise
-        elsewhere = error.place if error.place[:1] in {(name,) for name in outside} else index
-        raise SceneError(f"{show_place(index)}: {sentence}", *elsewhere) from error
+        elsewhere = error.place if error.place[:1] in {(name,) for name in outside} else place
+        raise SceneError(f"{show_place(place)}: {sentence}", *elsewhere) from error
 
 
 def is_number(value: Any) -> bool:

@@ -123,10 +123,10 @@ class Sweep:
         """How many scenes there are."""
         return math.prod(self.shape)
 
-    def content(self, index: tuple[int, ...]) -> dict[str, Any]:
+    def content(self, place: tuple[int, ...]) -> dict[str, Any]:
         """The scene file's content at a place of the grid."""
         found = copy.deepcopy(self.template)
-        where = dict(zip(self.dimensions, index, strict=True))
+        where = dict(zip(self.dimensions, place, strict=True))
         for axis in self.axes:
             put(found, axis.places, convert_to_plain_number(axis.values[where[axis.dimension]]))
         return found
@@ -175,13 +175,13 @@ def read_axis(content: dict[str, Any], name: str, value: Any) -> SweepAxis:
         if not isinstance(given, str) or not given:
             raise table.wrong(word, "must be a name")
     try:
-        indices = split_key(key)
+        places = split_key(key)
     except SceneError as error:
         raise table.unfit(str(error)) from error
-    if indices[0] in FIXED:
+    if places[0] in FIXED:
         raise table.unfit(f"{show_toml(key)} is the same for all scenes of a table")
-    values, expanded = read_values(table), find_expanded_place(content, indices)
-    return SweepAxis(name, key if expanded == indices else show_place(expanded, None), expanded, values, dimension)
+    values, expanded = read_values(table), find_expanded_place(content, places)
+    return SweepAxis(name, key if expanded == places else show_place(expanded, None), expanded, values, dimension)
 
 
 def read_values(table: Table) -> Array:
@@ -252,10 +252,10 @@ def check_values(sweep: Sweep, axis: SweepAxis) -> None:
     looked_at = np.unique(np.linspace(0, n - 1, min(n, CHECKED)).astype(int))
     ends = [int(np.argmin(axis.values)), int(np.argmax(axis.values))]
     for value in sorted({*looked_at.tolist(), *ends}):
-        index = [0] * len(sweep.shape)
-        index[dimension] = value
+        place = [0] * len(sweep.shape)
+        place[dimension] = value
         try:
-            make_scene_at(sweep, tuple(index), make_unseen_particles, at_one=True)
+            make_scene_at(sweep, tuple(place), make_unseen_particles, at_one=True)
         except SceneError as error:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
@@ -265,10 +265,10 @@ def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
     there is no such surface."""
     layers, base = sweep.template["layer"], sweep.template.get("base", {})
     surfaces: dict[Place, Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
-    tables = {index: one["interface"] for index, one in surfaces.items() if "interface" in one}
+    tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
     tables |= {("base",): base} if with_base and base.get("kind") in SURFACES else {}
     changed = {axis.places[:-1]: axis.values for axis in sweep.axes if axis.places[-1] == "roughness"}
-    values = [changed.get(index, [table.get("roughness", 0.0)]) for index, table in tables.items()]
+    values = [changed.get(place, [table.get("roughness", 0.0)]) for place, table in tables.items()]
     return {float(value) for some in values for value in some}
 
 
@@ -278,9 +278,9 @@ def make_unseen_particles(source: str, given: dict[str, Any]) -> Particles:
     return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host.n, stands_in=True)
 
 
-def make_scene_at(sweep: Sweep, index: tuple[int, ...], compute: Compute, at_one: bool = False) -> SceneFile | Sample:
+def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute, at_one: bool = False) -> SceneFile | Sample:
     """The scene at a place of the grid; an appearance, on request, ``at_one`` wavelength alone. Raises SceneError."""
-    content = sweep.content(index)
+    content = sweep.content(place)
     if sweep.kind != TABLE:
         return make_scene_file(content, sweep.kind, sweep.folder, compute)
     asked = sweep.asked.at_one if at_one else sweep.asked
@@ -300,7 +300,7 @@ def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...], i
     """Each kind of particle that several scenes share, at the place of one scene for each different one of it, and the
     index of each wavelength of an appearance."""
     for name, lengths in list_shared_particles(sweep):
-        yield from ((name, index, which) for index in np.ndindex(*lengths) for which in range(sweep.wavelengths))
+        yield from ((name, place, which) for place in np.ndindex(*lengths) for which in range(sweep.wavelengths))
 
 
 def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -41,37 +41,37 @@ class PartRead:
 
 def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:
     """The parts that are made from files of such names: a base, or the phase function of a layer."""
-    for index, key, value in list_keys(content):
-        aside = index[0] == "base" or index[2:3] == ("phase",)
+    for place, key, value in list_keys(content):
+        aside = place[0] == "base" or place[2:3] == ("phase",)
         if aside and isinstance(key, FilePath) and isinstance(value, str) and value in names:
-            yield index[:1] if index[0] == "base" else index[:3]
+            yield place[:1] if place[0] == "base" else place[:3]
 
 
-def select_part(content: Content, index: Place) -> Content:
+def select_part(content: Content, place: Place) -> Content:
     """A scene of that part alone, whose messages are about the same places."""
     layers = [dict(PLAIN_LAYER) for _ in content["layer"]]
-    if index[0] == "layer":
-        layer = content["layer"][index[1]]
-        layers[int(index[1])] |= {key: layer[key] for key in ("phase", "tolerance") if key in layer}
-    base = content["base"] if index[0] == "base" else {"kind": "black"}
+    if place[0] == "layer":
+        layer = content["layer"][place[1]]
+        layers[int(place[1])] |= {key: layer[key] for key in ("phase", "tolerance") if key in layer}
+    base = content["base"] if place[0] == "base" else {"kind": "black"}
     found = {"layer": layers, "base": base, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
     return found | {key: content[key] for key in ("wavelength_um",) if key in content}
 
 
-def name_part(content: Content, index: Place) -> str:
+def name_part(content: Content, place: Place) -> str:
     """A name of all that a part is made from; a file never changes under its name."""
-    layer = get_value(content, index[:-1]) if index[0] == "layer" else {}
-    return repr((get_value(content, index), layer.get("tolerance"), content.get("wavelength_um")))
+    layer = get_value(content, place[:-1]) if place[0] == "layer" else {}
+    return repr((get_value(content, place), layer.get("tolerance"), content.get("wavelength_um")))
 
 
-def replace_parts(content: Content, indices: Collection[Place]) -> Content:
+def replace_parts(content: Content, places: Collection[Place]) -> Content:
     """The same content with something simple in place of those parts."""
     found = copy.deepcopy(content)
-    for index in indices:
-        if index[0] == "base":
+    for place in places:
+        if place[0] == "base":
             found["base"] = dict(PLAIN_BASE)
         else:
-            layer: Any = found["layer"][index[1]]
+            layer: Any = found["layer"][place[1]]
             layer["phase"] = PLAIN_LAYER["phase"]
             layer.pop("tolerance", None)
     return found
@@ -96,8 +96,8 @@ def find_problems(
     parts that are made from files, by `name_part`; None: they are read here.
     """
     parts = list(dict.fromkeys(list_parts(content, tables))) if parts_read is not None else []
-    waits = {index: PartRead(message=f"{show_place(index)}: {WAITS}", place=index) for index in parts}
-    read = [(parts_read or {}).get(name_part(content, index), waits[index]) for index in parts]
+    waits = {place: PartRead(message=f"{show_place(place)}: {WAITS}", place=place) for place in parts}
+    read = [(parts_read or {}).get(name_part(content, place), waits[place]) for place in parts]
     found = {one.place: one.message for one in read if one.message}
     repaired: set[Place] = set()
     trial = replace_parts(content, parts)
@@ -106,36 +106,36 @@ def find_problems(
             check(trial, folder, tables)
             break
         except SceneError as error:
-            index, message = error.place, str(error)
-        if index[:-1] and not find_field(index, trial).label and find_field(index[:-1], trial).label:
-            index = index[:-1]  # of the start, stop or count of a range
-        if not any(one[: len(index)] == index for one in found):  # what is wrong with a part of it is found already
-            found[index] = message
-        if not index or find_card(index) in repaired:
+            place, message = error.place, str(error)
+        if place[:-1] and not find_field(place, trial).label and find_field(place[:-1], trial).label:
+            place = place[:-1]  # of the start, stop or count of a range
+        if not any(one[: len(place)] == place for one in found):  # what is wrong with a part of it is found already
+            found[place] = message
+        if not place or find_card(place) in repaired:
             break
-        if index in repaired:  # what is right by itself does not go with the others
-            index = find_card(index)
-        repair_field(trial, index)
-        repaired.add(index)
+        if place in repaired:  # what is right by itself does not go with the others
+            place = find_card(place)
+        repair_field(trial, place)
+        repaired.add(place)
     return found
 
 
-def repair_field(content: Content, index: Place) -> None:
+def repair_field(content: Content, place: Place) -> None:
     """Puts in something that is right, or nothing where that is; a layer in place of an interface, whose indices would
     have to fit its neighbours'."""
-    index = index[:2] if index[2:3] == ("interface",) else index
-    if index[2:3] == ("phase",):
-        form.put(content, (*index[:2], "tolerance"), None)  # which goes with a file alone
+    place = place[:2] if place[2:3] == ("interface",) else place
+    if place[2:3] == ("phase",):
+        form.put(content, (*place[:2], "tolerance"), None)  # which goes with a file alone
     kinds = content.get("particles")
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
-    whole = held.get(str(index[2])) if index[0] == "layer" and len(index) == 3 else None
-    form.put(content, index, copy.deepcopy(find_field(index, content).start) if whole is None else whole)
+    whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
+    form.put(content, place, copy.deepcopy(find_field(place, content).start) if whole is None else whole)
 
 
-def find_card(index: Place) -> Place:
+def find_card(place: Place) -> Place:
     """The layer, the kind of particles or the base that a place is in."""
-    return index[: 1 if index[0] == "base" else 2]
+    return place[: 1 if place[0] == "base" else 2]
 
 
 def check(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> None:
@@ -204,13 +204,13 @@ def check_amount(content: Content) -> None:
 
 def check_tables(content: Content, tables: frozenset[str]) -> None:
     """Whether a scene names no file but those, and every one that it needs."""
-    for index, key, value in list_keys(content):
+    for place, key, value in list_keys(content):
         if isinstance(key, FilePath) and value == "":
-            raise SceneError(f"{show_place(index)} needs a file ({' or '.join(key.suffixes)})", *index)
-    for index, name in find_named_tables(content).items():
+            raise SceneError(f"{show_place(place)} needs a file ({' or '.join(key.suffixes)})", *place)
+    for place, name in find_named_tables(content).items():
         if name not in tables:
             raise SceneError(
-                f"{show_place(index)} = {show_toml(name)}: a page reads no files of the machine that it runs on; put "
+                f"{show_place(place)} = {show_toml(name)}: a page reads no files of the machine that it runs on; put "
                 "it in here, or start `vrte view` with this scene",
-                *index,
+                *place,
             )

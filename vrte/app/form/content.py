@@ -41,10 +41,10 @@ START: Content = {
 }
 
 
-def put(content: Content, index: Place, value: Any) -> None:
+def put(content: Content, place: Place, value: Any) -> None:
     """Sets what is at a place of a table, or of a list, that is there; None removes it."""
-    table: Any = get_value(content, index[:-1])
-    step: Any = index[-1]
+    table: Any = get_value(content, place[:-1])
+    step: Any = place[-1]
     if isinstance(table, dict) and value is None:
         table.pop(step, None)
     elif isinstance(table, dict if isinstance(step, str) else list):  # it may have gone while somebody typed
@@ -64,7 +64,7 @@ def is_interface(layer: Content) -> bool:
 
 def name_layers(layers: list[Content]) -> list[str]:
     """What layers are called, counted as messages about a file do it."""
-    return ["interface" if is_interface(layer) else f"layer {index}" for index, layer in enumerate(layers, 1)]
+    return ["interface" if is_interface(layer) else f"layer {place}" for place, layer in enumerate(layers, 1)]
 
 
 # base and directions
@@ -250,7 +250,7 @@ def get_size_mode(kind: Content) -> str:
     if not isinstance(size, dict):
         return "diameter" if "diameter_um" in kind else "radius"
     name = next((one for one in SIZES if one in size), next(iter(SIZES)))
-    by_diameter = any(index[-1] in DIAMETERS.values() for index in list_places(size.get(name), name))
+    by_diameter = any(place[-1] in DIAMETERS.values() for place in list_places(size.get(name), name))
     return f"{name}, diameters" if by_diameter else name
 
 
@@ -299,14 +299,14 @@ def add_layer(content: Content) -> None:
     insert_layer(layers, len(layers), copy.deepcopy(like) | ends)
 
 
-def insert_layer(layers: list[Content], index: int, layer: Content) -> None:
+def insert_layer(layers: list[Content], place: int, layer: Content) -> None:
     """Puts a layer in; a semi-infinite one above it gets an end. Raises SceneError where there are as many as a page
     shows."""
     if len(layers) >= MOST_LAYERS:
         raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
-    if index and layers[-1].get("thickness") == math.inf:
+    if place and layers[-1].get("thickness") == math.inf:
         layers[-1]["thickness"] = 1.0
-    layers.insert(index, layer)
+    layers.insert(place, layer)
 
 
 def add_interface(content: Content) -> None:
@@ -333,17 +333,17 @@ def set_rough(table: Content, surface: str) -> None:
         remove(table, *FACETS)
 
 
-def remove_layer(content: Content, index: int) -> None:
+def remove_layer(content: Content, place: int) -> None:
     """All but the last one that is left."""
     if len(content["layer"]) > 1:
-        del content["layer"][index]
+        del content["layer"][place]
 
 
-def move_layer(content: Content, index: int, by: int) -> None:
+def move_layer(content: Content, place: int, by: int) -> None:
     """Up (-1) or down (1), as far as there is room."""
-    layers, target = content["layer"], index + by
+    layers, target = content["layer"], place + by
     if 0 <= target < len(layers):
-        layers[index], layers[target] = layers[target], layers[index]
+        layers[place], layers[target] = layers[target], layers[place]
 
 
 def get_medium(layer: Content) -> str:
@@ -359,9 +359,9 @@ def get_medium(layer: Content) -> str:
     return "volumes" if "volume_fractions" in layer else several
 
 
-def set_medium(content: Content, index: int, medium: str) -> None:
+def set_medium(content: Content, place: int, medium: str) -> None:
     """Fills a layer with something else; its thickness stays where it can."""
-    layer, kinds = content["layer"][index], content.get("particles", {})
+    layer, kinds = content["layer"][place], content.get("particles", {})
     if medium == get_medium(layer):
         return
     geometric, phase = is_geometric(layer), MEDIA[medium][1]
@@ -379,7 +379,7 @@ def set_medium(content: Content, index: int, medium: str) -> None:
     names = list(kinds) or ([add_kind(content)] if medium in HELD else [])
     if medium == "clear":  # the index of the medium in which it lies: below the last interface above it, or the file's
         remove(layer, "volume_fraction")
-        above = [one["interface"].get("below") for one in content["layer"][:index] if is_interface(one)]
+        above = [one["interface"].get("below") for one in content["layer"][:place] if is_interface(one)]
         layer.setdefault("host_index", copy.deepcopy((above or [content.get("host_index", 1.0)])[-1]))
     elif medium == "volumes":
         layer["volume_fractions"] = dict.fromkeys(names[:2], FRACTION)
@@ -410,9 +410,9 @@ def is_fraction_needed(layer: Content) -> bool:
     return layer.get("packing", INDEPENDENT) != INDEPENDENT
 
 
-def is_fraction_asked(content: Content, index: int) -> bool:
+def is_fraction_asked(content: Content, place: int) -> bool:
     """The same, or they lie in a medium that may absorb: the message about that is at the volume fraction's field."""
-    layer, kinds = content["layer"][index], content.get("particles", {})
+    layer, kinds = content["layer"][place], content.get("particles", {})
     held = layer.get("particles", ())
     around = [kinds.get(name, {}) for name in ((held,) if isinstance(held, str) else held)]
     clear = all(isinstance(one.get("host_index", 1.0), (int, float)) for one in (content, layer, *around))

@@ -56,54 +56,54 @@ FIELDS = {  # by place, * being any layer or kind of particle: label, and what n
 }
 
 
-def find_field(index: Place, content: dict[str, Any]) -> Key:
+def find_field(place: Place, content: dict[str, Any]) -> Key:
     """What is declared of a place in a content: the key of a registry, with what FIELDS has besides; a key without a
     label where there is no field."""
-    steps = [str(step) for step in index]
-    if index[0] in ("layer", "particles"):
+    steps = [str(step) for step in place]
+    if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])
-    if index[2:3] in (("particles",), ("volume_fractions",)):
+    if place[2:3] in (("particles",), ("volume_fractions",)):
         steps[3:4] = "*" * len(steps[3:4])
     known = FIELDS.get(".".join(steps), Key())
-    key = find_key(index, content)
+    key = find_key(place, content)
     if key is None:
         return known
     words = {name: getattr(key, name) or getattr(known, name) for name in ("label", "hint", "empty")}
     return replace(key, start=known.start if key.start is None else key.start, **words)
 
 
-def find_key(index: Place, content: dict[str, Any]) -> Key | None:
+def find_key(place: Place, content: dict[str, Any]) -> Key | None:
     """The key of a registry at a place: of a medium, base, phase, interface, particles or their size."""
-    name, around = str(index[-1]), get_value(content, index[:-1])
+    name, around = str(place[-1]), get_value(content, place[:-1])
     table: dict[str, Any] = around if isinstance(around, dict) else {}
     if name in HOST:
         return HOST[name]
-    if index[0] == "base":
+    if place[0] == "base":
         kind = table.get("kind", "black")
         return BASES[kind].keys.get(name) if table and kind in BASES else None
-    if index[0] == "layer":
-        if index[2:-1] == ("interface",):
+    if place[0] == "layer":
+        if place[2:-1] == ("interface",):
             return {**SIDES, **INTERFACE}.get(name)
-        if index[2:-1] == ("phase",):
+        if place[2:-1] == ("phase",):
             return next((row.keys.get(name) for own, row in PHASES.items() if own in table), None)
         named = table.get("phase") if name == "phase" else None
         return FilePath(suffixes=(TABLE,)) if isinstance(named, str) and named not in PHASES else None
-    if index[0] != "particles" or len(index) < 3:
+    if place[0] != "particles" or len(place) < 3:
         return None
-    if len(index) == 3:
+    if len(place) == 3:
         source = SOURCES.get(table.get("source", SPHERES))
         return {**ONE, **(source.keys if source else {})}.get(name)
-    size: Any = get_value(content, (*index[:2], "size"))
+    size: Any = get_value(content, (*place[:2], "size"))
     row = next((row for own, row in SIZES.items() if isinstance(size, dict) and own in size), None)
     radius = next((one for one, other in DIAMETERS.items() if other == name), name)
-    key = row.keys.get(radius) if row and index[2] == "size" else None
+    key = row.keys.get(radius) if row and place[2] == "size" else None
     return replace(key, label=DIAMETER_LABELS.get(radius, key.label)) if key and radius != name else key
 
 
-def get_value(content: dict[str, Any], index: Place) -> Any:
+def get_value(content: dict[str, Any], place: Place) -> Any:
     """What is there, or None."""
     found: Any = content
-    for step in index:
+    for step in place:
         try:
             found = found[step]
         except (KeyError, IndexError, TypeError):
@@ -111,13 +111,13 @@ def get_value(content: dict[str, Any], index: Place) -> Any:
     return found
 
 
-def list_places(table: Any, *index: str) -> Iterator[Place]:
+def list_places(table: Any, *place: str) -> Iterator[Place]:
     """The places of all that is in a table and in the tables below it."""
     if not isinstance(table, dict):
-        yield index
+        yield place
         return
     for key, value in table.items():
-        yield from list_places(value, *index, key)
+        yield from list_places(value, *place, key)
 
 
 def parse_field_text(text: str) -> Any:
@@ -170,17 +170,17 @@ def read_place(key: str) -> Place:
     )
 
 
-def name_place(index: Place, content: Any) -> str:
+def name_place(place: Place, content: Any) -> str:
     """What the form calls a place: the card that it is on, and the field."""
     on = ""
-    if len(index) > 1 and index[0] in ("layer", "particles"):
-        on = f"layer {index[1] + 1}" if isinstance(index[1], int) else str(index[1])
-    rest = index[2:] if on else index[1:]
-    for end in range(len(index), 0, -1):  # the start of a range is on its field
+    if len(place) > 1 and place[0] in ("layer", "particles"):
+        on = f"layer {place[1] + 1}" if isinstance(place[1], int) else str(place[1])
+    rest = place[2:] if on else place[1:]
+    for end in range(len(place), 0, -1):  # the start of a range is on its field
         try:
-            label = find_field(index[:end], content).label.format(index[end - 1])
+            label = find_field(place[:end], content).label.format(place[end - 1])
         except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # the content has changed since
             label = ""
         if label:
             return f"{on}: {label}" if on else label
-    return ": ".join(filter(None, [on or str(index[0]), " ".join(str(one).replace("_", " ") for one in rest)]))
+    return ": ".join(filter(None, [on or str(place[0]), " ".join(str(one).replace("_", " ") for one in rest)]))

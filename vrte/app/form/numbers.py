@@ -62,51 +62,51 @@ class FormNumber:
 def list_free_numbers(content: Content) -> list[FormNumber]:
     """Those that a fit may change, of layers, particles, media and base, in this order."""
     return [
-        FormNumber(index, name_number(content, index), value, *suggest_limits(index, value))
+        FormNumber(place, name_number(content, place), value, *suggest_limits(place, value))
         for part in PARTS
-        for index, value in list_numbers(content, get_value(content, (part,)), (part,))
+        for place, value in list_numbers(content, get_value(content, (part,)), (part,))
     ]
 
 
-def list_numbers(content: Content, value: Any, index: Place) -> Iterator[tuple[Place, float]]:
+def list_numbers(content: Content, value: Any, place: Place) -> Iterator[tuple[Place, float]]:
     """The finite numbers below a place that have a field, an index's n and k each by itself."""
     if isinstance(value, dict):
         for name, below in value.items():
-            yield from list_numbers(content, below, (*index, name))
+            yield from list_numbers(content, below, (*place, name))
     elif isinstance(value, list):
-        is_index = isinstance(find_field(index, content), Substance) and len(value) == 2
+        is_index = isinstance(find_field(place, content), Substance) and len(value) == 2
         for which, below in enumerate(value):
             if is_index or isinstance(below, dict):
-                yield from list_numbers(content, below, (*index, which))
+                yield from list_numbers(content, below, (*place, which))
     else:
-        found, field = read_fraction(value), find_field(drop_part(index), content)
-        fits = str(index[-1]) not in LEFT_OUT and not isinstance(field, Whole) and field.label
+        found, field = read_fraction(value), find_field(drop_part(place), content)
+        fits = str(place[-1]) not in LEFT_OUT and not isinstance(field, Whole) and field.label
         if fits and found is not None and math.isfinite(found):
-            yield index, found
+            yield place, found
 
 
-def drop_part(index: Place) -> Place:
+def drop_part(place: Place) -> Place:
     """The place of the field that holds a number: that of the index, of its n or k."""
-    return index[:-1] if isinstance(index[-1], int) else index
+    return place[:-1] if isinstance(place[-1], int) else place
 
 
-def name_number(content: Content, index: Place, with_layer: bool = True) -> str:
+def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
     """The name of a number: of which layer or kind of particles, and as its field says."""
-    field = drop_part(index)
+    field = drop_part(place)
     label = find_field(field, content).label.format(field[-1])
     label = "refractive index" if label == SUBSTANCE else label
-    if field != index:
-        label = f"{label}, {'nk'[int(index[-1])]}"
-    if index[0] == "layer":
-        on = f"{form.name_layers(content['layer'])[int(index[1])]}: " if with_layer else ""
+    if field != place:
+        label = f"{label}, {'nk'[int(place[-1])]}"
+    if place[0] == "layer":
+        on = f"{form.name_layers(content['layer'])[int(place[1])]}: " if with_layer else ""
         return on + label.replace(": of the volume", ": volume fraction")
-    return f"{index[1]}: {label}" if index[0] == "particles" else label
+    return f"{place[1]}: {label}" if place[0] == "particles" else label
 
 
-def suggest_limits(index: Place, value: float) -> tuple[float, float]:
+def suggest_limits(place: Place, value: float) -> tuple[float, float]:
     """From where to where a number may go unless somebody says otherwise; the start lies between."""
-    names = [step for step in index if isinstance(step, str)]
-    if index[-1] == 1:  # k of an index
+    names = [step for step in place if isinstance(step, str)]
+    if place[-1] == 1:  # k of an index
         return 0.0, max(LEAST_ABSORPTION, 10.0 * value)
     if names[-1] in LIMITS:
         low, high = LIMITS[names[-1]]
@@ -134,16 +134,16 @@ def write_fractions(content: Content) -> Content:
 def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     """The content with these numbers, each to some digits. Raises SceneError where it has no such number any more."""
     found = copy.deepcopy(content)
-    for index, value in values.items():
-        if read_fraction(get_value(found, index)) is None:
-            raise SceneError(f"the form has no number {show_place(index)} any more: it has changed since the fit")
-        form.put(found, index, float(f"{value:.{DIGITS}g}"))
+    for place, value in values.items():
+        if read_fraction(get_value(found, place)) is None:
+            raise SceneError(f"the form has no number {show_place(place)} any more: it has changed since the fit")
+        form.put(found, place, float(f"{value:.{DIGITS}g}"))
     return found
 
 
 def list_sliders(content: Content) -> list[FormNumber]:
     """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes."""
-    filled = [index for index, _ in list_filled(content)]
+    filled = [place for place, _ in list_filled(content)]
     ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
     sizes: dict[Place, tuple[float, float]] = {}
     for number, layer in list_filled(content):
@@ -156,19 +156,19 @@ def list_sliders(content: Content) -> list[FormNumber]:
                 (below, *_) = form.list_size_places(form.get_size_mode(content["particles"][name]))
                 sizes["particles", name, *below] = 0.0, 0.0
     found = []
-    for index, (low, high) in (ends | sizes).items():
-        value = read_fraction(get_value(content, index))
+    for place, (low, high) in (ends | sizes).items():
+        value = read_fraction(get_value(content, place))
         if value is not None and 0.0 < value < math.inf:
             low, high = min(low or value / SIZES, value), max(high or value * SIZES, value)
-            found.append(FormNumber(index, name_number(content, index, len(filled) > 1), value, low, high))
+            found.append(FormNumber(place, name_number(content, place, len(filled) > 1), value, low, high))
     return found[:MOST_SLIDERS]
 
 
 def list_filled(content: Content) -> Iterator[tuple[int, Content]]:
     """The layers that hold particles, with their places."""
-    for index, layer in enumerate(content["layer"]):
+    for place, layer in enumerate(content["layer"]):
         if not form.is_interface(layer) and form.get_medium(layer) in form.HELD:
-            yield index, layer
+            yield place, layer
 
 
 def explain_missing(content: Content) -> str:
@@ -177,10 +177,10 @@ def explain_missing(content: Content) -> str:
     if not filled:
         return f"No layer here holds particles, whose colour this would be: fill one with particles, or {CHOOSE}."
     names = form.name_layers(content["layer"])
-    for index, layer in filled:
+    for place, layer in filled:
         if not form.is_geometric(layer) and layer.get("thickness") != math.inf:
             return (
-                f"{names[index].capitalize()} has an optical thickness, which would be the same at every wavelength: "
+                f"{names[place].capitalize()} has an optical thickness, which would be the same at every wavelength: "
                 f'tick "thickness in µm" in the form and give its volume fraction, or {CHOOSE}.'
             )
     return ""

@@ -80,22 +80,22 @@ class AppearancePanel:
         """One a number of the form; anew where there are others, or a number has left its slider's range."""
         content = self.session.content
         wanted = {slider.place: slider for slider in list_sliders(content)}
-        now = {index: slider for index, (slider, _, _) in self.sliders.items()}
-        same = {index: one.label for index, one in now.items()} == {index: one.label for index, one in wanted.items()}
-        if self.white is None or not same or not all(now[index].reaches(one.start) for index, one in wanted.items()):
+        now = {place: slider for place, (slider, _, _) in self.sliders.items()}
+        same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
+        if self.white is None or not same or not all(now[place].reaches(one.start) for place, one in wanted.items()):
             self.bars.clear()
             with self.bars:
                 self.sliders = {
-                    index: (one, *add_slider(one.label, (0, STEPS), 1, partial(self.move, index), THROTTLE)[1:])
-                    for index, one in wanted.items()
+                    place: (one, *add_slider(one.label, (0, STEPS), 1, partial(self.move, place), THROTTLE)[1:])
+                    for place, one in wanted.items()
                 }
                 _, self.white, bar = add_slider("albedo of the white card", WHITES, 0.01, self.whiten, THROTTLE)
                 bar.set_value(self.view["viewing"].white)
-        for index, (slider, text, bar) in self.sliders.items():
-            value = read_fraction(get_value(content, index)) or 0.0
+        for place, (slider, text, bar) in self.sliders.items():
+            value = read_fraction(get_value(content, place)) or 0.0
             text.set_text(f"{slider.label}: {value:.3g}")
             bar.props.update({"aria-valuetext": f"{value:.3g}"})
-            if index != self.moved:
+            if place != self.moved:
                 bar.set_value(slider.find_step(value))
         self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
 
@@ -115,11 +115,11 @@ class AppearancePanel:
         """Over a white card of another albedo."""
         self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1]))
 
-    def move(self, index: Place, step: float) -> None:
+    def move(self, place: Place, step: float) -> None:
         """A slider to another step: its number goes to the form, and what changes there is shown here."""
-        if index in self.sliders:  # it may have gone meanwhile
-            self.moved = index
-            self.results.write(index, self.sliders[index][0].find_value(step))
+        if place in self.sliders:  # it may have gone meanwhile
+            self.moved = place
+            self.results.write(place, self.sliders[place][0].find_value(step))
             self.moved = None
 
     def keep(self) -> None:

@@ -62,34 +62,34 @@ class FormPanel:
         session = self.session
         at_fields: dict[Place, str] = {}
         rest = []
-        for index, message in session.find_problems().items():
-            around = next((index[:end] for end in range(len(index), 0, -1) if index[:end] in self.fields), None)
+        for place, message in session.find_problems().items():
+            around = next((place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields), None)
             if around:
                 at_fields.setdefault(around, message)
             else:
                 rest.append(message)
-        for index, (field, section) in self.fields.items():
-            wrong = self.refused.get(index) or at_fields.get(index, "")
+        for place, (field, section) in self.fields.items():
+            wrong = self.refused.get(place) or at_fields.get(place, "")
             if isinstance(field, ui.label):
                 field.set_text(wrong)
             else:
                 field.error = wrong or None
             if wrong:
                 section.set_value(True)  # a message must be seen
-        for index, label in self.words.items():
-            part = index[:1] if index[0] == "base" else index[:3]
+        for place, label in self.words.items():
+            part = place[:1] if place[0] == "base" else place[:3]
             read = session.parts_read.get(name_part(session.content, part))
             label.set_text(read.words if read else "")
         self.general.set_text("; ".join(rest))
-        found = [*((message, index) for index, message in at_fields.items()), *((message, ()) for message in rest)]
+        found = [*((message, place) for place, message in at_fields.items()), *((message, ()) for message in rest)]
         session.wrong = found[0] if found else None
         self.changed()
 
     def jump(self) -> None:
         """To the field that is wrong."""
-        index = self.session.wrong[1] if self.session.wrong else ()
-        if index in self.fields:
-            field, section = self.fields[index]
+        place = self.session.wrong[1] if self.session.wrong else ()
+        if place in self.fields:
+            field, section = self.fields[place]
             section.set_value(True)
             ui.run_javascript(f"setTimeout(() => vrte.jump({field.id}), 250)")
 
@@ -115,68 +115,68 @@ class FormPanel:
             yield
 
     @contextmanager
-    def card(self, *index: str | int) -> Iterator[Any]:
+    def card(self, *place: str | int) -> Iterator[Any]:
         """A box for one of several alike, with a row for its name and its buttons; messages about all of it below."""
         with ui.column().classes("vrte-card"):
             yield ui.row().classes("w-full items-center no-wrap gap-1")
-            self.complaint(*index)
+            self.complaint(*place)
 
-    def keys(self, indices: Iterable[Place], chosen: Callable[[], None] = lambda: None) -> None:
+    def keys(self, places: Iterable[Place], chosen: Callable[[], None] = lambda: None) -> None:
         """What the keys of a registry are entered by, numbers with short names two in a row."""
         waiting: Any = None  # a row that has room for one more field
-        for index in indices:
-            key = find_field(index, self.session.content)
+        for place in places:
+            key = find_field(place, self.session.content)
             if isinstance(key, (Substance, FilePath, Choice, Flag, Numbers)) or len(key.label) > SHORT:
                 waiting = None
-                self.key(*index, chosen=chosen)
+                self.key(*place, chosen=chosen)
             else:
                 row = make_row() if waiting is None else waiting
                 waiting = row if waiting is None else None
                 with row:
-                    self.key(*index)
+                    self.key(*place)
 
-    def key(self, *index: str | int, chosen: Callable[[], None] = lambda: None) -> None:
+    def key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """What a registry's key is entered by; ``chosen`` is called once there is a substance."""
         content = self.session.content
-        key, value = find_field(index, content), get_value(content, index)
-        put = partial(form.put, content, index)
+        key, value = find_field(place, content), get_value(content, place)
+        put = partial(form.put, content, place)
         if isinstance(key, Substance):
-            self.substance(*index, chosen=chosen)
+            self.substance(*place, chosen=chosen)
         elif isinstance(key, FilePath):
-            self.file(*index, key=key)
+            self.file(*place, key=key)
         elif isinstance(key, Choice):
             names = dict(key.names) if key.needed or not key.empty else {"": key.empty, **key.names}
             now = value or next(iter(names))
             long = max(map(len, names.values())) > LONG
             shown = {name: name or key.empty for name in names} if long else names
-            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None), *index)
+            found = self.choice(shown, now, key.label, lambda chosen: put(chosen or None), *place)
             found.props.update({"hint": names.get(now, "")} if long else {})
         elif isinstance(key, Flag):
-            usual = key.usual(get_value(content, index[:-1]))
+            usual = key.usual(get_value(content, place[:-1]))
             now = usual if value is None else value is True
             kept = key.needed or key.start is not None  # else a box as it usually is puts in nothing
             self.switch(key.label, now, lambda ticked: put(ticked if kept or ticked != usual else None))
-            self.complaint(*index)
+            self.complaint(*place)
         else:
-            self.field(*index)
+            self.field(*place)
 
-    def field(self, *index: str | int, classes: str = "") -> Any:
+    def field(self, *place: str | int, classes: str = "") -> Any:
         """A text that is read, put in its place and checked while somebody types."""
         content = self.session.content
-        about = find_field(index, content)
+        about = find_field(place, content)
 
         def typed(event: Any) -> None:
-            form.put(content, index, parse_field_text(str(event.value or "")))
-            self.refused.pop(index, None)
+            form.put(content, place, parse_field_text(str(event.value or "")))
+            self.refused.pop(place, None)
             self.check()
 
-        label, value = about.label.format(index[-1]), write_field_text(get_value(content, index))
+        label, value = about.label.format(place[-1]), write_field_text(get_value(content, place))
         found = ui.input(label, value=value, on_change=typed)
         found.props(f"{OUTLINED} debounce=120 autocomplete=off spellcheck=false maxlength={LONGEST_TEXT}")
         found.without_auto_validation()  # it would wipe out the message that `typed` has brought
         found.classes(f"vrte-field {classes}")
         found.props.update({name: text for name, text in (("placeholder", about.empty), ("hint", about.hint)) if text})
-        return self.enter(index, found)
+        return self.enter(place, found)
 
     def substance(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """A field for a substance, with a menu of those that have names, and of a table of one's own."""
@@ -193,19 +193,19 @@ class FormPanel:
             for material in MATERIALS:
                 controls.add_menu_item(material, partial(choose, material))
 
-    def file(self, *index: str | int, key: FilePath) -> None:
+    def file(self, *place: str | int, key: FilePath) -> None:
         """A file that somebody chooses, and what was read from it."""
-        name = write_field_text(get_value(self.session.content, index))
+        name = write_field_text(get_value(self.session.content, place))
         found = ui.input(key.label, value=name).without_auto_validation().classes("vrte-field")
         found.props(f"{OUTLINED} readonly")
         found.props.update({"placeholder": key.empty or "no file yet", "hint": key.hint or " or ".join(key.suffixes)})
         with found.add_slot("append"):
             if name and not key.needed:
-                make_icon("close", "without a file", partial(self.change, form.put, self.session.content, index, None))
-            most = LARGEST_LIST if index[0] == "particles" else LARGEST_TABLE
-            self.ask_for_file(make_icon("upload_file", "choose a file"), index, key.suffixes, most)
-        self.enter(index, found)
-        self.words[index] = add_message()
+                make_icon("close", "without a file", partial(self.change, form.put, self.session.content, place, None))
+            most = LARGEST_LIST if place[0] == "particles" else LARGEST_TABLE
+            self.ask_for_file(make_icon("upload_file", "choose a file"), place, key.suffixes, most)
+        self.enter(place, found)
+        self.words[place] = add_message()
 
     def ask_for_file(self, button: Any, *asked: Any) -> None:
         """A click on the button lets somebody choose a file for a place, of some suffixes, and so large at most."""
@@ -218,15 +218,15 @@ class FormPanel:
 
     async def take_file(self, event: Any) -> None:
         """A file that somebody has chosen."""
-        index, suffixes, most = self.asked
+        place, suffixes, most = self.asked
         self.upload.reset()
         name = str(event.file.name)
         with report_errors(self.refuse):
             check_size(name, int(event.file.size()), most)
             named = frozenset(find_named_tables(self.session.content).values())
             kept = self.session.uploads.add(name, await event.file.read(), suffixes, most, named)
-            self.refused.pop(index, None)
-            form.put(self.session.content, index, kept)
+            self.refused.pop(place, None)
+            form.put(self.session.content, place, kept)
             self.draw()
 
     def refuse(self, why: str) -> None:
@@ -234,12 +234,12 @@ class FormPanel:
         self.refused[self.asked[0]] = why
         self.check()
 
-    def choice(self, names: Any, value: Any, label: str, act: Callable[[Any], None], *index: str | int) -> Any:
+    def choice(self, names: Any, value: Any, label: str, act: Callable[[Any], None], *place: str | int) -> Any:
         """One of several; the rest of the form may depend on it, and messages about a place be at it."""
         found = ui.select(names, value=value, label=label)
         found.on_value_change(lambda event: self.change(act, event.value))
         found.without_auto_validation().props(f"{OUTLINED} options-dense").classes("w-full vrte-field")
-        return self.enter(index, found) if index else found
+        return self.enter(place, found) if place else found
 
     def switch(self, text: str, value: bool, act: Callable[[bool], Any]) -> None:
         """A box that is ticked or not; the rest of the form depends on it."""
@@ -250,13 +250,13 @@ class FormPanel:
         """A button that adds something."""
         controls.add_button(text, "add", lambda: self.change(add, self.session.content), controls.QUIET)
 
-    def complaint(self, *index: str | int) -> None:
+    def complaint(self, *place: str | int) -> None:
         """Where messages about a whole table are shown."""
-        self.enter(index, add_message("vrte-error"))
+        self.enter(place, add_message("vrte-error"))
 
-    def enter(self, index: Place, field: Any) -> Any:
+    def enter(self, place: Place, field: Any) -> Any:
         """A field, or what stands for one, where messages about it find it."""
-        self.fields[index] = field, self.section_now
+        self.fields[place] = field, self.section_now
         return field
 
     # the form
@@ -274,9 +274,9 @@ class FormPanel:
                     self._kind(head, name)
             self.adder("add a kind of particle", form.add_kind)
         with self.section("Layers, top first", "layers"):
-            for index in range(len(content["layer"])):
-                with self.card("layer", index) as head:
-                    self._layer(head, index)
+            for place in range(len(content["layer"])):
+                with self.card("layer", place) as head:
+                    self._layer(head, place)
             with make_row():
                 self.adder("add a layer", form.add_layer)
                 self.adder("add a surface or interface", form.add_interface)
@@ -332,57 +332,57 @@ class FormPanel:
         if "host_index" in kind or any(map(form.is_interface, content["layer"])):
             self.key("particles", name, "host_index")
 
-    def _layer(self, head: Any, index: int) -> None:
+    def _layer(self, head: Any, place: int) -> None:
         content = self.session.content
-        layer, last = content["layer"][index], len(content["layer"]) - 1
+        layer, last = content["layer"][place], len(content["layer"]) - 1
         with head:
-            ui.label(form.name_layers(content["layer"])[index].capitalize()).classes("vrte-name grow")
+            ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
             for symbol, tip, possible, act in (
-                ("arrow_upward", "up", index > 0, partial(form.move_layer, content, index, -1)),
-                ("arrow_downward", "down", index < last, partial(form.move_layer, content, index, 1)),
-                ("close", "remove this layer", last > 0, partial(form.remove_layer, content, index)),
+                ("arrow_upward", "up", place > 0, partial(form.move_layer, content, place, -1)),
+                ("arrow_downward", "down", place < last, partial(form.move_layer, content, place, 1)),
+                ("close", "remove this layer", last > 0, partial(form.remove_layer, content, place)),
             ):
                 make_icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
         if form.is_interface(layer):
             surface = layer["interface"]
             with make_row():
                 for key in ("above", "below"):
-                    self.key("layer", index, "interface", key)
+                    self.key("layer", place, "interface", key)
             rough = surface.get("roughness", 0) != 0
             self.choice(form.SURFACES, "rough" if rough else "smooth", "surface", partial(form.set_rough, surface))
-            self.keys(("layer", index, "interface", key) for key in (FACETS if rough else ()))
+            self.keys(("layer", place, "interface", key) for key in (FACETS if rough else ()))
             return
         medium = form.get_medium(layer)
         names = {name: words for name, (words, _) in form.MEDIA.items()}
-        self.choice(names, medium, "filled with", partial(form.set_medium, content, index))
-        self._medium(index, layer, medium)
+        self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
+        self._medium(place, layer, medium)
         geometric, held = form.is_geometric(layer), medium in form.HELD
         with make_row():
-            self.field("layer", index, "thickness_um" if geometric else "thickness")
-            if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, index)):
-                self.field("layer", index, "volume_fraction")
+            self.field("layer", place, "thickness_um" if geometric else "thickness")
+            if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, place)):
+                self.field("layer", place, "volume_fraction")
         if held:
             self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
             packing, pack = layer.get("packing", INDEPENDENT), partial(form.set_packing, layer)
-            self.choice(list(PACKINGS), packing, "close particles scatter", pack, "layer", index, "packing")
+            self.choice(list(PACKINGS), packing, "close particles scatter", pack, "layer", place, "packing")
         if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
-            self.key("layer", index, "host_index")
+            self.key("layer", place, "host_index")
 
-    def _medium(self, index: int, layer: form.Content, medium: str) -> None:
+    def _medium(self, place: int, layer: form.Content, medium: str) -> None:
         known = list(self.session.content.get("particles", {}))
         if medium == "particles":
             value, put = layer["particles"], partial(form.put, layer, ("particles",))
-            self.choice(known, value if value in known else None, "kind", put, "layer", index, "particles")
+            self.choice(known, value if value in known else None, "kind", put, "layer", place, "particles")
         elif medium in ("mixture", "volumes"):
             with make_row(""):
                 for name in known:
                     key = "particles" if medium == "mixture" else "volume_fractions"
-                    self.field("layer", index, key, name, classes="w-[150px]")
+                    self.field("layer", place, key, name, classes="w-[150px]")
         elif medium == "coefficients":
-            self.key("layer", index, "phase")
-            self.keys(("layer", index, key) for key in ("albedo", "tolerance"))
+            self.key("layer", place, "phase")
+            self.keys(("layer", place, key) for key in ("albedo", "tolerance"))
         elif medium != "clear":
-            self.keys([*(("layer", index, "phase", key) for key in PHASES[medium].keys), ("layer", index, "albedo")])
+            self.keys([*(("layer", place, "phase", key) for key in PHASES[medium].keys), ("layer", place, "albedo")])
 
 
 def make_row(wrap: str = "no-wrap") -> Any:

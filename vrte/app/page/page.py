@@ -135,9 +135,9 @@ class Page:
         with self.form_area:
             self.form = FormPanel(self.session, self._follow_form)
 
-    def write_field(self, index: Place, value: float) -> None:
+    def write_field(self, place: Place, value: float) -> None:
         """A number into the form's field, as if it were typed there."""
-        self.form.fields[index][0].set_value(write_field_text(value))
+        self.form.fields[place][0].set_value(write_field_text(value))
 
     def _follow_form(self) -> None:
         """After every change of the form."""

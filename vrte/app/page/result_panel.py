@@ -242,7 +242,7 @@ class ResultPanel:
 
     def _describe(self, outcome: Outcome) -> None:
         """The notes, the sliders that there are, and what stands beside them."""
-        tab, index = self.view["tab"], self.view["place"]
+        tab, place = self.view["tab"], self.view["place"]
         live = tab in LIVE
         self.mark_stale()
         self.notes.set_text("" if live else translate_message("; ".join(outcome.notes), self.session.content))
@@ -254,7 +254,7 @@ class ResultPanel:
         show(several, wavelength)
         show(with_angle or several, self.controls)
         if outcome.brdfs:
-            mu = float(outcome.brdfs[0].mu_i[index])
+            mu = float(outcome.brdfs[0].mu_i[place])
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
             beside.set_text(f"{where}; {self.describe_reflectance(outcome)}")
         if outcome.wavelength_um:
@@ -262,7 +262,7 @@ class ResultPanel:
 
     def _show(self, tab: str, outcome: Outcome) -> None:
         """The figure of a tab. Raises SceneError where the outcome has none."""
-        view, which, index = self.view, self.view["wavelength"], self.view["place"]
+        view, which, place = self.view, self.view["wavelength"], self.view["place"]
         if tab in OF_BRDF and not outcome.brdfs:
             raise SceneError(NO_BRDF)
         if tab == "plan":
@@ -281,13 +281,13 @@ class ResultPanel:
         elif tab == "reflectance":
             assert outcome.reflectances is not None  # wherever there is a BRDF
             self._write_reflectances(outcome, outcome.reflectances)
-            self.draw_figure(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, index))
+            self.draw_figure(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
         else:
             brdf, stokes = outcome.brdfs[which], read_stokes(view["stokes"])
             if tab == "lobe":
-                figure = lobe(brdf, index, view["height"], view["colour"], stokes)
+                figure = lobe(brdf, place, view["height"], view["colour"], stokes)
             else:
-                figure = figures.cuts(brdf, index, view["cut"], stokes)
+                figure = figures.cuts(brdf, place, view["cut"], stokes)
             self.draw_figure(tab, figure)
 
     def draw_figure(self, name: str, figure: "Figure") -> None:
@@ -308,9 +308,9 @@ class ResultPanel:
 
     def describe_reflectance(self, outcome: Outcome) -> str:
         """The reflectance, and how much is mirrored as a beam."""
-        brdf, index = outcome.brdfs[self.view["wavelength"]], self.view["place"]
-        back = f"reflectance {float(brdf.reflectance[index]):.3g}"
-        mirrored = describe_mirrored_beam(brdf, index).partition(",")[0]
+        brdf, place = outcome.brdfs[self.view["wavelength"]], self.view["place"]
+        back = f"reflectance {float(brdf.reflectance[place]):.3g}"
+        mirrored = describe_mirrored_beam(brdf, place).partition(",")[0]
         return f"diffuse {back}, {mirrored}" if mirrored else back
 
     def mark_stale(self) -> bool:
@@ -331,17 +331,17 @@ class ResultPanel:
     def _write_reflectances(self, outcome: Outcome, found: Reflectances) -> None:
         """Swatches, and the numbers of the figure."""
         self.texts["reflectance"].clear()
-        index = self.view["place"]
+        place = self.view["place"]
         with self.texts["reflectance"]:
             with ui.row().classes("gap-4"):
                 for name, colours in found.colours.items():
                     with ui.column().classes("gap-1"):
-                        swatch = ui.element("div").classes("vrte-swatch").style(f"background: {colours[index]}")
-                        swatch.props(f'role=img aria-label="colour {name}: {colours[index]}"')
-                        ui.label(f"{name}: {colours[index]}").classes("vrte-note")
+                        swatch = ui.element("div").classes("vrte-swatch").style(f"background: {colours[place]}")
+                        swatch.props(f'role=img aria-label="colour {name}: {colours[place]}"')
+                        ui.label(f"{name}: {colours[place]}").classes("vrte-note")
             ui.label(f"No colour: {found.why_none}" if found.why_none else UNDER_THE_SKY).classes("vrte-note")
             numbers = [
-                [write_wavelength(outcome, which), *(f"{curve[which, index]:.4f}" for curve in found.curves.values())]
+                [write_wavelength(outcome, which), *(f"{curve[which, place]:.4f}" for curve in found.curves.values())]
                 for which in range(outcome.count)
             ]
             add_table("", ["wavelength", *found.curves], numbers)

@@ -86,20 +86,20 @@ class TabSession:
     def find_problems(self) -> dict[Place, str]:
         """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
         found = find_problems(self.content, self.uploads.folder, self.uploads.names, self.parts_read)
-        indices = list_parts(self.content, self.uploads.names)
-        unknown = next((index for index in indices if name_part(self.content, index) not in self.parts_read), None)
+        places = list_parts(self.content, self.uploads.names)
+        unknown = next((place for place in places if name_part(self.content, place) not in self.parts_read), None)
         if unknown is not None and self.looks.task is None:
             self.looks.ask(self.make_task("solve.look_at_part", place=unknown))
-        return {index: translate_message(message, self.content) for index, message in found.items()}
+        return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
         """Whether there is something new to say of a part."""
         task, found = self.looks.task, self.looks.take()
         if task is None or found is None:
             return False
-        index, self.looks = task.more["place"], Query()
-        read = found if isinstance(found, PartRead) else PartRead(message=found.message, place=index)
-        self.parts_read[name_part(task.content, index)] = read
+        place, self.looks = task.more["place"], Query()
+        read = found if isinstance(found, PartRead) else PartRead(message=found.message, place=place)
+        self.parts_read[name_part(task.content, place)] = read
         while len(self.parts_read) > MOST_SAID:
             del self.parts_read[next(iter(self.parts_read))]
         return True
