@@ -31,8 +31,8 @@ VIEWS: dict[tuple[str, str], str] = {
 
 
 def view(shown: Any, verb: str, *arguments: Any) -> Any:
-    """What the row of an object's class, or of one that it is made from, makes of it; a row may be changed or added,
-    ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError where there is none."""
+    """Calls the function that VIEWS names for a verb of the object's class or of a class that it inherits from; rows may
+    be changed or added, ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError without a row."""
     for kind in type(shown).__mro__:
         if row := VIEWS.get((kind.__name__, verb)):
             module, name = row.split(":")

@@ -173,8 +173,8 @@ def collect_jacobians(
     gather: Callable[[Request, Solution], dict[str, Array]],
     find_beams: Callable[[Request], dict[str, Array]],
 ) -> dict[str, Any]:
-    """Dictionaries of derivatives by the names of numbers, ``of`` which arrays of a result each is, as far as these are
-    ``there``: of those that ``gather`` takes from a solution, and of beams that ``find_beams`` takes from a request."""
+    """Derivatives by attribute of a result, then by name of the number; ``of`` maps each attribute to the array that it
+    differentiates, if that is ``there``. ``gather`` takes arrays from a solution, ``find_beams`` beams from a request."""
     changes = {
         one.variation.name: gather(request, one.solution) | differentiate_beams(request, one.variation, find_beams)
         for one in derivatives

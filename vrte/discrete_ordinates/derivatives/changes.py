@@ -30,8 +30,8 @@ class LayerChange:
 
 
 def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, carried: int) -> LayerChange:
-    """Of layer k, whose peak is taken off or not: the formulas of `vrte.optics.truncation`, differentiated; the nodes
-    have ``carried`` terms."""
+    """Change of layer k with a number, by the differentiated formulas of delta-M (`vrte.optics.truncation`), whether its
+    peak is separated or not; the nodes carry ``carried`` terms."""
     layer, table = scene.layers[k], variation.coefficients[k]
     tau, albedo = layer.thickness, layer.albedo
     d_tau, d_albedo = float(variation.thickness[k]), float(variation.albedo[k])

@@ -106,9 +106,9 @@ def find_reflected_orders(
 def find_allowed_errors(problem: Problem, accuracy: float, size: Array) -> Array:
     """How far each R^m may be off, (in, out), where ``size`` (in, out) is its largest element.
 
-    Weighted as the operators are, by sqrt(weight mu) of a node, the errors of all pairs together are a share of the
-    accuracy times the operator: that between the nodes as a whole, each beam's by itself, that of the outgoing
-    directions as the brightest of them.
+    Errors are weighted as the operators are, by sqrt(weight mu) of a node. Those of all pairs together are a fraction
+    of the accuracy times the operator: of the operator between the nodes as a whole, of each beam by itself, of the
+    outgoing directions as the brightest of them.
     """
     n_node, scale = problem.nodes.size, np.sqrt(problem.weights * problem.nodes)
     into = np.concatenate([scale, np.ones(size.shape[0] - n_node)])[:, None]

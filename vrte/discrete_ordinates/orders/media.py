@@ -101,7 +101,7 @@ class Sights:
 
 
 def list_sights(media: Media, mu_out: Array) -> Sights:
-    """All directions mu_out (n_out,) in the media that the depths lie in."""
+    """The cosines of all outgoing directions mu_out (n_out,) in the media in which the requested depths lie."""
     index = media.depths.medium(media.scene.media)
     own, kind = np.unique(index, return_inverse=True)
     mu, row = np.unique(mu_out, return_inverse=True)
