@@ -31,7 +31,7 @@ VIEWS: dict[tuple[str, str], str] = {
 
 
 def view(shown: Any, verb: str, *arguments: Any) -> Any:
-    """Calls the function that VIEWS names for a verb of the object's class or of a class that it inherits from; rows may
+    """Calls the function that VIEWS names for a verb of the object's class or of a base class; rows can
     be changed or added, ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError without a row."""
     for kind in type(shown).__mro__:
         if row := VIEWS.get((kind.__name__, verb)):

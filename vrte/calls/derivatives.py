@@ -174,7 +174,7 @@ def collect_jacobians(
     find_beams: Callable[[Request], dict[str, Array]],
 ) -> dict[str, Any]:
     """Derivatives by attribute of a result, then by name of the number; ``of`` maps each attribute to the array that it
-    differentiates, if that is ``there``. ``gather`` takes arrays from a solution, ``find_beams`` beams from a request."""
+    differentiates, if ``there``. ``gather`` reads arrays from a solution, ``find_beams`` beams of a request."""
     changes = {
         one.variation.name: gather(request, one.solution) | differentiate_beams(request, one.variation, find_beams)
         for one in derivatives

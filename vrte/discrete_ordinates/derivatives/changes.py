@@ -30,7 +30,7 @@ class LayerChange:
 
 
 def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, carried: int) -> LayerChange:
-    """Change of layer k with a number, by the differentiated formulas of delta-M (`vrte.optics.truncation`), whether its
+    """How layer k changes, by the differentiated formulas of delta-M (`vrte.optics.truncation`), whether its
     peak is separated or not; the nodes carry ``carried`` terms."""
     layer, table = scene.layers[k], variation.coefficients[k]
     tau, albedo = layer.thickness, layer.albedo
