@@ -75,7 +75,7 @@ def describe_result(result: Brdf | Field) -> None:
 
 
 def describe_wavelengths(files: Sequence[SceneFile], result: Spectrum, refracts: bool) -> None:
-    """A line a wavelength."""
+    """Prints reflectance, media and layers of a spectrum, one line for each wavelength."""
     print(f"  {result!r}")
     mirrored = result.specular_reflectance
     columns = f"R at mu_i {result.mu_i[0]:<6g}" + ("" if mirrored is None else "  mirrored        ")

@@ -59,7 +59,7 @@ class Check(NamedTuple):
 
     @property
     def line(self) -> str:
-        """Its line in the table."""
+        """The check as a line of the printed table: name, form of the kernels, difference, limit, seconds."""
         difference = "failed" if self.problem else f"{self.gap:.1e}"
         mark = "" if self.passed else "  <- WRONG" + (f": {self.problem}" if self.problem else "")
         return f"  {self.name:52}{self.form:9}{difference:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"

@@ -78,7 +78,7 @@ class Key:
 
 
 class Number(Key):
-    """A real number."""
+    """A key whose value is a real number within ``allowed``."""
 
     takes = (Table.number, "allowed")
 

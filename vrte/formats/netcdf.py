@@ -193,7 +193,7 @@ def read_classic(name: str, wanted: Collection[str] | None, most_bytes: float) -
 
 
 def read_hdf5(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """Of one in HDF5."""
+    """Arrays and texts of a NetCDF file in HDF5, checked before a value is read (`read_attribute`, `check_array`)."""
     import h5py
 
     found, datasets = Stored({}, {}, {}, {}), {}

@@ -65,7 +65,7 @@ ONE: dict[str, Key] = {"radius_um": Number("radius [µm]", 0.3), "diameter_um": 
 
 
 class Size(Key):
-    """One of `SIZES`."""
+    """A key whose value is a distribution of sizes, one of `SIZES` with its own keys."""
 
     @property
     def inside(self) -> dict[str, Key]:

@@ -302,7 +302,7 @@ def split_key(key: str) -> Place:
 
 
 def put(content: dict[str, Any], places: Place, value: float | int) -> None:
-    """Sets one number."""
+    """Sets the number at a place, a path of keys and indices, in the content of a file."""
     reduce(getitem, places[:-1], cast(Any, content))[places[-1]] = value
 
 

@@ -285,5 +285,5 @@ def complete_docstring(call: Call) -> Call:
 
 
 def describe(heading: str, words: str) -> str:
-    """An entry of numpydoc."""
+    """An entry of a numpydoc section: its heading, and its words indented below."""
     return f"{heading}\n{indent(fill(words, 108), '    ')}"

@@ -64,7 +64,7 @@ def choose_by_rule(request: Request) -> Request:
 
 
 def find_rule(request: Request) -> tuple[int, Rule]:
-    """The place and the rule; the last one takes everything."""
+    """The index of the first rule that takes a request, and the rule; the last rule takes everything."""
     return next((index, rule) for index, rule in enumerate(RULES) if rule.takes(request))
 
 
@@ -83,7 +83,7 @@ def bound_multiple_scattering(request: Request) -> float:
     Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1
     and L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of
     at most omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top,
-    it passes mu0/(mu0 + mu) of what a source that does not fade would. Under natural light no Q, U, V is more than I;
+    it passes mu0/(mu0 + mu) of what a source without attenuation would. Under natural light no Q, U, V is more than I;
     polarized light that polarizing particles scatter once can be arbitrarily faint.
     """
     scene, layer = request.scene, request.scene.layers[0]
@@ -101,10 +101,10 @@ def bound_multiple_scattering(request: Request) -> float:
     if not (least > 0.0 and again < 1.0):
         return math.inf
     beam = float(request.mu0.min())
-    fade = math.exp(min(layer.thickness / beam, 700.0))
+    loss = math.exp(min(layer.thickness / beam, 700.0))
     if not request.tau.any():
-        fade = min(fade, 1.0 + float(np.max(1.0 if request.mu is None else request.mu)) / beam)
-    return most / least * fade * again / (1.0 - again) / request.accuracy
+        loss = min(loss, 1.0 + float(np.max(1.0 if request.mu is None else request.mu)) / beam)
+    return most / least * loss * again / (1.0 - again) / request.accuracy
 
 
 def bound_caught_share(thickness: float) -> float:
