@@ -102,6 +102,10 @@ def test_each_python_that_gets_a_wheel_is_tested() -> None:
     assert PROJECT["project"]["requires-python"] == f">=3.{minors[0]}"
     named = [line.rpartition(" ")[2] for line in PROJECT["project"]["classifiers"] if ":: 3." in line]
     assert named == [f"3.{minor}" for minor in minors]
+    jobs = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text())["jobs"]
+    assert {*jobs["pythons"]["strategy"]["matrix"]["python"], jobs["all"]["steps"][1]["with"]["python-version"]} == {
+        *named
+    }
 
 
 def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
