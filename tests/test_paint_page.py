@@ -4,14 +4,12 @@ import csv
 import math
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import vrte
-from vrte import SceneError, cli
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import find_contrast
 from vrte.appearance.paint import GLOSS_ANGLES
@@ -19,17 +17,15 @@ from vrte.appearance.panel import make_panel
 from vrte.commands import common
 from vrte.pictures import paint as pages
 
-from .helpers import close_to
+from .helpers import close_to, run
 
 AT = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
-COAT = [
-    {"interface": {"above": 1.0, "below": 1.5}},
-    {"phase": {"henyey_greenstein": 0.5}, "albedo": 0.95, "thickness": 4.0},
-]
-GREY: dict[str, Any] = {"title": "Grey <i>& more", "approximations": ["One <phase> function."], "layer": COAT}
-FILE = """
+SURFACE = {"interface": {"above": 1.0, "below": 1.5}}
+FILM = {"phase": {"henyey_greenstein": 0.5}, "albedo": 0.95, "thickness": 4.0}
+GREY = {"title": "Grey <i>& more", "approximations": ["One <phase> function."], "layer": [SURFACE, FILM]}
+FILE = f"""
 title = "Red"
-wavelength_um = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
+wavelength_um = {AT}
 nodes = 4
 [paint]
 pigment = "hematite"
@@ -37,8 +33,6 @@ volume_fraction = 0.02
 binder = [1.5, 0.0]
 thickness_um = 3.0
 """
-
-
 TOLD: list[float] = []  # of the progress of grey
 
 
@@ -47,32 +41,13 @@ def grey() -> vrte.Paint:
     return vrte.paint(GREY, AT, nodes=4, progress=lambda done, total: TOLD.append(done / total))
 
 
-@pytest.fixture(scope="module")
-def red(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("paint") / "red.toml"
-    path.write_text(FILE)
-    return path
-
-
-class Page(HTMLParser):
-    """Tags with their attributes, and whether each that is opened is closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("img", "meta"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
-# ---- numbers
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with red.toml, and wrong.toml that lacks the binder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "red.toml").write_text(FILE)
+    (tmp_path / "wrong.toml").write_text(FILE.replace("binder = [1.5, 0.0]\n", ""))
+    return tmp_path
 
 
 def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint, tmp_path: Path) -> None:
@@ -85,15 +60,14 @@ def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint, t
     assert standards["contrast ratio"] == "ISO 6504-3; ASTM D2805"  # at a thickness
     assert standards["hiding thickness over this film's"] == "ISO 6504-1; ASTM D2805"  # at a ratio
     assert "T 425 (there 15:di, A, 2 degrees)" in standards["paper opacity"]
-    names = {one.quantity for one in readings}
-    assert {"contrast ratio", "opacity", "gloss", "K", "S", "L over white", "BRDF f00", "X"} <= names
-    assert len({(o.quantity, o.geometry, o.wavelength_um) for o in readings}) == len(readings)
+    assert {"opacity", "gloss", "K", "S", "L over white", "BRDF f00", "X"} <= {*standards}
+    assert len({(one.quantity, one.geometry, one.wavelength_um) for one in readings}) == len(readings)
     grey.save(tmp_path / "grey.csv")
     with open(tmp_path / "grey.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["value"]) for row in rows] == [one.value for one in readings]
-    indices = ["" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings]
-    assert [row["wavelength_um"] for row in rows] == indices
+    at = ["" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings]
+    assert [row["wavelength_um"] for row in rows] == at
     panel = make_panel(GREY, AT, nodes=4)
     assert grey.glosses == close_to({angle: find_gloss(panel, angle) for angle in GLOSS_ANGLES}, rtol=1e-9, atol=0.0)
     assert grey.hiding is not None
@@ -101,19 +75,29 @@ def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint, t
     assert list(grey.colours) == ["over black", "over white", "semi-infinite"]
     luminance = grey.hiding.find_luminance(grey.hiding.reflectance_over_black)
     assert close_to(100.0 * luminance, rtol=1e-6, atol=0.0) == grey.colours["over black"].Y
+    assert sorted(TOLD) == TOLD
+    assert TOLD[-1] == 1.0
 
 
 @pytest.mark.slow
-def test_keywords_a_mapping_and_a_file_are_the_same_paint(red: Path) -> None:
+def test_keywords_and_a_file_are_the_same_paint_and_the_command_writes_all_three(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """And what is warned of stands on the page."""
-    found = vrte.paint(red)
+    found = vrte.paint(folder / "red.toml")
     keys = {"pigment": "hematite", "volume_fraction": 0.02, "binder": (1.5, 0.0), "thickness_um": 3.0}
     other = vrte.paint(**keys, wavelengths_um=AT, nodes=4)
     assert [one.value for one in other.list_readings()] == [one.value for one in found.list_readings()]
     assert (found.title, other.title, found.made_of[0]) == ("Red", "Paint", "surface: smooth")
+    assert "thickness 3.0 µm" in found.made_of[1]
     assert found.hiding is not None
     assert found.hiding.hiding_length_um is not None
-    assert "thickness 3.0 µm" in found.made_of[1]
+    assert run("paint", "red.toml", "--png", "red.png", "--csv", "red.csv") == 0
+    reported = capsys.readouterr().out
+    assert reported.startswith("Red\n  surface: smooth")
+    assert f"contrast ratio: {found.hiding.contrast_ratio:.4f}" in reported
+    assert re.findall(r"wrote (\S+)", reported) == ["red.html", "red.png", "red.csv"]
+    assert (folder / "red.png").read_bytes().startswith(b"\x89PNG")
     dense = {"pigment": {"hematite": "35 %"}, "binder": [1.5, 0.0], "thickness_um": 1.0, "surface": "none"}
     with pytest.warns(vrte.PackingWarning, match=r"0\.35 is above 0\.3"):
         found = vrte.paint(**dense, wavelengths_um=AT, nodes=4)
@@ -121,17 +105,16 @@ def test_keywords_a_mapping_and_a_file_are_the_same_paint(red: Path) -> None:
 
 
 def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    grey: vrte.Paint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No surface, no gloss; no end, nothing to hide and no K and S. Files are whole, or as they were."""
-    deep = {"layer": [COAT[1] | {"thickness": math.inf}]}
-    found = vrte.paint(deep, AT, nodes=4)
+    found = vrte.paint({"layer": [FILM | {"thickness": math.inf}]}, AT, nodes=4)
     assert (found.glosses, found.hiding, found.two_fluxes, list(found.colours)) == ({}, None, None, ["as it lies"])
     missing = [note.partition(":")[0] for note in found.notes if note.startswith("There is no")]
     assert missing == [f"There is no {what} here" for what in ("gloss", "hiding power", "K and S")]
     for suffix in (".html", ".png", ".csv"):
         found.save(tmp_path / f"deep{suffix}")
-    with pytest.raises(SceneError, match=r"must end in \.html, \.png or \.csv"):
+    with pytest.raises(vrte.SceneError, match=r"must end in \.html, \.png or \.csv"):
         found.save(tmp_path / "page.txt")
     before, names = (tmp_path / "deep.html").read_text(encoding="utf-8"), sorted(tmp_path.iterdir())
     monkeypatch.setattr(pages, "make_paint_body", lambda paint: "\ud800")  # which no file can hold
@@ -139,34 +122,31 @@ def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(
         found.save(tmp_path / "deep.html")
     assert (tmp_path / "deep.html").read_text(encoding="utf-8") == before
     assert sorted(tmp_path.iterdir()) == names
-
-
-def test_a_film_that_nothing_hides_says_why(grey: vrte.Paint) -> None:
     assert grey.hiding is not None
     assert f"thickness for 0.98: {grey.hiding.hiding_times:.4g} times this film" in str(grey)
     black = replace(grey, hiding=replace(grey.hiding, hiding_times=None, reason="it is black"))
     assert "thickness for 0.98: none: it is black" in str(black)
     assert "hiding thickness over this film's" not in {one.quantity for one in black.list_readings()}
-    assert sorted(TOLD) == TOLD
-    assert TOLD[-1] == 1.0  # of the progress
-
-
-# ---- the page, the sheet, the table
 
 
 def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path) -> None:
     grey.save(tmp_path / "grey.html")
     text = (tmp_path / "grey.html").read_text(encoding="utf-8")
-    page = Page(text)
-    assert page.open == []
+    tags, still_open = re.findall(r"<(/?)([a-z]\w*)([^>]*)>", text), []
+    for closing, tag, _ in tags:
+        if closing:
+            assert still_open.pop() == tag
+        elif tag not in ("img", "meta"):
+            still_open.append(tag)
+    assert not still_open
+    assert not {tag for _, tag, _ in tags} & {"script", "link", "iframe", "object"}
     assert "Grey &lt;i&gt;&amp; more" in text
     assert "One &lt;phase&gt; function." in text
-    images = [attributes for tag, attributes in page.tags if tag == "img"]
+    images = [attributes for _, tag, attributes in tags if tag == "img"]
     assert len(images) == 7
-    assert all(str(one["src"]).startswith("data:image/svg+xml;base64,") and one["alt"] for one in images)
-    assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe", "object"}
-    named = [str(value) for _, some in page.tags for key, value in some.items() if key in ("href", "src", "srcset")]
-    assert all(value.startswith("data:") for value in named)
+    assert all(re.search(' src="data:image/svg[+]xml;base64,[^"]+" alt="[^"]+"', one) for one in images)
+    named = re.findall(r"\b(?:href|src|srcset)=.(\w+:)", "".join(attributes for *_, attributes in tags))
+    assert named == ["data:"] * 7
     assert "url(" not in text
     assert grey.colours["over black"].hex in text
     for one in grey.list_readings():
@@ -174,24 +154,6 @@ def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path)
             assert f"{one.value:.5g}" in text
             assert one.standard in text
     assert grey._repr_html_() in text  # drawn anew, and the same to the last byte
-
-
-# ---- the command
-
-
-@pytest.mark.slow
-def test_the_command_writes_all_three(
-    red: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["paint", str(red), "--png", "red.png", "--csv", "red.csv"]) == 0
-    reported = capsys.readouterr().out
-    assert reported.startswith("Red\n  surface: smooth")
-    with open(tmp_path / "red.csv", newline="") as file:
-        numbers = {row["quantity"]: row["value"] for row in csv.DictReader(file) if not row["wavelength_um"]}
-    assert f"contrast ratio: {float(numbers['contrast ratio']):.4f}" in reported
-    assert re.findall(r"wrote (\S+)", reported) == ["red.html", "red.png", "red.csv"]
-    assert (tmp_path / "red.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -206,20 +168,12 @@ def test_the_command_writes_all_three(
     ],
 )
 def test_a_command_that_cannot_be_done_says_so_in_one_line(
-    arguments: list[str],
-    code: int,
-    said: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    arguments: Any, code: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "red.toml").write_text(FILE)
-    (tmp_path / "wrong.toml").write_text(FILE.replace("binder = [1.5, 0.0]\n", ""))
     if code == 1:  # without the extra
         monkeypatch.setattr(common.importlib.util, "find_spec", lambda module: None)
-    assert cli.main(["paint", *arguments]) == code
+    assert run("paint", *arguments) == code
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
-    assert {path.suffix for path in tmp_path.iterdir()} == {".toml"}
+    assert {path.suffix for path in folder.iterdir()} == {".toml"}
