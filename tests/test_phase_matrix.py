@@ -12,12 +12,13 @@ from flint import arb, ctx
 
 import vrte
 from bench.cases import SPHEROIDS
+from vrte import _core
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.formats.keys import FilePath, make_start
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import read_scene
 from vrte.formats.toml_table import write_value
-from vrte.optics.phase_matrix import PAIRS, NegativeScatteringWarning, PhaseMatrix
+from vrte.optics.phase_matrix import CHECK_COSINES, PAIRS, UNSURE, NegativeScatteringWarning, PhaseMatrix
 from vrte.scene.base_checks import find_coherency
 
 from .helpers import assert_close, close_to
@@ -196,3 +197,22 @@ def test_every_named_source_scatters_what_it_gets_and_is_read_from_a_file(name: 
     field = vrte.radiance(vrte.Scene([vrte.Layer(matrix, 1.0, 1.0)]), 0.6, tau=[0.0, 1.0], nodes=16)
     net = field.flux_down + field.direct - field.flux_up
     assert_close(net, net[0], rtol=0.0, atol=3e-13)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [vrte.henyey_greenstein(0.97), vrte.spheres("gold", radius_um=3.0, wavelength_um=0.64).phase_matrix],
+    ids=["scalar", "gold"],
+)
+def test_plain_recurrences_are_as_near_as_the_check_of_phase_matrices_takes_them(matrix: PhaseMatrix) -> None:
+    f11, f22, f33, f44, f12, f34 = matrix.compute_elements(CHECK_COSINES)
+    within = 0.5 * UNSURE * matrix.terms * np.abs(matrix.coefficients).sum()
+    found = _core.sum_elements(matrix.series, CHECK_COSINES)
+    assert_close(found, [f11, f44, f12, f34, f22 + f33, f22 - f33], rtol=0.0, atol=within)
+
+
+def test_where_the_plain_recurrences_cannot_tell_the_others_decide() -> None:
+    """F11 = 1 - b straight back: the allowed -1e-13 of the sum of coefficients lies between."""
+    assert PhaseMatrix([1.0, 1.0 + 4e-13]).terms == 2
+    with pytest.raises(vrte.SceneError, match="at a scattering angle of 180 degrees its coherency matrix"):
+        PhaseMatrix([1.0, 1.0 + 2e-12])

@@ -159,8 +159,25 @@ VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double
     }
 }
 
+/* F11, F44, F12, F34, F22 + F33, F22 - F33 at count cosines x, a row of f each, stride apart. */
+VRTE_INLINE void vrte_elements(int scalar, int terms, const double* table, int count, const double* x, double* f,
+                               size_t stride) {
+    for (int first = 0; first < count; first += VRTE_BLOCK) {
+        double at[VRTE_BLOCK] = {0.0}, block[6 * VRTE_BLOCK] = {0.0};
+        int here = count - first < VRTE_BLOCK ? count - first : VRTE_BLOCK;
+        for (int i = 0; i < here; i++) at[i] = x[first + i];
+        if (scalar)
+            vrte_scalar_series(terms, table, VRTE_BLOCK, at, block);
+        else
+            vrte_series(terms, table, at, block);
+        for (int k = 0; k < 6; k++)
+            for (int i = 0; i < here; i++) f[k * stride + first + i] = block[k * VRTE_BLOCK + i];
+    }
+}
+
 typedef void vrte_scatterer(int, int, const double*, double, double, int, const double*, const double*, int, const int*,
                             const double*, double*, size_t);
+typedef void vrte_expander(int, int, const double*, int, const double*, double*, size_t);
 
 static void vrte_scatter_plain(int scalar, int terms, const double* table, double mu0, double mu, int count,
                                const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
@@ -168,7 +185,18 @@ static void vrte_scatter_plain(int scalar, int terms, const double* table, doubl
     vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 
+static void vrte_elements_plain(int scalar, int terms, const double* table, int count, const double* x, double* f,
+                                size_t stride) {
+    vrte_elements(scalar, terms, table, count, x, f, stride);
+}
+
 #if defined(__GNUC__) && defined(__x86_64__)
+__attribute__((target("avx2,fma")))
+static void vrte_elements_wide(int scalar, int terms, const double* table, int count, const double* x, double* f,
+                               size_t stride) {
+    vrte_elements(scalar, terms, table, count, x, f, stride);
+}
+
 __attribute__((target("avx2,fma")))
 static void vrte_scatter_wide(int scalar, int terms, const double* table, double mu0, double mu, int count,
                               const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
@@ -176,11 +204,17 @@ static void vrte_scatter_wide(int scalar, int terms, const double* table, double
     vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
 }
 
-static vrte_scatterer* vrte_best_scatterer(int wide) {
+static int vrte_is_wide(void) {
     __builtin_cpu_init();
-    wide = wide && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-    return wide ? vrte_scatter_wide : vrte_scatter_plain;
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 }
+
+static vrte_scatterer* vrte_best_scatterer(int wide) {
+    return wide && vrte_is_wide() ? vrte_scatter_wide : vrte_scatter_plain;
+}
+
+static vrte_expander* vrte_best_expander(void) { return vrte_is_wide() ? vrte_elements_wide : vrte_elements_plain; }
 #else
 static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
+static vrte_expander* vrte_best_expander(void) { return vrte_elements_plain; }
 #endif

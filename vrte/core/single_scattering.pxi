@@ -5,6 +5,8 @@ cdef extern from "core/scattering.h":
     ctypedef void vrte_scatterer(bint, int, const double*, double, double, int, const double*, const double*, int,
                                  const int*, const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
+    ctypedef void vrte_expander(bint, int, const double*, int, const double*, double*, size_t) noexcept nogil
+    vrte_expander* vrte_best_expander() noexcept nogil
 
 # which copies of loops this processor runs; those of single scattering and small symmetric matrices are there twice
 CPU_VARIANT = ("single scattering and small symmetric matrices by AVX2 and FMA"
@@ -36,6 +38,18 @@ def series_table(const double[:, :] coefficients, int apiece=1):
             table[first, 11] = coefficients[at, 1] + coefficients[at, 2]
             table[first, 12] = coefficients[at, 1] - coefficients[at, 2]
     return np.asarray(table)
+
+
+def sum_elements(const double[:, ::1] table, const double[::1] cosine):
+    """F11, F44, F12, F34, F22 + F33 and F22 - F33 (6, n) at cosines of the scattering angle (n,), by the plain
+    recurrences of a table of `series_table`."""
+    cdef double[:, ::1] out = np.zeros((6, cosine.shape[0]))
+    cdef int terms = <int>table.shape[0]
+    if terms and cosine.shape[0]:
+        with nogil:
+            vrte_best_expander()(has_intensity_alone(&table[0, 0], terms), terms, &table[0, 0], <int>cosine.shape[0],
+                                 &cosine[0], &out[0, 0], cosine.shape[0])
+    return np.asarray(out)
 
 
 def path_integrals(*, const double[::1] above, const double[::1] thickness, const double[::1] level,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import (
     Array,
     check_fields,
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 
     from vrte.optics.angle_tables import Expansion, ScatteringTable
 
-CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
+CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)
+CHECK_COSINES = np.cos(np.radians(CHECK_ANGLES_DEG))  # ascending
 MOST_TERMS = 100_000  # more than any particle has that can be computed; as many take seconds to check
 LEFT_OUT = 1e-12  # sum of the terms of a Henyey-Greenstein phase function that are left out, over its mean
 MOST_KINDS = 10_000  # in a mixture
@@ -43,6 +45,7 @@ LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below ov
 NEGATIVE_ALLOWED = 1e-4  # -(coherency eigenvalue)/F11 that is allowed: tables rounded to a few digits pass
 CUT_SHORT = 0.1  # -(coherency eigenvalue) over the mean of F11 that comes from blunders, not from a cut expansion
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
+UNSURE = 1e-15  # of the same sum and of the terms: rounding of plain recurrences, which was 2.5e-16 at most
 ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
 SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
 PLACES = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (2, 3), (1, 0), (3, 2))  # of a1, a2, a3, a4, b1, b2, b1, -b2 in F
@@ -102,20 +105,21 @@ class PhaseMatrix:
 
     def __post_init__(self) -> None:
         check_fields("", self, {"tolerance": (0.0, 1.0, "between 0 and 1, of the mean of F11 over the sphere")})
-        lists: dict[str, Array] = {}
-        for name in SEQUENCES:
-            given = getattr(self, name)
+        lists = {name: given for name in SEQUENCES if (given := getattr(self, name)) is not None}
+        for name, given in lists.items():
             if count_items(given) > MOST_TERMS:
                 raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {count_items(given)}")
-            lists[name] = check_vector(name, [0.0] if given is None else given)
+            lists[name] = check_vector(name, given)
             if (largest := float(np.abs(lists[name]).max())) > LARGEST_COEFFICIENT:
                 raise SceneError.of(name, f"holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
             raise SceneError(f"a1[0] must be 1 within 1e-6 (the mean of F11 over the sphere), not {scale}")
-        terms = max(values.size for values in lists.values())
-        for name, values in lists.items():
-            object.__setattr__(self, name, freeze_copy(np.pad(values, (0, terms - values.size)) / scale))
+        rows = np.zeros((len(SEQUENCES), max(values.size for values in lists.values())))
+        for name, row in zip(SEQUENCES, rows, strict=True):
+            if name in lists:
+                row[: lists[name].size] = lists[name] / scale
+            object.__setattr__(self, name, make_readonly(row))
         self._check_physical()
 
     @classmethod
@@ -172,7 +176,7 @@ class PhaseMatrix:
     @cached_property
     def coefficients(self) -> Array:
         """The expansion coefficients (terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
-        return make_readonly(np.stack([getattr(self, name) for name in SEQUENCES], axis=1))
+        return make_readonly(np.array([getattr(self, name) for name in SEQUENCES]).T.copy())
 
     @property
     def asymmetry(self) -> float:
@@ -232,10 +236,25 @@ class PhaseMatrix:
         a1, a4, b1, b2, plus, minus = sums
         return np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
 
+    @cached_property
+    def series(self) -> Array:
+        """The table (terms, SERIES) of recurrences and coefficients by which the compiled core sums the expansion."""
+        return make_readonly(_core.series_table(self.coefficients))
+
     def _check_physical(self) -> None:
-        elements = self.compute_elements(np.cos(np.radians(CHECK_ANGLES_DEG)))
+        # plain recurrences first; their rounding, of which `unsure` is several times the largest that was met, may hide
+        # or feign a fault: there the ones that keep the digits decide
+        a1, a4, b1, b2, plus, minus = _core.sum_elements(self.series, CHECK_COSINES)
+        elements = np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
+        total = float(np.abs(self.coefficients).sum())
+        unsure = UNSURE * self.terms * total
+        floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * total
+        doubtful = np.flatnonzero(find_lowest_coherency_eigenvalue(*elements) < floor + unsure)
+        if not doubtful.size:
+            return
+        elements[:, doubtful] = self.compute_elements(CHECK_COSINES[doubtful])
         a1, lowest = elements[0], find_lowest_coherency_eigenvalue(*elements)
-        floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * np.abs(self.coefficients).sum()
+        floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * total
         worst = int(np.argmin(lowest - floor))
         if lowest[worst] >= floor[worst]:
             return
@@ -375,13 +394,13 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
     (0.5, 50)
     """
     value = check_number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
-    enough = count_henyey_greenstein_terms(value)
-    if terms is None and enough > MOST_TERMS:
-        raise SceneError(f"g = {value!r} takes {enough} terms, and at most {MOST_TERMS} are allowed")
-    degrees = np.arange(check_whole("terms", enough if terms is None else terms, 1, MOST_TERMS))
+    if terms is None and (terms := count_henyey_greenstein_terms(value)) > MOST_TERMS:
+        raise SceneError(f"g = {value!r} takes {terms} terms, and at most {MOST_TERMS} are allowed")
+    degrees = np.arange(check_whole("terms", terms, 1, MOST_TERMS))
     try:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
+        enough = count_henyey_greenstein_terms(value)
         advice = "are enough" if enough <= MOST_TERMS else f"would be, at most {MOST_TERMS} are allowed"
         raise SceneError(
             f"henyey_greenstein: {degrees.size} terms are too few for g = {value!r} (the phase function turns "

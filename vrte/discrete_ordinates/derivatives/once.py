@@ -123,7 +123,7 @@ def change_scatterer(beam_paths: BeamPaths, change: Change, k: int, way: int) ->
         slope = slope - path / mu_out if way else slope * np.exp(-length / mu_out)
         strength = strength + gain * deeper * slope
     if strength.any():
-        found.append((_core.series_table(beam_paths.media.scene.layers[layer].phase_matrix.coefficients), strength))
+        found.append((beam_paths.media.scene.layers[layer].phase_matrix.series, strength))
     if gain > 0.0 and own.whole.any():
         found.append((_core.series_table(own.whole), gain * path))
     return found

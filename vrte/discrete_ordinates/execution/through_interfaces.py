@@ -103,7 +103,7 @@ def make_scatterer(
     layer, index = int(cut.layer[k]), media.scene.media[1 + int(cut.layer[k])]
     place = 1 + layer
     if table is None:
-        table = _core.series_table(media.scene.layers[layer].phase_matrix.coefficients)
+        table = media.scene.layers[layer].phase_matrix.series
     lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
     mu_in = np.where(lit, into[place], 1.0)
     mu_out = np.where(out, sights.cosines[place], 1.0)

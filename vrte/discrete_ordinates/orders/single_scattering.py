@@ -31,8 +31,8 @@ def find_scatterers(
             if key in found:
                 found[key][1][:] += weighted
             else:
-                coefficients = layer.phase_matrix.coefficients if whole else problem.coefficients[k]
-                found[key] = (_core.series_table(coefficients), weighted)
+                table = layer.phase_matrix.series if whole else _core.series_table(problem.coefficients[k])
+                found[key] = (table, weighted)
     return list(found.values())
 
 

@@ -194,7 +194,7 @@ def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], ru
     for index, layer in enumerate(each):
         coefficients[index, : terms[index]] = truncated[index].coefficients
         if likeness.shared[index % layers] == index % layers:
-            table = _core.series_table(layer.phase_matrix.coefficients)
+            table = layer.phase_matrix.series
             tables[index, : table.shape[0]] = table
             if faint is not tables:
                 table = _core.series_table(truncated[index].coefficients) if peaked[index] else table
