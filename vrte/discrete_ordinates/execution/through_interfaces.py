@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
