@@ -5,6 +5,8 @@ import inspect
 import math
 import time
 import tomllib
+from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +23,10 @@ from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS
 from vrte.formats.materials import list_materials
-from vrte.formats.particle_sources import SIZES, SOURCES, check_particles
+from vrte.formats.particle_sources import SIZES, SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scattering import read_scattering
-from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content
+from vrte.formats.scene_file import FILE_KEYS, read_content
 from vrte.formats.toml_table import show_place
 from vrte.optics.crowding import PACKINGS
 
@@ -46,8 +48,10 @@ def henyey_greenstein(g: float, **more: int) -> form.Content:
     return ISOTROPIC | {"phase": {"henyey_greenstein": g, **more}}
 
 
-def needs_file(row: Any) -> bool:
-    return any(isinstance(key, FilePath) and key.needed for key in row.keys.values())
+def find_files(row: Any, *place: Any) -> set[str]:
+    """Where a row of a registry needs files, which somebody has to choose."""
+    needed = [name for name, key in row.keys.items() if isinstance(key, FilePath) and key.needed] if row else []
+    return {show_place((*place, name)) for name in needed}
 
 
 @settings(max_examples=40)
@@ -72,65 +76,50 @@ def test_messages_have_the_words_of_the_form() -> None:
         assert translate_message(message, content) == words
 
 
-# every field, something that is wrong with it, and words of the library's message
-WRONG: list[tuple[str, Any, str, str]] = [
-    ("wavelength_um", (), "blue", "must be the wavelength"),
-    ("wavelength_um", (), "-0.5", "wavelength_um must be a length"),
-    ("wavelength_um", (), "0.5, 0.4", "ascending"),
-    ("wavelength_um", (), "0.5, nan", "wavelength_um must be finite"),
-    ("wavelength_um", (), "0.7:0.4:4", "ascending"),
-    ("wavelength_um", (), "0.4:0.7:41", "at most 40 wavelengths, not 41"),
-    ("wavelength_um", (), "", "is missing"),
-    ("host_index", (), "0", "host_index must be a real refractive index"),
-    ("nodes", (), "1000000", "must be a whole number from 1 to 4096"),
-    ("nodes", (), "2.5", "must be a whole number from 1 to 4096"),
-    ("accuracy", (), "nan", "must be a number between 1e-15 and 0.1"),
-    ("particles", ("gold", "index"), "unobtainium", "neither a known name"),
-    ("particles", ("gold", "index"), "../../etc/passwd", "neither a known name"),
-    ("particles", ("gold", "index"), "1.5, -1", "k must be >= 0"),
-    ("particles", ("gold", "radius_um"), "-1", "radius_um must be a length"),
-    ("particles", ("gold", "host_index"), "0", "host_index must be a real refractive index"),
-    ("layer", (0, "thickness"), "-1", "thickness must be an optical thickness >= 0"),
-    ("layer", (0, "thickness"), "nan", "must be a number >= 0"),
-    ("layer", (0, "interface", "above"), "0.01", "must be a real refractive index from 0.1 to 10"),
-    ("layer", (0, "interface", "below"), "gold", "light goes through media with k"),
-    ("layer", (0, "interface", "above"), "", "is missing"),
-    ("layer", (0, "interface", "roughness"), "-1", "roughness must be"),
-    ("layer", (0, "interface", "roughness"), "0.001", "roughness must be"),
-    ("base", ("kind",), "shiny", 'must be "black" or "lambertian"'),
-    ("brdf", ("mu_i",), "0", "mu_i must satisfy 1e-8 <= mu <= 1"),
-    ("brdf", ("mu_o",), "0.1:1:2.5", "must be a whole number from 1"),
-    ("brdf", ("mu_o",), "0.1:1:1e999", "must be a whole number from 1"),
-    ("brdf", ("phi_deg",), "inf", "all finite"),
-    ("field", ("mu0",), "2", "mu0 must satisfy"),
-    ("field", ("mu0",), "0.2, 0.4", "the page shows one beam"),
-    ("field", ("tau",), "1000", "must lie between 0 and the total optical thickness 100"),
-    ("field", ("stokes",), "1, 2", "must be four numbers"),
-    ("field", ("mu",), "0", "mu must satisfy"),
+# a field, what is wrong with it, and words of the library's message; one row for each way in which a place is found
+WRONG: list[tuple[tuple[Any, ...], str, str]] = [
+    (("wavelength_um",), "-0.5", "wavelength_um must be a length"),
+    (("wavelength_um",), "0.5, nan", "wavelength_um must be finite"),
+    (("wavelength_um",), "0.7:0.4:4", "ascending"),
+    (("wavelength_um",), "0.4:0.7:41", "at most 40 wavelengths, not 41"),
+    (("wavelength_um",), "", "is missing"),
+    (("host_index",), "0", "host_index must be a real refractive index"),
+    (("nodes",), "1000000", "must be a whole number from 1 to 4096"),
+    (("accuracy",), "nan", "must be a number between 1e-15 and 0.1"),
+    (("particles", "gold", "index"), "../../etc/passwd", "neither a known name"),
+    (("particles", "gold", "index"), "1.5, -1", "k must be >= 0"),
+    (("particles", "gold", "radius_um"), "-1", "radius_um must be a length"),
+    (("particles", "gold", "host_index"), "0", "host_index must be a real refractive index"),
+    (("layer", 0, "thickness"), "-1", "thickness must be an optical thickness >= 0"),
+    (("layer", 0, "interface", "above"), "", "is missing"),
+    (("layer", 0, "interface", "below"), "gold", "light goes through media with k"),
+    (("layer", 0, "interface", "roughness"), "0.001", "roughness must be"),
+    (("base", "kind"), "shiny", 'must be "black" or "lambertian"'),
+    (("brdf", "mu_i"), "0", "mu_i must satisfy 1e-8 <= mu <= 1"),
+    (("brdf", "mu_o"), "0.1:1:1e999", "must be a whole number from 1"),
+    (("brdf", "phi_deg"), "inf", "all finite"),
+    (("field", "mu0"), "0.2, 0.4", "the page shows one beam"),
+    (("field", "tau"), "1000", "must lie between 0 and the total optical thickness 100"),
+    (("field", "stokes"), "1, 2", "must be four numbers"),
 ]
 
 
-@pytest.mark.parametrize(("table", "below", "text", "words"), WRONG)
-def test_a_wrong_field_gets_the_librarys_message(table: str, below: Any, text: str, words: str) -> None:
-    content, index = fresh(), (table, *below)
-    if "interface" in below:
+@pytest.mark.parametrize(("place", "text", "words"), WRONG)
+def test_a_wrong_field_gets_the_librarys_message(place: tuple[Any, ...], text: str, words: str) -> None:
+    content = fresh()
+    if "interface" in place:
         form.add_interface(content)
         form.set_rough(content["layer"][0]["interface"], "rough")
-    form.put(content, index, parse_field_text(text))
+    form.put(content, place, parse_field_text(text))
     found = problems(content)
-    assert list(found) == [show_place(index)]
-    assert words in found[show_place(index)]
-    if table != "nodes":  # and the others all the same
-        assert set(problems(content | {"nodes": 0})) == {"nodes", *found}
+    assert list(found) == [show_place(place)]
+    assert words in found[show_place(place)]
+    assert set(problems(content | {"nodes": 0})) == {"nodes", *found}  # and the others all the same
 
 
-def test_all_wrong_fields_are_reported_at_once_in_the_words_of_the_solver() -> None:
-    with pytest.raises(vrte.SceneError) as raised:
-        make_scene_file(fresh(nodes=10**6), "brdf", compute=check_particles)
-    assert problems(fresh(nodes=10**6)) == {"nodes": str(raised.value)}
-    content = fresh(particles={"gold": {"index": "gold", "radius_um": 1e5}})
-    assert "size parameter" in problems(content)["particles.gold"]
-    assert list(problems(fresh(wavelength_um={"start": 0.4, "stop": "x", "count": 4}))) == ["wavelength_um"]
+def test_all_wrong_fields_are_reported_at_once() -> None:
+    large = {"gold": {"index": "gold", "radius_um": 1e5}}
+    assert "size parameter" in problems(fresh(particles=large))["particles.gold"]
     content = fresh(nodes=0, accuracy="fine")
     content["layer"][0]["thickness"] = "thick"
     content["particles"]["gold"] = {"index": "gould", "radius_um": math.nan}
@@ -167,10 +156,7 @@ MANY = {"start": 0.1, "stop": 1.0, "count": 10**6}
         ({"field": {"mu0": 0.5, "mu": [0.5] * 10_000, "phi_deg": [0.0] * 10_000}}, False),
         ({"layer": [henyey_greenstein(0.9999)] * 30}, False),
         ({"layer": [henyey_greenstein(0.9, terms=10**6)]}, False),
-        *(({"layer": junk}, False) for junk in (5, [], [5])),
-        *(({"particles": junk}, False) for junk in ([1], {"gold": 3})),
-        ({"brdf": 1}, False),
-        ({"base": "black"}, False),
+        ({"layer": []}, False),
         ({"nodes": 10**4000}, False),
     ],
 )
@@ -197,15 +183,16 @@ def test_no_file_of_the_machine_is_read(tmp_path: Path) -> None:
 
 def test_layers_are_added_moved_and_removed() -> None:
     content = fresh(layer=[ISOTROPIC | {"thickness": math.inf}])
+    layers = content["layer"]
     form.add_layer(content)
-    assert [layer["thickness"] for layer in content["layer"]] == [1.0, 1.0]
-    content["layer"][1]["albedo"] = 0.9
+    assert [layer["thickness"] for layer in layers] == [1.0, 1.0]
+    layers[1]["albedo"] = 0.9
     for index, by in ((1, -1), (0, -1), (1, 1)):
         form.move_layer(content, index, by)
-    assert [layer["albedo"] for layer in content["layer"]] == [0.9, 0.5]
+    assert [layer["albedo"] for layer in layers] == [0.9, 0.5]
     form.remove_layer(content, 0), form.remove_layer(content, 0)
-    assert [layer["albedo"] for layer in content["layer"]] == [0.5]
-    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
+    assert [layer["albedo"] for layer in layers] == [0.5]
+    layers[:] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
     for _ in range(form.MOST_KINDS - 1):
         form.add_kind(content)
     for add, most in ((form.add_interface, "30 layers"), (form.add_layer, "30 layers"), (form.add_kind, "12 kinds")):
@@ -213,47 +200,39 @@ def test_layers_are_added_moved_and_removed() -> None:
             add(content)
 
 
-def test_every_choice_is_right_from_the_start() -> None:
+def test_every_choice_is_right_from_the_start_but_for_files_to_be_chosen() -> None:
     content = fresh()
     form.add_kind(content)
-    layer = content["layer"][0]
+    layer, kind = content["layer"][0], content["particles"]["gold"]
     for medium in [*(name for name in form.MEDIA if name != "coefficients"), "particles"]:
         form.set_medium(content, 0, medium)
-        expected = {f"layer[1].phase.{medium}"} if medium in PHASES and needs_file(PHASES[medium]) else set()
-        assert (form.get_medium(layer), set(problems(content))) == (medium, expected)
+        expected = find_files(PHASES.get(medium), "layer", 0, "phase")
+        assert (form.get_medium(layer), {*problems(content)}) == (medium, expected)
     for medium in ("volumes", "particles", "clear", "volumes", "mixture"):
         form.set_geometric(layer, medium != "particles")
         form.set_medium(content, 0, medium)
         assert problems(content) == {}
-    for kind, row in BASES.items():
-        content = fresh()
-        form.set_base(content, kind)
-        found = problems(content)
-        assert {show_place(("base", key)) for key, one in row.keys.items() if isinstance(one, FilePath)} == {*found}
-        assert all("needs a file" in message for message in found.values())
+    for base, row in BASES.items():
+        content["base"] = {"kind": "black"}
+        form.set_base(content, base)
+        assert {*problems(content)} == find_files(row, "base")
         assert tomllib.loads(write_content(content)) == content
         if "index" in row.keys:
             content["base"]["index"] = [1.5, -1.0]
             assert list(problems(content)) == ["base.index"]
-
-
-@pytest.mark.parametrize("source", SOURCES)
-def test_every_source_and_size_is_right_from_the_start(source: str) -> None:
-    content = fresh()
-    kind = content["particles"]["gold"]
-    form.set_source(kind, source)
-    assert (form.get_source(kind), problems(content)) == (source, {})
-    for mode in form.SIZE_MODES if SOURCES[source].sized else ():
-        form.set_size_mode(kind, mode)
-        indices = form.list_size_places(mode)
-        wanted = [index for index in indices if mode in SIZES and needs_file(SIZES[mode])]
-        expected = {show_place(("particles", "gold", *index)) for index in wanted}
-        assert (form.get_size_mode(kind), set(problems(content))) == (mode, expected)
-        assert all(find_field(("particles", "gold", *index), content).label for index in indices)
-    form.set_size_mode(kind, "radius")
+    form.set_base(content, "black")
+    for source, row in SOURCES.items():
+        form.set_source(kind, source)
+        assert (form.get_source(kind), problems(content)) == (source, {})
+        for mode in form.SIZE_MODES if row.sized else ():
+            form.set_size_mode(kind, mode)
+            places = [("particles", "gold", *below) for below in form.list_size_places(mode)]
+            expected = find_files(SIZES.get(mode), *places[0][:-1])
+            assert (form.get_size_mode(kind), {*problems(content)}) == (mode, expected)
+            assert all(find_field(place, content).label for place in places)
+        form.set_size_mode(kind, "radius")
     form.set_source(kind, "spheres")
-    assert kind.keys() == {"index", "radius_um"}
-    assert problems(content) == {}
+    assert (kind.keys(), problems(content)) == ({"index", "radius_um"}, {})
 
 
 def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty() -> None:
@@ -270,32 +249,32 @@ def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty() -> No
                 assert key.usual({}) is usual
 
 
-def test_close_particles_and_media_that_absorb_get_the_volume_fraction_that_they_need() -> None:
-    for packing in PACKINGS:
-        content = fresh(host_index=1.5)
-        layer = content["layer"][0]
-        for medium in ("particles", "volumes", "mixture"):
-            form.set_medium(content, 0, medium)
-            form.set_packing(layer, packing)
-            assert problems(content) == {}
-            for geometric in (True, False):
-                form.set_geometric(layer, geometric)
-                assert problems(content) == {}
-        asked = packing != "independent"
-        assert ("packing" in layer, "volume_fraction" in layer) == (asked, asked)
-        assert form.is_fraction_asked(content, 0) is asked
-        form.set_packing(layer, "independent")
-        assert not {"packing", "volume_fraction"} & layer.keys()
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_close_particles_get_the_volume_fraction_that_they_need(packing: str) -> None:
+    content = fresh(host_index=1.5)
+    layer = content["layer"][0]
+    for medium, geometric in product(("particles", "volumes", "mixture"), (True, False)):
+        form.set_medium(content, 0, medium)
+        form.set_packing(layer, packing)
+        assert problems(content) == {}
+        form.set_geometric(layer, geometric)
+        assert problems(content) == {}
+    asked = packing != "independent"
+    assert ("packing" in layer, "volume_fraction" in layer, form.is_fraction_asked(content, 0)) == (asked,) * 3
+    form.set_packing(layer, "independent")
+    assert not {"packing", "volume_fraction"} & layer.keys()
+
+
+def test_media_that_absorb_ask_for_a_volume_fraction() -> None:
     content = fresh(host_index=[1.5, 0.001])
     assert list(problems(content)) == ["layer[1].volume_fraction"]
     assert form.is_fraction_asked(content, 0)
     content["layer"][0]["volume_fraction"] = "10 %"
-    assert problems(content) == {}
-    assert not form.is_geometric(content["layer"][0])
-    content = fresh()
+    assert (problems(content), form.is_geometric(content["layer"][0])) == ({}, False)
+    content = fresh()  # depths wait for the optical thickness of a layer in micrometres
     content["field"]["tau"] = [50.0]
     form.set_geometric(content["layer"][0], True)
-    assert problems(content) == {}  # depths wait for the optical thickness, which WRONG has
+    assert problems(content) == {}
 
 
 def test_a_clear_layer_is_of_what_lies_around_it() -> None:
@@ -317,10 +296,8 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     sides = [layer.get("interface") for layer in content["layer"]]
     assert sides == [{"above": 1.0, "below": 1.4}, None, {"above": 1.4, "below": 1.0}]
     assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
-    for index in (0, 2):
-        surface = content["layer"][index]["interface"]
+    for surface in (sides[0], sides[2]):
         form.set_rough(surface, "rough")
-        assert surface["roughness"] > 0.0
         surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
         assert problems(content) == {}
         assert tomllib.loads(write_content(content)) == content
@@ -356,28 +333,25 @@ def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
             form.rename_kind(content, name, bad)
     with pytest.raises(vrte.SceneError, match="layer 1 holds it"):
         form.remove_kind(content, other)
-    content = fresh()  # a card is called after its substance until it is renamed
+
+
+def test_a_kind_is_called_after_its_substance_until_it_is_renamed() -> None:
+    content = fresh()
     name = form.add_kind(content)
-    for index, called in (("gold", "gold-2"), ("main/Ag/Johnson", "Ag"), ("copper", "flakes")):
-        kind = content["particles"][name]
-        before, kind["index"] = kind["index"], index
-        if called == "flakes":  # by hand
-            form.rename_kind(content, name, called)
-            name = called
-        form.name_after(content, name, before)
-        assert list(content["particles"]) == ["gold", called]
+    for index, by_hand, called in (("gold", "", "gold-2"), ("main/Ag/Johnson", "", "Ag"), ("copper", "x", "x")):
+        before, content["particles"][name]["index"] = form.get_substance(content["particles"][name]), index
+        form.rename_kind(content, name, by_hand or name)
+        form.name_after(content, by_hand or name, before)
         name = called
+        assert list(content["particles"]) == ["gold", name]
     content["particles"]["gold"]["index"] = [1.5, 0.0]
     form.name_after(content, "gold", "gold")  # numbers are no name
-    assert list(content["particles"]) == ["gold", "flakes"]
-    form.remove_kind(content, "flakes")
+    form.remove_kind(content, name)
     assert list(content["particles"]) == ["gold"]
 
 
 def test_files_fill_the_form_and_what_they_lack_is_noted() -> None:
-    gold = read_content(EXAMPLES / "gold_powder.toml")
-    several = fresh(wavelength_um=[0.45, 0.65])
-    for scene in (gold, several):
+    for scene in (read_content(EXAMPLES / "gold_powder.toml"), fresh(wavelength_um=[0.45, 0.65])):
         assert adopt_with_notes(scene)[0] == scene == tomllib.loads(write_content(scene))
     for path in GALLERY:
         scene = read_content(path)
@@ -386,18 +360,21 @@ def test_files_fill_the_form_and_what_they_lack_is_noted() -> None:
         assert len(form.list_page_wavelengths(content)) >= 7
         assert [text.split()[0] for text in notes] == ["[brdf]", "wavelength_um"]
         assert all(content[key] == scene[key] for key in ("particles", "layer"))
+
+
+def test_axes_of_a_sweep_become_wavelengths_or_a_note() -> None:
     others = "stay as the template has them; `vrte sweep` computes them all"
-    for name, expected in (
-        ("gold_table", ["axes.wavelength_um: 10 of its 28 wavelengths are taken", f"axes: radius_um {others}"]),
-        ("rutile_spectrum", ["axes.wavelength_um: 10 of its 55 wavelengths are taken"]),
+    depth = {"depth": {"key": "layer[1].thickness", "values": [1, 2]}}
+    for scene, count, expected in (
+        ("gold_table", MOST_OF_AXIS, ["wavelength_um: 10 of its 28 wavelengths are taken", f"radius_um {others}"]),
+        ("rutile_spectrum", MOST_OF_AXIS, ["wavelength_um: 10 of its 55 wavelengths are taken"]),
+        (fresh(axes={"wavelength_um": [0.5, 0.6]}), 2, []),
+        (fresh(axes=depth), 1, [f"depth {others}"]),
     ):
-        content, notes = adopt_with_notes(read_content(EXAMPLES / f"{name}.toml"))
-        assert ("axes" in content, len(form.list_page_wavelengths(content))) == (False, MOST_OF_AXIS)
-        assert [*notes] == expected
-    content, notes = adopt_with_notes(fresh(axes={"wavelength_um": [0.5, 0.6]}))
-    assert (content["wavelength_um"], notes) == ([0.5, 0.6], ())
-    _, notes = adopt_with_notes(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
-    assert notes == (f"axes: depth {others}",)
+        given = read_content(EXAMPLES / f"{scene}.toml") if isinstance(scene, str) else scene
+        content, notes = adopt_with_notes(given)
+        assert ("axes" in content, len(form.list_page_wavelengths(content))) == (False, count)
+        assert [text.removeprefix("axes.").removeprefix("axes: ") for text in notes] == expected
 
 
 def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
@@ -423,13 +400,13 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
     assert list(content["brdf"]) == ["mu_i", "mu_o", "phi_deg"]
 
 
-@pytest.mark.parametrize("name", list_materials())
-def test_ready_materials_fill_the_form_with_all_their_numbers(name: str) -> None:
-    content, _ = begin_with_material(list_materials()[name])
-    assert problems(content) == {}
-    assert "material" not in content["layer"][0]
-    fields = [index for index in list_places(content["particles"], "particles") if index[2:3] != ("source",)]
-    assert all(find_field(index, content).label for index in fields)
+def test_ready_materials_fill_the_form_with_all_their_numbers() -> None:
+    for material in list_materials().values():
+        content, _ = begin_with_material(material)
+        assert problems(content) == {}
+        assert "material" not in content["layer"][0]
+        fields = [index for index in list_places(content["particles"], "particles") if index[2:3] != ("source",)]
+        assert all(find_field(index, content).label for index in fields)
 
 
 @settings(max_examples=15, deadline=None)
@@ -442,4 +419,7 @@ def test_ready_materials_fill_the_form_with_all_their_numbers(name: str) -> None
 )
 def test_whatever_a_scene_is_there_is_an_answer(junk: Any) -> None:
     for key in ("layer", "particles", "brdf", "field", "wavelength_um", "base"):
-        problems(fresh(**{key: junk}))
+        scene = fresh(**{key: junk})
+        problems(scene)
+        with suppress(vrte.SceneError):
+            adopt_with_notes(scene)
