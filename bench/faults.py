@@ -43,8 +43,6 @@ def list_faults(*rows: tuple[str, str, str, str, str, str]) -> tuple[Fault, ...]
 CORE = list_faults(
     ("givens", "core/moment_gmres.pxi", "c * b - cosines[2 * j + 1] * a", "c * b + cosines[2 * j + 1] * a",
      "sign of a rotation of GMRES", "iterations"),
-    ("nodes-gain", "core/bounds.pxi", "effect[m, count - 1] * gain * gain", "effect[m, count - 1]",
-     "light that is scattered again by way of a node that is left out counts once only", "plan"),
     ("mie-slope", "core/mie.pxi", "over(make(n + 1, 0.0), z)) - 1.0", "over(make(n + 1, 0.0), z)) + 1.0",
      "sign in the differential equation of Riccati-Bessel functions", "mie_derivatives"),
     ("facet-v", "core/facets.pxi", "d2 * re * c2, d2 * im", "d2 * re * c2, -d2 * im",
@@ -66,7 +64,7 @@ DEVICE = list_faults(
 
 ORDINATES = list_faults(
     ("share", "discrete_ordinates/planning/order_bounds.py", "\nSHARE = 0.1", "\nSHARE = 10.0",
-     "nodes and layers that matter are left out", "plan"),
+     "layers that matter are left out", "plan"),
     ("kappa", "discrete_ordinates/planning/order_bounds.py", "0.8 * (1.0 - q), 0.0)", "1.8 * (1.0 - q), 0.0)",
      "light of an order decays faster than it can", "plan"),
     ("strongest", "discrete_ordinates/planning/choice.py", "STRONGEST = 0.98", "STRONGEST = 2.0",

@@ -19,15 +19,14 @@ for node in STUB:
         above = set().union(*(FIELDS.get(base.id, set()) for base in node.bases if isinstance(base, ast.Name)))
         FIELDS[node.name] = above | {ast.unparse(one.target) for one in node.body if isinstance(one, ast.AnnAssign)}
 CALL = (
-    "_core.order_bounds(crew, coefficients=a, terms=i, albedo=a, directions=a, weights=a, n_out=1, strength=a, "
-    "bounds=a, effect=a)"
+    "_core.order_bounds(crew, coefficients=a, terms=i, albedo=a, directions=a, n_node=1, n_out=1, strength=a, bounds=a)"
 )
 MISTAKES = [  # what is written instead of what, and what mypy says of it
     ("terms=i, albedo=a", "terms=a, albedo=i", 'Argument "terms" has incompatible type'),
     ("n_out=1, strength=a", "n_out=a, strength=1", 'Argument "n_out" has incompatible type'),
     ("coefficients=a, terms=i", "a, i", "Too many positional arguments"),
-    ("bounds=a, ", "", 'Missing named argument "bounds"'),
-    ("effect=a", "effects=a", 'Unexpected keyword argument "effects"'),
+    ("n_node=1, ", "", 'Missing named argument "n_node"'),
+    ("bounds=a", "bound=a", 'Unexpected keyword argument "bound"'),
 ]
 
 

@@ -11,33 +11,33 @@ from vrte.basics.arrays import replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import Doubling, Fractions, Scatterings
+from vrte.discrete_ordinates.orders.routes import Doubling, Scatterings
 from vrte.discrete_ordinates.orders.tanh_poles import (
     STEEPEST,
     STEEPEST_INSIDE,
-    Faces,
     find_tangent,
     fit_depths,
-    reflect_by_fractions,
     scatter_by_fractions,
 )
-from vrte.discrete_ordinates.planning.choice import choose_fractions, is_for_fractions
+from vrte.discrete_ordinates.planning.choice import choose_algorithms
 from vrte.scene.boundary import BLACK
 
 from .helpers import assert_close
 from .samples import spheroids
 
 ORDERS = np.array([0, 1, 4, 9], np.int32)
+SPHEROIDS = spheroids()
 MU_OUT = np.array([0.02, 0.4, 1.0, -0.02, -0.4, -1.0])
 
 
-def discretise(albedo: float, thickness: float, nodes: int = 6, share: tuple[float, ...] = (0.0, 1.0)) -> Problem:
+def discretise(
+    albedo: float, thickness: float, share: tuple[float, ...] = (0.0, 1.0), phase: vrte.PhaseMatrix = SPHEROIDS
+) -> Problem:
     """Two beams, one of them grazing, all incident Stokes columns; light wanted at both faces, or at shares of the
     thickness."""
-    scene = vrte.Scene([vrte.Layer(spheroids(), albedo, thickness)])
-    return discretise_scene(scene, np.array([0.05, 0.7]), np.eye(4), MU_OUT, thickness * np.array(share), nodes)
+    scene = vrte.Scene([vrte.Layer(phase, albedo, thickness)])
+    return discretise_scene(scene, np.array([0.05, 0.7]), np.eye(4), MU_OUT, thickness * np.array(share), 6)
 
 
 @pytest.mark.parametrize("largest", [1e-3, 3.0, 70.0, 700.0, STEEPEST])
@@ -73,25 +73,21 @@ def test_light_inside_of_too_steep_a_slab_is_refused() -> None:
 
 @pytest.mark.parametrize("albedo", [1.0, 0.97, 1e-6])
 @pytest.mark.parametrize("thickness", [1e-6, 0.01, 1.0, 4.0])
-@pytest.mark.parametrize(
-    ("route_of", "share"),
-    [(Fractions, (0.0, 1.0)), (Scatterings, (0.0, 1.0)), (Scatterings, (0.7, 1e-3, 1.0, 0.0, 0.5))],
-)
-def test_they_are_what_doubling_finds(route_of: Any, share: tuple[float, ...], albedo: float, thickness: float) -> None:
+@pytest.mark.parametrize("share", [(0.0, 1.0), (0.7, 1e-3, 1.0, 0.0, 0.5)])
+@pytest.mark.parametrize("phase", [spheroids(), vrte.rayleigh(), vrte.isotropic(), vrte.henyey_greenstein(0.2, 24)])
+def test_they_are_what_doubling_finds(
+    phase: vrte.PhaseMatrix, share: tuple[float, ...], albedo: float, thickness: float
+) -> None:
     """Light and fluxes at faces and inside, relative to the largest of all orders, or to a share of what is scattered
-    once: where that is 1e12 times as much, what is scattered again need not have nine digits. Operators find each
-    order to the largest of that order."""
-    problem, once = discretise(albedo, thickness, share=share), albedo * thickness
-    found, wanted = (route(problem, BLACK, 12, 1e-8).solve(ORDERS, Run(1)) for route in (route_of, Doubling))
+    once: where that is 1e12 times as much, what is scattered again need not have nine digits. Of matter with b2 = 0,
+    without Q, U, V, and with more terms than columns as well."""
+    problem, once = discretise(albedo, thickness, share=share, phase=phase), albedo * thickness
+    found, wanted = (route(problem, BLACK, 12, 1e-8).solve(ORDERS, Run(1)) for route in (Scatterings, Doubling))
     for name in ("kernels", "flux_up", "flux_down"):
         mine, theirs = getattr(found, name), getattr(wanted, name)
-        if route_of is Scatterings:
-            assert_close(mine, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max() + 1e-12 * once)
-        else:
-            for one, other in zip(mine, theirs, strict=True) if name == "kernels" else [(mine, theirs)]:
-                assert_close(one, other, rtol=0.0, atol=1e-9 * np.abs(other).max())
+        assert_close(mine, theirs, rtol=0.0, atol=1e-9 * np.abs(theirs).max() + 1e-12 * once)
     (residual,) = found.residuals.values()
-    assert residual.max() < (1e-11 if route_of is Scatterings else 1e-13)
+    assert residual.max() < 1e-11
 
 
 FACES, INSIDE = [0.0, 1.0], [0.93, 1e-4, 0.3, 0.8, 1.0]  # over the thickness
@@ -128,18 +124,6 @@ def test_thin_slabs_and_grazing_beams_keep_the_accuracy(
     assert (np.abs(found.flux_down - right.flux_down) <= limit).all()
 
 
-@pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.isotropic(), vrte.henyey_greenstein(0.2, 24)])
-def test_scatterings_of_other_matter(phase: vrte.PhaseMatrix) -> None:
-    """b2 = 0, scalars, more terms than columns: as operators find them."""
-    scene = vrte.Scene([vrte.Layer(phase, 0.99, 2.0)])
-    problem = discretise_scene(scene, np.array([0.6]), np.eye(4)[:1], MU_OUT, np.array([0.0]), 12)
-    orders = np.arange(3, dtype=np.int32)
-    wanted = reflect_by_fractions(problem, orders, assemble(problem, orders, Run(1)), Run(1))
-    found = scatter_by_fractions(problem, orders, 1e-9, Run(1))
-    assert_close(found.out, wanted.out, rtol=0.0, atol=1e-10 * np.abs(wanted.out).max())
-    assert_close(found.on_nodes, wanted.on_nodes, rtol=0.0, atol=1e-10 * np.abs(wanted.on_nodes).max())
-
-
 def test_scatterings_that_do_not_converge_are_reported() -> None:
     """Light finds no way out of a thick layer that absorbs none of it."""
     with pytest.raises(AccuracyError, match="scatterings of order 0 do not converge"):
@@ -158,9 +142,8 @@ def test_moments_that_still_change_are_not_believed(monkeypatch: pytest.MonkeyPa
     assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-8 * right.stokes.max())
 
 
-@pytest.mark.parametrize("find", ["operators", "scatterings"])
-def test_scenes_do_not_see_each_other(find: str) -> None:
-    """Scenes side by side, on two threads, give the bits of each alone, the fractions being the same."""
+def test_scenes_do_not_see_each_other() -> None:
+    """Scenes side by side, on two threads, give the bits of each alone, the poles being the same."""
     one, other = discretise(0.9, 3.9), discretise(1.0, 3.95)
     both = replace_unchecked(
         one,
@@ -169,36 +152,30 @@ def test_scenes_do_not_see_each_other(find: str) -> None:
         albedo=np.array([0.9, 1.0]),
         thickness=np.array([3.9, 3.95]),
     )
-
-    def solve(problem: Problem, threads: int) -> Faces:
-        if find == "scatterings":
-            return scatter_by_fractions(problem, ORDERS, 1e-8, Run(threads))
-        return reflect_by_fractions(problem, ORDERS, assemble(problem, ORDERS, Run(threads)), Run(threads))
-
-    together = solve(both, 2)
+    together = scatter_by_fractions(both, ORDERS, 1e-8, Run(2))
     for index, problem in enumerate((one, other)):
-        alone = solve(problem, 1)
+        alone = scatter_by_fractions(problem, ORDERS, 1e-8, Run(1))
         assert np.array_equal(alone.out[:, 0], together.out[:, index])
         assert np.array_equal(alone.on_nodes[:, 0], together.on_nodes[:, index])
 
 
 def test_the_rule_takes_them_where_terms_are_few() -> None:
-    """By choice for light of a slab of few terms, and told; not of thick ones, to full digits, or inside under beams
-    that graze; inside never as operators."""
+    """By choice for light of a slab of few terms and few beams, and told; not of thick ones, to full digits, or inside
+    under beams that graze."""
     problem = discretise(0.9, 1.0)
-    assert is_for_fractions(problem, 1e-8)
-    assert not is_for_fractions(problem, 1e-12)
-    inside = replace_unchecked(problem, level=np.array([0.0, 0.5]))
-    assert is_for_fractions(inside, 1e-8)
-    assert not is_for_fractions(replace_unchecked(inside, directions=np.append(problem.directions, 1e-4)), 1e-8)
-    assert not is_for_fractions(discretise(0.9, 30.0), 1e-8)
     few = replace_unchecked(problem, mu0=problem.mu0[:1], directions=problem.directions[:-1], columns=np.eye(4)[:1])
-    assert choose_fractions(few, np.arange(12, dtype=np.int32))[0] == "scatterings"
-    many = replace_unchecked(problem, mu0=np.tile(problem.mu0, 10), directions=np.tile(problem.directions, 10))
-    assert choose_fractions(many, np.arange(12, dtype=np.int32))[0] == "fractions"
-    assert (
-        choose_fractions(replace_unchecked(many, level=inside.level), np.arange(12, dtype=np.int32))[0] == "scatterings"
-    )
+    inside = replace_unchecked(few, level=np.array([0.0, 0.5]))
+    grazing = replace_unchecked(inside, directions=np.append(few.directions, 1e-4))
+    for asked, accuracy, taken in (
+        (few, 1e-8, True),
+        (few, 1e-12, False),
+        (inside, 1e-8, True),
+        (grazing, 1e-8, False),
+        (replace_unchecked(few, thickness=np.array([30.0])), 1e-8, False),
+        (problem, 1e-8, False),
+    ):
+        chosen = choose_algorithms("auto", asked, np.full(12, 0.5), accuracy, orders=np.arange(12, dtype=np.int32))
+        assert ("scatterings" in [choice.name for _, choice in chosen]) is taken
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.97, 1.0)])
     found = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8)
     modes = vrte.radiance(scene, 0.6, mu=[0.2, 0.9], phi=[0.0, 90.0], nodes=24, accuracy=1e-8, algorithm="modes")

@@ -20,7 +20,6 @@ from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.planning import kept_plans
 from vrte.discrete_ordinates.planning import plan as planning
 from vrte.discrete_ordinates.planning.kept_plans import MOST_PLANS, TOLD, name_request
-from vrte.discrete_ordinates.planning.order_bounds import OrderBounds, count_nodes_seen
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.solution import Solution
@@ -83,7 +82,6 @@ CASES = [
     Case("normal", "brdf", ONE, table(mu_i=[1.0]), "normal incidence"),
     Case("normal", "brdf", ONE, table(mu_o=1.0), "normal exit"),
     Case("normal", "radiance", ONE, beam(mu0=1.0, stokes=[1.0, 0.3, 0.2, 0.1]), "normal incidence"),
-    Case("nodes", "brdf", ONE, table(nodes=24, accuracy=1e-7, algorithm="modes"), "nodes near mu = 1", 1e-7),
     Case("depth", "brdf", vrte.Scene([layer(albedo=0.6, thickness=200.0)]), table(), "optically infinite", 1e-8),
     Case("depth", "radiance", DARK, beam(accuracy=1e-6), "below layer", 1e-6),
     Case("clear", "brdf", CLEAR, table(transmission=True, algorithm="modes"), "layer 2: no scattering"),
@@ -148,16 +146,6 @@ def test_light_from_a_bright_layer_below_a_dark_one_counts() -> None:
     assert difference(found.parts[0], expected.parts[0])[0] <= 1e-6
 
 
-@pytest.mark.parametrize(("left", "nodes"), [(0.99, 2), (1.01, 3)])
-def test_nodes_left_out_pass_a_tenth_of_the_accuracy_at_most(left: float, nodes: int) -> None:
-    """Of each order, by 1/(1 - q)^2 more than once; ``left``: what node 3 passes, over what all left out may."""
-    q, accuracy, brightest, each = 0.75, 1e-6, 3.0, 1e-30
-    allowed = 0.1 * accuracy * brightest / 2 * (1.0 - q) ** 2
-    effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, left * allowed, each]])
-    needs = OrderBounds(np.full((1, 2), q), np.full(2, q), np.ones(2), effect)
-    assert count_nodes_seen(needs, brightest, accuracy).tolist() == [4, nodes]
-
-
 def test_transmission_that_nobody_asks_for_changes_no_reflection() -> None:
     with_it, without = (vrte.brdf(ONE, **table(transmission=wanted)) for wanted in (True, False))
     assert difference(with_it.mueller[None], without.mueller[None])[0] <= EXACT
@@ -176,7 +164,7 @@ def test_fewer_orders_where_order_0_is_bright() -> None:
     assert difference(found.parts[0], expected.parts[0])[0] <= EARLY.tolerance
 
 
-@pytest.mark.parametrize("case", [EARLY, CASES[0], CASES[2], CASES[6], CASES[11], CASES[15], CASES[20], CASES[-1]])
+@pytest.mark.parametrize("case", [EARLY, CASES[0], CASES[2], CASES[6], CASES[11], CASES[14], CASES[19], CASES[-1]])
 def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Block after block, order after order, by the algorithms named; fewer orders only after order 0, as announced."""
     done: list[tuple[Any, ...]] = []
@@ -219,9 +207,9 @@ def test_what_is_printed_and_what_is_for_programs() -> None:
     lines = text.splitlines()
     assert lines[0] == "Plan of brdf: 3 layers, base Lambertian; accuracy 1e-08 of the largest I, 24 nodes, 2 threads"
     assert lines[1] == "2 mu_i, 3 mu_o, 3 phi, no transmission"
-    titles = "orders, Stokes, nodes, layers, unknowns, right-hand sides, algorithm, operations"
+    titles = "orders, Stokes, layers, unknowns, right-hand sides, algorithm, operations"
     assert [cell.strip() for cell in lines[3].split("  ") if cell] == titles.split(", ")
-    assert lines[4].split()[:7] == ["0", "I", "Q", "24", "3", "48", "4"]
+    assert lines[4].split()[:6] == ["0", "I", "Q", "3", "48", "4"]
     assert max(map(len, lines)) <= 120
     for word in ("Left out:", "Shared:", "- 1 layer like another", "auto: ", "verify: every block", "MB of memory"):
         assert word in text

@@ -27,7 +27,6 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import Modes as RouteOfModes
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
 from vrte.discrete_ordinates.orders.slabs import cut_layers, join_stack
-from vrte.discrete_ordinates.planning.blocks import choose_node_counts
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
@@ -275,16 +274,6 @@ def test_path_integrals_by_quadrature() -> None:
                 light = np.exp(-index / mu0[:, None] - np.abs(index - depth) / abs(direction)) / abs(direction)
                 expected = 0.5 * max(high - low, 0.0) * light @ weights
                 assert_close(found[k, t, :, j], expected, rtol=1e-12, atol=1e-15)
-
-
-def test_nodes_seen_and_their_counts() -> None:
-    effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.1, 0.01], [1.0, 0.0, 0.0, 0.0]])
-    seen = _core.nodes_seen(strength=np.array([0.5, 0.0, 0.0]), effect=effect, allowed=0.02, largest_gain=1e4)
-    assert seen.tolist() == [4, 3, 1]
-    assert choose_node_counts(4, seen, 1) == [4, 4, 4]  # another block takes longer than all of them
-    wide = np.repeat(np.array([100, 70, 30], np.int32), 9)
-    assert choose_node_counts(100, wide, 4) == 9 * [100] + 10 * [70] + 8 * [30]  # in pairs from order 1 on
-    assert choose_node_counts(100, wide[:10], 1) == 9 * [100] + [70]
 
 
 def make_graded(n: int) -> Array:

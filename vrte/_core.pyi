@@ -39,7 +39,6 @@ def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: Arra
 def series_table(coefficients: Array, apiece: int = ...) -> Array: ...
 def sum_elements(table: Array, cosine: Array) -> Array: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
-def nodes_seen(*, strength: Array, effect: Array, allowed: float, largest_gain: float) -> IntArray: ...
 def facet_orders(
     crew: ThreadTeam,
     *,
@@ -130,39 +129,22 @@ def fused_modes(
 def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
 def solve_by_factors(lu: Array, pivots: IntArray, b: Array, from_right: bool = ..., wide: bool = ...) -> Array: ...
 def symmetric_eigenproblem(matrix: Array, wide: bool = True) -> tuple[Array, Array]: ...
-def fractions_work(n: int, n_out: int, n_rhs: int, n_all: int, n_term: int, stokes: int, poles: int) -> int: ...
-
-class Fractions(Slabs):
-    """The poles of tanh with their weights, as well."""
-
-    place: Array
-    share: Array
-    constant: float
-    on_nodes: Array
-    info: IntArray
-
-def reflect_by_fractions(
-    crew: ThreadTeam,
-    *,
-    E: Array,
-    F: Array,
-    G_E: Array,
-    G_F: Array,
-    source_s: Array,
-    source_d: Array,
-    **others: Unpack[Fractions],
-) -> None: ...
 def scatterings_work(
     n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int, depths: int = ...
 ) -> int: ...
 def scatter_by_fractions(
     crew: ThreadTeam,
     *,
+    place: Array,
+    share: Array,
+    constant: float,
     inside: Array,
     tolerance: float,
+    on_nodes: Array,
     out_inside: Array,
     on_nodes_inside: Array,
-    **others: Unpack[Fractions],
+    info: IntArray,
+    **others: Unpack[Slabs],
 ) -> None: ...
 def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
@@ -180,7 +162,7 @@ class Stages(Protocol):
 
     # fmt: off
     def order_bounds(self, crew: ThreadTeam, *, coefficients: Array, terms: IntArray, albedo: Array, directions: Array,
-        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array, slab_stacks: int = ...) -> None: ...
+        n_node: int, n_out: int, strength: Array, bounds: Array, slab_stacks: int = ...) -> None: ...
     def assemble(self, crew: ThreadTeam, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray,
         albedo: Array, directions: Array, weights: Array, n_out: int, E: Array, F: Array, G_E: Array, G_F: Array,
         source_s: Array, source_d: Array, slab_stack: IntArray | None = ...) -> None: ...

@@ -51,7 +51,6 @@ include "core/extended.pxi"
 include "core/doubling.pxi"
 include "core/joining.pxi"
 include "core/invariance.pxi"
-include "core/tanh_poles.pxi"
 include "core/moment_gmres.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.

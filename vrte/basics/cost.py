@@ -34,11 +34,9 @@ VERIFYING = 4.0  # run time of verify=True, by both algorithms, over that of one
 MODES_GENERAL, MODES_SYMMETRIC = 45.0, 18.0  # modes of a layer, the eigenproblem included: general, symmetric
 BOUNDARY = 14.0  # boundary conditions between two layers
 COLUMNS_A_TERM = {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}  # right-hand sides of both parities by number of Stokes parameters
-POLES, POLES_A_FACTOR = 3.0, 1.45  # partial fractions of tanh, and more of them a factor of two in thickness over mu
-A_POLE = 6e4  # overhead of one partial fraction [operations]
-FRACTIONS_BESIDE = 5.0  # work after the partial fractions
+POLES, POLES_A_FACTOR = 3.0, 1.45  # poles of tanh, and more of them a factor of two in thickness over mu
 SCATTERINGS, A_SCATTERING = 4.0, 2e4  # successive scatterings of a beam that take as long as modes; overhead of one
-WORTH_FRACTIONS = 0.8  # partial fractions are taken below this predicted time over that of modes
+WORTH_SCATTERINGS = 0.8  # successive scatterings are taken below this predicted time over that of modes
 SOLVING, DOUBLING = 60.0, 1000.0  # one order of a layer by modes and by doubling, estimated before there is a plan
 # products of n x n matrices
 PRODUCTS_A_STEP = 6.0  # in one doubling step, its inverse included

@@ -4,29 +4,27 @@ cdef struct Bounding:
     bint polar
     int n_term, n_layer, n_all, n_node, n_out, n_stack
     given_ints terms
-    given coefficients, albedo, directions, weights
-    doubles strength, bounds, effect
+    given coefficients, albedo, directions
+    doubles strength, bounds
 
 
 def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out, double[:, ::1] strength,
-                 double[::1] bounds, double[:, ::1] effect, int slab_stacks=1):
+                 const double[::1] directions, int n_node, int n_out, double[:, ::1] strength, double[::1] bounds,
+                 int slab_stacks=1):
     """What multiple scattering can do, order by order, before anything is solved.
 
-    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (layer,
-    order): the norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what
-    all light scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of
-    L2 over depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing
-    direction and of its column from an incident one. effect (order, node): what light that is scattered by way of one
-    node adds, times (1 - q)^2. Of several `slab_stacks` with as many layers each, all these lie one behind another.
+    coefficients (layer, term, 6); directions: n_node nodes, then n_out outgoing, then incident cosines. strength
+    (layer, order): the norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds
+    (order,): what all light scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam:
+    with the norm of L2 over depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to
+    an outgoing direction and of its column from an incident one. Of several `slab_stacks` with as many layers each, all
+    these lie one behind another.
     """
     cdef Bounding task = Bounding(
         np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1],
-        <int>coefficients.shape[0] // slab_stacks, <int>directions.shape[0], <int>weights.shape[0], n_out,
-        slab_stacks, &terms[0], &coefficients[0, 0, 0], &albedo[0],
-        &directions[0], &weights[0], &strength[0, 0], &bounds[0],
-        &effect[0, 0])
-    run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 3) * task.n_term + 3 * task.n_all, 0, NULL)
+        <int>coefficients.shape[0] // slab_stacks, <int>directions.shape[0], n_node, n_out, slab_stacks,
+        &terms[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &strength[0, 0], &bounds[0])
+    run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 1) * task.n_term + task.n_all, 0, NULL)
 
 
 cdef inline double norm_of_coefficients(given c) noexcept nogil:
@@ -42,15 +40,11 @@ cdef int order_bound(const void* task, int m, Workspace desk) noexcept nogil:
     cdef doubles prt = desk.work
     cdef doubles norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
     cdef doubles u = norms + <size_t>n_all * n_term
-    cdef doubles to_out = u + n_all                            # (node,): by way of it
-    cdef doubles to_in = to_out + n_all
-    cdef doubles size = to_in + n_all
-    cdef doubles out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
-    cdef doubles into = out + n_term                           # direction
+    cdef doubles size = u + n_all
     cdef int l, i, layer, slab_stack
-    cdef double worst_u, worst_v, factor, out_factor, in_factor
+    cdef double worst_u, worst_v, factor
     cdef given p
-    cdef doubles norm, q, bound, effect
+    cdef doubles norm, q, bound
     spherical(m, n_term, b.polar, directions, n_all, prt)
     for l in range(m, n_term):
         p = prt + <size_t>3 * l * n_all
@@ -61,37 +55,27 @@ cdef int order_bound(const void* task, int m, Workspace desk) noexcept nogil:
         else:
             for i in range(n_all):
                 norm[i] = fabs(p[i])
-        out[l] = largest_of(n_out, norm + n_node)
-        into[l] = largest_of(n_all - n_node - n_out, norm + n_node + n_out)
     for layer in range(b.n_stack * b.n_layer):
         slab_stack = layer // b.n_layer
         bound = b.bounds + <size_t>slab_stack * n_term + m
-        effect = b.effect + (<size_t>slab_stack * n_term + m) * n_node
         if layer % b.n_layer == 0:
             bound[0] = 0.0
-            set_zero(n_node, effect)
         worst_u = worst_v = 0.0
         q = b.strength + <size_t>layer * n_term + m
         q[0] = 0.0
-        set_zero(3 * n_all, u)
+        set_zero(n_all, u)
         for l in range(m, b.terms[layer]):
             norm = norms + <size_t>l * n_all
             size[l] = albedo[layer] * norm_of_coefficients(b.coefficients + (<size_t>layer * n_term + l) * 6)
             q[0] = max(q[0], size[l] / (2.0 * l + 1.0))
             factor = 2.0 / (2.0 * l + 1.0) * size[l] * size[l]
-            out_factor, in_factor = size[l] * out[l], size[l] * into[l]
             for i in range(n_all):
                 u[i] += factor * norm[i] * norm[i]
-            for i in range(n_node):
-                to_out[i] += out_factor * norm[i]
-                to_in[i] += in_factor * norm[i]
         for i in range(n_node, n_node + n_out):      # grazing light leaves the uppermost sheet: no more than at 0.01
             worst_u = max(worst_u, u[i] / max(directions[i], 0.01))
         for i in range(n_node + n_out, n_all):
             worst_v = max(worst_v, u[i] * directions[i])
         bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
-        for i in range(n_node):
-            effect[i] = max(effect[i], b.weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
     return 0
 
 
@@ -118,23 +102,3 @@ def bounds_at(*, const double[::1] strength, const double[::1] bounds, const dou
                     least = min(least, exp(-kappa * depth[t]) / rest)
             out[m, t] = bounds[m] * least
     return np.asarray(out)
-
-
-def nodes_seen(*, const double[::1] strength, const double[:, ::1] effect, double allowed, double largest_gain):
-    """How many nodes, from the lowest mu, each order needs (order,): what passes by way of the others is less than
-    `allowed`. All for order 0; no more than the order before."""
-    cdef int n_order = <int>effect.shape[0], n_node = <int>effect.shape[1], m, count, most = 1
-    cdef int[::1] seen = np.empty(n_order, np.int32)
-    cdef double lost, gain
-    for m in range(n_order - 1, -1, -1):
-        gain = 1.0 / max(1.0 - strength[m], sqrt(1.0 / largest_gain))
-        lost = 0.0
-        count = n_node
-        while count > 0:
-            lost += effect[m, count - 1] * gain * gain
-            if not lost <= allowed:
-                break
-            count = count - 1
-        most = max(most, count)
-        seen[m] = most if m > 0 else n_node
-    return np.asarray(seen)

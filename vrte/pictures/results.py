@@ -73,7 +73,7 @@ RATIOS = (  # an element of F, its sign, over F11, and the column of a table tha
     ("F34/F11", (2, 3), 1.0, "F34"),
 )
 BASES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (RED, ":"))
-ALGORITHMS = {"modes": BLUE, "doubling": ORANGE, "invariance": GREEN, "fractions": "#8a3f8f", "scatterings": "#b5446e"}
+ALGORITHMS = {"modes": BLUE, "doubling": ORANGE, "invariance": GREEN, "scatterings": "#b5446e"}
 
 
 def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> None:

@@ -26,7 +26,6 @@ from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, joi
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import (
     count_doubles_of_doubling,
-    count_doubles_of_fractions,
     count_doubles_of_modes,
     count_doubles_of_scatterings,
 )
@@ -34,7 +33,6 @@ from vrte.discrete_ordinates.orders.tanh_poles import (
     Faces,
     find_fluxes,
     find_kernels,
-    reflect_by_fractions,
     scatter_by_fractions,
 )
 from vrte.scene.boundary import Boundary
@@ -143,25 +141,6 @@ class Invariance:
         return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
 
 
-class Fractions:
-    """Partial fractions of tanh: both faces of one slab over black ground, of few terms."""
-
-    name = "fractions"
-    allowed: ClassVar = {"residual_of_fractions": 1e-9}
-
-    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
-        self.problem = problem
-
-    def chunk(self, threads: int) -> int:
-        """Orders to be done at once."""
-        return count_orders_at_once(count_doubles_of_fractions(self.problem)[0], threads)
-
-    def solve(self, orders: IntArray, run: Run) -> Orders:
-        """The given orders."""
-        faces = reflect_by_fractions(self.problem, orders, assemble(self.problem, orders, run), run)
-        return collect_faces(self.problem, orders, faces, "residual_of_fractions")
-
-
 class Scatterings:
     """The same for a few beams, by successive scatterings (GMRES); at depths inside as well."""
 
@@ -188,12 +167,11 @@ def collect_faces(problem: Problem, orders: IntArray, faces: Faces, residual: st
     )
 
 
-Route = Modes | Doubling | Invariance | Fractions | Scatterings | Refracting | SingleInterface
-ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Fractions] | type[Scatterings]] = {
+Route = Modes | Doubling | Invariance | Scatterings | Refracting | SingleInterface
+ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance] | type[Scatterings]] = {
     "modes": Modes,
     "doubling": Doubling,
     "invariance": Invariance,
-    "fractions": Fractions,
     "scatterings": Scatterings,
 }
 
@@ -215,7 +193,7 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     """What a route leaves out of the orders of a problem: the name of a switch, and the reason with {orders} in it."""
     if name == "invariance":
         return [("halves", "the other is its mirror image")]
-    if name in ("fractions", "scatterings"):
+    if name == "scatterings":
         return []
     if name == "doubling":
         slab_stack = cut_layers(problem)
@@ -234,6 +212,5 @@ OTHER = {
     "modes": "doubling",
     "doubling": "modes",
     "invariance": "doubling",
-    "fractions": "modes",
     "scatterings": "modes",
 }

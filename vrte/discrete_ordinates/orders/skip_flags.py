@@ -10,10 +10,10 @@ class SkipFlags:
     ``stokes``: Stokes parameters that an order keeps apart, or does not scatter; ``columns``: incident Stokes columns
     without light; ``orders``: Fourier orders of multiple scattering too faint to be seen; ``single``: orders of single
     scattering, in closed form; ``fluxes``: all but order 0, where fluxes alone are asked for; ``normal``: orders that
-    the normal does not see; ``nodes``: those that an order does not see; ``depth``: what lies below the light;
-    ``clear``: eigenproblems without scattering; ``repeats``: equal layers; ``doublings``: those that change nothing;
-    ``base``: orders that it does not reflect; ``azimuths``: mirror images; ``symmetric``: the general eigensolver;
-    ``halves``: the other half of symmetric products.
+    the normal does not see; ``depth``: what lies below the light; ``clear``: eigenproblems without scattering;
+    ``repeats``: equal layers; ``doublings``: those that change nothing; ``base``: orders that it does not reflect;
+    ``azimuths``: mirror images; ``symmetric``: the general eigensolver; ``halves``: the other half of symmetric
+    products.
     """
 
     stokes: bool = True
@@ -22,7 +22,6 @@ class SkipFlags:
     single: bool = True
     fluxes: bool = True
     normal: bool = True
-    nodes: bool = True
     depth: bool = True
     clear: bool = True
     repeats: bool = True

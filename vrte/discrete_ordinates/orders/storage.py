@@ -9,8 +9,6 @@ def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory."""
     if name == "doubling":
         return count_doubles_of_doubling(cut_layers(problem))
-    if name == "fractions":
-        return count_doubles_of_fractions(problem)
     if name == "scatterings":
         return count_doubles_of_scatterings(problem)
     return count_doubles_of_invariance(problem) if name == "invariance" else count_doubles_of_modes(problem)
@@ -23,22 +21,7 @@ def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
-MOST_FRACTIONS, MOST_INSIDE = 26, 35  # for the steepest slabs at whose faces and inside which they are taken
-
-
-def count_doubles_of_fractions(problem: Problem) -> tuple[float, float]:
-    """Doubles of an order's arrays, and of a thread's scratch memory, by partial fractions."""
-    n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
-    work = _core.fractions_work(
-        n,
-        problem.mu_out.size,
-        n_rhs,
-        problem.directions.size,
-        problem.coefficients.shape[1],
-        len(problem.stokes),
-        MOST_FRACTIONS,
-    )
-    return float(2 * n * (n + out + into) + 2 * n_rhs * (n + out)), float(work)
+MOST_POLES = 35  # of the steepest slabs, at whose faces there are at most 26, and inside which at most 35
 
 
 def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
@@ -50,7 +33,7 @@ def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
         problem.directions.size,
         problem.coefficients.shape[1],
         len(problem.stokes),
-        MOST_INSIDE,
+        MOST_POLES,
         problem.level.size,
     )
     levels = 1 + problem.level.size

@@ -12,7 +12,6 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 
 STEEPEST = 8192.0  # largest half thickness over the lowest cosine for which fractions reach FINEST in doubles
@@ -179,36 +178,6 @@ def prepare_faces(problem: Problem, orders: IntArray, depths: int) -> tuple[Face
         on_nodes_inside=np.empty((*shape, depths, 2, n_rhs, problem.size)),
     )
     return faces, np.zeros(shape, np.int32)
-
-
-def reflect_by_fractions(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Faces:
-    """Both faces of every layer, each a scene by itself. Raises AccuracyError where a system is singular."""
-    faces, info = prepare_faces(problem, orders, 0)
-    tangent = find_tangent(find_steepest(problem))
-    with run.timed("fractions") as crew:
-        _core.reflect_by_fractions(
-            crew,
-            orders=orders,
-            **problem.phase_arguments,
-            thickness=problem.thickness,
-            columns=problem.columns,
-            place=tangent.place,
-            share=tangent.share,
-            constant=tangent.constant,
-            E=matrices.E,
-            F=matrices.F,
-            G_E=matrices.G_E,
-            G_F=matrices.G_F,
-            source_s=matrices.source_s,
-            source_d=matrices.source_d,
-            out=faces.out,
-            on_nodes=faces.on_nodes,
-            residual=faces.residual,
-            info=info,
-        )
-    if info.any():
-        raise AccuracyError(f"a system of the fractions of order {orders[np.argwhere(info)[0][0]]} is singular")
-    return faces
 
 
 def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:

@@ -15,18 +15,16 @@ from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import choose_truncation, has_unpolarized_peak, truncate_layers
-from vrte.discrete_ordinates.planning.blocks import STEPS, choose_node_counts
 from vrte.discrete_ordinates.planning.choice import (
     ONE_LAYER,
     THIN,
-    choose_fractions,
     count_operations_of_modes,
-    is_for_fractions,
+    count_operations_of_scatterings,
+    is_for_scatterings,
 )
 from vrte.discrete_ordinates.planning.order_bounds import (
     DECAYS,
     LARGEST_BOUND,
-    LARGEST_GAIN,
     ORDERS,
     SHARE,
     find_stokes_sets,
@@ -173,7 +171,7 @@ def estimate_bytes(request: Request, likeness: BatchKey, terms: int) -> float:
 
 def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], run: Run) -> tuple[Alike, BoolArray]:
     """Their plan, and which of the scenes it stands for: for the others, by themselves, another algorithm is chosen,
-    fewer nodes or layers, or several looks at how many orders are left."""
+    fewer layers, or several looks at how many orders are left."""
     assert request.nodes is not None
     assert request.mu is not None
     count, layers = len(scenes), likeness.layers
@@ -225,10 +223,10 @@ def plan_batch(request: Request, likeness: BatchKey, scenes: Sequence[Scene], ru
         np.array([scene.below.even_albedo for scene in scenes]),
         {},
     )
-    strength, bounds, effect = find_bounds(alike, run)
+    strength, bounds = find_bounds(alike, run)
     brightest = find_brightest(alike, run)
     orders = count_orders(alike, strength, bounds, brightest)
-    fits = find_all_seeing(alike, strength, effect, brightest, orders)
+    fits = is_seen_to_the_base(alike)
     sets = list_sets(alike)
     wanted: dict[tuple[int, ...], BoolArray] = {}
     slow = choose_by_time(alike)
@@ -252,11 +250,10 @@ def find_peaks(request: Request, scene: Scene) -> str:
     return choose_truncation(request.truncation, scene, *asked).peaks
 
 
-def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array, Array]:
-    """Strength and bounds (scene, order), effect (scene, order, node): see `OrderBounds`."""
+def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array]:
+    """Strength and bounds, (scene, order): see `OrderBounds`."""
     count, layers, n_order = alike.coefficients.shape[:3]
     by_layer, bounds = np.empty((count * layers, n_order)), np.empty(count * n_order)
-    effect = np.empty((count * n_order, alike.nodes.size))
     with run.timed("planning") as crew:
         _core.order_bounds(
             crew,
@@ -264,15 +261,14 @@ def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array, Array]:
             terms=alike.terms.ravel(),
             albedo=alike.albedo.ravel(),
             directions=alike.directions,
-            weights=alike.weights,
+            n_node=alike.nodes.size,
             n_out=alike.mu.size,
             strength=by_layer,
             bounds=bounds,
-            effect=effect,
             slab_stacks=count,
         )
     strength: Array = by_layer.reshape(count, layers, n_order).max(axis=1)
-    return strength, bounds.reshape(count, n_order), effect.reshape(count, n_order, -1)
+    return strength, bounds.reshape(count, n_order)
 
 
 def find_brightest(alike: Alike, run: Run) -> Array:
@@ -326,26 +322,11 @@ def count_orders(alike: Alike, strength: Array, bounds: Array, brightest: Array)
     return np.minimum(found, alike.terms.max(axis=1))
 
 
-def find_all_seeing(alike: Alike, strength: Array, effect: Array, brightest: Array, orders: IntArray) -> BoolArray:
-    """Whether every order of a scene sees all nodes, and the base, (scene,): see `count_nodes_seen` and
-    `count_layers_reached`."""
-    accuracy, total = alike.request.accuracy, alike.nodes.size
-    least, stokes = total - max(1, -(-total // STEPS)), 1 if alike.likeness.scalar else 4
-    own = alike.terms.max(axis=1).tolist()
-    seen = np.ones(alike.size, bool)
-    for index, faintest in enumerate(brightest.min(axis=(1, 2)).tolist()):
-        size = own[index]
-        counts = _core.nodes_seen(
-            strength=strength[index, :size],
-            effect=effect[index, :size],
-            allowed=SHARE * accuracy * faintest / size,
-            largest_gain=LARGEST_GAIN,
-        )
-        counts = counts[: orders[index]]
-        seen[index] = counts.min() > least or min(choose_node_counts(total, counts, stokes)) == total
+def is_seen_to_the_base(alike: Alike) -> BoolArray:
+    """Whether light of every order comes back from the base of a scene, (scene,): see `count_layers_reached`."""
     if alike.request.tau.size > 1:  # the bottom is where the light is wanted
-        return seen
-    found: BoolArray = seen & (DECAY * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * accuracy))
+        return np.ones(alike.size, bool)
+    found: BoolArray = DECAY * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * alike.request.accuracy)
     return found
 
 
@@ -363,18 +344,18 @@ def choose_by_time(alike: Alike) -> dict[int, BoolArray]:
         thick = thickness[:, 0] > ONE_LAYER * alike.nodes[0] if layers == 1 else np.zeros(alike.size, bool)
         found[stokes] = scatters & (thick | (ratio >= cost.WORTH_DOUBLING))
         if layers == 1 and alike.request.algorithm == "auto":
-            found[stokes] &= [not is_partly_by_fractions(alike, index, stokes) for index in range(alike.size)]
+            found[stokes] &= [not is_partly_by_scatterings(alike, index, stokes) for index in range(alike.size)]
     return found
 
 
-def is_partly_by_fractions(alike: Alike, index: int, stokes: int) -> bool:
-    """Whether partial fractions are taken for some orders of a scene of one layer: see `split_at_fractions`."""
+def is_partly_by_scatterings(alike: Alike, index: int, stokes: int) -> bool:
+    """Whether some orders of a scene of one layer go by successive scatterings: see `split_at_scatterings`."""
     problem = make_frame(alike, tuple(range(stokes)), index)
-    if not is_for_fractions(problem, alike.request.accuracy):
+    if not is_for_scatterings(problem, alike.request.accuracy):
         return False
     orders = np.arange(alike.terms[index, 0], dtype=np.int32)
-    fraction = choose_fractions(problem, orders)[1] / count_operations_of_modes(problem)
-    return bool((fraction < cost.WORTH_FRACTIONS).any())
+    fraction = count_operations_of_scatterings(problem, orders) / count_operations_of_modes(problem)
+    return bool((fraction < cost.WORTH_SCATTERINGS).any())
 
 
 def make_frame(alike: Alike, stokes: tuple[int, ...], index: int = 0) -> Problem:

@@ -1,25 +1,18 @@
-"""Fourier orders that are solved alike: the same Stokes parameters, nodes, layers and algorithm."""
+"""Fourier orders that are solved alike: the same Stokes parameters, layers and algorithm."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
-from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms, is_by_scatterings
-from vrte.discrete_ordinates.planning.order_bounds import (
-    OrderBounds,
-    count_layers_reached,
-    count_nodes_seen,
-    list_stokes_sets,
-)
+from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
+from vrte.discrete_ordinates.planning.order_bounds import OrderBounds, count_layers_reached, list_stokes_sets
 from vrte.scene.boundary import BLACK, Boundary
 
 TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light returned from a depth
-STEPS = 10  # classes of node counts into which orders are sorted
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +37,6 @@ class Part(NamedTuple):
     stage: int
     stokes: tuple[int, ...]
     straight: tuple[int, ...]
-    nodes: int
     layers: int
     has_end: bool
 
@@ -55,7 +47,6 @@ def make_blocks(
     orders: IntArray,
     stages: tuple[int, ...],
     needs: OrderBounds,
-    brightest: float,
     accuracy: float,
     algorithm: str,
     eigensolver: bool = True,
@@ -63,14 +54,7 @@ def make_blocks(
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     rough = problem.media is not None and problem.media.scene.is_rough
     base_couples_orders, mixed, skip_flags = base.is_uneven or rough, base.mixes_stokes or rough, problem.skip_flags
-    everywhere = base_couples_orders or not skip_flags.nodes or problem.media is not None or not problem.is_exact
     sets = list_stokes_sets(problem) if skip_flags.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
-    nodes = [problem.nodes.size] * len(sets)
-    if not everywhere and not (eigensolver and is_by_scatterings(algorithm, problem, orders, accuracy)):
-        needed = count_nodes_seen(needs, brightest, accuracy)[: orders.size]
-        nodes = choose_node_counts(
-            problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
-        )
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
@@ -84,7 +68,7 @@ def make_blocks(
         reached = (layers[order], has_end[order]) if skip_flags.depth and not base_couples_orders else to_the_end
         stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in sets[order]:
-            parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
+            parts.setdefault(Part(stage, stokes, straight, *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
         columns = find_lit_columns(problem, part)
@@ -106,34 +90,14 @@ def make_blocks(
 
 def explain_part(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
     """What a part leaves out of the problem, see `Block`."""
-    nodes, layers, n_col = problem.nodes.size, problem.albedo.size, problem.columns.shape[0]
+    layers, n_col = problem.albedo.size, problem.columns.shape[0]
     ends_early = not part.has_end and (part.layers < layers or bool(np.isfinite(problem.thickness[-1])))
     reasons = (
         (len(columns) < n_col, "columns", f"of {n_col} incident Stokes columns each block takes its own alone"),
-        (part.nodes < nodes, "nodes", f"{{orders}}, down to {part.nodes} of {nodes}"),
         (part.layers < layers, "depth", f"below layer {part.layers} of {layers} for {{orders}}"),
         (ends_early, "depth", "the bottom of the last layer reached, optically infinite for {orders}"),
     )
     return tuple((name, reason) for holds, name, reason in reasons if holds)
-
-
-def choose_node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
-    """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
-    do side by side, and fewer than before only where that saves more than one more block's calls take."""
-    if seen.size * (float(stokes) * total) ** 3 <= cost.WORTH_A_BLOCK:
-        return [total] * seen.size
-    step = max(1, -(-total // STEPS))
-    rounded = np.clip(-(-seen // step) * step, 1, total)
-    evens = rounded[2::2]
-    evens[:] = rounded[1::2][: evens.size]  # orders 1 and 2 alike, 3 and 4, ...
-    now = total
-    for fewer in np.unique(rounded)[::-1].tolist():
-        below = rounded <= fewer
-        if np.count_nonzero(below) * float(stokes) ** 3 * (float(now) ** 3 - float(fewer) ** 3) > cost.WORTH_A_BLOCK:
-            now = fewer
-        rounded[rounded == fewer] = now
-    counts: list[int] = rounded.tolist()
-    return counts
 
 
 def find_normal_stokes(order: int) -> tuple[int, ...]:
@@ -163,7 +127,7 @@ def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
 
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
-    """The problem on the part's nodes, layers and Stokes parameters."""
+    """The problem of the part's layers and Stokes parameters."""
     thickness = problem.thickness[: part.layers]
     if not part.has_end:
         thickness = thickness.copy()
@@ -178,8 +142,6 @@ def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Pr
         above=problem.above[: part.layers],
         gain=problem.gain[: part.layers],
         fraction=problem.fraction[: part.layers],
-        nodes=problem.nodes[: part.nodes],
-        weights=problem.weights[: part.nodes],
         columns=incident,
         stokes=part.stokes,
     )

@@ -9,14 +9,14 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import list_slabs
-from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_FRACTIONS
+from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_MOMENTS
 from vrte.discrete_ordinates.orders.tanh_poles import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.request.how import BY_RULE
 
 THIN = 1e-5  # scattering thickness below which fluxes by modes, right to 1e-16 over it, are too inaccurate
 ONE_LAYER = 16.0  # thickness over the lowest node cosine from which doubling takes five steps or more
 STRONGEST = 0.98  # largest q (scattered fraction) of an order for which invariance iterations converge in time
-THICKEST = 4.0  # largest optical thickness of a slab solved by partial fractions: T is a difference of them
+THICKEST = 4.0  # largest optical thickness of a slab solved by successive scatterings: T is a difference of moments
 STEEP_LOSS = 6e-18  # error of light by modes times the square of the lowest node's cosine, at most, with grading 2
 SHARE_OF_STEEP = 0.1  # fraction of the requested accuracy that this error of steep nodes may use
 FINEST = 1e-13  # smallest requested accuracy for which iterations are used
@@ -68,31 +68,28 @@ def choose_algorithms(
         fraction = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((fraction >= 1.0) | (strength > STRONGEST)))
     given = orders if algorithm == "auto" else None
-    parts = split_at_fractions(problem, given, first, accuracy) if first else []
+    parts = split_at_scatterings(problem, given, first, accuracy) if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {fraction[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
     return parts
 
 
-def split_at_fractions(
+def split_at_scatterings(
     problem: Problem, orders: IntArray | None, count: int, accuracy: float
 ) -> list[tuple[slice, Choice]]:
-    """The first so many orders: partial fractions from where on they are quicker than eigenproblems, since the terms
-    that are left get fewer with every order."""
+    """The first so many orders: successive scatterings from where on they are quicker than eigenproblems, since the
+    terms that are left get fewer with every order."""
     other = choose_modes_or_doubling(problem)
     first = count
-    if orders is not None and is_for_fractions(problem, accuracy):
-        name, operations = choose_fractions(problem, orders[:count])
-        fraction = operations / count_operations_of_modes(problem)
-        first = int(np.count_nonzero(fraction >= cost.WORTH_FRACTIONS))
+    if orders is not None and is_for_scatterings(problem, accuracy):
+        fraction = count_operations_of_scatterings(problem, orders[:count]) / count_operations_of_modes(problem)
+        first = int(np.count_nonzero(fraction >= cost.WORTH_SCATTERINGS))
     parts = [(slice(0, first), other)] if first else []
     if first < count:
-        few = "terms" if name == "fractions" else "terms, few beams"
-        reason = (
-            f"auto: few {few}, one slab on black; predicted to take {fraction[first]:.2g} of the time of modes and less"
-        )
-        parts.append((slice(first, count), Choice(name, reason)))
+        time = f"predicted to take {fraction[first]:.2g} of the time of modes and less"
+        reason = f"auto: few terms, few beams, one slab on black; {time}"
+        parts.append((slice(first, count), Choice("scatterings", reason)))
     return parts
 
 
@@ -134,12 +131,12 @@ def count_operations_of_modes(problem: Problem) -> float:
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
 
 
-def is_for_fractions(problem: Problem, accuracy: float) -> bool:
+def is_for_scatterings(problem: Problem, accuracy: float) -> bool:
     """Whether light of one slab that is not too thick is asked for, and a scattering of nothing would be quicker."""
-    if problem.albedo.size != 1 or problem.media is not None or not problem.is_exact or accuracy < FINEST_FRACTIONS:
+    if problem.albedo.size != 1 or problem.media is not None or not problem.is_exact or accuracy < FINEST_MOMENTS:
         return False
     least = 2.0 * cost.SCATTERINGS * problem.n_rhs * cost.A_SCATTERING
-    if problem.is_symmetric and least >= cost.WORTH_FRACTIONS * count_operations_of_modes(problem):
+    if least >= cost.WORTH_SCATTERINGS * count_operations_of_modes(problem):
         return False
     if not 0.0 < float(problem.thickness[0]) <= THICKEST:
         return False
@@ -151,28 +148,8 @@ def count_depths(problem: Problem) -> int:
     return int(np.count_nonzero(np.abs(find_depths(problem)) < 1.0))
 
 
-def choose_fractions(problem: Problem, orders: IntArray) -> tuple[str, Array]:
-    """How partial fractions are taken, as operators or by successive scatterings (GMRES); operations of each order.
-
-    Beside a symmetric eigenproblem, measured from 8 to 60 nodes, operators gain nothing; they are for faces alone."""
-    found = {"scatterings": count_operations_of_scatterings(problem, orders)}
-    if not problem.is_symmetric and count_depths(problem) == 0:
-        found["fractions"] = count_operations_of_fractions(problem, orders)
-    return min(found.items(), key=lambda item: float(item[1].sum()))
-
-
-def is_by_scatterings(algorithm: str, problem: Problem, orders: IntArray, accuracy: float) -> bool:
-    """Whether all orders over a black base go by successive scatterings (GMRES): fewer nodes would save little."""
-    if algorithm != "auto" or not is_for_fractions(problem, accuracy):
-        return False
-    name, operations = choose_fractions(problem, orders)
-    return name == "scatterings" and bool(
-        (operations < cost.WORTH_FRACTIONS * count_operations_of_modes(problem)).all()
-    )
-
-
 def count_rank_and_poles(problem: Problem, orders: IntArray) -> tuple[Array, float]:
-    """Of the scattering that is left of each order, and of the fractions up to the steepest direction; roughly."""
+    """Of the scattering that is left of each order, and of the poles up to the steepest direction; roughly."""
     rank = cost.COLUMNS_A_TERM[len(problem.stokes)] * np.clip(problem.terms[0] - orders, 0.0, None)
     steepest = max(find_steepest(problem), 2.0)
     if count_depths(problem):
@@ -188,15 +165,6 @@ def count_operations_of_scatterings(problem: Problem, orders: IntArray) -> Array
     if depths := count_depths(problem):
         rows = problem.size + problem.rows_out
         found += 2.0 * problem.n_rhs * rows * (poles + 1.0) * (2.0 * rank + 4.0 * depths)
-    return found
-
-
-def count_operations_of_fractions(problem: Problem, orders: IntArray) -> Array:
-    """Of each order over black ground, roughly; what is counted is the rank of the scattering that is left."""
-    n, (rank, poles) = float(problem.size), count_rank_and_poles(problem, orders)
-    edges = 4.0 * n * n * (problem.n_rhs + problem.rows_out)
-    a_pole = cost.A_POLE + 2.0 * n * n * rank + 4.0 * n * rank**2 + 0.7 * rank**3
-    found: Array = poles * a_pole + cost.FRACTIONS_BESIDE * n**3 + edges
     return found
 
 

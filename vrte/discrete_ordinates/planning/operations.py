@@ -11,7 +11,6 @@ from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.choice import (
-    count_operations_of_fractions,
     count_operations_of_invariance,
     count_operations_of_modes,
     count_operations_of_scatterings,
@@ -27,8 +26,6 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
     problem = block.problem
     if block.choice.name == "invariance":
         return float(count_operations_of_invariance(problem, strength, accuracy).sum())
-    if block.choice.name == "fractions":
-        return float(count_operations_of_fractions(problem, block.orders).sum())
     if block.choice.name == "scatterings":
         return float(count_operations_of_scatterings(problem, block.orders).sum())
     each = (

@@ -16,10 +16,9 @@ from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 ORDERS = 0.4  # fraction of the requested accuracy for Fourier orders left out
-SHARE = 0.1  # fraction of the requested accuracy for nodes left out, and again for layers left out
+SHARE = 0.1  # fraction of the requested accuracy for layers left out
 SAMPLES = 5  # directions of each kind in which single scattering is evaluated for the bounds
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # trial decay rates of an order's light, as fractions of 1 - q
-LARGEST_GAIN = 1e4  # upper limit of 1/(1 - q)^2, the gain by multiple scattering: such orders need every node
 TOGETHER = 4  # orders solved between two evaluations of the bounds, for any number of threads
 ALMOST_ONE = 1.0 - 1e-12  # q from which the light of an order is taken not to decay
 CAREFUL = (1000.0, 30.0)  # trial factors by which bounds may exceed the light that is found
@@ -31,13 +30,12 @@ LOOKED_AT = 3  # orders, from order 1 on, that bounds are compared with
 
 @dataclass(frozen=True, eq=False)
 class OrderBounds:
-    """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
-    `order_bounds` in core/bounds.pxi."""
+    """by_layer (layer, order), its largest, strength (order,), bounds (order,): see `order_bounds` in
+    core/bounds.pxi."""
 
     by_layer: Array
     strength: Array
     bounds: Array
-    effect: Array
 
 
 def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Array]:
@@ -61,10 +59,10 @@ def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Arra
 
 
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
-    """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
+    """Strength of each order, and a bound on what it adds."""
     n_order, directions = problem.coefficients.shape[1], problem.directions
     by_layer = np.empty((problem.albedo.size, n_order))
-    bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
+    bounds = np.empty(n_order)
     if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
     with run.timed("planning") as crew:
@@ -74,13 +72,12 @@ def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
             terms=problem.terms,
             albedo=problem.albedo,
             directions=directions,
-            weights=problem.weights,
+            n_node=problem.nodes.size,
             n_out=problem.mu_out.size,
             strength=by_layer,
             bounds=bounds,
-            effect=effect,
         )
-    return OrderBounds(by_layer, by_layer.max(axis=0), bounds, effect)
+    return OrderBounds(by_layer, by_layer.max(axis=0), bounds)
 
 
 def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
@@ -174,12 +171,6 @@ def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array])
     np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))
     lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
     return lowered
-
-
-def count_nodes_seen(needs: OrderBounds, brightest: float, accuracy: float) -> IntArray:
-    """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
-    allowed = SHARE * accuracy * brightest / needs.strength.size
-    return _core.nodes_seen(strength=needs.strength, effect=needs.effect, allowed=allowed, largest_gain=LARGEST_GAIN)
 
 
 def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:

@@ -363,9 +363,8 @@ def make_plan(
                 f"{ORDERS:g} of the accuracy"
             )
     orders = np.arange(count, dtype=np.int32)
-    faintest = float(brightest.min())
     eigensolver = request.backend.linear_algebra == "lapack"
-    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm, eigensolver)
+    blocks = make_blocks(problem, base, orders, stages, needs, accuracy, request.algorithm, eigensolver)
     wanted = request.wanted or want_everything(request, mu)
     return Plan(
         request,

@@ -27,12 +27,11 @@ from vrte.scene.scene import Scene
 if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan
 
-HEADER = ("orders", "Stokes", "nodes", "layers", "unknowns", "right-hand sides", "algorithm", "operations")
+HEADER = ("orders", "Stokes", "layers", "unknowns", "right-hand sides", "algorithm", "operations")
 LEFT = ("orders", "Stokes", "algorithm")  # columns of text
 SWITCHES = (*(switch.name for switch in fields(SkipFlags)), "transmission")
 OF_BLOCKS = {  # what blocks and their algorithms give reasons for
     "columns": "right-hand sides without light: {}",
-    "nodes": "nodes near mu = 1 that an order does not see: {}",
     "depth": "what no light comes back from: {}",
     "repeats": "{} like another: the same material is solved once",
     "doublings": "doublings of reflection once a slab passes less than the rounding of 1: {}",
@@ -150,7 +149,6 @@ def list_block_facts(plan: "Plan", block: Block) -> dict[str, Any]:
     return {
         "orders": block.orders.tolist(),
         "stokes": name_stokes(block.stokes),
-        "nodes": int(block.problem.nodes.size),
         "layers": int(block.problem.albedo.size),
         "bottom": bool(np.isfinite(block.problem.thickness[-1])),
         "unknowns": block.problem.size,
@@ -320,7 +318,6 @@ def write_block_row(block: dict[str, Any]) -> tuple[str, ...]:
     return (
         write_ranges(block["orders"]),
         block["stokes"],
-        str(block["nodes"]),
         str(block["layers"]) + ("" if block["bottom"] else ", no bottom"),
         str(block["unknowns"]),
         str(block["right_hand_sides"]),
