@@ -55,7 +55,17 @@ def test_a_variation_that_does_nothing_says_so() -> None:
     assert not vrte.Variation("p", 1.0, [0.0], [1.0]).changes_nothing
 
 
-def test_mueller_base_is_called_with_arrays() -> None:
+def spoil(mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
+    """f of a Lambertian base, by a function that overwrites what it is given."""
+    for values in (mu_i, mu_o, phi_deg):
+        values[...] = math.nan
+    return np.diag([0.1, 0.0, 0.0, 0.0])
+
+
+def test_mueller_base_is_called_with_arrays_that_it_may_overwrite() -> None:
+    found = vrte.brdf(vrte.Scene(UPPER, vrte.MuellerBase(spoil)), MU, MU, PHI, nodes=4).mueller
+    right = vrte.brdf(vrte.Scene(UPPER, vrte.Lambertian(0.1 * math.pi)), MU, MU, PHI, nodes=4).mueller
+    assert_close(found, right, rtol=0.0, atol=1e-13)
     f = vrte.MuellerBase(rough_mirror)(np.array([0.2, 0.9])[:, None, None], np.array([0.5])[:, None], [0.0, 10.0, 20.0])
     assert f.shape == (2, 1, 3, 4, 4)
     np.testing.assert_array_equal(f[1, 0, 2], rough_mirror(0.9, 0.5, 20.0))
