@@ -22,11 +22,9 @@ from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_scene
 from vrte.formats.toml_table import DEEPEST, parse_toml, show_place, split_key, write_toml
-from vrte.optics.phase_matrix import count_henyey_greenstein_terms
 from vrte.optics.refractive_index import refractive_index
-from vrte.sweep.optics import KeptOptics
 
-from .helpers import assert_close, close_to
+from .helpers import assert_close
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Content = dict[str, Any]
@@ -59,7 +57,7 @@ CSV = {
     "sizes.csv": "# a sieve\ndiameter_um,density\n0.1,0\n0.12,5\n0.14,1\n0.16,0\n",
     "radii.csv": "radius_um,density\n0.05,0\n0.06,5\n0.07,1\n0.08,0\n",
     "clay.csv": "wavelength_um,n,k\n0.5,1.4,0.1\n0.6,1.6,0.1\n",
-    "oil.csv": "wavelength_um,n\n0.5,1.46\n0.6,1.48\n",
+    "oil.csv": "wavelength_um,n\n0.5,1.46\n0.55,1.47\n0.6,1.48\n",
 }
 
 
@@ -94,54 +92,59 @@ def between(above: Any, below: Any, **more: Any) -> Content:
 # ---- what is right
 
 
+LOGNORMAL, GAMMA = vrte.Lognormal(median_um=0.1, sigma=1.2), vrte.Gamma(r_eff_um=0.1, v_eff=0.05)
+MEDIAN, DIAMETER = {"median_um": 0.1, "sigma": 1.2}, {"median_diameter_um": 0.2, "sigma": 1.2}
+R_EFF, D_EFF = {"r_eff_um": 0.1, "v_eff": 0.05}, {"d_eff_um": 0.2, "v_eff": 0.05}
+RADII, DENSITY = [0.05, 0.06, 0.07, 0.08], [0.0, 5.0, 1.0, 0.0]
+SIEVE = vrte.Tabulated(RADII, DENSITY)
+SIEVES: list[Content] = [
+    {"tabulated": {"radius_um": RADII, "density": DENSITY}},
+    {"tabulated": {"diameter_um": [2.0 * radius for radius in RADII], "density": DENSITY}},
+    {"table": "sizes.csv"},
+    {"table": "radii.csv"},
+]
+COATED: Content = {"core": 1.0, "shell": 1.59, "radius_um": 0.25, "host_index": 1.33}
+MIXED = {"particles.glass": GLASS, "layer[1].thickness": None, "layer[1].thickness_um": 5}
+SOIL = {"kind": "rpv", "rho_0": 0.076, "k": 0.648, "asymmetry": -0.29, "rho_c": 0.6}
+TINT = [1.5, 1e-3]
+
+
 def of_gold(material: Any = "gold", **how: Any) -> vrte.Layer:
     """The layer of GOLD, but for what is given."""
     size = {} if "size" in how else {"radius_um": 0.1}
     return vrte.Layer.of(vrte.spheres(material, **{"wavelength_um": 0.64} | size | how), thickness=2.0)
 
 
-def of_coats(**shape: float) -> vrte.Layer:
-    how: Any = {"radius_um": 0.25, "wavelength_um": 0.55, "host_index": 1.33, **shape}
-    return vrte.Layer.of(vrte.coated_spheres(1.0, 1.59, **how), thickness=1.0)
-
-
 def of_mixture(**how: float) -> vrte.Layer:
-    kinds = {"gold": 0.1, 1.5: 0.2}
-    made = [vrte.spheres(index, radius_um=radius, wavelength_um=0.64) for index, radius in kinds.items()]
+    """Gold and glass, 2 : 1 by number."""
+    made = [vrte.spheres(index, radius_um=r, wavelength_um=0.64) for index, r in (("gold", 0.1), (1.5, 0.2))]
     return vrte.Layer.of(vrte.mixture([(made[0], 2.0), (made[1], 1.0)]), **how)
 
 
-def of_phase(matrix: vrte.PhaseMatrix) -> vrte.Layer:
-    return vrte.Layer(matrix, 0.9, 2.0)
+def of_one(make: Callable[..., Any], *material: Any, **how: Any) -> vrte.Layer:
+    """The layer of ONE."""
+    return vrte.Layer.of(make(*material, wavelength_um=0.55, **how), thickness=1.0)
 
 
-def of_sieve() -> vrte.Layer:
-    sizes = vrte.Tabulated([0.05, 0.06, 0.07, 0.08], [0.0, 5.0, 1.0, 0.0])
-    return vrte.Layer.of(vrte.spheres(1.5, size=sizes, wavelength_um=0.55), thickness=1.0)
+def of_beads(host_index: Any, wavelength_um: float = 0.55) -> vrte.Layer:
+    """The layer of MEDIA in a medium."""
+    beads = vrte.spheres(1.7, radius_um=0.1, wavelength_um=wavelength_um, host_index=host_index)
+    return vrte.Layer.of(beads, thickness=2.0)
 
 
-def sized(size: Content) -> Content:
-    return {"index": "gold", "size": size}
+def find_n(name: str, wavelength_um: float) -> float:
+    return refractive_index(name, wavelength_um).n
 
 
-LOGNORMAL, GAMMA = vrte.Lognormal(median_um=0.1, sigma=1.2), vrte.Gamma(r_eff_um=0.1, v_eff=0.05)
-SIEVE = {"density": [0.0, 5.0, 1.0, 0.0]}
-DIAMETERS = {"median_diameter_um": 0.2, "sigma": 1.2}
-MIXED = {"particles.glass": GLASS, "layer[1].thickness": None, "layer[1].thickness_um": 5}
-GOLD_BASE = vrte.Facets(refractive_index("gold", 0.55).value, 0.3)
-ROUGH = {"kind": "facets", "index": "gold", "roughness": 0.3}
-SOIL = {"kind": "rpv", "rho_0": 0.076, "k": 0.648, "asymmetry": -0.29, "rho_c": 0.6}
 RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is changed, and the same made by hand
-    (GOLD, {"particles.gold": sized({"lognormal": {"median_um": 0.1, "sigma": 1.2}})}, lambda: of_gold(size=LOGNORMAL)),
-    (GOLD, {"particles.gold": sized({"lognormal": DIAMETERS})}, lambda: of_gold(size=LOGNORMAL)),
-    (GOLD, {"particles.gold": sized({"gamma": {"r_eff_um": 0.1, "v_eff": 0.05}})}, lambda: of_gold(size=GAMMA)),
-    (GOLD, {"particles.gold": sized({"gamma": {"d_eff_um": 0.2, "v_eff": 0.05}})}, lambda: of_gold(size=GAMMA)),
+    (GOLD, {"particles.gold": {"index": "gold", "size": {"lognormal": MEDIAN}}}, lambda: of_gold(size=LOGNORMAL)),
+    (GOLD, {"particles.gold": {"index": "gold", "size": {"lognormal": DIAMETER}}}, lambda: of_gold(size=LOGNORMAL)),
+    (GOLD, {"particles.gold": {"index": "gold", "size": {"gamma": R_EFF}}}, lambda: of_gold(size=GAMMA)),
+    (GOLD, {"particles.gold": {"index": "gold", "size": {"gamma": D_EFF}}}, lambda: of_gold(size=GAMMA)),
     (GOLD, {"particles.gold": {"index": "gold", "diameter_um": 0.2}}, of_gold),
-    (GOLD, {"particles.gold.index": "main/Au/Johnson"}, of_gold),
     (GOLD, {"particles.gold.index": [0.2, 3.5]}, lambda: of_gold(0.2 + 3.5j)),
     (GOLD, {"particles.gold.index": 1.5}, lambda: of_gold(1.5)),
     (GOLD, {"host_index": 1.33}, lambda: of_gold(host_index=1.33)),
-    (GOLD, {"base": None, "nodes": None}, lambda: vrte.Scene(of_gold())),
     (GOLD, {"layer": None, "particles": None}, lambda: vrte.Scene([], vrte.Lambertian(0.3))),
     (GOLD, {"base.albedo": "30 %"}, lambda: vrte.Scene(of_gold(), vrte.Lambertian(0.3))),
     (
@@ -159,18 +162,24 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
         {"layer": [{"volume_fractions": {"gold": 0.1, "glass": 0.4}, "thickness": 3.0}], "particles.glass": GLASS},
         lambda: of_mixture(thickness=3.0),  # their ratios alone
     ),
-    (ONE, {"particles.one.size.tabulated": SIEVE | {"radius_um": [0.05, 0.06, 0.07, 0.08]}}, of_sieve),
-    (ONE, {"particles.one.size.tabulated": SIEVE | {"diameter_um": [0.1, 0.12, 0.14, 0.16]}}, of_sieve),
-    (ONE, {"particles.one.size.table": "sizes.csv"}, of_sieve),
-    (ONE, {"particles.one.size.table": "radii.csv"}, of_sieve),
-    (ONE, {"particles.one": HOLLOW | {"shell_um": 0.05, "radius_um": 0.25}}, lambda: of_coats(shell_um=0.05)),
-    (ONE, {"particles.one": HOLLOW | {"core_ratio": 0.8, "diameter_um": 0.5}}, lambda: of_coats(core_ratio=0.8)),
-    (ONE, {"particles.one": HOLLOW | {"core_radius_um": 0.2, "radius_um": 0.25}}, lambda: of_coats(core_radius_um=0.2)),
-    (FOG, {"layer[1].phase": "isotropic"}, lambda: of_phase(vrte.isotropic())),
-    (FOG, {}, lambda: of_phase(vrte.rayleigh())),
-    (FOG, {"layer[1].phase": {"rayleigh": 0.03}}, lambda: of_phase(vrte.rayleigh(0.03))),
-    (FOG, {"layer[1].phase": {"henyey_greenstein": 0.5, "terms": 9}}, lambda: of_phase(vrte.henyey_greenstein(0.5, 9))),
-    (FOG, {"layer[1].phase": "rayleigh.csv"}, lambda: of_phase(vrte.rayleigh())),
+    *[(ONE, {"particles.one.size": size}, lambda: of_one(vrte.spheres, 1.5, size=SIEVE)) for size in SIEVES],
+    *[
+        (ONE, {"particles.one": HOLLOW | size | coat}, lambda coat=coat: of_one(vrte.coated_spheres, **COATED, **coat))
+        for size, coat in (
+            ({"radius_um": 0.25}, {"shell_um": 0.05}),
+            ({"diameter_um": 0.5}, {"core_ratio": 0.8}),
+            ({"radius_um": 0.25}, {"core_radius_um": 0.2}),
+        )
+    ],
+    (FOG, {"layer[1].phase": "isotropic"}, lambda: vrte.Layer(vrte.isotropic(), 0.9, 2.0)),
+    (FOG, {}, lambda: vrte.Layer(vrte.rayleigh(), 0.9, 2.0)),
+    (FOG, {"layer[1].phase": {"rayleigh": 0.03}}, lambda: vrte.Layer(vrte.rayleigh(0.03), 0.9, 2.0)),
+    (
+        FOG,
+        {"layer[1].phase": {"henyey_greenstein": 0.5, "terms": 9}},
+        lambda: vrte.Layer(vrte.henyey_greenstein(0.5, 9), 0.9, 2.0),
+    ),
+    (FOG, {"layer[1].phase": "rayleigh.csv"}, lambda: vrte.Layer(vrte.rayleigh(), 0.9, 2.0)),
     (FOG, {"layer[1].thickness": math.inf}, lambda: vrte.Layer(vrte.rayleigh(), 0.9, math.inf)),
     (
         MEDIA,
@@ -180,7 +189,7 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
                 vrte.Interface(1.0, 1.4),
                 vrte.Layer(vrte.rayleigh(), 0.5, 0.1),
                 vrte.Interface(1.4, 1.5, 0.1, "ggx", True),
-                vrte.Layer.of(vrte.spheres(1.7, radius_um=0.1, wavelength_um=0.55, host_index=1.5), 2.0),
+                of_beads(1.5),
             ]
         ),
     ),
@@ -189,12 +198,39 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
         {"layer": [between(1.0, [1.5, 0]), between(1.5, 1.33)]},
         lambda: vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33)]),
     ),
-    (MEDIA, {"base": {"kind": "mirror", "index": 1.5}}, lambda: vrte.Mirror(1.5)),
-    (MEDIA, {"base": {"kind": "mirror", "index": [0.2, 3.5]}}, lambda: vrte.Mirror(0.2 + 3.5j)),
+    (  # what has a name follows the wavelength; so little of water's k that it is clear
+        MEDIA,
+        {"wavelength_um": 0.65, "host_index": "silica", "layer": [between("water", "silica"), FILM]},
+        lambda: vrte.Scene([vrte.Interface(find_n("water", 0.65), find_n("silica", 0.65)), of_beads("silica", 0.65)]),
+    ),
+    (
+        MEDIA,
+        {"host_index": "oil.csv", "layer": [between(1.0, "oil.csv"), FILM]},
+        lambda: vrte.Scene([vrte.Interface(1.0, 1.47), of_beads(1.47)]),
+    ),
+    (  # particles, layers and the file have media, of which the layer's wins over the file's
+        MEDIA,
+        {
+            "host_index": 1.33,
+            "particles.haze": BEADS | {"host_index": 1.0},
+            "layer": [{"particles": "haze", "thickness": 2.0}, between(1.0, 1.5), FILM | {"host_index": 1.5}],
+        },
+        lambda: vrte.Scene([of_beads(1.0), vrte.Interface(1.0, 1.5), of_beads(1.5)]),
+    ),
+    (  # the tint of a coat, which absorbs 4 pi k/wavelength a micrometre
+        MEDIA,
+        {"layer": [between(1.0, TINT), {"host_index": TINT, "thickness_um": 100.0}, between(TINT, 1.33)]},
+        lambda: vrte.Scene(
+            [
+                vrte.Interface(1.0, 1.5),
+                vrte.Layer(vrte.isotropic(), 0.0, 100.0 * 4e-3 * math.pi / 0.55, 1.5),
+                vrte.Interface(1.5, 1.33),
+            ]
+        ),
+    ),
     (MEDIA, {"base": {"kind": "mirror", "index": "gold"}}, lambda: vrte.Mirror(refractive_index("gold", 0.55).value)),
     (MEDIA, {"base": {"kind": "mirror", "index": "clay.csv"}}, lambda: vrte.Mirror(1.5 + 0.1j)),
-    (MEDIA, {"base": ROUGH}, lambda: GOLD_BASE),
-    (MEDIA, {"base": ROUGH | FACETS | {"index": 1.34}}, lambda: vrte.Facets(1.34, 0.1, "ggx", True)),
+    (MEDIA, {"base": {"kind": "facets", "index": 1.34, **FACETS}}, lambda: vrte.Facets(1.34, 0.1, "ggx", True)),
     (FOG, {"base": SOIL}, lambda: vrte.RPV(0.076, 0.648, -0.29, rho_c=0.6)),
     (FOG, {"base": {"kind": "hapke", "albedo": "60 %", "linear": 0.5}}, lambda: vrte.Hapke(0.6, linear=0.5)),
     (
@@ -218,56 +254,38 @@ def test_a_scene_is_the_one_made_by_hand_and_what_is_written_reads_back(
         made = vrte.Scene(made, found.base)
     if not isinstance(made, vrte.Scene):
         made = vrte.Scene(list(found.layers), made)
-    assert (found.interfaces, found.indices, found.base) == (made.interfaces, close_to_all(made.indices), made.base)
+    assert (found.interfaces, found.indices, found.base) == (made.interfaces, made.indices, made.base)
     for layer, twin in zip(found.layers, made.layers, strict=True):
         assert_close([layer.thickness, layer.albedo], [twin.thickness, twin.albedo], rtol=1e-14, atol=0.0)
         assert_close(layer.phase_matrix.coefficients, twin.phase_matrix.coefficients, rtol=0.0, atol=1e-13)
 
 
-def close_to_all(values: tuple[float, ...]) -> Any:
-    return close_to(values, rtol=0.0, atol=1e-12)
-
-
-COSINES = {"angle_i_deg": [math.degrees(math.acos(0.6)), 0], "angle_o_deg": [60, math.degrees(math.acos(0.75)), 0]}
+ANGLES = {"angle_i_deg": [math.degrees(math.acos(0.6)), 0], "angle_o_deg": [60, math.degrees(math.acos(0.75)), 0]}
+COSINES = {"mu_i": [0.6, 1.0], "mu_o": [0.5, 0.75, 1.0]}
 WANTED = {"stokes": [3, 0, 0, 1], "mu": -0.5, "phi_deg": [0, 90], "tau": {"start": 0, "stop": 2, "count": 3}}
+READ = {"mu0": 0.5, "stokes": [3.0, 0.0, 0.0, 1.0], "mu": [-0.5], "phi": [0.0, 90.0], "tau": [0.0, 1.0, 2.0]}
 METHOD = {"method": "successive-orders", "settings": {"orders": 3}, "illuminate": "bottom"}
+TRUNCATION = {"accuracy": 1e-4, "truncation": "delta-m"}
 
 
 @pytest.mark.parametrize(
-    ("content", "changes", "kind", "request_", "options"),
+    ("content", "changes", "request_", "options"),
     [
-        (GOLD, {}, "brdf", {"mu_i": [0.6, 1.0], "mu_o": [0.5, 0.75, 1.0]}, {"nodes": 12}),
-        (GOLD, {"brdf": COSINES, "nodes": None}, "brdf", {"mu_i": [0.6, 1.0], "mu_o": [0.5, 0.75, 1.0]}, {}),
-        (GOLD, {"field": {"mu0": 0.5}}, "field", {"mu0": 0.5}, {"nodes": 12}),
-        (GOLD, {"field": {"angle0_deg": 60}}, "field", {"mu0": 0.5}, {"nodes": 12}),
-        (FIELD, {"field.mu0": [0.5, 1], "field.mu": []}, None, {"mu0": [0.5, 1.0], "mu": []}, {"nodes": 12}),
-        (
-            FIELD,
-            {f"field.{key}": value for key, value in WANTED.items()},
-            None,
-            {"mu0": 0.5, "stokes": [3.0, 0.0, 0.0, 1.0], "mu": [-0.5], "phi": [0.0, 90.0], "tau": [0.0, 1.0, 2.0]},
-            {"nodes": 12},
-        ),
-        (FIELD, {"nodes": None, "accuracy": 1e-4, "truncation": "delta-m"}, None, {"mu0": 0.5}, None),
-        (FIELD, {"nodes": None, **METHOD}, None, {"mu0": 0.5}, METHOD),
+        (GOLD, {}, COSINES, {"nodes": 12}),
+        (GOLD, {"brdf": ANGLES, "nodes": None}, COSINES, {}),
+        (FIELD, {"field": {"angle0_deg": 60}}, {"mu0": 0.5}, {"nodes": 12}),
+        (FIELD, {"field.mu0": [0.5, 1], "field.mu": []}, {"mu0": [0.5, 1.0], "mu": []}, {"nodes": 12}),
+        (FIELD, {f"field.{key}": value for key, value in WANTED.items()}, READ, {"nodes": 12}),
+        (FIELD, {"nodes": None, **TRUNCATION}, {"mu0": 0.5}, TRUNCATION),
+        (FIELD, {"nodes": None, **METHOD}, {"mu0": 0.5}, METHOD),
     ],
 )
-def test_what_is_asked_for_and_how(content: Content, changes: Content, kind: Any, request_: Any, options: Any) -> None:
-    file = make_scene_file(change(content, changes), kind)
-    assert file.kind == kind or kind is None
+def test_what_is_asked_for_and_how(content: Content, changes: Content, request_: Any, options: Any) -> None:
+    file = make_scene_file(change(content, changes))
+    assert (file.kind, file.options) == ("brdf" if content is GOLD else "field", options)
     assert file.request.keys() == request_.keys()
     for name, values in file.request.items():
         assert_close(values, request_[name], rtol=1e-14, atol=0.0)
-    assert file.options == (options or {"accuracy": 1e-4, "truncation": "delta-m"} if options is None else options)
-
-
-def test_the_example_is_what_it_says() -> None:
-    file = read_scene(EXAMPLES / "gold_powder.toml")
-    assert (file.kind, file.options, file.scene.base, file.scene.thickness) == ("brdf", {"nodes": 40}, None, 100.0)
-    assert_close(file.request["mu_o"], np.linspace(0.05, 1.0, 20), rtol=1e-7, atol=0.0)
-    assert (file.request["mu_i"], file.request["phi"][-1]) == ([0.6, 1.0], 360.0)
-    by_hand = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.64)
-    np.testing.assert_array_equal(file.scene.layers[0].phase_matrix.coefficients, by_hand.phase_matrix.coefficients)
 
 
 @pytest.mark.parametrize("g", [0.0, -0.3, 0.9, 0.98])
@@ -276,7 +294,6 @@ def test_henyey_greenstein_gets_all_the_terms_that_count(g: float) -> None:
     angle = np.array([0.0, 30.0, 180.0])
     exact = (1 - g * g) / (1 + g * g - 2 * g * np.cos(np.radians(angle))) ** 1.5
     assert_close(layer.phase_matrix.scattering_matrix(angle)[:, 0, 0], exact, rtol=1e-9, atol=2e-12)
-    assert count_henyey_greenstein_terms(g) == layer.phase_matrix.terms
 
 
 def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(folder: Path) -> None:
@@ -309,38 +326,6 @@ def test_every_source_of_particles_fills_a_layer(name: str) -> None:
 # ---- media
 
 
-@pytest.mark.parametrize("wavelength", [0.45, 0.65])
-def test_a_medium_by_name_has_the_index_of_the_wavelength(wavelength: float, folder: Path) -> None:
-    changes = {"wavelength_um": wavelength, "host_index": "silica", "layer": [between(1, "silica"), FILM]}
-    scene = make_scene_file(change(MEDIA, changes)).scene
-    assert scene.indices == (refractive_index("silica", wavelength).n,)
-    assert scene.layers[0].host_index == scene.indices[0]
-    assert refractive_index("water", 0.55).k > 0.0  # so little that water is clear
-    scene = make_scene_file(
-        change(MEDIA, {"host_index": "oil.csv", "layer": [between("water", "oil.csv"), FILM]}), folder=folder
-    ).scene
-    assert scene.index_above == refractive_index("water", 0.55).n
-    assert scene.indices == (close_to(1.47, rtol=0.0, atol=1e-12),)
-
-
-def test_kinds_of_particles_layers_and_the_file_have_media() -> None:
-    """A layer's own host wins over the file's; interfaces fit; a tinted coat absorbs 4 pi k/wavelength a micrometre."""
-    kinds = {"beads": BEADS | {"host_index": 1.5}, "haze": BEADS}
-    layers = [{"particles": "haze", "thickness": 0.1}, between(1.0, 1.5), FILM]
-    scene = make_scene_file(change(MEDIA, {"particles": kinds, "layer": layers})).scene
-    assert [layer.host_index for layer in scene.layers] == [1.0, 1.5]
-    coat = {"host_index": [1.5, 1e-4], "thickness_um": 100.0}
-    wet = [{**FILM, "host_index": [1.5, 0.0]}, between(1.5, "water"), {**FILM, "host_index": "water"}]
-    scene = make_scene_file(change(MEDIA, {"layer": [between(1.0, 1.5), coat, *wet]})).scene
-    assert scene.indices[:2] == (1.5, 1.5)
-    assert scene.layers[0].thickness == close_to(100.0 * 4e-4 * np.pi / 0.55, rtol=1e-6, atol=0.0)
-    assert scene.layers[0].albedo == 0.0
-    assert scene.layers[1].phase_matrix.asymmetry != scene.layers[2].phase_matrix.asymmetry
-    tint = [1.5, 1e-3]  # which a layer counts
-    layers = [between(1.0, tint), {"host_index": tint, "thickness_um": 100.0}, between(tint, 1.33)]
-    assert make_scene_file(change(MEDIA, {"layer": layers})).scene.layers[0].thickness > 2.0
-
-
 def test_tables_and_wavelengths_of_media_are_found() -> None:
     content = change(
         MEDIA,
@@ -366,40 +351,22 @@ def test_tables_and_wavelengths_of_media_are_found() -> None:
     assert find_known_wavelengths(change(MEDIA, {"layer": [between(1.0, "rutile")]})) == (0.43, 1.53, "rutile")
 
 
-def test_a_sweep_finds_and_keeps_particles_in_the_media_of_their_layers(tmp_path: Path) -> None:
-    content = change(MEDIA, {"layer[1].host_index": 1.5, "nodes": 4})
-    table = vrte.sweep(content | {"axes": {"n": {"key": "layer[1].host_index", "values": [1.3, 1.4]}}})
-    one = make_scene_file(change(content, {"layer[1].host_index": 1.4}))
-    single = vrte.brdf(one.scene, **one.request, nodes=4)
-    assert_close(table.mueller.sel(n=1.4), single.mueller, rtol=1e-5, atol=1e-7)
-    optics, given = KeptOptics(tmp_path), {"index": 1.7, "radius_um": 0.1, "wavelength_um": 0.55, "host_index": 1.5}
-    kept = optics.keep("spheres", given)
-    assert kept.host_index == optics("spheres", given).host_index == 1.5
-    assert len(list(tmp_path.glob("*.lock"))) == 1
-
-
 # ---- what is wrong
 
 Rows = list[tuple[Any, str]]  # what is changed, and words of the sentence that says so
 GOLDS: Rows = [
     # a key nobody knows, with the one that was meant
     ({"node": 12}, "node = 12: unknown key; did you mean 'nodes'? Allowed: wavelength_um, "),
-    ({"base.albdo": 0.3}, "base.albdo = 0.3: unknown key; did you mean 'albedo'?"),
-    ({"brdf.mu_o.cout": 3}, "brdf.mu_o.cout = 3: unknown key; did you mean 'count'?"),
     # a value of the wrong kind
     ({"nodes": True}, "nodes = true: must be a whole number from 1 to "),
-    ({"nodes": 0}, "nodes = 0: must be a whole number from 1 to "),
     ({"accuracy": math.nan}, "accuracy = nan: must be a number between 1e-15 and 0.1"),
     ({"method": "two-streams"}, 'method = "two-streams": must be '),
-    ({"settings": 3}, "settings = 3: must be a table of the method's settings by name"),
-    ({"truncation": "delta"}, 'truncation = "delta": must be "auto" or "none" or "delta-m" or '),
     ({"wavelength_um": "0.64"}, 'wavelength_um = "0.64": must be the wavelength in micrometres'),
     ({"layer[1].thickness": math.nan}, "layer[1].thickness = nan: must be a number >= 0"),
     ({"layer[1].thickness": 10**400}, ": must be a number >= 0"),
     ({"layer[1].thickness": -2.0}, "layer[1].thickness must be an optical thickness >= 0"),
     ({"particles.gold.index": [1, 2, 3]}, "particles.gold.index = [1, 2, 3]: must be the name of a material"),
     ({"particles.gold.index": "glod"}, "particles.gold.index: 'glod' is neither"),
-    ({"particles.gold.radius_um": -0.1}, "particles.gold.radius_um must be"),
     ({"particles": 3}, "particles = 3: must be tables headed [particles.NAME]"),
     ({"layer": {}}, "layer = {}: must be tables headed [[layer]], top first"),
     ({"layer": [HAZE] * 10_001}, "layer: there must be at most 10000 of them, not 10001"),
@@ -410,7 +377,6 @@ GOLDS: Rows = [
     ({"brdf.mu_o.count": 1}, "brdf.mu_o.count = 1: one value needs start = stop"),
     ({"brdf.mu_o.start": None}, "brdf.mu_o.start: is missing"),
     ({"brdf.mu_o.stop": math.inf}, "brdf.mu_o = { start = 0.5, stop = inf, count = 3 }: start and stop must be"),
-    ({"brdf.transmission": 1}, "brdf.transmission = 1: must be true or false"),
     # something missing or too much
     ({"wavelength_um": None}, "wavelength_um: is missing; it must be the wavelength in micrometres"),
     ({"particles.gold.radius_um": None}, "particles.gold: exactly one of radius_um, diameter_um and size is"),
@@ -420,7 +386,6 @@ GOLDS: Rows = [
     ({"layer[1].phase": "rayleigh"}, "layer[1]: exactly one of particles, volume_fractions and phase is needed"),
     ({"base.kind": "black"}, 'base.albedo = 0.3: goes with kind = "lambertian" or "hapke" only'),
     ({"base.kind": "labmertian"}, 'base.kind = "labmertian": must be'),
-    ({"base.albedo": None}, "base.albedo: is missing; it must be a number between 0 and 1"),
     ({"base.albedo": 1.3}, "base.albedo must be between 0 and 1, not 1.3"),
     ({"base.albedo": "30"}, 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
     ({"layer[1].particles": "gild"}, 'layer[1].particles = "gild": no table [particles.gild]; did you mean'),
@@ -435,42 +400,21 @@ GOLDS: Rows = [
 ]
 FIELDS: Rows = [
     ({"field.mu0": "high"}, 'field.mu0 = "high": must be a cosine above 0, up to 1, or a list of them'),
-    ({"field": {"angle0_deg": "low"}}, 'field.angle0_deg = "low": must be degrees from the normal'),
     ({"field.stokes": [1, 0, 0]}, "field.stokes = [1, 0, 0]: must be four numbers"),
 ]
 SIZES: Rows = [
     ({"lognormal": {"median_um": 0.1, "sigma": 0.5}}, "particles.one.size.lognormal.sigma must be"),
-    (
-        {"gamma": {"d_eff_um": -1, "v_eff": 0.1}},
-        "particles.one.size.gamma.d_eff_um: half of it, r_eff_um must",
-    ),
-    (
-        {"gamma": {"d_eff_um": 1, "r_eff_um": 1}},
-        "particles.one.size.gamma: exactly one of r_eff_um and d_eff_um is needed",
-    ),
-    ({"tabulated": {"radius_um": [0.1, 0.2]}}, "particles.one.size.tabulated.density: is missing"),
-    ({"tabulated": {"radius_um": [0.2, 0.1], "density": [1, 1]}}, "size.tabulated.radius_um must increase"),
-    (
-        {"tabulated": {"diameter_um": [0.2, 0.1], "density": [1, 1]}},
-        "tabulated.diameter_um: half of it, radius_um must inc",
-    ),
-    ({"tabulated": {"radius_um": [0.1, 0.2], "density": [1, -1]}}, "particles.one.size.tabulated.density must be >= 0"),
-    ({"tabulated": {"radius_um": [0.1, 0.2], "density": [1]}}, "equally long, at least 2, not 2 and 1"),
+    ({"gamma": {"d_eff_um": -1, "v_eff": 0.1}}, "one.size.gamma.d_eff_um: half of it, r_eff_um must"),
     ({"table": "sizes.txt"}, 'particles.one.size.table = "sizes.txt": must be the path of a .csv file'),
     ({"table": "lost.csv"}, 'particles.one.size.table = "lost.csv": the file cannot be read: No such file'),
     ({"table": "sizes.csv", "gamma": {}}, "must be exactly one of lognormal, gamma, tabulated, table"),
 ]
 COATS: Rows = [
     ({}, "particles.one: coated_spheres: give exactly one of core_radius_um, shell_um and core"),
-    ({"shell_um": 0.2}, "particles.one.shell_um must be less than the smallest radius"),
-    ({"shell_um": "thin"}, 'particles.one.shell_um = "thin": must be'),
-    ({"core_radius_um": 0.3}, "particles.one.core_radius_um must be above 0 and less than"),
     ({"core_ratio": 0.8, "core": "golld"}, "particles.one.core: 'golld' is neither"),
-    ({"diameter_um": 1}, "particles.one: exactly one of radius_um, diameter_um and size"),
 ]
 VOLUMES: Rows = [
     ({"gold": 1.5}, "layer[1].volume_fractions.gold = 1.5: must be from 0 to below 1"),
-    ({"lead": 0.5}, "layer[1].volume_fractions = { lead = 0.5 }: no table [particles.lead]"),
     (0.5, "layer[1].volume_fractions = 0.5: must be a table { name = fraction, ... }"),
     ({"gold": "0 %"}, "at least one fraction must be above 0"),
 ]
@@ -478,55 +422,36 @@ PHASES: Rows = [
     ("isotropc", 'layer[1].phase = "isotropc": must be'),
     ("absent.csv", 'layer[1].phase = "absent.csv": the file cannot be read'),
     ("cut.csv", 'layer[1].phase = "cut.csv": the phase matrix is not physical: '),
-    (3, "layer[1].phase = 3: must be"),
     ({"rayleigh": 2}, "layer[1].phase.rayleigh: depolarization must be"),
-    ({"henyey_greenstein": 1.0}, "layer[1].phase.henyey_greenstein: "),
-    ({"henyey_greenstein": 0.9, "terms": 3}, "layer[1].phase.henyey_greenstein: 3 terms"),
     ({"rayleigh": 0, "terms": 3}, "layer[1].phase = { rayleigh = 0, terms = 3 }: must"),
 ]
 LAYERS: Rows = [
     ([{"volume_fractions": {"beads": 0.1}}], "layer[1]: either thickness (optical) or thickness_um is needed"),
-    (
-        [{"volume_fractions": {"beads": 0.1}, "volume_fraction": 0.1}],
-        "is the sum of volume_fractions; leave it out",
-    ),
-    ([{"phase": "rayleigh"}], "layer[1].albedo: is missing"),
+    ([{"volume_fractions": {"beads": 0.1}, "volume_fraction": 0.1}], "is the sum of volume_fractions; leave"),
     ([HAZE | {"thickness_um": 1}], "layer[1].thickness_um = 1: needs particles"),
     ([HAZE | {"tolerance": 0.003}], "layer[1].tolerance = 0.003: goes with a phase from a .csv only"),
     ([HAZE | {"host_index": [1.5, 1e-3]}], "layer[1].host_index = [1.5, 0.001]: absorbs; with phase, count"),
     ([between(1.0, 1.5) | {"thickness": 1}], "layer[1].thickness = 1: an interface has a [[layer]] of its own"),
     ([{"interface": 1.5}], "layer[1].interface = 1.5: must be a table with the keys above, below"),
     ([between(1.0, 0.05)], "layer[1].interface.below must be a real refractive index from 0.1"),
-    ([between(1.0, True)], "layer[1].interface.below = true: must be the name of a material"),
     ([between(1.0, "gold")], "what absorbs more is for bases"),
-    ([between(1.0, [1.5, 0.1])], "1.5 + 0.1i"),
     ([between(1.0, "wter")], "layer[1].interface.below: 'wter' is neither a known name"),
     ([between(1.0, "lost.csv")], 'layer[1].interface.below = "lost.csv": the file cannot be read'),
-    ([between(1.0, 1.5, ruoghness=1)], "layer[1].interface.ruoghness = 1: unknown key; did you mean 'roughness'"),
     ([between(1.0, 1.5, roughness=2.0)], "layer[1].interface.roughness must be"),
-    ([between(1.0, 1.5, shadowing=True)], "layer[1].interface.shadowing is for facets"),
-    ([between(1.0, 1.5, distribution="gxg")], "'ggx'"),
     ([{"host_index": 1.5, "thickness": 1.0}], "layer[1].thickness = 1.0: goes with particles, volume_fractions or"),
     ([{"host_index": [1.5, 0.1], "thickness_um": 1.0}], "k from 0 to 0.01 n"),
-    ([FILM | {"host_index": [1.5, 1e-3]}], "the host absorbs"),
-    ([FILM | {"packing": "dense"}], 'layer[1].packing = "dense": must be "independent"'),
-    ([FILM | {"volume_fraction": 0.1}], "layer[1].volume_fraction"),
     ([between(1.0, 1.5), FILM], "layer 2 has the refractive index 1, and the interface above it has 1.5"),
     ([between(1.0, 1.5), HAZE, FILM], "layer 3 has the refractive index 1, and layer 2, without an interface"),
     ([FILM, between(1.4, 1.5)], "layer 1 has the refractive index 1, and the interface below it has 1.4"),
     ([between(1.0, 1.5), between(1.4, 1.0)], "medium between two interfaces has the refractive index 1.5"),
-    ([between(1.0, [1.5, 1e-3]), between([1.5, 1e-3], 1.33)], "absorbs, which no layer counts"),
     ([between(1.0, [1.5, 1e-3]), HAZE, between([1.5, 1e-3], 1.3)], "absorbs, which no layer counts"),
 ]
 BASES: Rows = [
     ({"kind": "mirror", "index": [1.5, -1]}, "k from 0 to"),
     ({"kind": "facets", "index": 1.5}, "base.roughness: is missing"),
     ({"kind": "facets", "index": 1.5, "roughness": 0}, "Mirror"),
-    ({"kind": "black", "index": 1.5}, 'base.index = 1.5: goes with kind = "mirror"'),
 ]
 HOSTS: Rows = [
-    ({"host_index": "gold"}, "light goes through media with k from 0"),
-    ({"host_index": 0}, "must be a real refractive index"),
     ({"particles.beads.host_index": 0.0}, "particles.beads.host_index must be a real refractive index"),
     (
         {"particles.beads.host_index": 1.5, "layer[1].host_index": 1.4},
@@ -594,44 +519,6 @@ def test_nothing_is_computed_for_a_scene_with_a_mistake(monkeypatch: pytest.Monk
     monkeypatch.setitem(SOURCES, "spheres", SOURCES["spheres"]._replace(make=lambda **_: pytest.fail("computed")))
     with pytest.raises(vrte.SceneError, match=r"layer\[2\]: either thickness"):
         make_scene_file(change(GOLD, {"layer": [*GOLD["layer"], {"particles": "gold"}]}))
-
-
-COEFFICIENTS = "l,a1,a2,a3,a4,b1,b2\n"
-FIRST_LINE = "the first line must be radius_um,density"
-TABLES = [  # a file of coefficients or sizes that is wrong, and why
-    ("phase", "l,a1,a2\n0,1,0\n", "the first line must be l,a1,a2,a3,a4,b1,b2"),
-    ("phase", COEFFICIENTS, "at least 1 row"),
-    ("phase", COEFFICIENTS + "0,1,0,0,x,0,0\n", "line 2: a4 must be a number, not 'x'"),
-    ("phase", COEFFICIENTS + "0,1,0,0,0,0\n", "line 2: 7 values are needed"),
-    ("phase", COEFFICIENTS + "1,1,0,0,0,0,0\n", "line 2: l must count 0, 1, 2, ...: 0 is next, not 1"),
-    ("phase", COEFFICIENTS + "0,2,0,0,0,0,0\n", "a1"),
-    ("phase", "", "the first line must be"),
-    ("size", "", f"{FIRST_LINE} or diameter_um,density"),
-    ("size", "radius_nm,density\n0.1,0\n0.2,5\n", FIRST_LINE),
-    ("size", "radius_um,number\n0.1,0\n0.2,5\n", FIRST_LINE),
-    ("size", "radius_um,density,k\n0.1,0\n0.2,5\n", FIRST_LINE),
-    ("size", "radius_um,density\n0.1,1\n", "at least 2 rows below the header, not 1"),
-    ("size", "radius_um,density\n0.1,1\n0.2\n", "line 3: 2 values are needed"),
-    ("size", "radius_um,density\n0.1,1\n0.2,nan\n", "line 3: density must be a finite number"),
-    ("size", "radius_um,density\n0.1,1\n0.2,many\n", "line 3: density must be a number, not 'many'"),
-    ("size", "radius_um,density\n0.1,1\n# a gap\n0.1,2\n", "line 4: radius_um must ascend, and 0.1 follows 0.1"),
-    ("size", "diameter_um,density\n0,1\n0.1,2\n", "line 2: diameter_um must be above 0, not 0"),
-    ("size", "radius_um,density\n0.1,1\n0.2,-1\n", "line 3: density must be >= 0, not -1"),
-    ("size", "radius_um,density\n0.1,0\n0.2,0\n", "density must be >= 0 everywhere and not zero everywhere"),
-    ("size", "radius_um,density\n0.1,0\n0.2e9,1\n", "tabulated: radius_um must be a length"),
-]
-
-
-@pytest.mark.parametrize(("what", "text", "words"), TABLES)
-def test_a_wrong_table_is_refused_by_its_line(what: str, text: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "own.csv").write_text(text)
-    scenes = {"phase": (FOG, "layer[1].phase"), "size": (ONE, "particles.one.size.table")}
-    content, key = scenes[what]
-    with pytest.raises(vrte.SceneError, match=rf'^{re.escape(key)} = "own\.csv": .*{re.escape(words)}'):
-        make_scene_file(change(content, {key: "own.csv"}), folder=tmp_path)
-    if what == "size":
-        with pytest.raises(vrte.SceneError, match=re.escape(words)):
-            vrte.read_sizes(tmp_path / "own.csv")
 
 
 # ---- texts of TOML
