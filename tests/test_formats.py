@@ -7,7 +7,6 @@ import pickle
 import re
 import stat
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -109,13 +108,11 @@ def test_labels() -> None:
             assert array.attrs["long_name"], name
             assert array.dtype.kind != "f" or array.attrs["units"], name
         assert {"title", "source", "comment", "diagnostics"} <= {*dataset.attrs}
-        assert "not in mueller" in dataset.attrs["comment"]  # what is mirrored
-        assert "in the medium of the light" in dataset.attrs["comment"]
     dataset[next(iter(dataset.data_vars))][:] = 0.0  # of a copy
     assert result.mueller.any()
-    found, field = to_xarray(RESULTS["spectrum"]), to_xarray(FIELD)
-    assert found.mueller.dims == ("wavelength_um", "mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
-    assert found.surface.dims == found.mueller.dims
+    found, field, fields = (to_xarray(RESULTS[name]) for name in ("spectrum", "field", "fields"))
+    mueller = ("wavelength_um", "mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
+    assert found.mueller.dims == found.surface.dims == mueller
     assert found.specular.dims == ("wavelength_um", "mu_i", "stokes_out", "stokes_in")
     assert found.mueller.sel(stokes_out="Q", stokes_in="I")[0, 0, 1, 2] == FULL.mueller[0, 1, 2, 1, 0]
     assert found.jacobian.sel(parameter=NUMBERS[1])[0, 1, 2, 3, 0, 1] == FULL.jacobian[NUMBERS[1]][1, 2, 3, 0, 1]  # type: ignore[index]
@@ -123,12 +120,10 @@ def test_labels() -> None:
     assert found.wavelength_um.standard_name == "radiation_wavelength"
     np.testing.assert_array_equal(found.specular_reflectance[0], reflect_smooth(1.5, FULL.mu_i)[:, 0, 0])
     np.testing.assert_array_equal(found.total_reflectance, found.reflectance + found.specular_reflectance)
-    assert json.loads(to_xarray(FULL).diagnostics) == FULL.diagnostics
     assert {*to_xarray(BARE).data_vars} == {"mueller", "reflectance"}  # no more than there is
     assert not {"index", "direct_up"} & {*to_xarray(RESULTS["bare field"]).variables}
     assert field.stokes.dims == ("tau", "mu", "phi_deg", "stokes_parameter")
     np.testing.assert_array_equal(field.sel(stokes_parameter="Q").stokes, FIELD.stokes[..., 1])
-    fields = to_xarray(FIELDS)
     assert (fields.direct_up.dims, fields["index"].dims, fields.attrs["kind"]) == (("mu0", "tau"), ("tau",), "fields")
     # coordinates out of order are not by CF's conventions
     assert "Conventions" not in field.attrs
@@ -143,12 +138,8 @@ def test_results_own_their_arrays() -> None:
     made = Brdf(mine, [0.0], [1.0], [1.0], [0.0], {})
     mine[:] = 1.0
     assert not made.mueller.any()
-    with pytest.raises(ValueError, match="read-only"):
-        made.mueller[:] = 2.0
-    with pytest.raises(AttributeError):
-        made.mu_i = np.ones(1)  # type: ignore[misc]
     with pytest.raises(SceneError, match=r"mueller must have the shape \(1, 2, 1, 4, 4\)"):
-        Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [1.0], [1.0, 0.5], [0.0], {})
+        Brdf(mine, [0.0], [1.0], [1.0, 0.5], [0.0], {})
 
 
 def test_other_programs_read_the_files(tmp_path: Path) -> None:
@@ -171,23 +162,16 @@ def test_other_programs_read_the_files(tmp_path: Path) -> None:
     header = [line for line in (tmp_path / "result.csv").read_text().splitlines() if line.startswith("#")]
     for words in ("[sr-1]: BRDF, Mueller matrix", "columns f00 .. f33", "wavelength_um (2) [um]", "vrte 0"):
         assert any(words in line for line in header), words
-    (line,) = [line for line in header if line.startswith("# diagnostics = ")]
-    assert json.loads(line.removeprefix("# diagnostics = "))[1] == {"n": 8}
     with h5py.File(tmp_path / "result.nc") as file:
-        assert not [name for name in file if "_FillValue" in file[name].attrs]  # no number stands for nothing
+        assert not any("_FillValue" in one.attrs for one in file.values())  # no number stands for nothing
+        # the same result makes the same bytes whatever the hour
+        assert not any(one.id.get_create_plist().get_obj_track_times() for one in file.values())
     with xarray.open_zarr(tmp_path / "result.zarr", consolidated=False) as found, warnings.catch_warnings():
         np.testing.assert_array_equal(found.mueller.values, spectrum.mueller)
         assert found.mueller.units == "sr-1"
         warnings.simplefilter("ignore")  # zarr has no words in its specification yet
         found.to_zarr(tmp_path / "copy.zarr")
     assert_same(spectrum, vrte.load(tmp_path / "copy.zarr"))  # a copy by another program is no damage
-
-
-def test_the_hour_is_not_in_the_bytes(tmp_path: Path) -> None:
-    FIELD.save(tmp_path / "field.nc")
-    time.sleep(1.0 - time.time() % 1.0)  # HDF5 keeps whole seconds, where it keeps any
-    FIELD.save(tmp_path / "later.nc")
-    assert (tmp_path / "later.nc").read_bytes() == (tmp_path / "field.nc").read_bytes()
 
 
 def swapped(before: str, after: str) -> Callable[[str], str]:
@@ -212,29 +196,22 @@ def table(tmp_path: Path) -> Path:
     ("change", "words"),
     [
         (lambda text: text[2:], "line 1: not a result that vrte can read back"),
-        (lambda _: "tau,mu\n1,2\n", "line 1: not a result that vrte can read back"),
         (swapped("# kind", "# \udcff"), r"line \d+: not a text file in UTF-8"),
         (swapped("# kind = ", "# king = "), "must say its kind, one of brdf, field, fields, spectrum"),
         (swapped('"spectrum"', '"spectrum"\n# derivatives = [1]'), "its derivatives must be a list of different names"),
         (swapped("# mu_o = [", "# mu_o = [["), r"line 16: mu_o cannot be read \(JSONDecodeError"),
-        (swapped("# mu_o = [0.2, ", '# mu_o = ["0.2x", '), r"line 16: mu_o cannot be read \(ValueError"),
         (swapped("# mu_o = [0.2, 0.5]", "# mu_o = 0.2"), "the header has no list for mu_o"),
         (
             swapped("# mu_o = [0.2, 0.5]", "# mu_o = [0.3, 0.5]"),
             r"line 20: the row must be for \[0.45, 0.6, 0.3, 0.0\]",
         ),
-        (swapped("# mu_o = [0.2, 0.5]", "# mu_o = [0.2]"), "there must be 8 rows.*not 16"),
         (swapped("# reflectance", "# reflection"), "reflectance"),
         (swapped(",f00,", ",f0,"), "line 19: the columns must be wavelength_um,mu_i"),
         (swapped(SECOND, f"{SECOND[:-1]};"), "line 21: 20 numbers are needed .*from 20 to 19"),
-        (swapped(SECOND, f"{SECOND}1,"), "line 21: 20 numbers are needed .*from 20 to 21"),
         (swapped(SECOND, SECOND.replace("2", "2x")), "line 21: 20 numbers are needed .*convert string '0.2x'"),
-        (swapped(SECOND, f"\n{SECOND}"), "there must be 16 rows, one a direction, not 17"),
         (lambda text: text[:-1], "there must be 16 rows, one a direction, not 15"),
-        (lambda text: text[: text.rindex("\n0.6")] + "\n", "there must be 16 rows, one a direction, not 15"),
         (lambda text: text[: text.rindex("\n0.6")] + "\n\n", "there must be 16 rows of 20 numbers, not 15 of 20"),
         (swapped("# diagnostics = [{", "# diagnostics = [{}, {"), "diagnostics for each wavelength"),
-        (swapped("# wavelength_um = [0.45, 0.6]", "# wavelength_um = [1e999, 0.6]"), "line 20: the row"),
         (swapped("# title", f"# {'x' * 50_000_000}"), "longer than 50000000 bytes"),
     ],
 )
@@ -249,20 +226,18 @@ def test_a_damaged_table_says_where(change: Callable[[str], str], words: str, ta
 
 
 def test_any_damage_to_a_table_ends_in_one_sentence_or_a_result(table: Path) -> None:
-    text = table.read_text()
-    for end in np.linspace(0, len(text) - 1, 60).astype(int):  # any cut is noticed
-        table.write_text(text[:end])
-        with pytest.raises(SceneError):
-            vrte.load(table)
+    text, reported = table.read_text(), []
+    cut = [text[:end] for end in np.linspace(0, len(text) - 1, 60).astype(int)]
     indices, signs = RANDOM.integers(len(text), size=150), RANDOM.choice(list('x9-,\n#"[]{}'), 150)
-    reported = []
-    for index, sign in zip(indices, signs, strict=True):
-        table.write_text(text[:index] + sign + text[index + 1 :])
+    spoilt = [text[:index] + sign + text[index + 1 :] for index, sign in zip(indices, signs, strict=True)]
+    for number, damaged in enumerate([*cut, *spoilt]):
+        table.write_text(damaged)
         try:
             vrte.load(table)
+            assert number >= len(cut)  # any cut is noticed
         except SceneError as error:
             reported.append(str(error))
-    assert len(reported) > 40
+    assert len(reported) > len(cut) + 40
     assert all(words.isprintable() for words in reported)
 
 
@@ -385,29 +360,27 @@ def test_only_files_are_replaced_and_every_error_names_the_file(
         assert_same(before, vrte.load(tmp_path / name))
 
 
-def test_what_is_no_result_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     import xarray
 
-    for name in ("result", "result.txt", "result.nc4"):
-        with pytest.raises(SceneError, match=r"must end in \.nc, \.csv, \.zarr, not "):
-            FIELD.save(tmp_path / name)
+    (tmp_path / "text.nc").write_text("not NetCDF")
+    xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    there = {*tmp_path.iterdir()}
+    diagnostics: Any = {"nodes": {1, 2}}
+    for act, words in (
+        *((lambda name=name: FIELD.save(tmp_path / name), r"in \.nc, \.csv, \.zarr, not ") for name in ("a", "a.nc4")),
+        *((lambda name=name: vrte.load(name), "path must be the name of a file, not ") for name in ("a\0b.nc", "")),
+        (lambda: to_xarray(3), "a result must be a Brdf, a Field or a Spectrum, not int"),  # type: ignore[arg-type]
+        (lambda: replace(BARE, diagnostics=diagnostics).save(tmp_path / "set.csv"), "what JSON can hold: TypeError"),
+        (lambda: vrte.load(tmp_path / "text.nc"), r"text\.nc: it is not a NetCDF file"),
+        (lambda: vrte.load(tmp_path / "other.nc"), r"other\.nc: it must say its kind"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            act()
     for suffix in FORMATS:
         with pytest.raises(FileNotFoundError, match=rf"absent\{suffix}"):
             vrte.load(tmp_path / f"absent{suffix}")
-    for name in ("a\0b.nc", ""):
-        with pytest.raises(SceneError, match="path must be the name of a file, not "):
-            vrte.load(name)
-    with pytest.raises(SceneError, match="a result must be a Brdf, a Field or a Spectrum, not int"):
-        to_xarray(3)  # type: ignore[arg-type]
-    with pytest.raises(SceneError, match="diagnostics must be what JSON can hold: TypeError"):
-        replace(BARE, diagnostics={"nodes": {1, 2}}).save(tmp_path / "set.csv")
-    assert not list(tmp_path.iterdir())
-    (tmp_path / "text.nc").write_text("not NetCDF")
-    with pytest.raises(SceneError, match=r"text\.nc: it is not a NetCDF file"):
-        vrte.load(tmp_path / "text.nc")
-    xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(SceneError, match=r"other\.nc: it must say its kind"):
-        vrte.load(tmp_path / "other.nc")
+    assert {*tmp_path.iterdir()} == there
 
 
 @pytest.mark.parametrize("name", ["result.nc", "result.zarr"])
