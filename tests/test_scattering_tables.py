@@ -1,6 +1,7 @@
 """Scattering matrices over angle in files: CSV by column names, NetCDF of libRadtran's and Eradiate's kinds."""
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,8 @@ from tests.helpers import run
 from vrte.basics.errors import SceneError
 from vrte.formats import netcdf
 from vrte.formats.columns import read_coefficients
-from vrte.formats.named import find_named_tables
 from vrte.formats.scattering import read_angle_table
-from vrte.formats.scene_file import read_content, read_scene
+from vrte.formats.scene_file import read_scene
 from vrte.optics.convention_card import make_reference_sphere, tabulate_card
 from vrte.optics.conventions import CONVENTIONS, ELEMENTS
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -42,6 +42,7 @@ def as_csv(folder: Path, names: Any, columns: Any, name: str = "table.csv") -> P
     return written(folder, f"# of another code\n{','.join(names)}\n{rows}\n", name)
 
 
+@cache
 def powder(wavelength_um: float, radius_um: float = 0.2) -> vrte.Particles:
     return vrte.spheres(1.5 + 0.01j, radius_um=radius_um, wavelength_um=wavelength_um)
 
@@ -80,28 +81,17 @@ GOOD = "0,1.5\n90,0.75\n180,1.5\n"
     ("text", "said"),
     [
         ("", "the first line must name the columns, one of them angle_deg or cosine"),
-        ("F11\n1\n", "the first line must name the columns"),
         ("angle_deg,cosine,F11\n1,1,1\n", "the first line must name the columns, one of them angle_deg or cosine"),
         ("angle_deg,F12\n0,0\n", "the column F11 is missing: it is angle_deg, F12"),
         ("angle_deg,F11,P11\n0,0,0\n", "the column F11 must be there once, not 2 times"),
         ("angle_deg,F11,error\n0,0,0\n", "the column 'error' is not known: there may be angle_deg or cosine"),
-        ("angle_deg,F11,F13\n0,0,0\n", "the column 'F13' is not known"),
         ("angle_deg,F11,-F12/F11\n0,0,0\n", 'the column -F12/F11 is F12 in the convention "vrte"'),
-        ("angle_deg,F11,F12/F11\n0,0,0\n", 'the column F12/F11 is F12 in the convention "vrte"'),
         ("angle_deg,P11,P43\n0,0,0\n", 'the column P43 is F34 in the convention "vrte"'),
-        ("angle_deg,F11\n", "at least 1 row below the header, not 0"),
         (f"angle_deg,F11\n{GOOD}190,1\n", "line 5: angle_deg must be from 0 to 180, not 190"),
-        (f"angle_deg,F11\n-1,1\n{GOOD}", "line 2: angle_deg must be from 0 to 180, not -1"),
         ("cosine,F11\n1.5,1\n", "line 2: cosine must be from -1 to 1, not 1.5"),
         (f"angle_deg,F11\n{GOOD}30,1\n", "line 5: angle_deg must ascend, and 30 follows 180"),
         ("cosine,F11\n0,1\n1,1\n0.5,1\n", "line 4: cosine must be in one order"),
-        ("angle_deg,F11\n0,1\n30,1\n30,1\n", "line 4: angle_deg must ascend, and 30 follows 30"),
         ("angle_deg,F11\n0,1.5\n90,-0.75\n180,1.5\n", "line 3: F11 must be >= 0, not -0.75"),
-        ("angle_deg,F11\n0,1.5\n90,nan\n180,1.5\n", "line 3: F11 must be a finite number, not nan"),
-        ("angle_deg,F11\n0,1.5\n90,\n180,1.5\n", "line 3: F11 must be a number, not ''"),
-        ("angle_deg,F11\n0,1.5\n90,1,1\n180,1.5\n", "line 3: 2 values are needed"),
-        ("angle_deg,F11,F12\n0,1.5,0\n90,1,0.5\n180,1.5,0\n", "F22 is missing: all six elements are needed"),
-        ("angle_deg,F11\n3,1.5\n90,1\n170,1.5\n", "angle_deg must reach from 0 to 180 degrees, not from 3 to 170"),
         ("angle_deg,F11\n" + 20_001 * "1,1\n", "the table must have at most 20000 rows, not 20001"),
         (f"angle_deg,F11\n0,{140_000 * '1'}\n", "line 2: no row of a table (field larger than field limit"),
     ],
@@ -124,14 +114,13 @@ def test_what_names_of_columns_say_must_be_what_the_convention_says(tmp_path: Pa
 
 
 def test_files_that_are_no_tables(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"the file must end in \.csv, \.nc, \.nc4, \.cdf, not in '\.txt'"):
-        vrte.read_scattering(written(tmp_path, "", "table.txt"))
-    with pytest.raises(SceneError, match=r"wavelength_um must not be given with a \.csv, which holds one table"):
-        vrte.read_scattering(written(tmp_path, ""), wavelength_um=0.5)
-    with pytest.raises(SceneError, match="it is not a NetCDF file: it does not begin as one"):
-        vrte.read_scattering(written(tmp_path, "angle", "table.nc"))
-    with pytest.raises(FileNotFoundError):
-        vrte.read_scattering(tmp_path / "nowhere.csv")
+    for name, options, words in (
+        ("table.txt", {}, r"the file must end in \.csv, \.nc, \.nc4, \.cdf, not in '\.txt'"),
+        ("table.csv", {"wavelength_um": 0.5}, r"wavelength_um must not be given with a \.csv, which holds one table"),
+        ("table.nc", {}, "it is not a NetCDF file: it does not begin as one"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            vrte.read_scattering(written(tmp_path, "angle", name), **options)
 
 
 WAVELENGTHS = (0.45, 0.55, 0.65)
@@ -174,7 +163,7 @@ def mie_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return libradtran(tmp_path_factory.mktemp("mie") / "mie.cdf")
 
 
-def test_a_table_of_libradtran_gives_back_the_spheres(mie_table: Path) -> None:
+def test_a_table_of_libradtran_gives_back_the_spheres(mie_table: Path, tmp_path: Path) -> None:
     expected = powder(0.55, 0.3)
     found = vrte.read_scattering(mie_table, wavelength_um=0.55, effective_radius_um=0.3, density_g_cm3=2.0)
     assert isinstance(found, vrte.Particles)
@@ -183,6 +172,11 @@ def test_a_table_of_libradtran_gives_back_the_spheres(mie_table: Path) -> None:
     twice = np.array([1.0, 1.0, 2.0, 2.0])  # the mass a volume
     right = twice * [getattr(expected, name) for name in names]
     assert_close([getattr(found, name) for name in names], right, rtol=1e-12, atol=0.0)
+    turned: Any = vrte.read_scattering(mie_table, wavelength_um=0.55, effective_radius_um=0.3, convention="vrte")
+    for name, sign in (("b1", 1.0), ("b2", -1.0)):  # of V, unless another convention is said
+        assert_close(getattr(turned, name), sign * getattr(expected.phase_matrix, name), rtol=1e-9, atol=1e-11)
+    six = libradtran(tmp_path / "six.cdf", elements=(0, 1, 3, 4, 2, 5))  # in its order
+    assert_matrix(vrte.read_scattering(six, **ASKED | {"wavelength_um": 0.65}), powder(0.65).phase_matrix)
 
 
 def test_between_wavelengths_matrices_are_mixed_by_what_they_scatter(mie_table: Path) -> None:
@@ -200,11 +194,7 @@ ASKED = {"wavelength_um": 0.55, "effective_radius_um": 0.2}
 @pytest.mark.parametrize(
     ("other", "options", "said"),
     [
-        (
-            {},
-            ASKED | {"wavelength_um": 0.7},
-            "wavelength_um must be from 0.45 to 0.65 um, which the data are for, not 0.7",
-        ),
+        ({}, ASKED | {"wavelength_um": 0.7}, "must be from 0.45 to 0.65 um, which the data are for, not 0.7"),
         ({}, ASKED | {"wavelength_um": None}, "wavelength_um is missing: the file has 3, 0.45 to 0.65 um"),
         ({}, {"wavelength_um": 0.5}, "effective_radius_um is missing: the file has 0.2 to 0.3, 2 of them"),
         ({}, ASKED | {"effective_radius_um": 0.24}, "must be one of the file's, 0.2 is nearest, not 0.24"),
@@ -229,20 +219,6 @@ def test_what_is_not_in_the_data_or_damaged_is_refused(
 ) -> None:
     with pytest.raises(SceneError, match=re.escape(said)):
         vrte.read_scattering(libradtran(tmp_path / "bad.cdf", **other) if other else mie_table, **options)
-
-
-def test_six_elements_of_libradtran_are_in_its_order(tmp_path: Path) -> None:
-    path = libradtran(tmp_path / "six.cdf", elements=(0, 1, 3, 4, 2, 5))
-    assert_matrix(vrte.read_scattering(path, **ASKED | {"wavelength_um": 0.65}), powder(0.65).phase_matrix)
-
-
-def test_the_sign_of_v_is_that_of_libradtran_unless_another_is_said(mie_table: Path) -> None:
-    spheres = powder(0.55).phase_matrix
-    by_itself, ours = (vrte.read_scattering(mie_table, **ASKED, **more) for more in ({}, {"convention": "vrte"}))
-    assert by_itself.expansion.convention == "libradtran"
-    assert_close(by_itself.b2, spheres.b2, rtol=1e-9, atol=1e-11)
-    assert_close(ours.b2, -spheres.b2, rtol=1e-9, atol=1e-11)
-    assert_close(ours.b1, spheres.b1, rtol=1e-9, atol=1e-11)
 
 
 def eradiate(path: Path, labels: bool) -> Path:
@@ -281,19 +257,15 @@ def test_tables_of_eradiate_are_read(labels: bool, tmp_path: Path) -> None:
         vrte.read_scattering(path, wavelength_um=0.65, effective_radius_um=1.0)
 
 
-def test_p34_that_was_copied_to_p43_is_told_and_read_as_libradtran_has_it(tmp_path: Path) -> None:
+def test_p34_that_was_copied_to_p43_is_told_and_a_scalar_table_has_one_element(tmp_path: Path) -> None:
     path = eradiate(tmp_path / "converted.nc", False)
     with h5py.File(path, "r+") as file:
         file["phase"][..., 2, 3] *= -1.0  # libRadtran's P34, and with it F43 = +F34
     with pytest.warns(vrte.UnitsWarning, match=r"its F43 is \+F34, .* libRadtran's tables"):
         found = vrte.read_scattering(path, wavelength_um=0.65)
     assert_matrix(found, powder(0.65).phase_matrix)
-    reported = vrte.read_scattering(path, wavelength_um=0.65, convention="vrte")
-    assert_close(reported.b2, -found.b2, rtol=1e-9, atol=1e-11)
-
-
-def test_a_scalar_table_of_eradiate_has_one_element(tmp_path: Path) -> None:
-    path = eradiate(tmp_path / "scalar.nc", False)
+    turned = vrte.read_scattering(path, wavelength_um=0.65, convention="vrte")
+    assert_close(turned.b2, -found.b2, rtol=1e-9, atol=1e-11)
     with h5py.File(path, "r+") as file:
         file["phase"][:] = file["phase"][:] * np.diag([1.0, 0.0, 0.0, 0.0])
     found = vrte.read_scattering(path, wavelength_um=0.65)
@@ -309,7 +281,6 @@ def test_a_scalar_table_of_eradiate_has_one_element(tmp_path: Path) -> None:
         (False, "phase", np.ones(3), "its phase must be of shape"),
         (False, "phase", None, "it must have the variables"),
         (False, "mu", np.full(181, 2.0), "its mu must be cosines from -1 to 1"),
-        (False, "mu", np.full(181, np.nan), "its mu must be cosines from -1 to 1"),
         (False, "sigma_t", np.ones(2), "its albedo and extinction must have a value for each wavelength"),
         (True, "phamat", np.ones(6), "its phamat must be an array of words"),
         (True, "phamat", [b"11"] * 5 + [b"45"], "its phamat must be of 11, 12, 22, 33, 34, 44, not 11, 11,"),
@@ -368,30 +339,22 @@ def test_a_scene_file_names_a_table_over_angle(mie_table: Path, tmp_path: Path) 
     first, again = (read_scene(path).scene.layers[0].phase_matrix for _ in range(2))
     assert_matrix(first, sphere)
     assert first is again
-    of_mie = scene_of(tmp_path, f'table = "{mie_table}", effective_radius_um = 0.3')
-    assert_matrix(read_scene(of_mie, wavelength_um=0.65).scene.layers[0].phase_matrix, powder(0.65, 0.3).phase_matrix)
-    path = scene_of(tmp_path, 'table = "dust.csv", convention = "granada", normalise = true')
-    assert find_named_tables(read_content(path)) == {("layer", 0, "phase", "table"): "dust.csv"}
     as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *(2.0 * tabulate_card(about, angles))], "dust.csv")
     with pytest.raises(SceneError, match=r"layer\[1\]\.phase\.table: the table is not physical"):
         read_scene(path)
+    of_mie = scene_of(tmp_path, f'table = "{mie_table}", effective_radius_um = 0.3')
+    assert_matrix(read_scene(of_mie, wavelength_um=0.65).scene.layers[0].phase_matrix, powder(0.65, 0.3).phase_matrix)
 
 
 @pytest.mark.parametrize(
     ("phase", "said"),
     [
-        ('table = "nowhere.csv"', "the file cannot be read: No such file or directory"),
-        ('table = "dust.txt"', "must be the path of a .csv or .nc or .nc4 or .cdf file beside the scene file"),
         ('table = "dust.csv", convention = "mine"', "layer[1].phase.convention"),
         ('table = "dust.csv", terms = 3', "must be"),
-        ('table = "dust.csv", ends = "extrapolate"', "layer[1].phase.table: ends fills what a table leaves out"),
         ('table = "dust.csv", convention = "granada"', "phase.table: normalise must be True for the convention"),
         ('table = "bad.csv"', "layer[1].phase.table: line 2: F11 must be a finite number, not nan"),
         ('table = "dust.csv", effective_radius_um = 1', "effective_radius_um must not be given with a .csv"),
-        (
-            'table = "mie.cdf", effective_radius_um = 0.4',
-            "effective_radius_um must be one of the file's, 0.3 is nearest",
-        ),
+        ('table = "mie.cdf", effective_radius_um = 0.4', "must be one of the file's, 0.3 is nearest"),
     ],
 )
 def test_a_scene_file_says_what_is_wrong_with_its_table(phase: str, said: str, mie_table: Path, tmp_path: Path) -> None:
@@ -423,7 +386,6 @@ def test_the_command_tells_what_a_table_is_and_writes_it(
     assert f"integral    {found.expansion.integral:.6g}" in reported
     assert re.search(r"peak +F11 is 10\.\d+ at 0 degrees, half of that at 28\.\d degrees", reported)
     assert f"asymmetry   {found.asymmetry:.6g}\nterms       {found.terms}\n" in reported
-    assert re.search(r"coherency +lowest eigenvalue \S+ of F11, at \d+ degrees", reported)
     assert read_coefficients(coefficients).coefficients.tobytes() == found.coefficients.tobytes()
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert run("phase", dust_table, "--recognise") == 0
@@ -438,15 +400,9 @@ def test_the_command_tells_what_a_table_is_and_writes_it(
     ("arguments", "said"),
     [
         (("--normalise",), "--normalise needs the name of a file before it"),
-        (("--recognise",), "--recognise needs the name of a file before it"),
         (("FILE", "--recognise", "--spheres"), "--recognise finds the convention"),
-        (
-            ("FILE", "--convention", "granada"),
-            "dust.csv: angle_deg must reach from 0 to 180 degrees, not from 3 to 177",
-        ),
-        (("FILE",), "dust.csv: the column -F12/F11 is F12 in the convention"),
+        (("FILE", "--convention", "granada"), "dust.csv: angle_deg must reach from 0 to 180 degrees, not from 3"),
         (("FILE", "-o", "out.txt"), "must end in .csv"),
-        (("FILE", "--plot", "out.gif"), "must end in .png"),
     ],
 )
 def test_the_command_refuses_in_one_line(
