@@ -1,15 +1,13 @@
 """Media around particles: what they absorb between them, clear and tinted coats, packing in scene files and sweeps."""
 
 import math
-import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
-from vrte.formats.scene_file import make_scene_file, read_scene
+from vrte.formats.scene_file import make_scene_file
 from vrte.optics.crowding import PACKINGS, pack
 from vrte.optics.spheres import check_spheres, compute_mie_coefficients
 from vrte.scene.layer import Layer
@@ -97,24 +95,30 @@ def test_what_is_wrong_with_a_host_is_refused_in_words() -> None:
             call(*arguments)
 
 
-def make_file(**layer: Any) -> Any:
+def make_content(**layer: Any) -> dict[str, Any]:
     """A scene of one layer of particles in resin."""
     held = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.08} | layer
     content = {"wavelength_um": 0.55, "host_index": 1.5, "particles": {"white": PIGMENT}, "layer": [held]}
-    return make_scene_file(content | {"brdf": {"mu_i": 0.5, "mu_o": 1.0}, "nodes": 4})
+    return content | {"brdf": {"mu_i": 0.5, "mu_o": [0.4, 0.8]}, "nodes": 4}
 
 
-def test_scene_files_know_every_packing_and_name_the_key_of_one_that_cannot_be() -> None:
+def test_scene_files_and_sweeps_know_every_packing_and_name_the_key_of_one_that_cannot_be() -> None:
     for name in PACKINGS:
-        (found,) = make_file(packing=name).scene.layers
+        (found,) = make_scene_file(make_content(packing=name)).scene.layers
         expected = film(1.5, 0.08, name, 5.0)
         assert (found.thickness, found.albedo) == (expected.thickness, expected.albedo)
         np.testing.assert_array_equal(found.phase_matrix.coefficients, expected.phase_matrix.coefficients)
     with pytest.raises(vrte.SceneError, match=r"layer\[1\].volume_fraction must be at most 0.64") as refused:
-        make_file(packing="percus-yevick", volume_fraction=0.7)
+        make_scene_file(make_content(packing="percus-yevick", volume_fraction=0.7))
     assert refused.value.place == ("layer", 0, "volume_fraction")
     with pytest.raises(vrte.SceneError, match=r"layer\[1\].packing = .loose.: must be .*percus-yevick"):
-        make_file(packing="loose")
+        make_scene_file(make_content(packing="loose"))
+    axes = {"axes": {"layer[1].volume_fraction": [0.05, 0.3]}}
+    table = vrte.sweep(make_content(packing="percus-yevick") | axes, workers=1)
+    for row, fraction in enumerate((0.05, 0.3)):
+        scene = vrte.Scene([film(1.5, fraction, "percus-yevick", 5.0)])
+        alone = vrte.brdf(scene, [0.5], [0.4, 0.8], nodes=4)
+        assert_close(table.mueller[row], alone.mueller, rtol=1e-12, atol=1e-14)
 
 
 def test_who_only_checks_a_crowd_does_no_work() -> None:
@@ -125,24 +129,3 @@ def test_who_only_checks_a_crowd_does_no_work() -> None:
         pack(stand_in, 0.7, "percus-yevick")
     with pytest.warns(vrte.PackingWarning, match=r"above 0\.3"):
         pack(stand_in, 0.4, "percus-yevick")
-
-
-def test_a_sweep_over_the_volume_fraction_and_a_spectrum_pack(tmp_path: Path) -> None:
-    scene = (
-        "nodes = 4\nwavelength_um = 0.55\nhost_index = 1.5\n[particles.white]\nindex = [1.7, 0.0]\nradius_um = 0.1\n"
-        '[[layer]]\nparticles = "white"\nthickness_um = 5.0\nvolume_fraction = 0.1\npacking = "percus-yevick"\n'
-        "[brdf]\nmu_i = [0.5]\nmu_o = [0.4, 0.8]\n"
-    )
-    axes = '[axes]\ncrowd = { key = "layer[1].volume_fraction", values = [0.05, 0.3] }\n'
-    (tmp_path / "paint.toml").write_text(scene)
-    (tmp_path / "sweep.toml").write_text(scene + axes)
-    table = vrte.sweep(tmp_path / "sweep.toml", workers=1)
-    for row, fraction in enumerate((0.05, 0.3)):
-        layer = film(1.5, fraction, "percus-yevick", 5.0)
-        expected = vrte.brdf(vrte.Scene([layer]), [0.5], [0.4, 0.8], nodes=4)
-        assert_close(table.mueller[row], expected.mueller, rtol=1e-12, atol=1e-14)
-    colours = vrte.spectrum(tmp_path / "paint.toml", [0.5, 0.6])
-    assert colours[0].mueller[0, 0, 0, 0, 0] > colours[1].mueller[0, 0, 0, 0, 0] > 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert read_scene(tmp_path / "paint.toml").scene.layers[0].host_index == 1.5

@@ -1,6 +1,5 @@
 """Scenes by the values of a few of their numbers, and how their ingredients change with each."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from vrte.optics.size_distribution import Held, Lognormal
 from vrte.scene.boundary import Lambertian
 
 from .helpers import close_to
+from .samples import slow_but
 
 GLASS = {"index": [1.5, 1e-3], "radius_um": 0.12}
 FILM = {"particles": {"glass": 1.0, "drop": 0.5}, "thickness_um": 30.0, "volume_fraction": 0.02}
@@ -71,24 +71,22 @@ QUICK = ("particles.glass.radius_um", "particles.glass.index[2]", "layer[1].part
 SLOW = ("particles.drop.size.gamma.v_eff", "wavelength_um", "particles.drop.index")
 
 
-@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize("name", slow_but([*QUICK, *SLOW], *QUICK))
 def test_what_particles_change(name: str) -> None:
     """As plain differences have it, which are good to 1e-8."""
     family = vrte.SceneFamily(make_content(), [name])
     (found,) = family.variations()
-    assert found.scene_at is not None
-    step = 1e-4 * max(0.1, family.values[0])
-    up, down = (found.scene_at(family.values[0] + side * step).layers[0] for side in (1, -1))
-    far_up, far_down = (found.scene_at(family.values[0] + side * 2 * step).layers[0] for side in (1, -1))
+    value, step, scene_at = found.value, 1e-4 * max(0.1, found.value), found.scene_at
+    assert scene_at is not None
+    up, far_up, down, far_down = (scene_at(value + sides * step).layers[0] for sides in (1, 2, -1, -2))
 
     def differ(read: Any) -> Any:
         return (8 * (read(up) - read(down)) - (read(far_up) - read(far_down))) / (12 * step)
 
     assert found.thickness[0] == close_to(differ(lambda layer: layer.thickness), rtol=1e-7, atol=0.0)
     assert found.albedo[0] == close_to(differ(lambda layer: layer.albedo), rtol=1e-7, atol=0.0)
-    rows = 6
-    table = differ(lambda layer: layer.phase_matrix.coefficients[:rows])
-    assert abs(found.coefficients[0][:rows] - table).max() < 1e-7 * abs(table).max()
+    table = differ(lambda layer: layer.phase_matrix.coefficients[:6])
+    assert abs(found.coefficients[0][:6] - table).max() < 1e-7 * abs(table).max()
     assert len(found.coefficients[0]) <= family.at(family.values).layers[0].phase_matrix.terms
     assert not found.thickness[1]
     assert not found.coefficients[1].size
@@ -137,40 +135,29 @@ def test_numbers_of_a_ready_material_and_of_a_paint() -> None:
     assert found.thickness[0] == close_to(family.at([50.0]).thickness / 50.0, rtol=1e-12, atol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("layer[3].thickness", r"^the scene has no layer\[3\]\.thickness$"),
-        ("base.kind", r'^base.kind is "lambertian", and only a number can be changed$'),
-        ("layer..", "is no key of a scene"),
-        ("brdf.mu_i", "is of what is asked for, not of the scene"),
-        ("particles.spare.radius_um", "^particles.spare.radius_um changes nothing in the scene$"),
-        ("layer[2].phase.terms", "^layer.2..phase.terms cannot change by a little: .*whole number"),
-    ],
-)
-def test_what_is_no_number_of_the_scene(name: str, words: str) -> None:
+DEPTH = "layer[2].thickness"
+WRONG: list[tuple[str | list[str], Any, str]] = [  # names, values, and why they are none
+    ("layer[3].thickness", None, r"^the scene has no layer\[3\]\.thickness$"),
+    ("base.kind", None, r'^base.kind is "lambertian", and only a number can be changed$'),
+    ("layer..", None, "is no key of a scene"),
+    ("brdf.mu_i", None, "is of what is asked for, not of the scene"),
+    ("particles.spare.radius_um", None, "^particles.spare.radius_um changes nothing in the scene$"),
+    ("layer[2].phase.terms", None, "^layer.2..phase.terms cannot change by a little: .*whole number"),
+    ([DEPTH, DEPTH], None, "comes twice"),
+    ([DEPTH, "'layer'[2].thickness"], None, "two of them are the same number"),
+    (DEPTH, [1.0, 2.0], "must be 1, one for each name, not 2"),
+    (DEPTH, [np.inf], "only a finite number has a derivative"),
+    (DEPTH, [-1.0], "thickness"),
+]
+
+
+@pytest.mark.parametrize(("names", "values", "words"), WRONG)
+def test_bad_names_and_values(names: Any, values: Any, words: str) -> None:
     particles = make_content()["particles"] | {"spare": GLASS}
     layers = [FILM, HAZE | {"phase": {"henyey_greenstein": 0.3, "terms": 20}}]
+    content = make_content(particles=particles, layer=layers, brdf={"mu_i": 0.5, "mu_o": 0.5})
     with pytest.raises(vrte.SceneError, match=words):
-        vary(name, particles=particles, layer=layers, brdf={"mu_i": 0.5, "mu_o": 0.5})
-
-
-NAME = "layer[2].thickness"
-
-
-@pytest.mark.parametrize(
-    ("act", "words"),
-    [
-        (lambda: vrte.SceneFamily(make_content(), [NAME, NAME]), "comes twice"),
-        (lambda: vrte.SceneFamily(make_content(), [NAME, "'layer'[2].thickness"]), "two of them are the same number"),
-        (lambda: vrte.SceneFamily(make_content(), NAME).at([1.0, 2.0]), "must be 1, one for each name, not 2"),
-        (lambda: vrte.SceneFamily(make_content(), NAME).variations([np.inf]), "only a finite number has a derivative"),
-        (lambda: vrte.SceneFamily(make_content(), NAME).at([-1.0]), "thickness"),
-    ],
-)
-def test_bad_names_and_values(act: Callable[[], Any], words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        act()
+        vrte.SceneFamily(content, names).variations(values)
 
 
 def test_slopes_of_one_side_and_of_kinks() -> None:

@@ -141,13 +141,6 @@ def test_all_that_falls_on_a_white_glossy_thing_comes_back() -> None:
     assert found.under(sky, weights)[..., 0].mean() < 0.9
 
 
-def test_the_sweep_command_names_what_is_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = written(tmp_path, HEAD + GLASS + RAYLEIGH + BRDF + '[axes]\n"layer[2].thickness" = [0.5, 1.0]\n')
-    assert run("sweep", scene, "-o", tmp_path / "a.nc") == 0
-    reported = capsys.readouterr().out
-    assert all(name in reported for name in ("specular_reflectance", "total_reflectance", "specular_transmission"))
-
-
 @pytest.mark.slow
 def test_nested_tables_from_command_line_and_call(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
