@@ -80,34 +80,6 @@ def star(upper, lower):
     return Ra + Tb @ inner @ Sa @ Ta, Ua @ outer @ Ta, Sb + Ua @ outer @ Rb @ Ub, Tb @ inner @ Ub
 
 
-def brdf_orders(layers, base_albedo, mu_i, mu_o, nodes, n_order):
-    """f^m (order, in, out, 4, 4) [1/sr], public frame, and the diffuse BTDF's orders below the last layer.
-
-    layers: (coefficients, albedo, thickness), over a Lambertian base.
-    """
-    x, w = np.polynomial.legendre.leggauss(nodes)
-    mu = np.concatenate([(x + 1) / 2, mu_o, mu_i])
-    weights = np.concatenate([w / 2, np.zeros(mu_o.size), np.ones(mu_i.size)])
-    out, into = slice(4 * nodes, 4 * (nodes + mu_o.size)), slice(4 * (nodes + mu_o.size), None)
-    reflected, transmitted = [], []
-    for m in range(n_order):
-        whole = None
-        for coefficients, albedo, thickness in layers:
-            R, T = slab(m, coefficients[: 2 * nodes], albedo, thickness, mu, weights, mu_i.size)
-            whole = (R, T, R, T) if whole is None else star(whole, (R, T, R, T))
-        ground = np.zeros_like(whole[0])
-        if m == 0:
-            ground[: into.start : 4, ::4] = 2 * base_albedo * mu * weights
-        zero = np.zeros_like(ground)
-        below = np.linalg.inv(np.eye(len(ground)) - whole[2] @ ground) @ whole[1]
-        R = star(whole, (ground, zero, zero, zero))[0]
-        unscattered = np.diag(np.repeat(np.exp(-sum(layer[2] for layer in layers) / mu), 4))
-        for store, operator, flip in ((reflected, R, D), (transmitted, below - unscattered, np.eye(4))):
-            block = operator[out, into].reshape(mu_o.size, 4, mu_i.size, 4).transpose(2, 0, 1, 3)
-            store.append(flip @ block / (2 * np.pi) / mu_i[:, None, None, None])
-    return np.array(reflected), np.array(transmitted)
-
-
 def azimuthal_sum(orders, phi_deg):
     """sum_m (2 - delta) of cosine and sine blocks: (in, out, phi, 4, 4)."""
     total = 0.0

@@ -7,9 +7,8 @@ interface on it, (len(scene.layers), 0.0) right above the base. Cosines are thos
 positive upward. A scene has layers, the last of them finite or semi-infinite, smooth interfaces anywhere, and below
 them nothing, a `Lambertian` or `Mirror` base, or the lobe of bench/cases.py. ``derivative`` names a number as vrte does
 ("layer[1].albedo", "layer[2].coefficients[3].b1", "layer[1].thickness", "base.albedo"): every array of the answer is
-then the derivative with it. ``polarized=False`` is the intensity alone. `find_order` and `find_field_order` find
-a Fourier order of light at equal steps of azimuth, `literal.azimuthal_sum` sums orders. On 8 nodes an order takes a
-second or so.
+then the derivative with it. `find_order` and `find_field_order` find a Fourier order of light at equal steps of
+azimuth, `literal.azimuthal_sum` sums orders. On 8 nodes an order takes a second or so.
 
 It solves the discrete system that the package solves: double-Gauss nodes, those that Snell's law joins where media
 differ; multiple scattering of l < 2 N terms (N terms in several media), a beam's first scattering with all terms; the
@@ -193,7 +192,6 @@ class Order:
     count: int
     m: int
     derivative: str | None
-    polarized: bool
     known: dict[Any, Any] = field(default_factory=dict)
 
     @cached_property
@@ -265,7 +263,7 @@ class Order:
     def scatter(self, k: int) -> list[Jet]:
         """A^m(mu, mu') and A^m(mu, -mu') D, (1:9), times weights of mu', over mu."""
         medium = self.find_medium(self.scene.indices[k])
-        table = self.scene.layers[k].phase_matrix.coefficients * [1, *[self.polarized] * 5]
+        table = self.scene.layers[k].phase_matrix.coefficients
         tables = [table]
         if self.is_changed(k, "coefficients"):
             degree, column = re.fullmatch(r".*\[(\d+)\]\.(..)", self.derivative).groups()
@@ -332,18 +330,12 @@ class Order:
             back, through = {}, {}
             for i, (mu, there) in enumerate(zip(self.find_medium(n).mu, self.find_medium(behind).mu, strict=True)):
                 if mu is not None:
-                    reflected, sent_on = map(self.mask, reflect_fresnel(mu, behind, n))
+                    reflected, sent_on = reflect_fresnel(mu, behind, n)
                     back[i, i] = flip(reflected)
                     if there is not None:  # n^-2 radiance stays
                         through[i, i] = (mu / there if i >= first_beam else (arb(behind) / arb(n)) ** 2) * sent_on
             found += [Jet(self.assemble(back)), Jet(self.assemble(through))]
         return found
-
-    def mask(self, matrix: arb_mat) -> arb_mat:
-        """Without polarization the intensity alone."""
-        alone = arb_mat(4, 4)
-        alone[0, 0] = matrix[0, 0]
-        return matrix if self.polarized else alone
 
     def find_base(self) -> Jet:
         """R of what lies below, of light that falls on it."""
@@ -353,7 +345,7 @@ class Order:
             return Jet(self.assemble({}))
         if isinstance(base, vrte.Mirror):
             for i in (*medium.nodes, *medium.seen, *medium.beams):
-                blocks[i, i] = flip(self.mask(reflect_fresnel(medium.mu[i], base.index, n)[0]))
+                blocks[i, i] = flip(reflect_fresnel(medium.mu[i], base.index, n)[0])
             return Jet(self.assemble(blocks))
         is_lobe = getattr(base, "function", None) is evaluate_mueller_lobe
         assert is_lobe or isinstance(base, vrte.Lambertian)
@@ -457,7 +449,6 @@ def solve(
     nodes: int,
     order: int = 0,
     derivative: str | None = None,
-    polarized: bool = True,
 ) -> Light:
     """The light of one Fourier order at some levels, with as many bits as it takes. Raises DoubtfulError where no
     number of bits is enough."""
@@ -467,7 +458,7 @@ def solve(
     while True:
         try:
             with ctx.workprec(bits):
-                asked = Order(scene, tuple(map(float, mu0)), seen, nodes, order, derivative, polarized)
+                asked = Order(scene, tuple(map(float, mu0)), seen, nodes, order, derivative)
                 return collect(asked, mu, media, asked.find_fields(levels))
         except (DoubtfulError, ZeroDivisionError):
             if bits >= MOST_BITS:
@@ -526,7 +517,6 @@ def brdf(
     nodes: int,
     orders: Iterable[int],
     derivative: str | None = None,
-    polarized: bool = True,
     least: float = 0.0,
 ) -> Answer:
     """All that leaves a scene, in the Fourier orders asked for, up to one that is less than ``least`` of the largest;
@@ -535,7 +525,7 @@ def brdf(
     levels: list[Level] = [(-1, 0.0), *([(len(scene.layers), 0.0)] if math.isfinite(scene.thickness) else [])]
     found: list[Light] = []
     for m in orders:
-        found.append(solve(scene, mu_i, mu, levels, nodes, m, derivative, polarized))
+        found.append(solve(scene, mu_i, mu, levels, nodes, m, derivative))
         if np.abs(found[-1].radiance).max(initial=0.0) < least * np.abs(found[0].radiance).max(initial=0.0):
             break
     per_area = np.array(mu_i)[:, None, None, None]

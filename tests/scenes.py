@@ -108,20 +108,31 @@ KNOWN = {
     "glass over black": vrte.Scene([GLASS, layer(TURNING, 0.95, 0.8)], vrte.Lambertian(0.0)),
     "glass over white": vrte.Scene([GLASS, layer(AIR, 1.0, 0.8)], vrte.Lambertian(1.0)),
     "glass over Lambertian, nothing else": vrte.Scene([GLASS], vrte.Lambertian(0.7)),
+    "almost no surface": vrte.Scene([vrte.Interface(1.0, 1.0001), layer(TURNING, 1.0, 0.8)], vrte.Lambertian(0.4)),
     "plate": vrte.Scene([GLASS, layer(AIR, 0.9, 0.5), GLASS.turned]),
     "plate, conservative": vrte.Scene([GLASS, layer(TURNING, 1.0, 3.0), GLASS.turned]),
     "varnish over paint": vrte.Scene(
         [GLASS, layer(AIR, 0.3, 0.1), vrte.Interface(1.5, 1.33), layer(AIR, 0.95, 1.0)], vrte.Lambertian(0.4)
     ),
     "air over sea": vrte.Scene([layer(AIR, 1.0, 0.3), vrte.Interface(1.0, 1.34), layer(PAINT, 0.8, 1.0)], SILVER),
+    "three media": vrte.Scene(
+        [layer(AIR, 0.9, 0.3), GLASS, layer(TURNING, 1.0, 1.0), vrte.Interface(1.5, 1.3), layer(AIR, 0.9, 0.4)],
+        vrte.Lambertian(0.5),
+    ),
+    "varnish that scatters nothing, over paint on metal": vrte.Scene(
+        [vrte.Interface(1.0, 1.3), layer(AIR, 0.0, 0.2), vrte.Interface(1.3, 1.5), layer(TURNING, 0.95, 0.5)], SILVER
+    ),
+    "gap of air in glass": vrte.Scene([GLASS.turned, layer(TURNING, 0.9, 0.5), GLASS]),
+    "towards a thinner medium": vrte.Scene([vrte.Interface(1.33, 0.7), layer(TURNING, 0.5, 0.3)]),
+    "lit from glass, over glass": vrte.Scene([vrte.Interface(1.5, 1.25), layer(TURNING, 0.9, 0.5)], vrte.Mirror(1.4)),
     "mirror": vrte.Scene([layer(TURNING, 0.95, 0.6)], SILVER),
     "perfect mirror under n=4": vrte.Scene(
         [vrte.Interface(1.0, 4.0), layer(TURNING, 1.0, 1.0)], vrte.Mirror(1e-3 + 1e3j)
     ),
-    "glass, semi-infinite": vrte.Scene([GLASS, layer(AIR, 0.9, np.inf)]),
+    "glass, semi-infinite": vrte.Scene([GLASS, layer(AIR, 0.9, 0.3), layer(TURNING, 0.95, np.inf)]),
+    "more terms than nodes carry": vrte.Scene([layer(vrte.henyey_greenstein(0.4, 12), 0.9, 1.0)]),
 }
 COMPARED = {
-    "gap of air in glass": vrte.Scene([GLASS.turned, layer(TURNING, 0.9, 0.5), GLASS]),
     "glass, semi-infinite, conservative": vrte.Scene([GLASS, layer(TURNING, 1.0, np.inf)]),
     "leaf": vrte.Scene([layer(TURNING, 0.9, 0.5)], vrte.MuellerBase(make_leaf)),
     "leaf under glass": vrte.Scene([GLASS, layer(PAINT, 0.9, 0.5)], vrte.MuellerBase(make_leaf)),

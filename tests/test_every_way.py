@@ -13,16 +13,21 @@ import vrte
 from bench import stability
 from bench.stability_cases import BEAM
 from vrte.methods import find_method
-from vrte.scene.vary import vary_scene
 
+from . import oracle
 from .helpers import assert_close
 from .literal import azimuthal_sum
+from .samples import slow_but
 from .scenes import Problem, find_problems
 
 PROBLEMS = find_problems()
 FLIP = np.outer([1.0, 1.0, -1.0, -1.0], [1.0, 1.0, -1.0, -1.0])  # U and V of light seen from the other side
 Q = np.array([1.0, 1.0, 1.0, -1.0])
-FEW = tuple(PROBLEMS)[::7]  # for ways that take long: the others are slow tests
+FEW = (
+    "sun and view on a node", "mu beside mu0", "1 - omega = 1e-9, thickness 1e4", "infinite, conservative",
+    "infinite, 1 - omega = 1e-12", "thickness 0 over a lobe", "thick between thin", "clear layer between",
+    "rayleigh w=0.99 t=inf two white sun=node view=1 N=8", "plate", "three media", "leaf under glass",
+)  # fmt: skip  # for ways that take long: the others are slow tests
 ON_DEVICES = (
     "infinite, conservative", "infinite, absorbing", "conservative metal, thickness 1e6", "clear layer between",
     "white base under a white slab", "thick between thin, absorbing", "thickness 1e-10", "lobe under a white slab",
@@ -149,12 +154,44 @@ def test_light_is_right(name: str, way: str) -> None:
         pairs += [(table.reflectance, right.reflectance)]
         if problem.scene.base is None and table.transmission is not None:
             pairs += [(table.transmission, azimuthal_sum(right.transmitted, AZIMUTHS))]
+            if problem.scene.keeps_beams:
+                pairs += [(table.specular_transmission, right.specular_transmission)]
         for found, expected in pairs:
+            found = np.zeros_like(expected) if found is None else found  # nothing is refracted
             assert_close(found, expected, rtol=0.0, atol=tolerance * max(np.abs(expected).max(), 1e-2))
     reference = solve(name, "doubling")
     check_same(table, reference[1], max(tolerance, 10.0 * problem.c), TABLE)
     if field:
         check_same(field, reference[0], max(tolerance, 10.0 * problem.c), FIELD)
+
+
+@pytest.mark.parametrize(
+    "name", slow_but((name for name, each in PROBLEMS.items() if each.known), "varnish over paint", "three media")
+)
+def test_light_between_interfaces_is_right(name: str) -> None:
+    """Beside ball arithmetic: on both sides of every interface and between them, fluxes and beams, 1e-11 of the
+    largest."""
+    problem, scene = PROBLEMS[name], PROBLEMS[name].scene
+    levels = [(k, x * min(one.thickness, 3.0)) for k, one in enumerate(scene.layers) for x in (0.0, 0.3, 1.0)]
+    tops = np.cumsum([0.0, *(one.thickness for one in scene.layers)])
+    right = [oracle.solve(scene, [problem.mu0], problem.mu, levels, problem.nodes, m) for m in (0, 1)]
+    fluxes = [right[0].flux_up, right[0].flux_down, right[0].beams_up[..., 0, :], right[0].beams_down[..., 0, :]]
+    fluxes = [flux[:, 0] @ BEAM for flux in fluxes]
+    for index, (k, depth) in enumerate(levels):
+        # inside a layer is the lower side of the interface above it
+        side = "below" if depth == 0.0 and scene.interfaces[k] is not None else "above"
+        for way in ("modes", "doubling"):
+            asked = problem.ask_field() | WAYS[way].how | {"tau": tops[k] + depth, "side": side}
+            field = vrte.radiance(scene, **asked)
+            for m, light in enumerate(right):
+                expected = oracle.split_beam(light.radiance[index, 0], BEAM)
+                difference = np.abs(oracle.find_field_order(field.stokes[0], m) - expected).max()
+                assert difference < 1e-11 * max(np.abs(expected).max(), 1e-2), (k, depth, way)
+            cosine = right[0].cosines[index, 0]
+            up, down, beam_up, beam_down = (flux[index] for flux in fluxes)
+            beams = [0.0 if field.direct_up is None else field.direct_up[0], field.direct[0]]
+            assert_close(beams, [cosine * beam_up, cosine * beam_down], rtol=0.0, atol=1e-14)
+            assert_close([field.flux_up[0], field.flux_down[0]], [up, down], rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize(("name", "way"), ROWS, indirect=["way"])
@@ -224,27 +261,3 @@ def test_light_from_below_is_that_of_the_scene_upside_down(name: str) -> None:
     ratio = (scene.index_below / scene.index_above) ** 2
     back = ratio * Q[:, None] * below.transmission.transpose(1, 0, 2, 4, 3) * Q
     assert_close(down, back, rtol=0.0, atol=max(1e-12, 20.0 * problem.c) * np.abs(down).max())
-
-
-VARIED = [
-    name
-    for name, each in PROBLEMS.items()
-    if each.scene.layers and 1e-3 < each.scene.layers[0].thickness < 50.0 and each.nodes > 1
-]
-
-
-@pytest.mark.parametrize("name", VARIED[::3])
-def test_derivatives_are_those_of_the_same_light(name: str) -> None:
-    """Asked for or not, the light is the same; with the first layer's thickness it changes as four differences say."""
-    problem = PROBLEMS[name]
-    number = f"layer[{1 if problem.scene.interfaces[0] is None else 2}].thickness"
-    variation = vary_scene(problem.scene, number)
-    asked = problem.ask_table() | EXACT | {"phi": [0.0, 45.0], "transmission": False}
-    found = vrte.brdf(problem.scene, **asked, derivatives=[number])
-    assert_close(found.mueller, vrte.brdf(problem.scene, **asked).mueller, rtol=0.0, atol=1e-12 * found.mueller.max())
-    step = 2e-3 * variation.value
-    far, near, back, farther = (
-        vrte.brdf(variation.scene_at(variation.value + k * step), **asked).mueller for k in (2, 1, -1, -2)
-    )
-    expected = (8.0 * (near - back) - (far - farther)) / (12.0 * step)
-    assert_close(found.jacobian[number], expected, rtol=0.0, atol=1e-9 * found.mueller.max() / variation.value)

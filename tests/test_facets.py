@@ -7,10 +7,8 @@ import pytest
 
 import vrte
 from vrte.basics.arrays import Array
-from vrte.basics.quadrature import make_double_gauss
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface, shade_facets
-from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.scene.base_checks import PAULI, find_coherency
 
 from .helpers import assert_close, close_to
@@ -120,40 +118,6 @@ def test_orders_are_sums_over_azimuths(surface: RoughSurface, through: bool) -> 
     sharp = through or surface.reflects_totally
     difference = np.abs(found - expected).max(axis=(1, 2, 3)) / np.abs(expected[:, 0, 0, 0]).max()
     assert difference.max() <= (1e-5 if sharp else 1e-12)
-
-
-def test_narrow_facets_send_what_fresnel_says() -> None:
-    """The power in the lobe of alpha = 0.01, in a cone about where a smooth surface would send it."""
-    mu_i = 0.7
-    for index in (1.5, 1.0 / 1.5):
-        surface = RoughSurface(1.0, index, 0.01)
-        behind = np.sqrt(1.0 - (1.0 - mu_i**2) / index**2 + 0j)
-        for through, smooth in ((False, reflect_smooth(index, mu_i)), (True, transmit_smooth(index, mu_i))):
-            centre = (behind.real if through else mu_i) if behind.imag == 0.0 else mu_i
-            mu_o = centre + np.linspace(-0.12, 0.12, 1201)
-            orders = find_orders(surface, through, np.full(1201, mu_i), mu_o, 1, 1e-9)[:, 0]
-            power = np.einsum("n,nij->ij", mu_o * 0.24 / 1200, orders)
-            if behind.imag != 0.0 and through:
-                assert not power.any()
-            else:
-                assert_close(power[:2, :2], smooth[:2, :2], rtol=0.0, atol=3e-4)
-
-
-@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
-@pytest.mark.parametrize("index", [1.5, 1.0 / 1.5])
-def test_shadowed_facets_give_back_no_more_than_they_get(index: float, distribution: str) -> None:
-    """And facets without shadows do, near the horizon."""
-    x, weight = make_double_gauss(400)
-    for roughness in (0.1, 0.5, 1.0):
-        totals = []
-        for shadowing in (True, False):
-            surface = RoughSurface(1.0, index, roughness, distribution, shadowing)
-            for mu_i in (0.05, 0.3, 0.9):
-                here = np.full(400, mu_i)
-                ways = (find_orders(surface, way, here, x, 1, 1e-9)[:, 0, 0, 0] for way in (False, True))
-                totals.append(sum((way * x * weight).sum() for way in ways))
-        assert max(totals[:3]) <= 1.0 + 2e-4
-        assert totals[3] > totals[0]
 
 
 BASES = [

@@ -1,5 +1,7 @@
 """Each method against its own equations, written down anew, and what its settings promise."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -10,10 +12,7 @@ from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.methods.diffusion import BOUNDARIES
 from vrte.methods.matrix_operator import propagator
-from vrte.methods.parts.method import discretise_request
 from vrte.methods.parts.slab import find_gauss_depths, solve_riccati, weigh_downward, weigh_upward
-from vrte.methods.small_angle import expand_diffuse_part
-from vrte.request.request import make_radiance_request
 
 from .helpers import assert_close
 from .literal import a_matrix, azimuthal_sum
@@ -244,21 +243,20 @@ STREAMS = {
 }
 
 
-@pytest.mark.parametrize("truncation", ["none", "delta-m", "auto"])
-@pytest.mark.parametrize("mu0", [1.0, 0.5, 0.02])
 @pytest.mark.parametrize("name", STREAMS)
-def test_two_streams_are_one_node(name: str, mu0: float, truncation: str) -> None:
+def test_two_streams_are_one_node(name: str) -> None:
     """Radiance in all directions and fluxes, relative to the largest I at each depth: 1e-12 or better."""
     base = vrte.Lambertian(0.4) if np.isfinite(STREAMS[name][-1][2]) else None
     scene = vrte.Scene([vrte.Layer(*layer) for layer in STREAMS[name]], base)
     deepest = scene.thickness if np.isfinite(scene.thickness) else 20.0
     mu = [1e-3, 0.5, 0.8, 1.0, -1e-3, -0.3, -0.5, -1.0]
-    asked = {"mu0": mu0, "mu": mu, "phi": PHI, "tau": deepest * np.array([0.0, 0.3, 1.0]), "truncation": truncation}
-    right = vrte.radiance(scene, nodes=1, accuracy=1e-15, **asked)  # which says whether light near the beam matters
-    found = vrte.radiance(scene, nodes=1, method="two-stream", **asked)
-    assert off(found, right) <= 1e-12
-    for some, other in ((found.flux_up, right.flux_up), (found.flux_down, right.flux_down)):
-        assert_close(some, other, rtol=0.0, atol=1e-12 * right.flux_up.max())
+    for mu0, truncation in itertools.product((1.0, 0.5, 0.02), ("none", "delta-m", "auto")):
+        asked = {"mu0": mu0, "mu": mu, "phi": PHI, "tau": deepest * np.array([0.0, 0.3, 1.0]), "truncation": truncation}
+        right = vrte.radiance(scene, nodes=1, accuracy=1e-15, **asked)  # which says whether light near the beam matters
+        found = vrte.radiance(scene, nodes=1, method="two-stream", **asked)
+        assert off(found, right) <= 1e-12
+        for some, other in ((found.flux_up, right.flux_up), (found.flux_down, right.flux_down)):
+            assert_close(some, other, rtol=0.0, atol=1e-12 * right.flux_up.max())
 
 
 def test_two_streams_refuse_a_peak_that_one_node_cannot_carry() -> None:
@@ -378,24 +376,9 @@ def test_thick_layers_reflect_as_the_exact_method_says() -> None:
 PEAKED = vrte.henyey_greenstein(0.5, 16)
 
 
-@pytest.mark.parametrize("albedo", [1.0, 0.7])
-def test_moments(albedo: float) -> None:
-    """exp(-(1 - omega x_k) tau/mu0) less exp(-tau/mu0); of a sum over the sphere as well."""
-    tau, k = np.array([0.0, 1e-8, 0.3, 2.0, 400.0]), np.arange(16)
-    scene = vrte.Scene([vrte.Layer(PEAKED, albedo, 1.0), vrte.Layer(PEAKED, albedo, 399.0)])
-    request = make_radiance_request(scene, MU0, mu=-0.5, tau=tau, nodes=8, method="small-angle")
-    tables = expand_diffuse_part(request.scene, discretise_request(request))[:, 0]
-    x_k = PEAKED.a1 / (2.0 * k + 1.0)
-    expected = np.exp(-tau[:, None] / MU0) * np.expm1(albedo * x_k * tau[:, None] / MU0)
-    assert_close(tables[..., 0] / (2.0 * k + 1.0), expected, rtol=1e-12, atol=0.0)
-    cosine, weights = find_gauss_legendre(20)
-    field = np.polynomial.legendre.legval(cosine, tables[3, :, 0]) / (4.0 * np.pi)
-    moments = [2.0 * np.pi * weights @ (field * np.polynomial.legendre.legval(cosine, np.eye(16)[n])) for n in k]
-    assert_close(moments, expected[3], rtol=0.0, atol=1e-14)
-
-
 @pytest.mark.parametrize(
-    "layers", [[(PEAKED, 0.9, 2.0)], [(MATRIX, 0.95, 2.0)], [(MATRIX, 0.9, 0.5), (MATRIX, 0.8, 1.0)]]
+    "layers",
+    [[(PEAKED, 0.9, 2.0)], [(PEAKED, 1.0, 40.0)], [(MATRIX, 0.95, 2.0)], [(MATRIX, 0.9, 0.5), (MATRIX, 0.8, 1.0)]],
 )
 def test_small_angles_are_the_sum_over_orders(layers: list[tuple[vrte.PhaseMatrix, float, float]]) -> None:
     """(2:29) literally: Fourier orders of generalized spherical functions, S_l through the matrix exponential."""

@@ -11,8 +11,6 @@ from scipy.interpolate import make_interp_spline
 
 import vrte
 from vrte.basics.splines import make_cosines, stretch_cosines
-from vrte.methods import find_method
-from vrte.request.how import EXACT, METHODS
 from vrte.scene.base_checks import PAULI
 from vrte.scene.tabulated_base import expand_azimuths, extrapolate_error
 
@@ -199,21 +197,6 @@ def test_it_is_said_in_few_words_and_goes_through_pickle(table: vrte.TabulatedBa
     where = directions(5)
     np.testing.assert_array_equal(again.reflect(*where), table.reflect(*where))
     assert vrte.Scene([AIR], again).base_in_words == repr(table)
-
-
-HOW = [{"method": name} for name in METHODS if name not in (EXACT, "diffusion", "two-stream")]
-HOW = [how for how in HOW if find_method(how["method"]).base == "any"]
-HOW += [{"algorithm": "modes"}, {"algorithm": "doubling"}, {"verify": True}]
-
-
-@pytest.mark.parametrize("how", [*HOW, pytest.param({"backend": "opencl"}, marks=pytest.mark.slow)], ids=str)
-def test_all_that_take_any_base_take_a_table(how: dict[str, Any], table: vrte.TabulatedBase) -> None:
-    """The same as over the function, by the same method."""
-    if "backend" in how:
-        pytest.importorskip("pyopencl")
-    asked: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0], "nodes": 4} | how
-    found, expected = (vrte.brdf(vrte.Scene([AIR], base), **asked) for base in (table, vrte.MuellerBase(dipoles)))
-    assert_close(found.mueller, expected.mueller, rtol=0.0, atol=2e-6 * expected.mueller.max())
 
 
 def test_fields_and_plans_have_tables(table: vrte.TabulatedBase) -> None:

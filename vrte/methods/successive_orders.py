@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
+from vrte.basics.arrays import Array
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning, warn_user
-from vrte.discrete_ordinates.orders.problem import ALL
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
-from vrte.methods.parts.method import Answer, Settings, Task
+from vrte.methods.parts.method import Answer, Fluxes, Settings, Task
 from vrte.methods.parts.sections import (
     POINTS,
     Light,
@@ -38,25 +38,25 @@ def solve_by_successive_orders(task: Task) -> Answer:
     not about the error in depth, which more "levels" make smaller.
     """
     problem, convergence = connect_media(task.request, task.problem), Convergence(task.settings)
-    count = problem.coefficients.shape[1]
+
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
-    kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
-    fluxes = np.zeros(shape), np.zeros(shape)
+    fluxes: list[Fluxes] = []
+
+    def solve(m: int) -> Array:
+        order = Order(stack, m)
+        total, lit = convergence.sum(order)
+        if m == 0:
+            up, down = stack.beam_paths.sum_fluxes(*(stack.scale * total.edges))
+            fluxes.append((up.reshape(shape), down.reshape(shape)))
+        return np.zeros((*shape, problem.mu_out.size, len(problem.stokes))) if lit is None else order.view(lit)
+
     with keep_to_one_thread():
         stack = Sections(problem, task.request.scene.below, task.settings["levels"])
-        for m in range(count):
-            order = Order(stack, m)
-            total, lit = convergence.sum(order)
-            if lit is not None:
-                kernels[m][..., list(problem.stokes)] = order.view(lit)
-            if m == 0:
-                up, down = stack.beam_paths.sum_fluxes(*(stack.scale * total.edges))
-                fluxes = up.reshape(shape), down.reshape(shape)
-            task.tell(m + 1, count)
+        kernels = task.solve_orders(problem, solve)
     more = {"levels": int(stack.panels * POINTS), **convergence.diagnostics}
     for note in () if "orders" in task.request.settings else more["notes"]:  # who says how many knows what they are
         warn_user(note, AccuracyWarning)
-    return task.answer_on_nodes(kernels, fluxes, **more)
+    return task.answer_on_nodes(kernels, fluxes[0], **more)
 
 
 @dataclass(eq=False)

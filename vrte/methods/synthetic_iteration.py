@@ -175,27 +175,24 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
     problem = connect_media(request, problem)
     stack = Sections(problem, request.scene.below, depths)
     guess = make_guess(request, stack, regular, task.run)
-    count, shape = problem.coefficients.shape[1], (problem.level.size, problem.mu0.size, problem.columns.shape[0])
-    kernels = np.zeros((count, *shape, problem.mu_out.size, 4))
-    for m in range(count):
-        task.tell(m, count)
+    sights = [(each, slice(each.on_nodes.n, None), each.along_sights) for each in stack.sections]
+    nodes = [(each, slice(0, each.on_nodes.n), each.along_nodes) for each in stack.sections]
+
+    def solve(m: int) -> Array:
         arriving = guess.find_arriving(m)
-        sights = [(each, slice(each.on_nodes.n, None), each.along_sights) for each in stack.sections]
-        nodes = [(each, slice(0, each.on_nodes.n), each.along_nodes) for each in stack.sections]
         made = {
             each.place: paths.carry(*guess.find_source(m, each, rows))
             for each, rows, paths in (sights if iterations == 1 else nodes)
         }
         if iterations == 1:
-            light = stack.look(m, {index: faces for index, (_, faces) in made.items()}, arriving)
-        else:
-            order = Order(stack, m)
-            field = stack.carry(made, order.reflect(arriving)) + order.once
-            for _ in range(iterations - 2):
-                field = order.scatter(field) + order.once
-            light = order.view(field)
-        kernels[m][..., list(problem.stokes)] = light
-    return kernels
+            return stack.look(m, {index: faces for index, (_, faces) in made.items()}, arriving)
+        order = Order(stack, m)
+        field = stack.carry(made, order.reflect(arriving)) + order.once
+        for _ in range(iterations - 2):
+            field = order.scatter(field) + order.once
+        return order.view(field)
+
+    return task.solve_orders(problem, solve)
 
 
 def compute_anisotropic_tables(request: Request, problem: Problem, layer: IntArray, tau: Array, depth: Array) -> Array:

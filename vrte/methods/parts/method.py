@@ -28,6 +28,7 @@ NODES = 16  # of a hemisphere, where neither nodes nor an accuracy are asked for
 Taken = Literal["none", "even", "any"]  # boundaries below
 REFLECTED: Mapping[Taken, float] = {"none": 0, "even": 1, "any": math.inf}  # Fourier orders that they send back
 Settings = Mapping[str, Any]
+Fluxes = tuple[Array, Array]  # diffuse, up and down, (n_tau, n_in, n_col)
 Answer = tuple[Array, Solution]  # the signed cosines of the result, and the result
 
 
@@ -88,6 +89,16 @@ class Task:
         if self.progress is not None:
             self.progress(done, total)
 
+    def solve_orders(self, problem: Problem, solve: Callable[[int], Array]) -> Array:
+        """Multiply scattered light of each Fourier order in turn, (order, n_tau, n_in, n_col, n_out, 4), from light
+        (n_tau, n_in, n_col, n_out, S) that ``solve`` finds of an order."""
+        count, shape = problem.coefficients.shape[1], (problem.level.size, problem.mu0.size, problem.columns.shape[0])
+        kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
+        for order in range(count):
+            kernels[order][..., list(problem.stokes)] = solve(order)
+            self.tell(order + 1, count)
+        return kernels
+
     def sum_orders(
         self, problem: Problem, kernels: Array | None = None, spread: bool | BoolArray = False
     ) -> list[Array]:
@@ -101,9 +112,9 @@ class Task:
             lights = [Light(orders, np.array(ALL, np.int32), columns, kernels)]
         return fill_parts(self.target_of(problem, spread), lights, PROCESSOR, self.run)
 
-    def answer(self, parts: list[Array], fluxes: tuple[Array, Array], problem: Problem, **told: Any) -> Answer:
-        """The result: radiance of every part wanted, diffuse fluxes up and down, (n_tau, n_in, n_col), and what is
-        ``told`` of how they were made."""
+    def answer(self, parts: list[Array], fluxes: Fluxes, problem: Problem, **told: Any) -> Answer:
+        """The result: radiance of every part wanted, diffuse fluxes, and what is ``told`` of how they were
+        made."""
         diagnostics = {
             "method": self.request.method,
             "nodes": int(problem.nodes.size),
@@ -115,7 +126,7 @@ class Task:
         }
         return self.mu, Solution(parts, *fluxes, diagnostics)
 
-    def answer_on_nodes(self, kernels: Array, fluxes: tuple[Array, Array], **told: Any) -> Answer:
+    def answer_on_nodes(self, kernels: Array, fluxes: Fluxes, **told: Any) -> Answer:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
         choice = take_given_nodes(self.request, self.problem.nodes.size)
         if "accuracy" in self.request.given:

@@ -4,19 +4,17 @@ The difference between two counts of a fixed series counts as the error of the f
 that was asked for is compared, of many azimuths a few. An estimate chooses where the series starts, nothing else.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Progress
 from vrte.discrete_ordinates.planning.choose_quadrature import (
     AIM,
     OF_NODES,
-    NodeChoice,
     choose_first_nodes,
     find_next_count,
     find_unseen_share,
@@ -30,91 +28,59 @@ ROUNDING, STALLED = 1e-9, 0.5  # differences below the former that do not fall t
 Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 
 
-@dataclass(eq=False)
-class Refinement:
-    """A request on its way: ``first``, where its series starts; ``nodes`` last solved on; ``differences``, over the
-    brightest light, by the finer count; ``unseen``, what the last two may both miss; ``coarse``, the last light at the
-    azimuths compared; ``spent``, seconds of each solve; ``failed``: why the last count found no answer."""
-
-    request: Request
-    first: NodeChoice
-    nodes: int = 0
-    differences: dict[int, float] = field(default_factory=dict)
-    unseen: float = 0.0
-    coarse: Solution | None = None
-    answer: Answer | None = None
-    spent: list[float] = field(default_factory=list)
-    failed: AccuracyError | None = None
-
-    @cached_property
-    def azimuths(self) -> IntArray:
-        """Places of the azimuths that are compared."""
-        last = self.request.phi.size - 1
-        return np.unique(np.linspace(0, last, AZIMUTHS).round().astype(np.int32))
-
-    @property
-    def following(self) -> Request | None:
-        """The next solve, None where the answer is found."""
-        request, started = self.request, bool(self.nodes)
-        count = find_next_count(request.scene, self.nodes) if started else self.first.nodes
-        if self.is_done or count is None:
-            if request.mu is None and not (self.answer or self.failed):  # light along the nodes themselves, at last
-                return self.put_on(self.nodes)
-            return None
-        asked = self.put_on(count)
+def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, Answer]:
+    """Yields a request on one count of nodes after another, is sent each answer or why there is none, and returns the
+    finest answer with its estimated error. Raises AccuracyError where the finest count found none."""
+    first, accuracy = choose_first_nodes(request), request.accuracy
+    azimuths = np.unique(np.linspace(0, request.phi.size - 1, AZIMUTHS).round().astype(np.int32))  # that are compared
+    differences: dict[int, float] = {}  # over the brightest light, by the finer count
+    spent: list[float] = []  # seconds of each solve
+    unseen, coarse, nodes = 0.0, None, 0
+    count: int | None = first.nodes
+    while count is not None:
+        asked = replace(request, nodes=count, grading=first.grading, refined=True)
         if request.mu is None:
             asked = replace(asked, mu=np.concatenate([OF_NODES, -OF_NODES]))
-        return asked if started else replace(asked, phi=request.phi[self.azimuths], verify=False)
+        if not nodes:
+            asked = replace(asked, phi=request.phi[azimuths], verify=False)
+        answer = yield asked
+        if isinstance(answer, AccuracyError):  # no algorithm finds an answer there: the count is passed over
+            coarse = None
+        else:
+            found = answer[1]
+            spent.append(float(found.diagnostics["wall_seconds"]))
+            seen = replace(found, parts=[part[:, :, :, azimuths] for part in found.parts]) if nodes else found
+            if coarse is not None:
+                differences[count] = measure_difference(request, coarse, seen)
+                unseen = find_unseen_share(request.scene, nodes, first.grading)
+            coarse = seen
+        is_done = coarse is not None and has_converged(differences, unseen, accuracy)
+        nodes, count = count, None if is_done else find_next_count(request.scene, count)
+    if request.mu is None and not isinstance(answer, AccuracyError):  # light along the nodes themselves, at last
+        answer = yield replace(request, nodes=nodes, grading=first.grading, refined=True)
+    if isinstance(answer, AccuracyError):
+        raise answer
+    mu, found = answer
+    spent += [float(found.diagnostics["wall_seconds"])] if request.mu is None else []
+    achieved = [*differences.values()][-1] if differences else np.inf
+    steps = [f"{count}: {difference:.1g}" for count, difference in differences.items()]
+    graded = f" with grading {first.grading}" if first.grading > 1 else ""
+    notes = list(found.diagnostics.get("notes", ()))
+    if not achieved <= accuracy:
+        notes.append(f"{nodes} nodes differ by {achieved:.1g} from fewer, which is more than {accuracy:g}")
+    elif unseen > accuracy:
+        notes.append(describe_unseen(unseen))
+    rule = f"{first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
+    told = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
+    told |= {"notes": notes, "choosing_seconds": sum(spent[:-1])}
+    return mu, replace(found, diagnostics=found.diagnostics | told)
 
-    def put_on(self, nodes: int) -> Request:
-        """The request on so many nodes."""
-        return replace(self.request, nodes=nodes, grading=self.first.grading, refined=True)
 
-    @property
-    def is_done(self) -> bool:
-        """Whether the last two solutions agree to the accuracy, or to rounding."""
-        last = [*self.differences.values()][-2:]
-        stalled = len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING
-        agrees = bool(last) and max(last[-1], self.unseen) <= AIM * self.request.accuracy
-        return self.failed is None and (agrees or stalled)
-
-    def take(self, asked: Request, answer: Answer | AccuracyError) -> None:
-        """Compares a solution with the one before; a count on which no algorithm finds an answer is passed over."""
-        assert asked.nodes is not None
-        if isinstance(answer, AccuracyError):
-            self.nodes, self.coarse, self.failed = asked.nodes, None, answer
-            return
-        _, found = answer
-        self.spent.append(float(found.diagnostics["wall_seconds"]))
-        if self.request.mu is None and asked.mu is None:
-            self.answer = answer
-            return
-        seen = replace(found, parts=[part[:, :, :, self.azimuths] for part in found.parts]) if self.nodes else found
-        if self.coarse is not None:
-            self.differences[asked.nodes] = measure_difference(self.request, self.coarse, seen)
-            self.unseen = find_unseen_share(self.request.scene, self.nodes, self.first.grading)
-        self.nodes, self.coarse, self.failed = asked.nodes, seen, None
-        self.answer = None if self.request.mu is None else answer
-
-    def finish(self) -> Answer:
-        """The finest solution, with what its error is estimated to be. Raises AccuracyError where the finest count
-        found none."""
-        if self.failed is not None:
-            raise self.failed
-        assert self.answer is not None
-        (mu, found), accuracy = self.answer, self.request.accuracy
-        achieved = [*self.differences.values()][-1] if self.differences else np.inf
-        steps = [f"{nodes}: {difference:.1g}" for nodes, difference in self.differences.items()]
-        graded = f" with grading {self.first.grading}" if self.first.grading > 1 else ""
-        notes = list(found.diagnostics.get("notes", ()))
-        if not achieved <= accuracy:
-            notes.append(f"{self.nodes} nodes differ by {achieved:.1g} from fewer, which is more than {accuracy:g}")
-        elif self.unseen > accuracy:
-            notes.append(describe_unseen(self.unseen))
-        rule = f"{self.first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
-        told = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
-        told |= {"notes": notes, "choosing_seconds": sum(self.spent[:-1])}
-        return mu, replace(found, diagnostics=found.diagnostics | told)
+def has_converged(differences: dict[int, float], unseen: float, accuracy: float) -> bool:
+    """Whether the last two solutions agree to the accuracy, or to rounding."""
+    last = [*differences.values()][-2:]
+    stalled = len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING
+    return stalled or (bool(last) and max(last[-1], unseen) <= AIM * accuracy)
 
 
 def describe_unseen(share: float) -> str:
@@ -127,13 +93,17 @@ def describe_unseen(share: float) -> str:
 def refine(requests: Sequence[Request], solve: Solve) -> list[Answer]:
     """The answers to requests without nodes, each to its accuracy; ``solve`` takes requests on nodes, several at a
     time."""
-    ways = [Refinement(request, choose_first_nodes(request)) for request in requests]
-    open_ = [(way, asked) for way in ways if (asked := way.following)]
-    while open_:
-        for (way, asked), answer in zip(open_, try_to_solve([asked for _, asked in open_], solve), strict=True):
-            way.take(asked, answer)
-        open_ = [(way, asked) for way, _ in open_ if (asked := way.following)]
-    return [way.finish() for way in ways]
+    ways = [refine_one(request) for request in requests]
+    asked = {index: next(way) for index, way in enumerate(ways)}
+    found: dict[int, Answer] = {}
+    while asked:
+        for index, answer in zip([*asked], try_to_solve([*asked.values()], solve), strict=True):
+            try:
+                asked[index] = ways[index].send(answer)
+            except StopIteration as end:
+                found[index] = end.value
+                del asked[index]
+    return [found[index] for index in range(len(ways))]
 
 
 def try_to_solve(requests: Sequence[Request], solve: Solve) -> Sequence[Answer | AccuracyError]:

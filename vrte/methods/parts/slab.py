@@ -27,7 +27,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
 from vrte.discrete_ordinates.orders.slab_response import Response, scatter_once, shape_response
-from vrte.methods.parts.method import Answer, Task
+from vrte.methods.parts.method import Answer, Fluxes, Task
 from vrte.request.request import Request
 from vrte.scene.beams import locate_depths
 
@@ -220,30 +220,28 @@ def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
     return task.answer_on_nodes(*join_slabs(task, respond))
 
 
-def join_slabs(task: Task, respond: Responder) -> tuple[Array, tuple[Array, Array]]:
-    """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4) and fluxes up and down (n_tau, n_in, n_col):
-    slabs as ``respond`` finds them, added as in (2:8); interfaces, mirrors and the base as slabs without thickness.
-    Raises AccuracyError where the joined slabs leave too large a residual."""
+def join_slabs(task: Task, respond: Responder) -> tuple[Array, Fluxes]:
+    """Light of all Fourier orders and the fluxes of order 0: slabs as ``respond`` finds them, added as in (2:8);
+    interfaces, mirrors and the base as slabs without thickness. Raises AccuracyError where the joined slabs leave too
+    large a residual."""
     problem, run = connect_media(task.request, task.problem), task.run
-    count = problem.coefficients.shape[1]
-    route = Refracting(respond, problem, task.request.scene.below, count, DEFAULT_ACCURACY)
+    route = Refracting(respond, problem, task.request.scene.below, problem.coefficients.shape[1], DEFAULT_ACCURACY)
     if task.problem.media is None:
         route.allowed["residual_of_adding"] = LARGEST_RESIDUAL
-    shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
-    kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
-    fluxes = np.zeros(shape), np.zeros(shape)
-    for order in range(count):
+
+    fluxes: list[Fluxes] = []
+
+    def solve(order: int) -> Array:
         with keep_to_one_thread():
             found = route.solve(np.array([order], np.int32), run)
         for name, residual in found.residuals.items():
             if not residual[0] <= route.allowed[name]:
                 words = f"at order {order} the {name.replace('_', ' ')} is {residual[0]:.1e}"
                 raise AccuracyError(f"method {task.request.method!r}: {words}: ask for 'discrete-ordinates'")
-        kernels[order][..., list(problem.stokes)] = found.kernels[0]
-        if order == 0:
-            fluxes = found.flux_up, found.flux_down
-        task.tell(order + 1, count)
-    return kernels, fluxes
+        fluxes.append((found.flux_up, found.flux_down))
+        return found.kernels[0]
+
+    return task.solve_orders(problem, solve), fluxes[0]
 
 
 def make_thin_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> Slab:
