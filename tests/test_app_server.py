@@ -2,7 +2,6 @@
 
 import http.client
 import logging
-import re
 import select
 import signal
 import socket
@@ -10,7 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from vrte.app.server import serve as connections
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.server.serve import bind_socket, make_opening_page
 
-PARTS = re.compile(r"http://(?:127\.0\.0\.1|[\w.-]+):(\d+)/\?token=([\w-]+)")
 UPLOAD = "/_nicegui/client/12345678-1234-1234-1234-123456789abc/upload/7"
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport="
 
@@ -36,9 +34,8 @@ class Viewer:
     """A running one, and what its owner's browser knows of it."""
 
     def __init__(self, address: str) -> None:
-        found = PARTS.search(address)
-        assert found
-        self.port, self.token = int(found[1]), found[2]
+        place, _, self.token = address.partition("/?token=")
+        self.port = int(place.rpartition(":")[2])
         self.host = f"127.0.0.1:{self.port}"
         code, headers, _ = self.ask(f"/?scene=x&token={self.token}", cookie=None)
         assert (code, headers["location"]) == (303, "/?scene=x")
@@ -49,19 +46,14 @@ class Viewer:
         self, target: str, cookie: str | None = "", method: str = "GET", body: bytes = b"", **headers: str
     ) -> tuple[int, Any, bytes]:
         """Code, headers and body of an answer; as the owner's browser asks, unless told otherwise."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
-        try:
-            reported = {name.replace("_", "-"): value for name, value in headers.items()}
-            if cookie is not None:
-                reported["Cookie"] = cookie or self.cookie
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)) as connection:
+            sent = {"Host": self.host} | ({} if cookie is None else {"Cookie": cookie or self.cookie}) | headers
             connection.putrequest(method, target, skip_host=True)
-            for name, value in ({"Host": self.host} | reported).items():
-                connection.putheader(name, value)
+            for name, value in sent.items():
+                connection.putheader(name.replace("_", "-"), value)
             connection.endheaders(body or None)
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read()
-        finally:
-            connection.close()
 
     def code(self, target: str = "/", cookie: str | None = "", method: str = "GET", **headers: str) -> int:
         """The code of an answer alone."""
@@ -252,39 +244,20 @@ def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().err == "vrte view: ?]0;owned? vrte: done (ValueError: ?]0;owned? vrte: done)\n"
 
 
-def find_refusal(captured: Any, *arguments: str) -> str:
-    """The one line in which `vrte view` ends."""
-    assert cli.main(["view", "--no-browser", *arguments]) == 2
-    reported: str = captured.readouterr().err
-    assert reported.count("\n") == 1
-    return reported
-
-
 @pytest.mark.slow
 def test_what_it_means_to_let_others_in_is_printed() -> None:
-    process = started("--host", "0.0.0.0", "--open-to-network")
-    assert process.stdout is not None
-    assert "nothing is encrypted" in process.stdout.readline()
-    page = Viewer(process.stdout.readline())
-    # by which number it is reached, it cannot know
-    codes = [page.code(Host=f"{host}:{page.port}") for host in ("192.0.2.1", "elsewhere.example")]
-    assert (*codes, page.code(cookie=None)) == (200, 400, 403)
-    process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=20) == ("vrte view: ended\n", "")
+    with viewer("--host", "0.0.0.0", "--open-to-network", warning="nothing is encrypted") as address:
+        page = Viewer(address)
+        # by which number it is reached, it cannot know
+        codes = [page.code(Host=f"{host}:{page.port}") for host in ("192.0.2.1", "elsewhere.example")]
+        assert (*codes, page.code(cookie=None)) == (200, 400, 403)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code: int) -> None:
-    process = started()
-    assert process.stdout is not None
-    page = Viewer(process.stdout.readline())
-    with connected(page.port):  # something to wait for
-        process.send_signal(number)
-        time.sleep(0.05)
-        process.send_signal(number)
-        reported, complained = process.communicate(timeout=20)
-    assert (process.returncode, reported, complained) == (code, "vrte view: ended\n", "")
+    with ExitStack() as stack, viewer(ended_by=number, code=code) as address:
+        stack.enter_context(connected(Viewer(address).port))  # something to wait for
 
 
 @pytest.mark.slow
@@ -327,29 +300,24 @@ def test_the_address_is_on_no_command_line() -> None:
 @pytest.mark.parametrize(
     ("arguments", "text", "words"),
     [
-        (("gone.toml",), None, "No such file"),
-        (("bad.toml",), "layer = 3\n[brdf]\nmu_i = 1\nmu_o = 1", "layer = 3: must be tables"),
-        (("bad.nc",), "text", "is not a NetCDF file"),
-        (("bad.csv",), "text", "bad.csv"),
-        (("--host", "192.0.2.1", "--open-to-network"), None, "cannot listen on port 8765 of 192.0.2.1"),
-        *(
-            (("--host", host), None, f"{host} lets other machines reach the viewer: say that too, --open-to-network")
-            for host in ("0.0.0.0", "::")
-        ),
+        ("gone.toml", "", "No such file"),
+        ("bad.toml", "layer = 3\n[brdf]\nmu_i = 1\nmu_o = 1", "layer = 3: must be tables"),
+        ("bad.nc", "text", "is not a NetCDF file"),
+        ("bad.csv", "text", "bad.csv"),
+        ("--host 192.0.2.1 --open-to-network", "", "cannot listen on port 8765 of 192.0.2.1"),
+        ("--port TAKEN", "", "vrte: error: the viewer cannot listen on port TAKEN of 127.0.0.1 ("),
+        *((f"--host {one}", "", f"{one} lets other machines reach the viewer: say that") for one in ("0.0.0.0", "::")),
     ],
 )
 def test_what_cannot_be_served_is_one_sentence(
-    arguments: tuple[str, ...], text: str | None, words: str, tmp_path: Path, monkeypatch: Any, capfd: Any
+    arguments: str, text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if text is not None:
-        Path(arguments[0]).write_text(text)
-    assert words in find_refusal(capfd, *arguments)
-
-
-def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    with bind_socket("127.0.0.1", 0) as taken, bind_socket("127.0.0.1", 0) as free:
-        port = taken.getsockname()[1]
-        assert free.getsockname()[1] != port
-        words = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
-        assert find_refusal(capsys, "--port", str(port)).startswith(words)
+    if text:
+        Path(arguments).write_text(text)
+    with bind_socket("127.0.0.1", 0) as taken:
+        port = str(taken.getsockname()[1])
+        assert cli.main(["view", "--no-browser", *arguments.replace("TAKEN", port).split()]) == 2
+    reported = capfd.readouterr().err
+    assert reported.count("\n") == 1
+    assert words.replace("TAKEN", port) in reported

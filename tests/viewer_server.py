@@ -32,19 +32,21 @@ def started(*options: str, python: tuple[str, ...] = (), stdout: Any = subproces
 
 
 @contextmanager
-def viewer(*options: str) -> Iterator[str]:
-    """The address, with its token, of a server that must end by itself when it is interrupted, and say nothing else."""
+def viewer(*options: str, warning: str = "", ended_by: signal.Signals = signal.SIGINT, code: int = 0) -> Iterator[str]:
+    """The address, with its token, of a server that must end by itself when it gets the signal, with this code, and say
+    nothing but that and the ``warning``."""
     process = started(*options)
     assert process.stdout is not None
     try:
-        found = re.search(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", process.stdout.readline())
+        assert not warning or warning in process.stdout.readline()
+        found = re.search(r"http://[\w.-]+:\d+/\?token=[\w-]+", process.stdout.readline())
         assert found, process.communicate()[1]
         yield found[0]
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ended_by)
         time.sleep(0.05)
-        process.send_signal(signal.SIGINT)  # an impatient second one, which must leave no trace
+        process.send_signal(ended_by)  # an impatient second one, which must leave no trace
         reported, complained = process.communicate(timeout=20)
-        assert (process.returncode, reported, complained) == (0, "vrte view: ended\n", ""), complained
+        assert (process.returncode, reported, complained) == (code, "vrte view: ended\n", ""), complained
     finally:
         process.kill()
         process.communicate()
