@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from vrte.app.solving.messages import Task
+from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.app.solving.worker_process import Query
 
 from .helpers import wait_until
@@ -57,6 +58,14 @@ def ask(query: Query, call: str, content: Any, folder: Path = Path(), memory: fl
     query.ask(Task(call, content, folder, more), memory)
     wait_until(lambda: not query.waits)
     return query.answer
+
+
+def work(answer: Callable[..., Any], content: Any, newer: int = 99, **more: Any) -> list[Any]:
+    """All messages about a task that is answered in this process, with a newer one waiting after so many."""
+    reported: list[Any] = []
+    exchange = Exchange(reported.append, lambda: len(reported) >= newer)
+    reported.append(explain_failure(answer, Task("", content, Path(), more), exchange))
+    return reported
 
 
 def get_process(query: Query) -> "subprocess.Popen[bytes]":
