@@ -24,7 +24,6 @@ from vrte.app.solving.appearance import AppearanceAnswerer, Appeared
 from vrte.app.solving.messages import Refused, Task
 from vrte.app.solving.page_files import make_colours_download
 from vrte.app.solving.tab_session import TabSessions
-from vrte.app.solving.worker import Exchange, explain_failure
 from vrte.app.solving.worker_process import Query
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
@@ -34,7 +33,7 @@ from vrte.formats.toml_table import read_fraction
 from vrte.pictures import results as figures
 
 from .helpers import assert_close, close_to, wait_until
-from .viewer_server import ask, get_process
+from .viewer_server import ask, get_process, work
 
 pytestmark = pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
 DUST: dict[str, Any] = {
@@ -56,6 +55,9 @@ def change(content: dict[str, Any], *index: Any, to: Any) -> dict[str, Any]:
     return found
 
 
+SEMI_INFINITE = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
+
+
 def thicken(length_um: float) -> dict[str, Any]:
     return change(DUST, "layer", 1, "thickness_um", to=length_um)
 
@@ -64,18 +66,15 @@ def make_task(content: dict[str, Any], viewing: Conditions = Conditions(), befor
     return Task("appearance.AppearanceAnswerer", content, Path(), {"viewing": viewing, "before": before})
 
 
-def look(live: Query, content: dict[str, Any], *how: Any) -> Any:
-    """The last answer to what a scene looks like."""
-    task = make_task(content, *how)
+def look(live: Query, content: dict[str, Any]) -> Any:
+    """The last answer of a process to what a scene looks like."""
+    task = make_task(content)
     return ask(live, task.call, content, **task.more)
 
 
-def work(studio: AppearanceAnswerer, task: Task, newer: int = 9) -> list[Any]:
+def answer(by: AppearanceAnswerer, task: Task, newer: int = 9) -> list[Any]:
     """What is reported of a scene in this process; there is a newer question after so many answers."""
-    reported: list[Any] = []
-    exchange = Exchange(reported.append, lambda: len(reported) >= newer)
-    reported.append(explain_failure(studio.answer, task, exchange))
-    return reported
+    return work(by.answer, task.content, newer, **task.more)
 
 
 @pytest.fixture(scope="module")
@@ -85,35 +84,43 @@ def shared() -> Iterator[Query]:
     live.close()
 
 
-@pytest.mark.slow
-def test_the_numbers_are_those_of_the_library(shared: Query) -> None:
-    found = look(shared, DUST, Conditions(illuminant="A", observer=2, white=0.9))
-    panel = make_panel(DUST, accuracy=1e-6)
-    solved = [panel.put_over(base).solve(MU_I) for base in (None, vrte.Lambertian(0.9))]
-    shares = found.spectra
-    for one, values in zip(solved, (shares.over_black, shares.over_white), strict=True):
-        assert_close(values, np.pi * one.mueller[:, 0, 0, 0, 0, 0], rtol=0.0, atol=1e-4)
-    assert shares.wavelength_um.size == 16
-    colours = [find_colour(shares.wavelength_um, one, "A", 2) for one in (shares.over_black, shares.over_white)]
-    assert (found.black.hex, found.white.hex) == (colours[0].hex, colours[1].hex)
-    assert found.white.numbers["b"] == close_to(colours[1].b, rtol=1e-9, atol=0.0)
-    assert found.contrast == close_to(colours[0].Y / colours[1].Y, rtol=1e-9, atol=0.0)
-    assert found.apart == close_to(find_difference(*colours), rtol=1e-9, atol=0.0)
-    assert 0.1 < found.contrast < 0.9
+AT = np.linspace(0.41, 0.69, 8).round(3)  # half of the usual wavelengths
+TASK = make_task(DUST, Conditions(white=0.9))
 
-    other = look(shared, DUST, Conditions("8:di", "A", 2, white=0.9), found.spectra)
+
+@pytest.fixture(scope="module")
+def answered() -> Iterator[tuple[AppearanceAnswerer, list[Appeared]]]:
+    """One that has answered TASK, and its answers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(appearance, "choose_wavelengths", lambda *_: AT)
+        studio = AppearanceAnswerer()
+        studio.pace = 1.0  # seconds a wavelength: as on a slow machine
+        yield studio, answer(studio, TASK)
+
+
+def test_the_numbers_are_those_of_the_library(answered: tuple[AppearanceAnswerer, list[Appeared]]) -> None:
+    found, _ = answer(answered[0], make_task(DUST, Conditions(illuminant="A", observer=2, white=0.9)), 1)
+    panel = make_panel(DUST, AT, accuracy=1e-6)
+    solved = [panel.put_over(base).solve(MU_I) for base in (None, vrte.Lambertian(0.9))]
+    spectra = found.spectra.over_black, found.spectra.over_white
+    for one, values in zip(solved, spectra, strict=True):
+        assert_close(values, np.pi * one.mueller[:, 0, 0, 0, 0, 0], rtol=0.0, atol=1e-4)
+    black, white = (find_colour(AT, values, "A", 2) for values in spectra)
+    assert (found.black.hex, found.white.hex) == (black.hex, white.hex)
+    numbers = found.white.numbers["b"], found.contrast, found.apart
+    assert numbers == close_to((white.b, black.Y / white.Y, find_difference(black, white)), rtol=1e-9, atol=0.0)
+    assert 0.1 < found.contrast < 0.9
+    other, _ = answer(answered[0], make_task(DUST, Conditions("8:di", "A", 2, white=0.9), found.spectra), 1)
     assert_close(other.spectra.over_white, solved[1].total_reflectance[:, 1], rtol=0.0, atol=1e-4)
-    now = find_colour(other.spectra.wavelength_um, other.spectra.over_white, "A", 2)
-    assert other.changed[1] == close_to(find_difference(now, colours[1]), rtol=1e-9, atol=0.0)
+    now = find_colour(AT, other.spectra.over_white, "A", 2)
+    assert other.changed[1] == close_to(find_difference(now, white), rtol=1e-9, atol=0.0)
     assert other.before == (found.black, found.white)
 
 
-def test_coarse_colours_come_first_and_gloss_and_hiding_last(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = np.linspace(0.41, 0.69, 8)  # half of the usual
-    monkeypatch.setattr(appearance, "choose_wavelengths", lambda *_: at)
-    studio, task = AppearanceAnswerer(), make_task(DUST, Conditions(white=0.9))
-    studio.pace = 1.0  # seconds a wavelength: as on a slow machine
-    coarse, colours, final = work(studio, task)
+def test_coarse_colours_come_first_and_gloss_and_hiding_last(
+    answered: tuple[AppearanceAnswerer, list[Appeared]],
+) -> None:
+    studio, (coarse, colours, final) = answered
     flags = [(one.coarse, one.follows) for one in (coarse, colours, final)]
     assert flags == [(True, True), (False, True), (False, False)]
     assert (colours.spectra, colours.black, colours.readings) == (final.spectra, final.black, ())
@@ -121,41 +128,43 @@ def test_coarse_colours_come_first_and_gloss_and_hiding_last(monkeypatch: pytest
     assert not np.array_equal(coarse.spectra.over_black, final.spectra.over_black)
     assert final.why_none == ()
     found = {(one.quantity, one.geometry): one.value for one in final.readings}
-    panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, at, accuracy=1e-4)
+    panel = make_panel({key: DUST[key] for key in ("host_index", "particles", "layer")}, AT, accuracy=1e-4)
     for angle, gloss in find_glosses(panel).items():
         assert found["gloss", f"{angle:g}:{angle:g}"] == close_to(gloss, rtol=3e-3, atol=0.0)
     hiding = find_hiding(panel, Conditions(white=0.9))
-    assert found["hiding thickness", "45:0"] == close_to(hiding.hiding_length_um, rtol=5e-3, atol=0.0)
-    assert found["spreading rate", "45:0"] == close_to(hiding.spreading_rate, rtol=5e-3, atol=0.0)
-    (again,) = work(studio, task)  # all is remembered
+    pair = found["hiding thickness", "45:0"], found["spreading rate", "45:0"]
+    assert pair == close_to((hiding.hiding_length_um, hiding.spreading_rate), rtol=5e-3, atol=0.0)
+    (again,) = answer(studio, TASK)  # all is remembered
     assert again.readings == final.readings
-    assert len(studio.kinds) == at.size  # at each wavelength, once
+    assert len(studio.kinds) == AT.size  # at each wavelength, once
     for pace, newer, flag in ((1.0, 0, "coarse"), (0.0, 1, "follows")):  # after the coarse answer; without readings
         studio.pace = pace
-        given_up = work(studio, make_task(thicken(1.1)), newer)
+        given_up = answer(studio, make_task(thicken(1.1)), newer)
         assert [one and getattr(one, flag) for one in given_up] == [True, None]
 
 
-def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(shared: Query) -> None:
-    found = look(shared, DUST)
-    assert shared.answered is shared.task
-    name, data = make_colours_download(shared, DUST)
+def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(
+    answered: tuple[AppearanceAnswerer, list[Appeared]],
+) -> None:
+    live, found = Query(stays=True), answered[1][-1]
+    for change in ({}, {"answer": found}, {"answered": make_task(thicken(2.0))}, {"answered": TASK, "waits": True}):
+        vars(live).update(change)
+        with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
+            make_colours_download(live, DUST)
+    live.waits = False
+    name, data = make_colours_download(live, DUST)
     assert name == "colours.csv"
     rows = list(csv.DictReader(io.StringIO(data.decode())))
     values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
     assert values["L over white", ""] == found.white.numbers["L"]
     assert values["contrast ratio", ""] == found.contrast
-    at, fraction = float(found.spectra.wavelength_um[3]), found.spectra.over_black[3]
-    assert values["reflectance factor over black", repr(at)] == fraction
+    assert values["reflectance factor over black", "0.53"] == found.spectra.over_black[3]
     assert sum(row["quantity"] == "gloss" for row in rows) == 3
-    for live, content in ((shared, thicken(2.0)), (Query(stays=True), DUST)):
-        with pytest.raises(vrte.SceneError, match="there are no colours of this scene yet"):
-            make_colours_download(live, content)
     figure = figures.spectra(found.spectra, found.spectra, "45:0")
     names = [trace.name for trace in figure.data]
     assert names == ["over black", "over white", "over black, before", "over white, before"]
     assert_close(figure.data[0].y, found.spectra.over_black, rtol=1e-6, atol=0.0)
-    assert_close(figure.data[0].x, found.spectra.wavelength_um, rtol=1e-6, atol=0.0)
+    assert_close(figure.data[0].x, AT, rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.slow
@@ -165,28 +174,24 @@ def test_the_newest_position_of_a_slider_wins(shared: Query) -> None:
     for step in range(60):
         shared.ask(make_task(thicken(3.0 + 0.1 * step)))
         seen.add(id(shared.answer.spectra))
-    last = look(shared, thicken(8.9))  # asked last already
+    look(shared, thicken(8.9))  # asked last already
     assert shared.answered is shared.task
     assert len(seen) < 30  # the others were passed over
-    expected = make_panel(thicken(8.9), accuracy=1e-6).put_over(None).solve(MU_I)
-    factor = np.pi * expected.mueller[:, 0, 0, 0, 0, 0]
-    assert_close(last.spectra.over_black, factor, rtol=0.0, atol=1e-4)  # 1e-3 is promised
 
 
 def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(shared: Query) -> None:
-    look(shared, thicken(1.0))
+    assert isinstance(look(shared, SEMI_INFINITE), Appeared)
     worker = shared.worker
     for content, words in (
-        (change(DUST, "particles", "dust", "index", to="unobtainium"), "unobtainium"),
+        (change(DUST, "particles", "dust", "index", to="main/../../../etc/passwd/x"), "index"),
         (change(DUST, "layer", 1, "particles", to="gold"), "gold"),
         ({"layer": "none"}, "layer"),
-        (change(DUST, "particles", "dust", "index", to="main/../../../etc/passwd/x"), "index"),
     ):
         found = look(shared, content)
         assert isinstance(found, Refused)
         assert words in found.message
         assert "Traceback" not in found.message
-    assert isinstance(look(shared, DUST), Appeared)
+    assert isinstance(look(shared, SEMI_INFINITE), Appeared)
     assert shared.worker is worker
     limits = Path(f"/proc/{get_process(shared).pid}/limits").read_text().splitlines()
     (line,) = [line for line in limits if line.startswith("Max address space")]
@@ -233,30 +238,29 @@ def test_processes_die_make_room_and_are_few(monkeypatch: pytest.MonkeyPatch) ->
     wait_until(lambda: fifth.poll() is not None)
 
 
-@pytest.mark.parametrize("title", list_films())
-def test_every_paint_to_begin_with_has_sliders_and_an_appearance(title: str) -> None:
-    content, notes = begin_with_material(list_films()[title])
-    assert explain_missing(content) == ""
-    assert notes
-    sliders = list_sliders(content)
-    assert any(one.place[-1] == "thickness_um" for one in sliders)
-    assert any(one.place[0] == "particles" for one in sliders)
-    for slider in sliders:
-        value = read_fraction(get_value(content, slider.place))
-        assert value is not None
-        assert slider.reaches(value)
-        assert 0 <= slider.find_step(value) <= STEPS
-        assert slider.find_value(slider.find_step(value)) == close_to(value, rtol=0.03, atol=0.0)
-        ends = slider.find_value(0), slider.find_value(STEPS)
-        assert ends == close_to((slider.low, slider.high), rtol=5e-3, atol=0.0)
+def test_every_paint_to_begin_with_has_sliders_and_an_appearance() -> None:
+    for film in list_films().values():
+        content, notes = begin_with_material(film)
+        assert explain_missing(content) == ""
+        assert notes
+        sliders = list_sliders(content)
+        assert any(one.place[-1] == "thickness_um" for one in sliders)
+        assert any(one.place[0] == "particles" for one in sliders)
+        for slider in sliders:
+            value = read_fraction(get_value(content, slider.place))
+            assert value is not None
+            assert slider.reaches(value)
+            assert 0 <= slider.find_step(value) <= STEPS
+            assert slider.find_value(slider.find_step(value)) == close_to(value, rtol=0.03, atol=0.0)
+            ends = slider.find_value(0), slider.find_value(STEPS)
+            assert ends == close_to((slider.low, slider.high), rtol=5e-3, atol=0.0)
 
 
 def test_what_is_missing_is_said() -> None:
     assert "optical thickness" in explain_missing(START)
     assert "No layer here holds particles" in explain_missing({"layer": [{"phase": "rayleigh", "thickness": 1.0}]})
-    semi_infinite = change(DUST, "layer", to=[{"particles": "dust", "thickness": math.inf}])
-    assert explain_missing(semi_infinite) == ""
-    final = work(AppearanceAnswerer(), make_task(semi_infinite))[-1]
+    assert explain_missing(SEMI_INFINITE) == ""
+    final = answer(AppearanceAnswerer(), make_task(SEMI_INFINITE))[-1]
     assert not any(one.quantity in ("gloss", "hiding thickness", "spreading rate") for one in final.readings)
     assert [text.partition(":")[0] for text in final.why_none] == ["no gloss", "no hiding thickness"]
     assert "needs a surface" in final.why_none[0]
