@@ -1,12 +1,12 @@
-"""What instruments read off a panel: geometries by name, reflectance factors, colour and polarization; and what they
-read where the answer is known in closed form: even panels, a base under a surface, conservation.
+"""Panels, scenes at several wavelengths, and what instruments read off them: geometries by name, reflectance factors,
+colour and polarization; closed forms of even panels and of a base under a surface, conservation.
 
 A base of albedo A under a smooth surface of index n: light goes in by T(mu_i), comes out by T(mu_o)/n^2, and of what
 the base sends up the share r_i comes back down, which makes it 1/(1 - A r_i) times as much; r_e and r_i are Walsh's.
 """
 
 import math
-from dataclasses import replace
+import threading
 from typing import Any
 
 import numpy as np
@@ -18,27 +18,83 @@ from vrte.appearance.geometries import (
     STANDARD_GEOMETRIES,
     find_cosine,
     find_reflectance,
-    measure_panel,
     read_geometry,
     solve_geometries,
 )
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_contrast
 from vrte.appearance.panel import Panel, make_panel
+from vrte.calls.side_by_side import run_side_by_side
 
 from .closed_forms import shares, walsh
 from .helpers import assert_close, close_to
 
-VISIBLE = np.linspace(0.4, 0.7, 9)
-NOTHING = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
-SURFACE = {"interface": {"above": 1.0, "below": 1.5}}
-ROUGH = {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.1, "shadowing": True}}
+TWO, VISIBLE = [0.5, 0.6], np.linspace(0.4, 0.7, 9)
+INDEX = 1.5
+R_E, R_I = walsh(INDEX)
+SURFACE = {"interface": {"above": 1.0, "below": INDEX}}
+FILM = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
 CLOUDY = {"phase": "rayleigh", "albedo": 0.98, "thickness": 3.0}
-TWO = [0.5, 0.6]
 
 
 def over(albedo: float) -> dict[str, Any]:
     return {"kind": "lambertian", "albedo": albedo}
+
+
+# ---- panels
+
+
+def test_a_panel_gives_what_brdf_gives_at_each_wavelength() -> None:
+    panel = make_panel({"layer": [SURFACE, CLOUDY], "base": over(0.3)}, TWO, nodes=8)
+    assert [one.index_below for one in panel.surface if one] == [1.5, 1.5]
+    bare, asked = panel.take_off_surface(), ([0.5, 0.9], [0.3, 1.0], [0.0, 180.0])
+    assert (bare.surface, bare.scenes[0].index_above) == ((None, None), 1.5)
+    for scene, one in zip(panel.scenes, panel.solve(*asked), strict=True):
+        alone = vrte.brdf(scene, *asked, nodes=8, threads=1)
+        assert np.array_equal(one.mueller, alone.mueller)
+        assert np.array_equal(one.total_reflectance, alone.total_reflectance)
+
+
+def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
+    white = {"index": 2.5, "size": {"lognormal": {"median_um": 0.1, "sigma": 1.2}}}
+    content = {"host_index": 1.5, "particles": {"white": white}}
+    film = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.05}
+    panel = make_panel({**content, "layer": [film]}, TWO, nodes=6)
+    assert (panel.film, panel.length_um) == (0, 5.0)
+    other = make_panel({**content, "layer": [film | {"thickness_um": 20.0}], "base": over(0.8)}, TWO, nodes=6)
+    moved = panel.make_as_thick(20.0).put_over(vrte.Lambertian(0.8))
+    assert moved.length_um == 20.0
+    assert_close(moved.solve(0.7).reflectance, other.solve(0.7).reflectance, rtol=0.0, atol=1e-13)
+    semi_infinite = panel.make_as_thick(math.inf)
+    assert semi_infinite.length_um == math.inf
+    assert_close(semi_infinite.solve(0.7).reflectance, 1.0, rtol=0.0, atol=1e-8)  # nothing absorbs
+    # the layers below a semi-infinite film go, also their thickness, and which layer is the film stays said
+    panel = make_panel({"layer": [FILM, SURFACE, FILM]}, TWO, layer=1, nodes=4).scale_film(math.inf)
+    assert panel.lengths_um == (math.inf,)
+    alone = make_panel({"layer": [FILM]}, TWO, nodes=4).scale_film(math.inf)
+    assert np.array_equal(panel.solve(0.5).reflectance, alone.solve(0.5).reflectance)
+
+
+def test_wavelengths_are_the_files_or_the_visible_as_far_as_it_is_known() -> None:
+    assert make_panel({"layer": [FILM]}).wavelength_um[[0, -1]].tolist() == [0.4, 0.7]
+    assert make_panel({"layer": [FILM], "wavelength_um": [0.45, 0.5]}).wavelength_um.tolist() == [0.45, 0.5]
+    grains = {"r": {"index": "rutile", "radius_um": 0.01}}
+    panel = make_panel({"particles": grains, "layer": [{"particles": "r", "thickness": 1.0}]})
+    assert panel.wavelength_um[[0, -1]].tolist() == [0.43, 0.7]
+    assert make_panel(panel, nodes=5).asked["nodes"] == 5
+
+
+def test_calls_side_by_side_keep_their_order_and_end_with_the_first_error() -> None:
+    together = threading.Barrier(2, timeout=30)  # passed only where two are in it at once
+    assert run_side_by_side([lambda: (together.wait(), 1)[1], lambda: (together.wait(), 2)[1]], workers=2) == [1, 2]
+    stop, ticks = np.zeros(1, np.int32), []
+    with pytest.raises(ZeroDivisionError):
+        run_side_by_side([lambda: 1 // 0, lambda: 1], lambda done, total: ticks.append((done, total)), 2, stop)
+    assert stop[0] == 1
+    assert all(total == 2 for _, total in ticks)
+
+
+# ---- geometries
 
 
 @pytest.mark.parametrize(
@@ -85,26 +141,6 @@ def test_a_laboratorys_name_is_taken_wherever_a_geometry_is_named(name: str, cie
     assert [row.value for row in rows if row.quantity == "L"] == [look.colour(name).L]
 
 
-def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
-    """Of a surface over black all that comes back is its lobe: a port as wide as the hemisphere around it takes what
-    the brute-force sum over a fine grid of directions does."""
-    content = {"layer": [ROUGH]}
-    panel = make_panel(content, [0.55])
-    total = measure_panel(panel, "8:di")[0]
-    surface = panel.surface[0]
-    assert surface is not None
-    assert total == close_to(float(surface.share([find_cosine(8.0)])[0][0]), rtol=1e-4, atol=0.0)
-    for port_deg, most in ((5.0, 1.0), (20.0, 0.5), (60.0, 0.01)):
-        spectrum = panel.solve(*read_geometry("8:de").directions)
-        kept = find_reflectance(spectrum, "8:de", panel.surface, port_deg)[0]
-        seen = math.sin(math.radians(0.5 * port_deg)) ** 2 * find_cosine(8.0)
-        taken = total - kept * (1.0 - seen)
-        mu, azimuth, port = cut_port(8.0, port_deg, 64)
-        lobe = surface.facets.reflect(np.full_like(mu, find_cosine(8.0)), mu, azimuth)[:, 0, 0]
-        assert taken == close_to(float(port @ lobe), rtol=2e-3, atol=0.0)
-        assert kept < most * total
-
-
 def test_multi_angle_views_are_those_of_the_brdf() -> None:
     """15 degrees off the mirrored beam at 45 is 30 degrees from the normal, on its side."""
     content = {"layer": [SURFACE, CLOUDY], "base": over(0.2)}
@@ -121,16 +157,17 @@ def test_multi_angle_views_are_those_of_the_brdf() -> None:
 def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:
     content = {"layer": [SURFACE, CLOUDY]}
     look = vrte.appearance(content, TWO, ["45:0", "8:di"], nodes=12)
-    spectrum = vrte.spectrum(
-        content | {"brdf": {"mu_i": [find_cosine(45.0), find_cosine(8.0)], "mu_o": 1.0}}, TWO, nodes=12
-    )
+    asked = {"mu_i": [find_cosine(45.0), find_cosine(8.0)], "mu_o": 1.0}
+    spectrum = vrte.spectrum(content | {"brdf": asked}, TWO, nodes=12)
     read = vrte.appearance(spectrum)
     assert set(read.reflectances) == {"8:di", "45:0", "45:as45"}
     for name in read.reflectances:
         assert_close(read.reflectance(name), look.reflectance(name), rtol=1e-12, atol=0.0)
+    elsewhere = vrte.spectrum(content | {"brdf": {"mu_i": 0.3, "mu_o": 0.2}}, TWO, nodes=4)
     for ask, message in (
         (lambda: vrte.appearance(spectrum, geometries=["45:as15"]), "'45:as15' needs mu_o = 0.8660254038.*is 1"),
         (lambda: vrte.appearance(spectrum, nodes=4), "nodes is not used: the spectrum is solved already"),
+        (lambda: vrte.appearance(elsewhere), "has the directions of none of"),
         (lambda: read.kubelka_munk(), "K and S are of a scene, not its spectrum alone"),
         (lambda: read.gloss(), "gloss is read off a scene, not its spectrum alone"),
         (lambda: read.hiding(), "hiding power is of a scene, not its spectrum alone"),
@@ -139,31 +176,18 @@ def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:
     ):
         with pytest.raises(vrte.SceneError, match=message):
             ask()
-    elsewhere = vrte.spectrum(content | {"brdf": {"mu_i": 0.3, "mu_o": 0.2}}, TWO, nodes=4)
-    with pytest.raises(vrte.SceneError, match="has the directions of none of"):
-        vrte.appearance(elsewhere)
 
 
 def test_an_appearance_has_the_gloss_and_the_hiding_of_its_panel() -> None:
     look = vrte.appearance({"layer": [SURFACE, CLOUDY]}, VISIBLE, ["45:0"], "A", 2, nodes=6)
     assert look.panel is not None
     assert look.gloss(20.0) == find_gloss(look.panel, 20.0)
-    hiding = look.hiding(white=0.7)
-    seen = Conditions("45:0", "A", 2, white=0.7)
+    hiding, seen = look.hiding(white=0.7), Conditions("45:0", "A", 2, white=0.7)
     assert hiding.conditions == seen
     assert hiding.contrast_ratio == close_to(find_contrast(look.panel, seen), rtol=1e-6, atol=0.0)
 
 
-EVEN = [*STANDARD_GEOMETRIES, "di:8", "de:8", "30:60", "60:di", "20:de"]
-INDEX = 1.5
-R_E, R_I = walsh(INDEX)
-
-
-def make_even(albedo: float, index: float = 1.0, wavelengths: object = (0.5,), **surface: object) -> Panel:
-    """A Lambertian base, bare or under a surface."""
-    layer = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0, "host_index": index}
-    stack = [{"interface": {"above": 1.0, "below": index, **surface}}, layer] if index > 1.0 else [layer]
-    return make_panel({"layer": stack, "base": {"kind": "lambertian", "albedo": albedo}}, wavelengths)
+# ---- closed forms
 
 
 def read_panel(panel: Panel, *names: str) -> dict[str, float]:
@@ -171,17 +195,30 @@ def read_panel(panel: Panel, *names: str) -> dict[str, float]:
     return {name: float(values[0]) for name, values in solve_geometries(panel, names)[0].items()}
 
 
+def make_even(albedo: float, *surface: Any) -> Panel:
+    """A Lambertian base, bare or under a surface."""
+    layer = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
+    return make_panel({"layer": [*surface, layer], "base": over(albedo)}, [0.5])
+
+
+def make_paint(albedo: float = 1.0, base: float = 1.0, accuracy: float = 1e-4, **surface: object) -> Panel:
+    """A film of optical thickness 3 under a surface, over a Lambertian base."""
+    film = {"phase": {"henyey_greenstein": 0.5}, "albedo": albedo, "thickness": 3.0, "host_index": INDEX}
+    interface = {"interface": {**SURFACE["interface"], **surface}}
+    return make_panel({"layer": [interface, film], "base": over(base)}, [0.5], accuracy=accuracy)
+
+
 def let_through(degrees: float) -> float:
     """Share of unpolarized light that the surface lets through at an angle in air."""
-    along, across, _ = shares(INDEX, np.array([math.cos(math.radians(degrees))]))[1][:, 0].real
+    along, across, _ = shares(INDEX, np.array([find_cosine(degrees)]))[1][:, 0].real
     return float(along + across) / 2.0
 
 
-def cut_port(degrees: float, wide_deg: float = 10.0, points: int = 8) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def cut_port(wide_deg: float = 10.0, points: int = 8) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cosines, azimuths [degrees] and projected solid angles [sr] (n,) of a quadrature over a round port around the
-    mirrored beam, polar in its own axes: nothing of the tested rule."""
+    beam mirrored at 8 degrees, polar in its own axes: nothing of the tested rule."""
     x, w = np.polynomial.legendre.leggauss(points)
-    half, tilt = math.radians(wide_deg) / 2.0, math.radians(degrees)
+    half, tilt = math.radians(wide_deg) / 2.0, math.radians(8.0)
     off, around = np.meshgrid((x + 1.0) * half / 2.0, (np.arange(2 * points) + 0.5) * np.pi / points, indexing="ij")
     weights = (w * half / 2.0)[:, None] * np.sin(off) * np.pi / points
     a, b, c = np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), np.cos(off)
@@ -192,7 +229,8 @@ def cut_port(degrees: float, wide_deg: float = 10.0, points: int = 8) -> tuple[n
 
 @pytest.mark.parametrize("albedo", [0.0, 0.37, 1.0])
 def test_an_even_panel_reads_its_albedo_in_every_geometry(albedo: float) -> None:
-    assert read_panel(make_even(albedo), *EVEN) == close_to(dict.fromkeys(EVEN, albedo), rtol=0.0, atol=1e-13)
+    names = [*STANDARD_GEOMETRIES, "di:8", "de:8", "30:60", "60:di", "20:de"]
+    assert read_panel(make_even(albedo), *names) == close_to(dict.fromkeys(names, albedo), rtol=0.0, atol=1e-13)
 
 
 def test_what_absorbs_nothing_over_white_sends_all_back() -> None:
@@ -209,56 +247,47 @@ def test_what_absorbs_nothing_over_white_sends_all_back() -> None:
 def test_a_base_under_a_smooth_surface(albedo: float) -> None:
     """The diffuse light that comes out is T(mu_i) A/(1 - A r_i) of it, shared out as T(mu_o)/n^2: 1 - r_i in all."""
     sent_up = albedo / (1.0 - albedo * R_I)
-    mu, _, port = cut_port(8.0)
+    mu, _, port = cut_port()
     along, across, _ = shares(INDEX, mu)[1].real
     seen, through = float(port @ (along + across) / 2.0), let_through(8.0) * sent_up
     expected = {
         "8:di": 1.0 - let_through(8.0) + through * (1.0 - R_I),
         "8:de": through * (1.0 - R_I - seen / (np.pi * INDEX**2)) / (1.0 - port.sum() / np.pi),
         "di:di": R_E + (1.0 - R_E) * (1.0 - R_I) * sent_up,
-        "45:0": let_through(45.0) * let_through(0.0) * sent_up / INDEX**2,
-        "45:as15": let_through(45.0) * let_through(30.0) * sent_up / INDEX**2,
-        "45:as110": let_through(45.0) * let_through(65.0) * sent_up / INDEX**2,
     }
-    assert read_panel(make_even(albedo, INDEX), *expected) == close_to(expected, rtol=0.0, atol=1e-7)
+    for name, angle in (("45:0", 0.0), ("45:as15", 30.0), ("45:as110", 65.0)):
+        expected[name] = let_through(45.0) * let_through(angle) * sent_up / INDEX**2
+    assert read_panel(make_even(albedo, SURFACE), *expected) == close_to(expected, rtol=0.0, atol=1e-7)
 
 
-def make_paint(albedo: float = 1.0, base: float = 1.0, **surface: object) -> Panel:
-    """A film of optical thickness 3 under a surface, over a Lambertian base."""
-    interface = {"interface": {"above": 1.0, "below": INDEX, **surface}}
-    film = {"phase": {"henyey_greenstein": 0.5}, "albedo": albedo, "thickness": 3.0, "host_index": INDEX}
-    return make_panel({"layer": [interface, film], "base": {"kind": "lambertian", "albedo": base}}, [0.5])
-
-
-@pytest.mark.parametrize(
-    "surface", [{}, pytest.param({"roughness": 0.2}, marks=pytest.mark.slow)], ids=["smooth", "rough"]
-)
-def test_illumination_and_collection_may_be_exchanged(surface: dict[str, float]) -> None:
-    """The BRDF of rough surfaces is reciprocal by tests/test_rough.py; here to the nodes of two solves, 1e-5 of 0.2."""
+def test_illumination_and_collection_may_be_exchanged() -> None:
+    """To the nodes of two solves, 1e-5 of 0.2. The BRDF of rough surfaces is reciprocal by tests/test_rough.py."""
     names = ["45:0", "0:45", "30:60", "60:30", "20:-50", "50:-20"]
-    read = read_panel(make_panel(make_paint(0.95, 0.3, **surface), accuracy=1e-5), *names)
+    read = read_panel(make_paint(0.95, 0.3, accuracy=1e-5), *names)
     for one, other in zip(names[::2], names[1::2], strict=True):
         assert read[one] == close_to(read[other], rtol=0.0, atol=2e-6)
 
 
 def test_light_from_all_sides_seen_at_8_degrees() -> None:
     """di:8 is read off as 8:di; here by the radiance under an even sky, as an instrument does it."""
-    panel, mu = make_paint(0.95, 0.3), math.cos(math.radians(8.0))
+    panel, mu = make_paint(0.95, 0.3), find_cosine(8.0)
     sky, weights = vrte.hemisphere(24)
     found = vrte.brdf(panel.scenes[0], np.append(sky, mu), mu, phi=[0.0, 120.0, 240.0], nodes=24)
     seen = 2.0 * np.pi * (weights * sky) @ found.mueller[:-1, 0, :, 0, 0].mean(1) + found.specular_reflectance[-1]
     assert read_panel(panel, "di:8")["di:8"] == close_to(seen, rtol=0.0, atol=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("roughness", [0.03, 0.1, 0.3])
-def test_a_port_over_a_rough_surface(roughness: float) -> None:
-    """8:de beside the whole BRDF, integrated over the port, on the same nodes."""
-    panel = replace(make_paint(0.95, 0.3, roughness=roughness), asked={"nodes": 32})
-    mu, azimuth, port = cut_port(8.0)
-    mu_i = math.cos(math.radians(8.0))
-    light = vrte.views(panel.scenes[0], np.full_like(mu, mu_i), mu, azimuth, nodes=32)
-    leaves = port @ light.stokes[:, 0] / mu_i
-    total = vrte.brdf(panel.scenes[0], mu_i, 1.0, nodes=32).reflectance[0]
-    expected = (total - leaves) / (1.0 - port.sum() / np.pi)
-    assert read_panel(panel, "8:de")["8:de"] == close_to(expected, rtol=0.0, atol=2e-6)
+def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
+    """Of a surface over black all that comes back is its lobe: a port takes what the sum over a fine grid does."""
+    panel, mu_i = make_paint(0.0, 0.0, roughness=0.1, shadowing=True), find_cosine(8.0)
+    surface, spectrum = panel.surface[0], panel.solve(*read_geometry("8:de").directions)
+    assert surface is not None
+    total = spectrum.total_reflectance[0, 0]
+    assert total == close_to(float(surface.share([mu_i])[0][0]), rtol=1e-4, atol=0.0)
+    for port_deg, most in ((5.0, 1.0), (20.0, 0.5), (60.0, 0.01)):
+        kept = find_reflectance(spectrum, "8:de", panel.surface, port_deg)[0]
+        taken = total - kept * (1.0 - math.sin(math.radians(0.5 * port_deg)) ** 2 * mu_i)
+        mu, azimuth, port = cut_port(port_deg, 64)
+        lobe = surface.facets.reflect(np.full_like(mu, mu_i), mu, azimuth)[:, 0, 0]
+        assert taken == close_to(float(port @ lobe), rtol=2e-3, atol=0.0)
+        assert kept < most * total

@@ -1,7 +1,6 @@
 """Kubelka and Munk's formulas: their limits, their inverse, and where the exact solve must give the same."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ LENGTH = 7.0
 slopes = st.floats(1e-4, 2.0)
 
 
-@pytest.mark.parametrize(("albedo", "thickness"), [(1.0, 3.0), (0.9, 2.0), (0.3, 0.5), (0.999, 40.0)])
+@pytest.mark.parametrize(("albedo", "thickness"), [(1.0, 3.0), (0.3, 0.5), (0.999, 40.0)])
 def test_two_fluxes_are_discrete_ordinates_with_one_node(albedo: float, thickness: float) -> None:
     """Of isotropic scattering, at mu = 1/2: K = 2 (1 - albedo) and S = albedo, per optical depth."""
     K, S = 2.0 * (1.0 - albedo), albedo
@@ -144,20 +143,18 @@ def test_lengths_of_a_film_in_micrometres() -> None:
     assert found.compare([20.0]).exact[1, 0] == close_to(read.total_reflectance[:, 0], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
 def test_errors_are_colours_too_and_a_picture() -> None:
+    pytest.importorskip("colour")
     panel = make_film(0.98, 3.0)
-    wavelengths = np.linspace(0.4, 0.7, 16)
-    panel = replace(panel, wavelength_um=wavelengths, scenes=16 * panel.scenes)
+    panel = replace(panel, wavelength_um=np.linspace(0.4, 0.7, 9), scenes=9 * panel.scenes)
     found = find_kubelka_munk(panel, geometry="inside")
     errors = found.compare([0.5, 1.0])
     assert errors.difference[:, 1] == close_to(0.0, rtol=0.0, atol=1e-6)
     assert (errors.difference[:, 0] > 0.01).all()
     grey = errors.exact[0, :, 0] / errors.exact[1, :, 0]  # of the same reflectance at all wavelengths
     assert errors.contrast_ratio[0] == close_to(grey, rtol=1e-6, atol=0.0)
-    figure = draw_errors(found, errors)
-    assert len(figure.axes) == 4
-    drawn = figure.axes[0].lines[1].get_ydata()
-    assert drawn == close_to(errors.exact[0, :, 0], rtol=1e-6, atol=0.0)
+    axes = draw_errors(found, errors).axes
+    assert len(axes) == 4
+    assert axes[0].lines[1].get_ydata() == close_to(errors.exact[0, :, 0], rtol=1e-6, atol=0.0)
     with pytest.raises(vrte.SceneError, match="two or more"):
         draw_errors(found, found.compare([1.0, np.inf]))
