@@ -20,49 +20,43 @@ from vrte.fit.verdict import UNLIKELY, count_runs, find_p_value
 
 from .helpers import assert_close, close_to
 
-RAYLEIGH = vrte.rayleigh()
-SCENE = vrte.Scene([vrte.Layer(RAYLEIGH, 0.95, 1.0)], vrte.Lambertian(0.3))
-FILM = {
-    "layer": [{"phase": "rayleigh", "albedo": 0.95, "thickness": 1.0}],
-    "base": {"kind": "lambertian", "albedo": 0.3},
-}
-BOTH = ["layer[1].thickness", "base.albedo"]
-
-
+SCENE = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.95, 1.0)], vrte.Lambertian(0.3))
+LAYER = {"phase": "rayleigh", "albedo": 0.95, "thickness": 1.0}
+FILM = {"layer": [LAYER], "base": {"kind": "lambertian", "albedo": 0.3}}
 ANGLES = [-60.0, -30.0, 0.0, 30.0, 60.0]
 ROWS = vrte.Measurement("f00", 0.0, theta_i_deg=40.0, theta_o_deg=ANGLES)
 
 
-def measure(scene: Any, rows: vrte.Measurement = ROWS, noise: float = 0.0, seed: int = 1, **more: Any) -> Any:
+def measure(scene: Any = SCENE, noise: float = 0.0) -> Any:
     """What a scene shows, with noise relative to it, or sigmas as if there were some."""
-    exact = rows.predict(scene, nodes=4, **more)
-    drawn = np.random.default_rng(seed).standard_normal(exact.size)
-    return rows.measure(exact * (1.0 + noise * drawn), np.abs(exact) * (noise or 0.01))
+    exact = ROWS.predict(scene, nodes=4)
+    drawn = np.random.default_rng(1).standard_normal(exact.size)
+    return ROWS.measure(exact * (1.0 + noise * drawn), np.abs(exact) * (noise or 0.01))
 
 
 def test_numbers_come_back_from_what_they_made() -> None:
     free = {"layer[1].albedo": {"start": 0.8}, "layer[1].thickness": {"start": 0.6, "spacing": "log"}}
-    found = vrte.fit(measure(SCENE), SCENE, free, nodes=4)
+    found = vrte.fit(measure(), SCENE, free, nodes=4)
     assert_close(found.values, [0.95, 1.0], rtol=1e-5, atol=0.0)
     assert found.chi2 < 1e-8
     assert (found.degrees_of_freedom, found.interrupted) == (3, False)
     assert found.scene().layers[0].thickness == close_to(1.0, rtol=1e-5, atol=0.0)
     assert "layer[1].albedo" in str(found)
     with pytest.warns(vrte.MisfitWarning, match="all rows are above what the model shows"):
-        found = vrte.fit(measure(SCENE), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
+        found = vrte.fit(measure(), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
     assert any("base.albedo is at its upper bound 0.2" in one for one in found.notes)
 
 
 def test_a_prior_counts_like_a_row() -> None:
     """And without sigma errors are those of a sigma that chi2 agrees with."""
-    loose = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], nodes=4)
+    loose = vrte.fit(measure(), SCENE, ["base.albedo"], nodes=4)
     with pytest.warns(vrte.MisfitWarning, match="chi2"):  # data and prior do not go together
-        tight = vrte.fit(measure(SCENE), SCENE, ["base.albedo"], {"base.albedo": (0.5, loose.errors.item())}, nodes=4)
+        tight = vrte.fit(measure(), SCENE, ["base.albedo"], {"base.albedo": (0.5, loose.errors.item())}, nodes=4)
     assert tight.values.item() == close_to(0.4, rtol=0.0, atol=0.01)  # half way: both know it equally well
     weighed = tight.slopes[:, 0] / tight.sigma
     expected = tight.error_scale * (weighed @ weighed + loose.errors.item() ** -2) ** -0.5
     assert tight.errors.item() == close_to(expected, rtol=1e-6, atol=0.0)
-    known = measure(SCENE, noise=0.01)
+    known = measure(noise=0.01)
     found = vrte.fit(known.measure(known.value, np.nan), SCENE, ["layer[1].thickness"], nodes=4)
     assert (found.residuals**2).sum() / found.degrees_of_freedom == close_to(1.0, rtol=1e-6, atol=0.0)
     weighed = found.slopes / found.sigma[:, None]
@@ -70,17 +64,17 @@ def test_a_prior_counts_like_a_row() -> None:
     assert "no sigma" in found.notes[0]
 
 
-@pytest.mark.parametrize("as_scene", [True, False])
-def test_a_bare_base_is_fitted_to_values_below_0(as_scene: bool) -> None:
+def test_a_bare_base_is_fitted_to_values_below_0() -> None:
     """Without a layer, from a number at 0 that may be negative: bounds are what the base takes."""
     sands = [vrte.Hapke(0.5, linear=linear) for linear in (-0.5, 0.0)]
     content = {"base": {"kind": "hapke", "albedo": 0.5, "linear": 0.0}}
     given, mu_i = measure(vrte.Scene([], sands[0])), np.cos(np.radians(40.0))
     shown = [sands[0].reflect(mu_i, np.cos(np.radians(abs(at))), 180.0 * (at < 0))[0, 0].item() for at in ANGLES]
     assert_close(given.value, shown, rtol=1e-12, atol=0.0)
-    found = vrte.fit(given, vrte.Scene([], sands[1]) if as_scene else content, ["base.linear"], nodes=4)
-    assert found.values.item() == close_to(-0.5, rtol=1e-5, atol=0.0)
-    assert [(one.low, one.high) for one in found.find_problem().parameters] == [(-2.0, 2.0)]
+    for start in (vrte.Scene([], sands[1]), content):
+        found = vrte.fit(given, start, ["base.linear"], nodes=4)
+        assert found.values.item() == close_to(-0.5, rtol=1e-5, atol=0.0)
+        assert [(one.low, one.high) for one in found.find_problem().parameters] == [(-2.0, 2.0)]
 
 
 def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
@@ -100,11 +94,9 @@ def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
 
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
     """And stands on the page, which fetches nothing."""
-    layer = {"phase": "rayleigh", "albedo": 0.95, "thickness": 0.5}
+    halves = FILM | {"layer": [LAYER | {"thickness": 0.5}] * 2}
     with pytest.warns(vrte.IndistinguishableWarning, match=r"layer\[1\].thickness.*layer\[2\].thickness"):
-        found = vrte.fit(
-            measure(SCENE), FILM | {"layer": [layer] * 2}, ["layer[1].thickness", "layer[2].thickness"], nodes=4
-        )
+        found = vrte.fit(measure(), halves, ["layer[1].thickness", "layer[2].thickness"], nodes=4)
     assert found.singular_values[1] < 1e-3 * found.singular_values[0]
     assert re.search(r"layer\[1\].thickness up \d+ % with layer\[2\].thickness down \d+ %", found.blind_spots[0])
     found.page(tmp_path / "fit.html")
@@ -116,7 +108,7 @@ def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
 
 
 def test_an_outlier_moves_a_robust_fit_less() -> None:
-    given = measure(SCENE)
+    given = measure()
     spoilt = given.measure(given.value * np.where(np.arange(5) == 2, 1.5, 1.0))
     words = r"row 3 is farthest off, .* sigma: f00 at theta_i_deg 40, theta_o_deg 0"
     with pytest.warns(vrte.MisfitWarning, match=words):
@@ -126,18 +118,8 @@ def test_an_outlier_moves_a_robust_fit_less() -> None:
 
 
 @pytest.mark.slow
-def test_the_best_of_several_starts_is_kept_and_all_are_told() -> None:
-    free = {"layer[1].thickness": {"start": 3.0, "low": 0.1, "high": 5.0, "spacing": "log"}}
-    found, again = (vrte.fit(measure(SCENE), SCENE, free, nodes=4, starts=3, seed=2) for _ in range(2))
-    assert [len(one.values) for one in found.starts] == [1, 1, 1]
-    assert [one.chi2 for one in found.starts] == sorted(one.chi2 for one in found.starts)
-    assert found.starts[0].found == close_to(found.values, rtol=1e-6, atol=0.0)
-    assert again.values.tolist() == found.values.tolist()
-
-
-@pytest.mark.slow
 def test_a_profile_of_a_linear_problem_is_a_parabola_as_wide_as_the_error() -> None:
-    found = vrte.fit(measure(SCENE, noise=0.001), SCENE, BOTH, nodes=4)
+    found = vrte.fit(measure(noise=0.001), SCENE, ["layer[1].thickness", "base.albedo"], nodes=4)
     profile, best, error = found.profile("base.albedo", points=5), found.values[1], found.errors[1]
     rise = profile.chi2 - found.chi2
     parabola = ((profile.values - best) / error) ** 2
@@ -147,14 +129,14 @@ def test_a_profile_of_a_linear_problem_is_a_parabola_as_wide_as_the_error() -> N
 
 
 def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -> None:
-    """Stopped, it keeps the best so far."""
+    """Stopped, it keeps the best so far; the best of several starts is kept, and all are told."""
 
     def stop(step: FitStep) -> None:
         if step.step == 2:
             raise KeyboardInterrupt
 
     free = {"layer[1].thickness": {"start": 4.0, "low": 0.1, "high": 6.0}}
-    given, state = measure(SCENE), tmp_path / "fit.state"
+    given, state = measure(), tmp_path / "fit.state"
     how: dict[str, Any] = {"nodes": 4, "starts": 2}
     whole = vrte.fit(given, SCENE, free, **how)
     part = vrte.fit(given, SCENE, free, **how, resume=state, watch=stop)
@@ -168,6 +150,8 @@ def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -
     assert_close(found.values, whole.values, rtol=1e-6, atol=0.0)
     assert again[0].chi2 == close_to(part.chi2, rtol=1e-6, atol=0.0)  # where it was
     assert len(found.starts) == 2
+    assert found.starts[0].chi2 <= found.starts[1].chi2
+    assert found.starts[0].found == close_to(found.values, rtol=1e-6, atol=0.0)
     quick: list[FitStep] = []
     same = vrte.fit(given, SCENE, free, **how, resume=state, watch=quick.append)
     assert not quick
@@ -180,7 +164,7 @@ def test_stopped_it_goes_on_from_its_file_and_ends_at_the_same(tmp_path: Path) -
 
 
 def test_a_fit_that_is_saved_comes_back_and_can_still_be_asked(tmp_path: Path) -> None:
-    found = vrte.fit(measure(SCENE, noise=0.01), FILM, BOTH[1:], {"base.albedo": (0.3, 0.1)}, nodes=4)
+    found = vrte.fit(measure(noise=0.01), FILM, ["base.albedo"], {"base.albedo": (0.3, 0.1)}, nodes=4)
     found.save(tmp_path / "fit.json")
     back = vrte.Fit.load(tmp_path / "fit.json")
     assert str(back) == str(found)
@@ -191,8 +175,8 @@ def test_a_fit_that_is_saved_comes_back_and_can_still_be_asked(tmp_path: Path) -
     one, other = (fit.profile("base.albedo", points=3) for fit in (found, back))
     assert_close(one.chi2, other.chi2, rtol=1e-9, atol=0.0)
     found.write_scene(tmp_path / "fitted.toml")
-    assert vrte.SceneFamily(tmp_path / "fitted.toml", BOTH[1:]).values.tolist() == found.values.tolist()
-    of_scene = vrte.fit(measure(SCENE), SCENE, BOTH[1:], nodes=4)
+    assert vrte.SceneFamily(tmp_path / "fitted.toml", ["base.albedo"]).values.tolist() == found.values.tolist()
+    of_scene = vrte.fit(measure(), SCENE, ["base.albedo"], nodes=4)
     of_scene.save(tmp_path / "scene.json")
     (tmp_path / "other.json").write_text("{}")
     for wrong, words in (
@@ -209,9 +193,9 @@ def test_a_fit_that_is_saved_comes_back_and_can_still_be_asked(tmp_path: Path) -
             wrong()
 
 
-def write_example(folder: Path, fit: str, rows: str = "total_reflectance,8,0.5,0.01\n") -> Path:
+def write_example(folder: Path, fit: str) -> Path:
     """A file for `vrte fit` beside its measurement."""
-    (folder / "rows.csv").write_text(f"quantity,theta_i_deg,value,sigma\n{rows}")
+    (folder / "rows.csv").write_text("quantity,theta_i_deg,value,sigma\ntotal_reflectance,8,0.5,0.01\n")
     path = folder / "film.toml"
     layer = 'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.95\nthickness = 1.0\n'
     path.write_text(f'{layer}[base]\nkind = "lambertian"\nalbedo = 0.3\n[fit]\n{fit}')
@@ -229,8 +213,7 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
     words = ["fit", str(path), *(word for one in outputs for word in ("-o", str(one)))]
     assert main([*words, "--resume", str(tmp_path / "state")]) == 0
     reported = capsys.readouterr().out
-    assert "base.albedo  " in reported
-    assert "Profile(base.albedo" in reported
+    assert ("base.albedo  " in reported, "Profile(base.albedo" in reported) == (True, True)
     assert vrte.Fit.load(outputs[0]).content() == vrte.SceneFamily(outputs[1], []).content_at([])
 
 
@@ -253,12 +236,7 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
     ],
 )
 def test_what_cannot_be_fitted_is_refused_before_the_work(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    fit: str,
-    more: list[str],
-    words: str,
+    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, fit: str, more: list[str], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     os.mkfifo(tmp_path / "pipe")
@@ -270,39 +248,24 @@ def test_what_cannot_be_fitted_is_refused_before_the_work(
     assert reported.count("\n") == 1
 
 
-CONTENT = {
-    "nodes": 8,
-    "wavelength_um": 0.55,
-    "particles": {"dust": {"index": [1.6, 0.01], "radius_um": 0.08}},
-    "layer": [
-        {"interface": {"above": 1.0, "below": 1.3}},
-        {"particles": {"dust": 1.0}, "volume_fraction": 0.002, "thickness_um": 30.0},
-        {"interface": {"above": 1.3, "below": 1.1}},
-    ],
-    "host_index": 1.3,
-}
-NAMES = ["particles.dust.radius_um", "particles.dust.index[2]", "layer[2].thickness_um", "layer[3].interface.below"]
-
-
 @pytest.mark.slow
 def test_derivatives_of_every_kind_of_quantity_are_those_of_differences() -> None:
     """Beams, ports, ratios and colours among them, through particles, thickness and an interface."""
+    film = {"particles": {"dust": 1.0}, "volume_fraction": 0.002, "thickness_um": 30.0}
+    above, below = ({"interface": {"above": n, "below": m}} for n, m in ((1.0, 1.3), (1.3, 1.1)))
+    content = {"nodes": 8, "wavelength_um": 0.55, "host_index": 1.3, "layer": [above, film, below]}
+    content["particles"] = {"dust": {"index": [1.6, 0.01], "radius_um": 0.08}}
+    free = ["particles.dust.radius_um", "particles.dust.index[2]", "layer[2].thickness_um", "layer[3].interface.below"]
     beams = [f"{kind}_{what}" for kind in ("total", "diffuse") for what in ("reflectance", "transmittance")]
     seen = ["f00", "t10", "normalized_f11", "degree_of_linear_polarization", "transmitted_minus_q_over_i"]
     names = [*beams, "specular_reflectance", "direct_transmittance", *seen, *["reflectance"] * 4, "X", "L", "a", "b"]
-    n, nan = len(beams) + 2, float("nan")
-    rows = vrte.Measurement(
-        names,
-        0.1,
-        1.0,
-        theta_i_deg=[30.0] * (n + len(seen)) + [nan] * 8,
-        theta_o_deg=[nan] * n + [40.0] * len(seen) + [nan] * 8,
-        phi_deg=[nan] * n + [60.0] * len(seen) + [nan] * 8,
-        geometry=[""] * (n + len(seen)) + ["8:di", "8:de", "45:0", "di:di"] + ["8:di"] * 4,
-        wavelength_um=[nan] * (n + len(seen)) + [0.5] * 4 + [nan] * 4,
-    )
+    n, m, nan = len(beams) + 2, len(seen), float("nan")
+    at: dict[str, Any] = {"theta_i_deg": [30.0] * (n + m) + [nan] * 8}
+    at |= {"theta_o_deg": [nan] * n + [40.0] * m + [nan] * 8, "phi_deg": [nan] * n + [60.0] * m + [nan] * 8}
+    at |= {"geometry": [""] * (n + m) + ["8:di", "8:de", "45:0", "di:di"] + ["8:di"] * 4}
+    rows = vrte.Measurement(names, 0.1, 1.0, **at, wavelength_um=[nan] * (n + m) + [0.5] * 4 + [nan] * 4)
     options = {"wavelengths_um": np.linspace(0.4, 0.7, 9)}
-    one, other = (make_model(rows, CONTENT, NAMES, jacobian=how, **options) for how in ("exact", "differences"))
+    one, other = (make_model(rows, content, free, jacobian=how, **options) for how in ("exact", "differences"))
     value, slopes = one.linearize(one.start)
     same, expected = other.linearize(other.start)
     assert_close(value, same, rtol=1e-12, atol=0.0)
@@ -321,13 +284,13 @@ def fit_thickness(measured: vrte.Measurement) -> vrte.Fit:
     return vrte.fit(measured, SCENE, free, nodes=4)
 
 
-@pytest.mark.parametrize(("up", "down"), [(3, 4), (5, 2), (1, 6), (4, 4)])
-def test_the_chance_of_runs_is_that_of_all_orders(up: int, down: int) -> None:
+def test_the_chance_of_runs_is_that_of_all_orders() -> None:
     """Also of a million rows; and p-values of chi-square at 5 and 1 per cent are as tables print them."""
-    orders = {*itertools.permutations([1] * up + [-1] * down)}
-    runs = np.array([1 + sum(one != next_one for one, next_one in itertools.pairwise(order)) for order in orders])
-    for order, count in zip(orders, runs, strict=True):
-        assert count_runs(np.array(order)) == (count, close_to(np.mean(runs <= count), rtol=1e-12, atol=0.0))
+    for up, down in ((3, 4), (5, 2), (1, 6)):
+        orders = {*itertools.permutations([1] * up + [-1] * down)}
+        runs = np.array([1 + np.count_nonzero(np.diff(order)) for order in orders])
+        for order, count in zip(orders, runs, strict=True):
+            assert count_runs(np.array(order)) == (count, close_to(np.mean(runs <= count), rtol=1e-12, atol=0.0))
     assert count_runs(np.repeat([1, -1], 500_000)) == (2, close_to(0.0, rtol=0.0, atol=1e-300))
     assert count_runs(np.tile([1, -1], 500_000)) == (1_000_000, close_to(1.0, rtol=0.0, atol=1e-6))
     for freedom, five, one in ((1, 3.841, 6.635), (6, 12.592, 16.812), (30, 43.773, 50.892)):
@@ -335,23 +298,22 @@ def test_the_chance_of_runs_is_that_of_all_orders(up: int, down: int) -> None:
     assert np.isnan(find_p_value(1.0, 0))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"theta_i_deg": np.cos(0.6), "theta_o_deg": np.cos(np.radians(DEGREES))}, "are 0.5 to 1: these look like cos"),
-        ({"theta_i_deg": 0.6, "theta_o_deg": np.radians(DEGREES)}, "are 0 to 1.0472: these look like radians, and deg"),
-        ({"value": 100.0 * MEASURED.value, "sigma": 0.2}, "this looks like per cent"),
-    ],
-)
 @pytest.mark.parametrize("has_sigma", [True, False])
-def test_other_units_are_guessed(wrong: dict[str, Any], words: str, has_sigma: bool) -> None:
-    given = replace(MEASURED, **(wrong if has_sigma else wrong | {"sigma": None}))
-    with warnings.catch_warnings(record=True) as reported:
-        warnings.simplefilter("always")
-        found = fit_thickness(given)
-    assert any(words in note for note in found.notes)
-    assert any(one.category is vrte.UnitsWarning and words in str(one.message) for one in reported)
-    assert any(one.category is vrte.MisfitWarning for one in reported) or not has_sigma
+def test_other_units_are_guessed(has_sigma: bool) -> None:
+    cosines = {"theta_i_deg": np.cos(0.6), "theta_o_deg": np.cos(np.radians(DEGREES))}
+    radians = {"theta_i_deg": 0.6, "theta_o_deg": np.radians(DEGREES)}
+    for wrong, words in (
+        (cosines, "are 0.5 to 1: these look like cos"),
+        (radians, "are 0 to 1.0472: these look like radians, and deg"),
+        ({"value": 100.0 * MEASURED.value, "sigma": 0.2}, "this looks like per cent"),
+    ):
+        given = replace(MEASURED, **(wrong if has_sigma else wrong | {"sigma": None}))
+        with warnings.catch_warnings(record=True) as reported:
+            warnings.simplefilter("always")
+            found = fit_thickness(given)
+        assert any(words in note for note in found.notes)
+        assert any(one.category is vrte.UnitsWarning and words in str(one.message) for one in reported)
+        assert any(one.category is vrte.MisfitWarning for one in reported) or not has_sigma
 
 
 def test_errors_grow_by_what_sigma_is_too_small(tmp_path: Path) -> None:
