@@ -1,7 +1,10 @@
-"""a_n and b_n of spheres as Bohren and Huffman (1983) write them, in ball arithmetic."""
+"""a_n and b_n of spheres as Bohren and Huffman (1983) write them, in ball arithmetic, and what is made of them, order
+by order."""
 
 import itertools
+from typing import Any
 
+import numpy as np
 from flint import acb, arb, ctx, fmpq
 
 
@@ -52,3 +55,26 @@ def solve_exactly(n: int, given: tuple[complex, ...]) -> list[complex]:
         if min(one.rel_accuracy_bits() for one in found) > 60:
             return [complex(one) for one in found]
     raise AssertionError
+
+
+def sum_amplitudes(a: Any, b: Any, angle_deg: Any) -> tuple[np.ndarray, np.ndarray]:
+    """S1, S2 at scattering angles [degrees] (angles,): (4.74)."""
+    cosine = np.cos(np.radians(angle_deg))
+    s1, s2 = np.zeros((2, cosine.size), dtype=complex)
+    before, pi = np.zeros_like(cosine), np.ones_like(cosine)
+    for n, (one, other) in enumerate(zip(a, b, strict=True), 1):
+        tau = n * cosine * pi - (n + 1) * before
+        factor = (2 * n + 1) / (n * (n + 1))
+        s1 += factor * (one * pi + other * tau)
+        s2 += factor * (one * tau + other * pi)
+        before, pi = pi, ((2 * n + 1) * cosine * pi - (n + 1) * before) / n
+    return s1, s2
+
+
+def sum_efficiencies(a: Any, b: Any, size: float) -> tuple[float, float, float]:
+    """Qext, Qsca and g of a size parameter: (4.61), (4.62) and section 4.5."""
+    n = np.arange(1, a.size + 1)
+    extinction, scattering = (2 * n + 1) @ (a + b).real, (2 * n + 1) @ (abs(a) ** 2 + abs(b) ** 2)
+    g = (n * (n + 2) / (n + 1))[:-1] @ (a[:-1] * a[1:].conj() + b[:-1] * b[1:].conj()).real
+    g += (2 * n + 1) / (n * (n + 1)) @ (a * b.conj()).real
+    return 2 * extinction / size**2, 2 * scattering / size**2, 2 * g / scattering

@@ -1,17 +1,15 @@
 """Crowded particles: hard spheres of one and many sizes, effective media, and where each of them ends."""
 
 import math
+import re
+import warnings
 from typing import Any
 
 import numpy as np
 import pytest
+from flint import arb, ctx
 
 import vrte
-from tests.crowding_oracle import (
-    amplitudes_by_textbook,
-    structure_factor_by_wertheim,
-    structure_matrix_by_integration,
-)
 from vrte.optics.crowding import PACKINGS, pack
 from vrte.optics.effective_medium import find_coherent_potential_index, find_maxwell_garnett_index
 from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
@@ -19,6 +17,7 @@ from vrte.optics.spheres import compute_mie_coefficients
 from vrte.scene.layer import Layer
 
 from .helpers import assert_close, close_to
+from .sphere_oracle import sum_amplitudes
 
 ANGLES = np.array([0.0, 3.0, 20.0, 77.0, 121.0, 170.0, 180.0])
 SIZES = {"wavelength_um": 0.6, "host_index": 1.33}
@@ -34,11 +33,34 @@ def rutile(**how: Any) -> vrte.Particles:
     return vrte.spheres(2.7, wavelength_um=0.55, host_index=1.5, **({"radius_um": 0.1} | how))
 
 
-def structure_matrix(q: float, radii: np.ndarray, shares: np.ndarray, fraction: float) -> np.ndarray:
-    """S_ij(q) as `join_amplitudes` has it: what becomes of one size's amplitude, for each size."""
-    one_each = np.eye(radii.size, dtype=np.complex128)[:, :, None]
-    joined = join_amplitudes(one_each, np.array([q]), radii, shares, fraction)[:, :, 0]
-    return joined @ joined.conj().T
+def structure_factor_by_wertheim(x: float, fraction: float) -> float:
+    """S(x = q d) of one size, to all digits of a double: cancellation is left to 400 bits."""
+    with ctx.workprec(400):
+        y, e = arb(x), arb(fraction)
+        sine, cosine = y.sin(), y.cos()
+        first, second = (1 + 2 * e) ** 2 / (1 - e) ** 4, -((1 + e / 2) ** 2) / (1 - e) ** 4
+        a = first * (sine - y * cosine) / y**3
+        b = -6 * e * second * (y**2 * cosine - 2 * y * sine - 2 * cosine + 2) / y**4
+        c = y**4 * cosine - 4 * y**3 * sine - 12 * y**2 * cosine + 24 * y * sine + 24 * cosine - 24
+        return float(1 / (1 + 24 * e * (a + b - e * first / 2 * c / y**6)))
+
+
+def structure_matrix_by_integration(q: float, radii: np.ndarray, shares: np.ndarray, fraction: float) -> np.ndarray:
+    """S_ij(q) of a mixture: Baxter's functions integrated by 100 Gauss-Legendre nodes, the dense matrix inverted."""
+    diameters, densities = 2.0 * radii, shares * fraction / (4.0 / 3.0 * math.pi * shares @ radii**3)
+    xi = [math.pi / 6.0 * densities @ diameters**power for power in range(4)]
+    nodes, weights = np.polynomial.legendre.leggauss(100)
+    a = (1.0 - xi[3] + 3.0 * diameters * xi[2]) / (1.0 - xi[3]) ** 2
+    b = -1.5 * diameters**2 * xi[2] / (1.0 - xi[3]) ** 2
+    factor = np.eye(diameters.size, dtype=np.complex128)
+    for i, j in np.ndindex(factor.shape):
+        low, high = 0.5 * (diameters[i] - diameters[j]), 0.5 * (diameters[i] + diameters[j])
+        t = 0.5 * (high - low) * nodes + 0.5 * (high + low)
+        inside = (0.5 * a[i] * (t**2 - high**2) + b[i] * (t - high)) * np.exp(1j * q * t)
+        integral = 0.5 * (high - low) * (weights @ inside)
+        factor[i, j] -= 2.0 * math.pi * math.sqrt(densities[i] * densities[j]) * integral
+    found: np.ndarray = np.linalg.inv(factor.conj().T @ factor)
+    return found
 
 
 @pytest.mark.parametrize("fraction", [1e-6, 0.05, 0.2, 0.4, 0.6])
@@ -52,11 +74,12 @@ def test_structure_factor_of_one_size_keeps_all_digits_at_any_angle(fraction):
 
 @pytest.mark.parametrize("q", [0.0, 0.7, 5.0, 31.0])
 def test_mixture_is_that_of_the_dense_matrix(q):
-    radii, shares, fraction = np.array([0.1, 0.25, 0.4, 0.41]), np.array([3.0, 1.0, 0.5, 0.2]), 0.35
-    densities = shares * fraction / (4.0 / 3.0 * math.pi * shares @ radii**3)
-    dense = structure_matrix_by_integration(q, 2.0 * radii, densities)
+    """S_ij(q) as `join_amplitudes` has it: what becomes of one size's amplitude, for each size."""
+    crowd = np.array([0.1, 0.25, 0.4, 0.41]), np.array([3.0, 1.0, 0.5, 0.2]), 0.35
+    dense = structure_matrix_by_integration(q, *crowd)
     assert np.abs(dense.imag).max() < 1e-12
-    assert_close(structure_matrix(q, radii, shares, fraction), dense, rtol=0.0, atol=1e-12)
+    joined = join_amplitudes(np.eye(4, dtype=np.complex128)[:, :, None], np.array([q]), *crowd)[:, :, 0]
+    assert_close(joined @ joined.conj().T, dense, rtol=0.0, atol=1e-12)
 
 
 def test_nothing_interferes_where_there_is_nobody():
@@ -86,32 +109,27 @@ def test_one_size_scatters_its_own_matrix_times_the_structure_factor(radius, fra
 
 def test_a_mixture_is_the_sum_over_all_pairs():
     """Two substances and three sizes, every pair of amplitudes by itself: all elements of the matrix."""
-    radii, indices, shares = [0.1, 0.2, 0.3], [1.59, 1.45, 1.59 + 0.02j], [0.5, 0.3, 0.2]
+    radii, indices, shares = np.array([0.1, 0.2, 0.3]), [1.59, 1.45, 1.59 + 0.02j], np.array([0.5, 0.3, 0.2])
     kinds = [vrte.spheres(m, radius_um=r, **SIZES) for m, r in zip(indices, radii, strict=True)]
     packed = pack(vrte.mixture(list(zip(kinds, shares, strict=True))), 0.25, "percus-yevick")
-    wavenumber = 2.0 * math.pi * 1.33 / 0.6
-    volume = 4.0 / 3.0 * math.pi * np.dot(shares, np.power(radii, 3))
-    densities = np.array(shares) * 0.25 / volume
-    for angle in ANGLES[1:-1]:
-        cosine = math.cos(math.radians(angle))
-        q = 2.0 * wavenumber * math.sin(math.radians(angle) / 2.0)
-        matrix = structure_matrix_by_integration(q, 2.0 * np.array(radii), densities).real
-        fields = [amplitudes_by_textbook(m / 1.33, wavenumber * r, cosine) for m, r in zip(indices, radii, strict=True)]
-        sums = np.zeros(3, dtype=np.complex128)
-        for i, (one, two) in enumerate(fields):
-            for j, (other, another) in enumerate(fields):
-                weight = math.sqrt(shares[i] * shares[j]) * matrix[i, j]
-                sums += weight * np.array([one * np.conj(other), two * np.conj(another), two * np.conj(other)])
-        first, second, cross = sums
-        f = np.array([0.5 * (first + second), 0.5 * (second - first), cross.real, cross.imag]).real
-        found = packed.phase_matrix.scattering_matrix(angle)[[0, 0, 2, 2], [0, 1, 2, 3]]
-        # of one particle: dC/dOmega = F11/k^2, whose mean over the sphere is C/(4 pi)
-        expected = 4.0 * math.pi / (wavenumber**2 * packed.scattering_um2) * f
-        assert_close(found, expected, rtol=0.0, atol=1e-10 * expected[0])
+    k = 2.0 * math.pi * 1.33 / 0.6
+    mie = [compute_mie_coefficients(m / 1.33, k * r) for m, r in zip(indices, radii, strict=True)]
+    s1, s2 = np.array([sum_amplitudes(*each, ANGLES) for each in mie]).swapaxes(0, 1)
+    q = 2.0 * k * np.sin(np.radians(ANGLES) / 2.0)
+    matrix = np.array([structure_matrix_by_integration(one, radii, shares, 0.25).real for one in q])
+    weights = matrix * np.sqrt(np.outer(shares, shares))
+    first, second, cross = (
+        np.einsum("ia,aij,ja->a", one, weights, other.conj()) for one, other in ((s1, s1), (s2, s2), (s2, s1))
+    )
+    f = np.array([0.5 * (first + second), 0.5 * (second - first), cross.real, cross.imag]).real
+    found = packed.phase_matrix.scattering_matrix(ANGLES)[:, [0, 0, 2, 2], [0, 1, 2, 3]].T
+    # of one particle: dC/dOmega = F11/k^2, whose mean over the sphere is C/(4 pi)
+    expected = 4.0 * math.pi / (k**2 * packed.scattering_um2) * f
+    assert (np.abs(found - expected) <= 1e-10 * expected[0]).all()
     absorbed = np.dot(shares, [kind.extinction_um2 - kind.scattering_um2 for kind in kinds])
     assert packed.extinction_um2 - packed.scattering_um2 == close_to(absorbed, rtol=1e-12, atol=0.0)
-    assert packed.volume_um3 == close_to(volume, rtol=1e-6, atol=0.0)
-    assert [ball.size.radius_um for ball, _ in packed.balls] == radii
+    assert packed.volume_um3 == close_to(4.0 / 3.0 * math.pi * shares @ radii**3, rtol=1e-6, atol=0.0)
+    assert [ball.size.radius_um for ball, _ in packed.balls] == radii.tolist()
 
 
 @pytest.mark.parametrize("name", list(PACKINGS))
@@ -199,3 +217,58 @@ def test_equal_crowds_are_packed_once(monkeypatch: pytest.MonkeyPatch) -> None:
         packed = pack(vrte.mixture([(latex, 1.0), (latex, 2.0)]), fraction, "percus-yevick")
         assert packed.albedo == 1.0
     assert asked == [0.2, 0.2, 0.2, 0.21]
+
+
+UNKNOWN = vrte.Particles(vrte.rayleigh(), 1.0, 0.0, 1.0, 1.0, 1.0)
+METAL = vrte.spheres((0.2, 3.4), radius_um=0.05, wavelength_um=0.6)
+TWO = vrte.mixture([(latex(), 1.0), (latex(wavelength_um=0.5), 1.0)])
+ENDS: list[tuple[vrte.Particles, float, str, type | None, str]] = [  # volume fraction, packing; error or warning, words
+    (latex(), 0.3, "percus-yevick", None, ""),
+    (rutile(), 0.3, "effective-medium", None, ""),
+    (rutile(radius_um=0.13), 0.3, "coherent-potential", None, ""),
+    (
+        latex(),
+        0.11,
+        "independent",
+        vrte.PackingWarning,
+        '0.11 is above 0.1: .*; packing="percus-yevick" or .* accounts',
+    ),
+    (latex(), 0.31, "percus-yevick", vrte.PackingWarning, "volume_fraction of 0.31 is above 0.3"),
+    (rutile(), 0.2, "percus-yevick", vrte.PackingWarning, r"\|m - 1\| is 0.8 here, .* 0.35 .*\"coherent-potential\""),
+    (rutile(radius_um=0.13), 0.2, "effective-medium", vrte.PackingWarning, r"\|m - 1\| is 3.56 here, and up to 3 al"),
+    (
+        latex(),
+        0.65,
+        "percus-yevick",
+        vrte.SceneError,
+        "volume_fraction must be at most 0.64 .*, not 0.65: hard spheres",
+    ),
+    (
+        latex(),
+        0.2,
+        "crystal",
+        vrte.SceneError,
+        'packing must be "independent" or "percus-yevick" or .*, not \'crystal\'',
+    ),
+    (UNKNOWN, 0.2, "percus-yevick", vrte.SceneError, "of known substance and size"),
+    (TWO, 0.2, "percus-yevick", vrte.SceneError, "needs particles at one wavelength"),
+    (METAL, 0.5, "coherent-potential", vrte.SceneError, "no solution"),
+]
+
+
+@pytest.mark.parametrize(("particles", "fraction", "packing", "kind", "words"), ENDS)
+def test_packings_say_where_their_domain_ends(
+    particles: vrte.Particles, fraction: float, packing: str, kind: Any, words: str
+) -> None:
+    with warnings.catch_warnings(record=True) as reported:
+        warnings.simplefilter("always")
+        if kind is vrte.SceneError:
+            with pytest.raises(kind, match=words):
+                Layer.of(particles, thickness_um=1.0, volume_fraction=fraction, packing=packing)
+            return
+        assert Layer.of(particles, thickness_um=1.0, volume_fraction=fraction, packing=packing).thickness > 0.0
+    assert len(reported) == (kind is not None)
+    for one in reported:
+        assert issubclass(one.category, kind)
+        assert re.search(words, str(one.message))
+        assert one.filename == __file__
