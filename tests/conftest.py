@@ -90,10 +90,10 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return state
 
 
-@pytest.fixture(params=["cpu", pytest.param("gpu", marks=pytest.mark.slow)])  # compiles for long
-def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
-    """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""
-    return opencl.in_form(request.param)
+@pytest.fixture(params=[1, pytest.param(64, marks=pytest.mark.slow)])  # compiles for long
+def either_width(request: pytest.FixtureRequest, opencl: Any) -> Any:
+    """Sessions on that device with one work-item for a piece of work, as on a processor, and with 64, as on a GPU."""
+    return opencl.with_lanes(request.param)
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

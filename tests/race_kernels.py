@@ -1,7 +1,5 @@
 """Every OpenCL kernel on the smallest problems there are, for `test_opencl_races`, which runs this under oclgrind:
-`python -m tests.race_kernels FORM RESULT [CASE ...]`, the form of the kernels and the file for what was launched.
-
-Work-groups and tiles are made smaller, so that an interpreter is done in a minute: who shares what stays as it is.
+`python -m tests.race_kernels LANES RESULT [CASE ...]`, the work-items of a work-group and a file for what was launched.
 """
 
 import json
@@ -18,59 +16,30 @@ import numpy as np
 import pyopencl
 
 import vrte
-from vrte.cl import device, invariance_gpu, matrices, probe, session, steps, sums
+from vrte.cl import device, matrices, probe, session
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.session import Session
 
 from .helpers import assert_close
 
-LANES, WORKERS, GROUP = 4, 16, 4  # of a SHARED kernel, of an inverse (a panel's columns), along a side of `product_gpu`
-SMALLER = {
-    "#define GPU_CREW 256 ": f"#define GPU_CREW {WORKERS} ",
-    "#define GPU_GROUP 16": f"#define GPU_GROUP {GROUP}",
-    "#define GPU_GROUP 8\n": "#define GPU_GROUP 2\n",
-    "#define GPU_DEPTH 16 ": "#define GPU_DEPTH 4 ",
-}
-TILED = {4 * GROUP: "product_gpu", 10: "product_gpu_40", 8: "product_gpu_32"}
 DECIMAL = re.compile(r"(?<![\w.])\d+(?:\.\d*(?:e[-+]?\d+)?|e[-+]?\d+)(?![\w.])")
 launched: set[str] = set()  # kernel and precision
 kept: list[Any] = []  # oclgrind takes memory in the place of what was freed to be as large as that was
 
 
-def make_everything_small() -> None:
-    """Work-groups and tiles, in the kernels and on the host; every small array goes up as the large ones do."""
+def follow_oclgrind() -> None:
+    """What oclgrind does not know goes; every small array goes up as the large ones do."""
     whole = session.read_sources
 
     def read_sources(precision: str = "double") -> str:
         text = whole(precision)
-        for old, new in SMALLER.items():
-            assert old in text, old
-            text = text.replace(old, new)
         # oclgrind passes over -cl-single-precision-constant
         return DECIMAL.sub(r"\g<0>f", text) if precision == "single" else text
 
     session.read_sources, session.SMALL = read_sources, 0
-    session.LANES["gpu"] = sums.LANES = LANES
-    matrices.WORKERS, matrices.GROUP, matrices.TILE, invariance_gpu.GROUP = WORKERS, GROUP, 4 * GROUP, GROUP
-    steps.WORKERS, steps.TILES = WORKERS, 4 * (4 * GROUP + 4 * GROUP + 1)
-    matrices.TILED.clear()
-    matrices.TILED.update(TILED)
-    steps.Memory.copy = lambda own, values: copy_by_kernel(own.session, values, own.take(values.shape, values.dtype))
     start = threading.Thread.start
     # oclgrind --uninitialized ends the process where a thread copies memory before it has launched a kernel
     threading.Thread.start = lambda thread: thread.run() if thread.name == "vrte-solve" else start(thread)
-
-
-COPY = """__kernel void put(__global const char* a, __global char* b, int first)
-{ b[first + get_global_id(0)] = a[first + get_global_id(0)]; }"""
-
-
-def copy_by_kernel(on: Session, values: Any, made: Any, first: int = 0, size: int = 0) -> Any:
-    """The same bytes in a part of memory: oclgrind holds for unwritten what is copied there in any other way."""
-    put = pyopencl.Program(on.context, COPY).build().put
-    put.set_args(values.data, made.data, np.int32(first))
-    pyopencl.enqueue_nd_range_kernel(on.queue, put, (size or values.nbytes,), None)
-    return made
 
 
 def put_down_launches() -> None:
@@ -95,19 +64,6 @@ class Bare(Session):
             pyopencl.enqueue_copy(self.queue, made.data, np.zeros(made.shape, made.dtype))
         return made
 
-    def put(self, values: Any, made: Any) -> None:
-        self.catch_up()
-        if made.memory is None:
-            super().put(values, made)
-        else:
-            copy_by_kernel(self, self.upload(values), made)
-
-    def copy_items(self, source: Any, target: Any, items: Any) -> None:
-        self.catch_up()
-        size = target.nbytes // target.shape[0]
-        for item in items:
-            copy_by_kernel(self, source, target, item * size, size)
-
     @contextmanager
     def lent(self, values: Any, written: bool = True) -> Iterator[Any]:
         flags = pyopencl.mem_flags
@@ -118,16 +74,16 @@ class Bare(Session):
             pyopencl.enqueue_copy(self.queue, values, buffer)
 
 
-def open_bare_session(form: str) -> Bare:
+def open_bare_session(lanes: int) -> Bare:
     """On the only device there is; every array has memory of its own, no longer than itself."""
     (found,) = device.devices()
-    opened = session.open_session(found.handle, form)
+    opened = session.open_session(found.handle, lanes)
 
     def allocate(size: int) -> Any:
         kept.append(pyopencl.Buffer(opened.context, pyopencl.mem_flags.READ_WRITE, size))
         return kept[-1]
 
-    return Bare(opened.context, opened.queue, opened.kernels, allocate, form)
+    return Bare(opened.context, opened.queue, opened.kernels, allocate, lanes)
 
 
 def try_devices(on: Session) -> None:
@@ -136,7 +92,7 @@ def try_devices(on: Session) -> None:
 
 
 def multiply_and_invert(on: Session) -> None:
-    """By all tiles, transposed too, and by more than one panel of columns."""
+    """By more than one tile, transposed too, and by more than one panel of columns."""
     random = np.random.default_rng(1)
     items = on.upload(np.arange(2, dtype=np.int32))
     for rows, columns in ((3, 5), (10, 9), (16, 15), (18, 18)):
@@ -178,39 +134,25 @@ def solve_stack(algorithm: str, **more: Any) -> None:
     assert_close(found.stokes, right.stokes, rtol=0.0, atol=1e-4)
 
 
-def launch_each_step(on: Session, solve: Callable[[], None]) -> None:
-    """As where matrices are large."""
-    own = [on, *on.beside.values()]
-    for each in own:
-        each.at_once = False
-    solve()
-    for each in own:
-        each.at_once = True
-
-
 CASES: dict[str, Callable[[Session], None]] = {
     "probe": try_devices,
     "matrices": multiply_and_invert,
     "invariance": lambda on: solve_semi_infinite("invariance"),
-    "mixed": lambda on: solve_semi_infinite("invariance", precision="mixed", accuracy=1e-9),
     "invariance in floats": lambda on: solve_semi_infinite("invariance", **SINGLE),
     "semi-infinite": lambda on: solve_semi_infinite("doubling"),
-    "semi-infinite, a launch a step": lambda on: launch_each_step(on, lambda: solve_semi_infinite("doubling")),
     "doubling": lambda on: solve_stack("doubling"),
-    "doubling, a launch a step": lambda on: launch_each_step(on, lambda: solve_stack("doubling")),
     "doubling in floats": lambda on: solve_stack("doubling", **SINGLE),
-    "doubling in floats, a launch a step": lambda on: launch_each_step(on, lambda: solve_stack("doubling", **SINGLE)),
     "modes": lambda on: solve_stack("modes", backend="opencl+lapack", precision="auto"),
     "stages": lambda on: solve_stack("doubling", backend="opencl+lapack", precision="auto"),
     "algebra": lambda on: solve_stack("doubling", backend="sequential+device", precision="auto"),
 }
 
 
-def main(form: str, result: str, *names: str) -> None:
+def main(lanes: str, result: str, *names: str) -> None:
     """All cases, or those named."""
-    make_everything_small()
+    follow_oclgrind()
     put_down_launches()
-    on = open_bare_session(form)
+    on = open_bare_session(int(lanes))
     with device.take_device(0, on), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # two nodes are few
         for name in names or CASES:

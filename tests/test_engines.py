@@ -124,13 +124,13 @@ def play(stages: Any, stage: str, given: dict[str, Any], stopped: bool = False) 
 
 
 @pytest.fixture(autouse=True)
-def form(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sessions with products and inverses in the form that a test asks for."""
+def lanes(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sessions with as many work-items for a piece of work as a test asks for."""
     if wanted := getattr(request, "param", None):
-        monkeypatch.setattr(device, "open_session", lambda: opencl.in_form(wanted))
+        monkeypatch.setattr(device, "open_session", lambda: opencl.with_lanes(wanted))
 
 
-@pytest.mark.parametrize("form", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)], indirect=True)
+@pytest.mark.parametrize("lanes", [1, pytest.param(64, marks=pytest.mark.slow)], indirect=True)
 @pytest.mark.parametrize(("name", "algorithm"), [(name, each) for name in REQUESTS for each in ALGORITHMS[name]])
 @pytest.mark.parametrize("engine", OTHER_ENGINES)
 def test_every_stage_is_that_of_the_core(engine: str, name: str, algorithm: str) -> None:

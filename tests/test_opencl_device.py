@@ -1,61 +1,52 @@
-"""Which drivers are found, which device is taken and tried before, what is said where there is none or where it fails,
-and batches that several devices share."""
+"""Which drivers are found, which device is taken and tried before, what is said where there is none or where it
+fails."""
 
 import os
 import re
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pyopencl
 import pytest
 
 import vrte
 from vrte import cli
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.basics.running import Run
 from vrte.cl import building, device, drivers, errors, probe
 from vrte.cl import session as sessions
-from vrte.cl.device import Device, choose, select_output
+from vrte.cl.device import Device, choose
 from vrte.cl.errors import check_room
 from vrte.cl.session import Session, open_session
 from vrte.commands import device_speed as report
 from vrte.commands.devices import describe_devices
-from vrte.discrete_ordinates.execution import carry_out, share_devices
-from vrte.discrete_ordinates.execution.engines import opencl as engine
 
 from .conftest import working_session
-from .helpers import assert_close, close_to
+from .helpers import assert_close
 
 OLD = "error: unknown target CPU 'generic'"
 
 
 def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: str = "Maker", **more: Any) -> Device:
     """A device that nobody has."""
-    units = more.pop("units", 8)
-    return Device(platform, name, kind, fp64, int(gigabytes * 1e9), int(gigabytes * 2.5e8), units, "1.0", **more)
+    return Device(platform, name, kind, fp64, int(gigabytes * 1e9), int(gigabytes * 2.5e8), 8, "1.0", **more)
 
 
 PROCESSOR = made("Processor X", "cpu", 128.0, platform="Portable")
 SMALL, LARGE, OTHER = (
     made("Card S", "gpu", 8.0),
-    made("Card L", "gpu", 4.0, units=16),
+    made("Card L", "gpu", 24.0),
     made("Board", "accelerator", 200.0),
 )
 BY_POCL = made("Processor X", "cpu", 4.0, platform=probe.POCL)
 BY_INTEL = made("Processor X", "cpu", 64.0, platform=probe.INTEL)
 FLOAT = made("Card F", "gpu", 32.0, fp64=False)
-BUILT_IN = made("Graphics", "gpu", 48.0, units=96, clock=2.2e9, shared=True, architecture="gfx1150")
-CONSUMER = made("RTX 4090", "gpu", 24.0, units=128, clock=2.52e9, architecture="sm_89")
-OLDER = made("A100", "gpu", 16.0, units=108, clock=1.41e9, architecture="sm_80")
+BUILT_IN = made("Graphics", "gpu", 48.0, shared=True)
 FASTER = "the CPU by PoCL, the faster driver"
 
 
@@ -85,10 +76,10 @@ def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.Monkey
     """As in a process that has not used OpenCL yet; what is opened has a queue and memory of its own, but kernels
     that are compiled."""
 
-    def opened(handle: Any) -> Session:
+    def opened(handle: Any, precision: str) -> Session:
         queue = pyopencl.CommandQueue(opencl.context)
         kernels = building.Kernels(opencl.kernels.program, sessions.read_sources())
-        return Session(opencl.context, queue, kernels, sessions._make_memory_pool(queue), opencl.form)
+        return Session(opencl.context, queue, kernels, sessions._make_memory_pool(queue), opencl.lanes)
 
     alone.update(process=os.getpid(), devices=(device.find_chosen_device(),))
     monkeypatch.setattr(device, "open_session", opened)
@@ -100,12 +91,12 @@ def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.Monkey
     [
         ([PROCESSOR], (), 0, "the only device"),
         ([PROCESSOR, SMALL], (), 1, "the only GPU"),
-        ([PROCESSOR, SMALL, LARGE, OTHER], (), 2, "the fastest GPU, about 6.4e+10 operations a second in doubles"),
+        ([PROCESSOR, SMALL, LARGE, OTHER], (), 2, "the GPU with the most memory"),
         ([PROCESSOR, LARGE, LARGE], (), 1, "the first GPU"),
-        ([BUILT_IN, CONSUMER], (), 1, "the only GPU with memory of its own"),
+        ([BUILT_IN, SMALL], (), 1, "the only GPU with memory of its own"),
         ([BUILT_IN, PROCESSOR], (), 0, "the only GPU"),
         ([BUILT_IN, BUILT_IN], (), 0, "the first GPU"),
-        ([CONSUMER, OLDER, BUILT_IN], (), 1, "the fastest GPU, about 9.7e+12 operations a second in doubles"),
+        ([SMALL, LARGE, BUILT_IN], (), 1, "the GPU with the most memory"),
         ([PROCESSOR, OTHER], (), 1, "the only accelerator"),
         ([FLOAT, PROCESSOR], (), 1, "the only CPU"),  # doubles come first
         ([FLOAT], (), 0, "the only device, without doubles"),
@@ -126,24 +117,19 @@ def test_which_device_is_taken(found: list[Device], broken: tuple[int, ...], tak
 @pytest.mark.parametrize(
     ("asked_for", "taken"),
     [
-        ("0", [0]),
-        ("2", [2]),
-        ("card l", [2]),
-        ("PROCESSOR", [0]),
-        ("portable", [0]),
-        ("5s", [1]),
-        ("card l, 0", [2, 0]),
+        ("0", 0),
+        ("2", 2),
+        ("card l", 2),
+        ("PROCESSOR", 0),
+        ("portable", 0),
+        ("5s", 1),
+        ("card f", 3),
     ],
 )
-def test_the_variable_wins(asked_for: str, taken: list[int]) -> None:
-    """By index or part of a name; several share batches, and "all" are those as precise as the best."""
-    found = [PROCESSOR, made("Card 5s", "gpu", 8.0), made("Card L", "gpu", 24.0)]
-    shared = f"; batches are shared by {', '.join(map(str, taken))}" if taken[1:] else ""
-    assert choose(found, asked_for) == (taken[0], f"VRTE_OPENCL_DEVICE={asked_for}{shared}")
-    assert select_output(found, asked_for) == taken
-    assert choose([PROCESSOR, FLOAT], "card f") == (1, "VRTE_OPENCL_DEVICE=card f")
-    assert select_output([SMALL, LARGE, FLOAT], "all") == [1, 0]
-    assert select_output([SMALL, LARGE, FLOAT], "ALL", lambda index: "no" if index == 1 else "") == [0]
+def test_the_variable_wins(asked_for: str, taken: int) -> None:
+    """By index or part of a name."""
+    found = [PROCESSOR, made("Card 5s", "gpu", 8.0), LARGE, FLOAT]
+    assert choose(found, asked_for) == (taken, f"VRTE_OPENCL_DEVICE={asked_for}")
 
 
 LISTED = ": 0 = Processor X (Portable), 1 = Card S (Maker), 2 = Card F (Maker, no fp64)"
@@ -157,37 +143,14 @@ NOT_BUILT = f"no OpenCL device compiles kernels (1 = Card S: {OLD}; 0 = Processo
         ("-1", (), f"VRTE_OPENCL_DEVICE=-1 fits no OpenCL device{LISTED}"),
         ("nonesuch", (), f"VRTE_OPENCL_DEVICE=nonesuch fits no OpenCL device{LISTED}"),
         ("card", (), f"VRTE_OPENCL_DEVICE=card fits more than one OpenCL device{LISTED}"),
-        ("0,0", (), "VRTE_OPENCL_DEVICE=0,0 names a device twice"),
-        ("0,7", (), "VRTE_OPENCL_DEVICE=0,7 fits no OpenCL device"),
-        ("0,", (), "VRTE_OPENCL_DEVICE=0, fits no OpenCL device"),
         ("0", (0,), f"VRTE_OPENCL_DEVICE=0 names a device that does not compute: {OLD}"),
-        ("0,1", (1,), f"VRTE_OPENCL_DEVICE=0,1 names a device that does not compute: {OLD}"),
         ("", (0, 1, 2), f"{NOT_BUILT}: {device.INSTALL}"),
     ],
 )
 def test_what_no_device_is_for(asked_for: str, broken: tuple[int, ...], complaint: str) -> None:
     with pytest.raises(DeviceError, match=f"^{re.escape(complaint)}"):
-        (select_output if "," in asked_for else choose)([PROCESSOR, SMALL, FLOAT], asked_for, failing(*broken))
+        choose([PROCESSOR, SMALL, FLOAT], asked_for, failing(*broken))
     assert "pip install 'vrte[opencl]'" in device.INSTALL
-
-
-@pytest.mark.parametrize(
-    ("architecture", "units", "clock", "teraflops"),
-    [("sm_90", 132, 1.98e9, 33.5), ("sm_80", 108, 1.41e9, 9.7), ("gfx942:sramecc+", 304, 2.1e9, 81.7)],
-)
-def test_rates_of_data_sheets(architecture: str, units: int, clock: float, teraflops: float) -> None:
-    found = made("?", "gpu", 80.0, units=units, clock=clock, architecture=architecture).rate
-    assert found == close_to(1e12 * teraflops, rtol=0.01, atol=0.0)
-
-
-def test_work_is_shared_by_speed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was measured comes before what is guessed."""
-    assert share_devices.share_out(12, [10.0, 30.0]) == [3, 9]
-    assert sum(share_devices.share_out(7, [1.0, 1.0, 1.0])) == 7
-    monkeypatch.setattr(share_devices, "_speeds", {(SMALL.platform, SMALL.name): 5.0})
-    assert share_devices.find_speeds([SMALL, LARGE]) == [SMALL.rate, LARGE.rate]
-    share_devices._speeds[LARGE.platform, LARGE.name] = 1.0
-    assert share_devices.find_speeds([SMALL, LARGE]) == [5.0, 1.0]
 
 
 @pytest.fixture
@@ -303,7 +266,7 @@ def test_what_devices_say_of_themselves(opencl: Session) -> None:
         assert found.name
         assert found.platform
     assert device.find_chosen_device().double_precision
-    assert opencl.form == ("cpu" if device.find_chosen_device().kind == "cpu" else "gpu")
+    assert opencl.lanes == (1 if device.find_chosen_device().kind == "cpu" else 64)
 
 
 @pytest.mark.parametrize(("extensions", "doubles"), [("cl_khr_icd", False), ("cl_khr_icd cl_khr_fp64", True)])
@@ -319,7 +282,7 @@ def test_a_driver_that_fails_when_asked(extensions: str, doubles: bool) -> None:
     silent.__dict__["extensions"] = extensions
     found = device._describe_device(SimpleNamespace(name="Maker"), silent)
     assert found.double_precision is doubles
-    assert (found.clock, found.shared, found.architecture) == (1e9, False, "card")
+    assert (found.name, found.shared) == ("Card", False)
 
 
 NO_PLATFORM = "there is no OpenCL platform"
@@ -353,7 +316,7 @@ def test_sessions(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.Mo
     """One for all threads, one for each choice, none after a fork, none in doubles on a device without them."""
     opened: list[Any] = []
 
-    def slow_open(handle: Any) -> object:
+    def slow_open(handle: Any, precision: str) -> object:
         opened.append(handle)
         time.sleep(0.05)
         return object()
@@ -464,7 +427,7 @@ def test_what_a_compiler_says(opencl: Session, monkeypatch: pytest.MonkeyPatch) 
     assert isinstance(raised.value.__cause__, pyopencl.Error)
     monkeypatch.undo()
     monkeypatch.setattr(pyopencl.Program, "get_info", lambda *_: "product;invert")
-    with pytest.raises(DeviceError, match=r"the compiler of .* left out .*, product_gpu, "):
+    with pytest.raises(DeviceError, match=r"the compiler of .* left out .*, largest_size, "):
         open_session(opencl.device)
 
 
@@ -570,60 +533,3 @@ def test_rates_are_measured(
     for row, size in zip(rows, ("16 x 16", "24 x 24"), strict=True):
         assert row.split("  ")[1] == size
         assert len([float(number) for number in row.split()[3:]]) == 4
-
-
-class TestSharing:
-    """The device that computes here under two names, a session each."""
-
-    asked = {"mu_i": [0.3, 0.8], "mu_o": [0.2, 0.9], "phi": [0.0, 70.0], "nodes": 6, "backend": "opencl"}  # noqa: RUF012
-    scenes = tuple(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.5 + 0.1 * k, np.inf)]) for k in range(5))
-    pytestmark = pytest.mark.slow
-
-    @pytest.fixture
-    def both(self, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> tuple[Device, Device]:
-        chosen = device.find_chosen_device()
-        found = chosen, replace(chosen, name="The second")
-        alone["devices"] = found
-        monkeypatch.setattr(device, "_find_devices", lambda: found)
-        monkeypatch.setenv(device.VARIABLE, "0,1")
-        monkeypatch.setattr(share_devices, "_speeds", {})
-        return found
-
-    def test_the_same_light_as_from_one(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
-        """One scene goes to the first."""
-        reported: list[tuple[int, int]] = []
-        found = vrte.brdfs(self.scenes, **self.asked, progress=lambda done, total: reported.append((done, total)))
-        assert {each.diagnostics["device"] for each in found} == {each.name for each in both}
-        assert reported[-1][0] == reported[-1][1] == 500
-        assert sorted(done for done, _ in reported) == [done for done, _ in reported]
-        assert vrte.brdf(self.scenes[0], **self.asked).diagnostics["device"] == both[0].name
-        monkeypatch.setenv(device.VARIABLE, device.read_wanted_device().split(",")[0])
-        for each, right in zip(found, vrte.brdfs(self.scenes, **self.asked), strict=True):
-            np.testing.assert_array_equal(each.mueller, right.mueller)
-
-    def test_a_device_that_fails(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
-        with device.take_device(device.devices().index(both[1])):
-            second = device.session()
-        monkeypatch.setattr(second, "launch", raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE"))
-        with pytest.raises(DeviceError, match=r"which shared the work: the OpenCL device was lost") as raised:
-            vrte.brdfs(self.scenes, **self.asked)
-        assert str(raised.value).startswith(f"{both[1].name} ({both[1].platform})")
-        assert len(vrte.brdfs(self.scenes, **self.asked)) == 5
-
-    def test_ctrl_c_reaches_all(self, both: tuple[Device, Device], monkeypatch: pytest.MonkeyPatch) -> None:
-        begun, whole = threading.Barrier(3), carry_out.carry_out_batch
-
-        def slow(plans: Any, engine: Any, run: Any, steps: Any) -> Any:
-            begun.wait(10.0)
-            while not run.stop[0]:
-                time.sleep(0.01)
-            return whole(plans, engine, run, steps)
-
-        monkeypatch.setattr(carry_out, "carry_out_batch", slow)
-        plans: list[Any] = [vrte.plan("brdf", scene, **self.asked) for scene in self.scenes]
-        run = Run(2)
-        stopping = threading.Thread(target=lambda: (begun.wait(10.0), run.stop.__setitem__(0, 1)))
-        stopping.start()
-        with pytest.raises(KeyboardInterrupt):
-            share_devices.carry_out_on_devices(plans, engine.open_engine(), run)
-        stopping.join()

@@ -43,12 +43,13 @@ int next_strip(int rows)
 
 // phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
 // then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
-// where nothing is scattered. Global size: pieces of `each` directions, items.
+// where nothing is scattered. Pieces: `each` directions, items.
+SHARED
 __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, IN mu, IN weights, IN factors,
                              ALONE(phi), __global int* restrict counts, INTS items)
 {
-    const long item = items[get_global_id(1)];
-    const int m = order[item], stokes = popcount(members), end = min(n_all, each * ((int)get_global_id(0) + 1));
+    const long item = items[get_group_id(1)];
+    const int m = order[item], stokes = popcount(members), begin_i = each * get_group_id(0);
     const int n_degree = albedo[material[item]] == 0.0 ? 0 : max(0, terms[material[item]] - m);
     const int few[2] = {columns_of_kind(m, members, 0), columns_of_kind(m, members, 1)};
     const int same = (n_degree + 1) / 2, other = n_degree / 2, columns_E = same * few[0] + other * few[1];
@@ -60,7 +61,7 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
         counts[2 * item] = columns_E;
         counts[2 * item + 1] = other * few[0] + same * few[1];
     }
-    for (int i = each * get_global_id(0); i < end; i++) {
+    SPREAD(i, begin_i, min(n_all, begin_i + each)) {
         const int first = i < n_node ? 0 : i < n_node + n_out ? n_node : n_node + n_out;
         const int last = i < n_node ? n_node : i < n_node + n_out ? n_node + n_out : n_all;
         const int begin = i < n_node ? 0
@@ -95,11 +96,11 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
     }
 }
 
-// psi = factor phi B^T on the real4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
+// psi = factor phi B^T on each `apart`-th real4 of first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
 // (odd = 0) or F's of the degrees begin .. end - 1, phi and psi being those of the degree m on; V's column of phi counts
 // v_sign times.
 void multiply_by_coefficients(int m, int begin, int end, int members, int odd, real factor, real v_sign,
-                              __global const real* restrict coefficients, int first, int last,
+                              __global const real* restrict coefficients, int first, int last, int apart,
                               __global const real* restrict phi, int ld, __global real* restrict psi, int psi_ld)
 {
     const int before = (begin - m + 1) / 2 * columns_of_kind(m, members, odd)
@@ -112,7 +113,7 @@ void multiply_by_coefficients(int m, int begin, int end, int members, int odd, r
         if (few == 2) {
             const real b00 = factor * (kind ? c[2] : c[0]), b01 = factor * (kind ? -v_sign * c[5] : -c[4]);
             const real b10 = factor * (kind ? c[5] : -c[4]), b11 = factor * (kind ? v_sign * c[3] : c[1]);
-            SPREAD(i, first, last) {
+            for (int i = first; i < last; i += apart) {
                 const real4 x = AT(phi, i), y = AT(phi + ld, i);
                 PUT(psi, i) = b00 * x + b01 * y;
                 PUT(psi + psi_ld, i) = b10 * x + b11 * y;
@@ -120,7 +121,7 @@ void multiply_by_coefficients(int m, int begin, int end, int members, int odd, r
         } else if (few == 1) {
             const bool left = has_first(m, members, kind);
             const real b = factor * (kind ? (left ? c[2] : v_sign * c[3]) : (left ? c[0] : c[1]));
-            SPREAD(i, first, last)
+            for (int i = first; i < last; i += apart)
                 PUT(psi, i) = b * AT(phi, i);
         }
         phi += few * (long)ld;
@@ -141,7 +142,7 @@ __kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign,
     for (int odd = 0; odd < 2; odd++) {
         const long column = first_column(counts, item, odd);
         multiply_by_coefficients(m, begin, end, members, odd, odd ? odd_sign * factor : factor, v_sign,
-                                 coefficients + material[item] * (long)6 * n_term, 0, 2 * n_strip,
+                                 coefficients + material[item] * (long)6 * n_term, LANE, 2 * n_strip, LANES,
                                  OF_ITEM(phi) + column * phi_ld, phi_ld, OF_ITEM(psi) + column * psi_ld, psi_ld);
     }
 }

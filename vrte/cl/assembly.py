@@ -17,9 +17,8 @@ from vrte.cl.matrices import STRIP, Stack, download_stack, make_stack, multiply_
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
-DIRECTIONS_A_PIECE = 10  # directions per work-item on a processor, some microseconds of work; 1 elsewhere
+DIRECTIONS_A_PIECE = 10  # directions per piece of work, or one a lane: some microseconds
 DEGREES_A_PIECE = 20
-STRIPS_TOGETHER = 10  # strips of a product per work-item: they share reads of the other factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +85,6 @@ class Assembled:
     source_d: Stack
 
 
-def launch_pieces(
-    session: Session, name: str, size: int, each: int, items: Any, *arguments: Any, between: tuple[int, ...] = ()
-) -> None:
-    """A kernel over ``size`` pieces of work an item: on a CPU ``each`` of them are done at once, elsewhere one. Among
-    the arguments ``...`` stands for that number; ``between``: sizes of the launch between the pieces and the items."""
-    on_host, lanes = session.form == "cpu", session.lanes
-    number, at_once, group = (-(-size // each), each, 1) if on_host else (-(-size // lanes) * lanes, 1, lanes)
-    filled = (at_once if argument is ... else argument for argument in arguments)
-    whole = (number, *between, items.size)
-    session.launch(name, whole, *filled, items, group=(group, *(1 for _ in whole[1:])))
-
-
 def count_most_columns(members: Sequence[int], n_term: int) -> int:
     """Columns that E and F of any order have together, at most.
 
@@ -108,36 +95,25 @@ def count_most_columns(members: Sequence[int], n_term: int) -> int:
     return max(n_term * (alone + polar), (n_term - 1) * (alone + 2 * min(polar, 1)))
 
 
-def compute_wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any:
-    """What the recurrence over degrees needs of an order, (item, n_term + 1, 4)."""
-    factors = session.empty((order.size, n_term + 1, 4))
-    session.launch("wigner_factors", (items.size,), n_term, order, factors, items)
-    return factors
-
-
 def compute_parity_columns(
     session: Session,
     what: Scattering,
     directions: Any,
     weights: Any,
     n_out: int,
-    phi: Stack | None = None,
-    bare: bool = True,
 ) -> Columns:
-    """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest; ``phi``:
-    where they go, if there is room for them; ``bare``: what an item has fewer of than others is left unwritten."""
+    """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest; what an item
+    has fewer of than others is left unwritten."""
     n_node, n_all = weights.size, directions.size
     second = pad_to_strips(what.stokes * n_node)
     third = second + pad_to_strips(what.stokes * n_out)
     rows = third + pad_to_strips(what.stokes * (n_all - n_node - n_out))
-    if phi is None:
-        phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare)
-    counts, factors = (
-        session.empty((what.room, 2), np.int32),
-        compute_wigner_factors(session, what.items, what.order, what.n_term),
-    )
-    arguments = what, n_all, n_node, n_out, ..., directions, weights, factors, phi, counts
-    launch_pieces(session, "parity_columns", n_all, DIRECTIONS_A_PIECE, what.items, *arguments)
+    phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare=True)
+    counts, factors = session.empty((what.room, 2), np.int32), session.empty((what.room, what.n_term + 1, 4))
+    session.launch("wigner_factors", (what.items.size,), what.n_term, what.order, factors, what.items)
+    each = max(DIRECTIONS_A_PIECE, session.lanes)
+    arguments = what, n_all, n_node, n_out, each, directions, weights, factors, phi, counts, what.items
+    session.launch("parity_columns", (-(-n_all // each), what.items.size), *arguments)
     return Columns(phi, counts, (0, second, third))
 
 
@@ -145,7 +121,7 @@ def multiply_by_coefficients(
     session: Session, what: Scattering, counts: Any, phi: Stack, psi: Stack, v_sign: float = 1.0, odd_sign: float = 1.0
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
-    each = DEGREES_A_PIECE if session.form == "cpu" else 1
+    each = DEGREES_A_PIECE
     arguments = what, pad_to_strips(phi.rows) // STRIP, each, v_sign, odd_sign, counts, phi, psi, what.items
     session.launch("times_coefficients", (-(-what.n_term // each), what.items.size), *arguments)
 
@@ -193,7 +169,7 @@ def multiply_over_columns(
     session: Session, items: Any, counts: Any, part: int, a: Stack, b: Stack, c: Stack, alpha: float, beta: float = 0.0
 ) -> None:
     """c = alpha a b^T + beta c over the columns of a and b that are E's (part 0), F's (1) or either's (2)."""
-    multiply_stacks(session, items, a, b, c, alpha, beta, True, part, counts, STRIPS_TOGETHER)
+    multiply_stacks(session, items, a, b, c, alpha, beta, True, part, counts)
 
 
 @stand_in_for(_core.assemble)

@@ -32,21 +32,15 @@ typedef real4 loose4 __attribute__((aligned(REAL_BYTES)));     // four that begi
 
 // A SHARED kernel's pieces of work are shared by LANES work-items each, a work-group, on a GPU; on a processor one work-item
 // does a piece. "Pieces" above such a kernel says how many a launch has. SPREAD: a lane's part of what is numbered first ..
-// last - 1, neighbours to neighbours; TOGETHER: each lane sees what the others wrote.
+// last - 1, neighbours to neighbours; TOGETHER: each lane sees what the others wrote, and all lanes meet there.
 #define SHARED __attribute__((reqd_work_group_size(LANES, 1, 1)))
 #define LANE ((int)get_local_id(0))
 #define SPREAD(i, first, last) for (int i = (first) + LANE; i < (last); i += LANES)
-// A crew is a larger work-group with one piece as large as an item, CREW_ROWS times LANES; MATE: which of it a work-item is.
-#define GPU_CREW 256        // work-items of a crew
 #if LANES > 1
 #define TOGETHER barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
-#define CREW_ROWS (GPU_CREW / LANES)
 #else
 #define TOGETHER
-#define CREW_ROWS 1
 #endif
-#define MATE (LANE + LANES * (int)get_local_id(1))
-#define CREW_SPREAD(i, first, last) for (int i = (first) + MATE; i < (last); i += CREW_ROWS * LANES)
 
 // The larger one, or what is no number.
 real larger(real a, real b)
@@ -64,6 +58,23 @@ real largest_of_lanes(real mine, __local real* shelf)
         TOGETHER
         if (LANE < apart)
             shelf[LANE] = larger(shelf[LANE], shelf[LANE + apart]);
+    }
+    TOGETHER
+    const real found = shelf[0];
+    TOGETHER
+    return found;
+}
+
+// The sum of what all lanes of a piece have, to all of them.
+real sum_of_lanes(real mine, __local real* shelf)
+{
+    if (LANES == 1)
+        return mine;
+    shelf[LANE] = mine;
+    for (int apart = LANES / 2; apart > 0; apart /= 2) {
+        TOGETHER
+        if (LANE < apart)
+            shelf[LANE] += shelf[LANE + apart];
     }
     TOGETHER
     const real found = shelf[0];

@@ -1,11 +1,10 @@
 """Which OpenCL devices there are, which one is taken and why, and the one session on it.
 
 The rule: devices that compute in double precision before those that do not; of either, a GPU with memory of its own
-before one in the processor's, these before an accelerator, that before a CPU; of several the one with the largest rate
-of doubles, of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over.
-The environment variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's
-or platform's name that only one device has; or several of these with commas between them, or "all", for devices that
-share batches, of which the first does what is no batch.
+before one in the processor's, these before an accelerator, that before a CPU; of several the one with the most memory,
+of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over. The environment
+variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's or platform's
+name that only one device has.
 """
 
 import os
@@ -16,8 +15,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vrte.basics.errors import DeviceError, import_extra
-from vrte.cl import caches, drivers, errors, probe, rates
+from vrte.cl import caches, drivers, errors, probe
 from vrte.cl.session import FORKED, Session, open_session
+from vrte.request.how import OF_SINGLE
 
 VARIABLE = "VRTE_OPENCL_DEVICE"
 PREFERENCE = ("gpu", "accelerator", "cpu", "other")
@@ -26,15 +26,14 @@ INSTALL = (
     "a GPU's driver comes from its maker, a processor's with pip install 'vrte[opencl]' or from the system "
     "(Debian and Ubuntu: apt install pocl-opencl-icd)"
 )
-ALL = "all"
-_lock, _here = threading.RLock(), threading.local()
+_lock = threading.RLock()
 _state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
 
 
 @dataclass(frozen=True)
 class Device:
-    """What a device says of itself: ``memory`` and ``largest`` (one allocation) in bytes, ``clock`` in Hz; ``shared``:
-    its memory is the processor's; ``handle`` is pyopencl's."""
+    """What a device says of itself: ``memory`` and ``largest`` (one allocation) in bytes; ``shared``: its memory is the
+    processor's; ``handle`` is pyopencl's."""
 
     platform: str
     name: str
@@ -44,15 +43,8 @@ class Device:
     largest: int
     units: int
     driver: str
-    clock: float = 1e9
     shared: bool = False
-    architecture: str = ""
     handle: Any = field(default=None, repr=False, compare=False)
-
-    @property
-    def rate(self) -> float:
-        """Operations in doubles a second, about."""
-        return rates.estimate_rate(self.architecture, self.kind, self.units, self.clock)
 
     @property
     def widest(self) -> str:
@@ -122,9 +114,7 @@ def _describe_device(platform: Any, handle: Any) -> Device:
         largest=handle.max_mem_alloc_size,
         units=handle.max_compute_units,
         driver=handle.driver_version.strip(),
-        clock=1e6 * float(read_property(handle, "max_clock_frequency", 0) or 1000),
         shared=bool(read_property(handle, "host_unified_memory", False)),
-        architecture=rates.name_architecture(handle),
         handle=handle,
     )
 
@@ -169,25 +159,21 @@ def choose(
     (1, 'the only GPU')
     >>> choose([cpu, gpu], "proc")
     (0, 'VRTE_OPENCL_DEVICE=proc')
-    >>> choose([cpu, gpu], "1,0")
-    (1, 'VRTE_OPENCL_DEVICE=1,0; batches are shared by 1, 0')
     >>> choose([cpu, gpu], complaint_of=lambda index: "it fails" if index == 1 else "")
     (0, 'the only CPU (passed over: 1)')
     """
     if asked_for:
-        wanted = select_output(found, asked_for, complaint_of)
-        shared = f"; batches are shared by {', '.join(map(str, wanted))}" if len(wanted) > 1 else ""
-        return wanted[0], f"{VARIABLE}={asked_for}{shared}"
+        index = _find_one(found, asked_for)
+        if complaint := complaint_of(index):
+            raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
+        return index, f"{VARIABLE}={asked_for}"
     able = sorted(range(len(found)), key=lambda index: _rank(found[index]))
     complaints: dict[int, str] = {}
     for index in able:
         if not (complaint := complaint_of(index)):
-            left = [
-                i for i in able if i not in complaints and found[i].double_precision == found[index].double_precision
-            ]
-            reason = _explain_choice(found, index, left) + (
-                "" if found[index].double_precision else ", without doubles"
-            )
+            doubles = found[index].double_precision
+            left = [found[i] for i in able if i not in complaints and found[i].double_precision == doubles]
+            reason = _explain_choice(found[index], left, len(found)) + ("" if doubles else ", without doubles")
             passed = ", ".join(map(str, sorted(complaints)))
             return index, f"{reason} (passed over: {passed})" if passed else reason
         complaints[index] = complaint
@@ -195,56 +181,34 @@ def choose(
     raise DeviceError(f"no OpenCL device compiles kernels ({reported}): {INSTALL}")
 
 
-def _rank(device: Device) -> tuple[bool, int, bool, bool, float]:
-    """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
-    slower_driver = device.kind == "cpu" and device.platform != probe.POCL
-    index = PREFERENCE.index(device.kind)
-    return not device.double_precision, index, slower_driver, device.is_built_in, -device.rate
+def _rank(device: Device) -> tuple[bool, int, bool, bool, int]:
+    """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor, whose devices say
+    different amounts of one memory."""
+    of_cpu = device.kind == "cpu"
+    index, memory = PREFERENCE.index(device.kind), 0 if of_cpu else device.memory
+    return not device.double_precision, index, of_cpu and device.platform != probe.POCL, device.is_built_in, -memory
 
 
-def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
-    """Why the best of those left is taken."""
-    kind = found[best].kind
-    among = [found[index] for index in left if found[index].kind == kind]
+def _explain_choice(best: Device, left: Sequence[Device], number: int) -> str:
+    """Why the best of those left is taken, among a ``number`` of devices."""
+    among = [each for each in left if each.kind == best.kind]
     if len(among) == 1:
-        return f"the only {WORDS[kind]}" if len(found) > 1 else "the only device"
-    if kind == "cpu" and {device.platform != probe.POCL for device in among} == {True, False}:
+        return f"the only {WORDS[best.kind]}" if number > 1 else "the only device"
+    if best.kind == "cpu" and {each.platform != probe.POCL for each in among} == {True, False}:
         return "the CPU by PoCL, the faster driver"
-    apart = [device for device in among if not device.is_built_in]
-    if len(apart) == 1 and len(among) > 1:
-        return f"the only {WORDS[kind]} with memory of its own"
-    equal = len({device.rate for device in apart or among}) == 1
-    reported = f"about {found[best].rate:.2g} operations a second in doubles"
-    return f"the first {WORDS[kind]}" if equal else f"the fastest {WORDS[kind]}, {reported}"
+    apart = [each for each in among if not each.is_built_in]
+    if len(apart) == 1:
+        return f"the only {WORDS[best.kind]} with memory of its own"
+    equal = best.kind == "cpu" or len({each.memory for each in apart or among}) == 1
+    return f"the {'first ' if equal else ''}{WORDS[best.kind]}" + ("" if equal else " with the most memory")
 
 
-def select_output(
-    found: Sequence[Device], asked_for: str, complaint_of: Callable[[int], str] = lambda index: ""
-) -> list[int]:
-    """The indices of the devices that VRTE_OPENCL_DEVICE names: one, some with commas between them, or all that compute
-    as precisely as the best, that one first.
-
-    Raises DeviceError where one is named twice or does not compute, and as `choose` does.
-    """
-    if asked_for.casefold() == ALL:
-        best = choose(found, "", complaint_of)[0]
-        alike = (i for i, device in enumerate(found) if device.widest == found[best].widest and not complaint_of(i))
-        return sorted(alike, key=lambda i: (i != best, i))
-    wanted = [_find_one(found, part.strip(), asked_for) for part in asked_for.split(",")]
-    if len(set(wanted)) < len(wanted):
-        raise DeviceError(f"{VARIABLE}={asked_for} names a device twice: {list_names(found)}")
-    for index in wanted:
-        if complaint := complaint_of(index):
-            raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
-    return wanted
-
-
-def _find_one(found: Sequence[Device], part: str, asked_for: str) -> int:
-    if part.isdecimal():
-        matches = [int(part)] if int(part) < len(found) else []
+def _find_one(found: Sequence[Device], asked_for: str) -> int:
+    if asked_for.isdecimal():
+        matches = [int(asked_for)] if int(asked_for) < len(found) else []
     else:
-        text = part.casefold()
-        matches = [i for i, each in enumerate(found) if text and text in f"{each.platform}\n{each.name}".casefold()]
+        text = asked_for.casefold()
+        matches = [i for i, each in enumerate(found) if text in f"{each.platform}\n{each.name}".casefold()]
     if len(matches) != 1:
         problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
         raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {list_names(found)}")
@@ -264,24 +228,34 @@ def find_chosen_device() -> Device:
 
     Raises as `devices` and `choose` do.
     """
-    found = devices()
-    index, _ = find_lent_device()
-    return found[choose(found, read_wanted_device(), find_complaint)[0] if index is None else index]
-
-
-def list_sharing_devices() -> list[int]:
-    """The indices of those that share a batch in this thread, the chosen one first.
-
-    Raises as `devices` and `choose` do.
-    """
-    asked_for = read_wanted_device()
-    several = find_lent_device()[0] is None and ("," in asked_for or asked_for.casefold() == ALL)
-    return select_output(devices(), asked_for, find_complaint) if several else [devices().index(find_chosen_device())]
+    found, lent = devices(), _state.get("lent")
+    return found[lent[0] if lent else choose(found, read_wanted_device(), find_complaint)[0]]
 
 
 def read_wanted_device() -> str:
     """What VRTE_OPENCL_DEVICE says, empty where it is not set."""
     return os.environ.get(VARIABLE, "").strip()
+
+
+def choose_precision(asked: str, accuracy: float, device: Device) -> tuple[str, str]:
+    """The precision that a device computes in, and why.
+
+    Raises DeviceError where a device without doubles cannot give what is asked for.
+
+    >>> card = Device("A", "card", "gpu", False, 8 << 30, 2 << 30, 40, "1")
+    >>> choose_precision("auto", 1e-3, card)
+    ('single', 'the device has no doubles')
+    """
+    if device.double_precision:
+        return ("double", "the device has doubles") if asked == "auto" else (asked, "asked for")
+    if asked == "double":
+        raise DeviceError(f"the OpenCL device {device.name} has no doubles, which precision 'double' needs")
+    if accuracy < OF_SINGLE:
+        raise DeviceError(
+            f"the OpenCL device {device.name} has no doubles, and single precision is good for an accuracy of "
+            f"{OF_SINGLE:g}, not {accuracy:g}: ask for accuracy={OF_SINGLE:g}, or take another device"
+        )
+    return "single", "asked for" if asked == "single" else "the device has no doubles"
 
 
 def session(precision: str = "double") -> Session:
@@ -290,49 +264,28 @@ def session(precision: str = "double") -> Session:
     Raises as `devices` and `choose` do, and DeviceError where the device has no double precision, or the kernels cannot
     be built.
     """
-    _, lent = find_lent_device()
+    lent = (_state.get("lent") or (0, None))[1]
     if lent is not None:
         return lent if lent.precision == precision else lent.in_precision(precision)
     device = find_chosen_device()
     if precision == "double" and not device.double_precision:
         raise DeviceError(f"the OpenCL device {device.name} computes in single precision only: {list_names(devices())}")
-    with _lock:
+    with _lock, raise_device_errors():
         opened: dict[int, Session] = _state["sessions"]
         if id(device) not in opened:
-            reported = {} if device.double_precision else {"precision": "single"}
-            with raise_device_errors():
-                opened[id(device)] = open_session(device.handle, **reported)
+            opened[id(device)] = open_session(device.handle, precision=device.widest)
         found = opened[id(device)]
-        if precision == device.widest:
-            return found
-        with raise_device_errors():
-            return found.in_precision(precision)
+        return found if precision == device.widest else found.in_precision(precision)
 
 
 @contextmanager
-def take_device(index: int, session: Session | None = None) -> Iterator[None]:
+def take_device(index: int, session: Session) -> Iterator[None]:
     """Whatever is chosen otherwise, a device of `devices` is taken meanwhile, in all threads, and a session on it."""
     before, _state["lent"] = _state.get("lent"), (index, session)
     try:
         yield
     finally:
         _state["lent"] = before
-
-
-@contextmanager
-def take_device_here(index: int) -> Iterator[None]:
-    """The same in this thread alone, without a session of its own."""
-    _here.lent = index, None
-    try:
-        yield
-    finally:
-        del _here.lent
-
-
-def find_lent_device() -> tuple[int | None, Session | None]:
-    """The index and the session of what `take_device` takes, None where it does not."""
-    lent: tuple[int | None, Session | None] = getattr(_here, "lent", None) or _state.get("lent") or (None, None)
-    return lent
 
 
 def forget() -> None:

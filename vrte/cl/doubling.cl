@@ -10,12 +10,7 @@ typedef struct {
     __global real* II;
 } Extended;
 
-typedef struct {
-    int n, p, r, o, ld;
-} Sizes;
-
 #define SIZES int n, int p, int r, int o, int ld, long stride
-#define OF_SIZES { n, p, r, o, ld }
 #define EXTENDED(x) __global real* x, __global real* x##_OO, int x##_o_stride, __global real* x##_II, \
     int x##_r_stride
 #define EXTENDED_AT(x, item) { x + (item) * stride, x##_OO + (item) * (long)x##_o_stride, x##_II + (item) * (long)x##_r_stride }
@@ -27,63 +22,31 @@ real straight_light(int kind, real x)
     return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * decaying / ((1.0 + decaying) * (1.0 + decaying)) : kind == 2 ? exp(-x) : 0.0;
 }
 
-// Of a column of c = alpha a b + gamma 1, added to the product through the nodes: light that goes straight to where it
-// came from, then, once all of the column is there, what goes straight where it leaves.
-void add_straight_beam(int j, Sizes s, real alpha, Extended A, Extended B, Extended C)
-{
-    __global real* to = C.M + (long)j * s.ld;
-    if (j >= s.n)
-        SPREAD(i, 0, s.ld / 4)
-            PUT(to, i) = alpha * B.II[j - s.n] * AT(A.M + (long)j * s.ld, i) + AT(to, i);
-}
-
-void add_straight_rows(int j, Sizes s, real alpha, Extended A, Extended B, Extended C, real gamma, int kind,
-                       __global const real* h, __global const real* rate_OO, __global const real* rate_II)
-{
-    __global real* to = C.M + (long)j * s.ld;
-    SPREAD(i, 0, s.o)
-        to[s.p + i] += alpha * A.OO[i] * B.M[(long)j * s.ld + s.p + i];
-    if (j < s.n && LANE == 0 && gamma != 0.0)
-        to[j] += gamma;
-    if (j > 0)
-        return;
-    SPREAD(i, 0, s.o)
-        C.OO[i] = h ? straight_light(kind, *h * rate_OO[i]) : alpha * A.OO[i] * B.OO[i] + gamma;
-    SPREAD(i, 0, s.r)
-        C.II[i] = h ? straight_light(kind, *h * rate_II[i]) : alpha * A.II[i] * B.II[i] + gamma;
-}
-
-// c's OO and II are the products of those, or where there is an h, what `straight_light` makes of it. Pieces: columns,
-// items.
+// c = alpha a b + gamma 1 but for the product through the nodes, which c holds: light that goes straight to where it came
+// from, then, once all of a column is there, what goes straight where it leaves. c's OO and II are the products of those,
+// or where there is an h (item,), what `straight_light` makes of it. Pieces: columns, items.
 SHARED
 __kernel void add_straight(SIZES, real alpha, EXTENDED(a), EXTENDED(b), EXTENDED(c), real gamma, int kind,
                            __global const real* h, IN rate_OO, IN rate_II, INTS items)
 {
     const int j = get_group_id(0);
     const long item = items[get_group_id(1)];
-    const Sizes s = OF_SIZES;
     const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
-    add_straight_beam(j, s, alpha, A, B, C);
+    __global real* to = C.M + (long)j * ld;
+    if (j >= n)
+        SPREAD(i, 0, ld / 4)
+            PUT(to, i) = alpha * B.II[j - n] * AT(A.M + (long)j * ld, i) + AT(to, i);
     TOGETHER
-    add_straight_rows(j, s, alpha, A, B, C, gamma, kind, h ? h + item : h, rate_OO, rate_II);
-}
-
-// A column of c = share a + beta b + gamma 1.
-void combine_column(int j, Sizes s, real share, Extended A, real beta, Extended B, real gamma, Extended C)
-{
-    __global const real* from = A.M + (long)j * s.ld;
-    __global const real* other = B.M + (long)j * s.ld;
-    __global real* to = C.M + (long)j * s.ld;
-    SPREAD(i, 0, s.ld / 4)
-        PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
-    if (j < s.n && LANE == j / 4 % LANES)
+    SPREAD(i, 0, o)
+        to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
+    if (j < n && LANE == 0 && gamma != 0.0)
         to[j] += gamma;
     if (j > 0)
         return;
-    SPREAD(i, 0, s.o)
-        C.OO[i] = share * A.OO[i] + (beta == 0.0 ? 0.0 : beta * B.OO[i]) + gamma;
-    SPREAD(i, 0, s.r)
-        C.II[i] = share * A.II[i] + (beta == 0.0 ? 0.0 : beta * B.II[i]) + gamma;
+    SPREAD(i, 0, o)
+        C.OO[i] = h ? straight_light(kind, h[item] * rate_OO[i]) : alpha * A.OO[i] * B.OO[i] + gamma;
+    SPREAD(i, 0, r)
+        C.II[i] = h ? straight_light(kind, h[item] * rate_II[i]) : alpha * A.II[i] * B.II[i] + gamma;
 }
 
 // c = factor[item] alpha a + beta b + gamma 1, a being that of item from_item[item]; factor and from_item may be absent.
@@ -92,46 +55,53 @@ SHARED
 __kernel void combine(SIZES, __global const real* factor, real alpha, EXTENDED(a), __global const int* from_item,
                       real beta, EXTENDED(b), real gamma, EXTENDED(c), INTS items)
 {
+    const int j = get_group_id(0);
     const long item = items[get_group_id(1)], source = from_item ? from_item[item] : item;
-    const Sizes s = OF_SIZES;
+    const real share = factor ? alpha * factor[item] : alpha;
     const Extended A = EXTENDED_AT(a, source), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
-    combine_column(get_group_id(0), s, factor ? alpha * factor[item] : alpha, A, beta, B, gamma, C);
+    __global const real* from = A.M + (long)j * ld;
+    __global const real* other = B.M + (long)j * ld;
+    __global real* to = C.M + (long)j * ld;
+    SPREAD(i, 0, ld / 4)
+        PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
+    if (j < n && LANE == j / 4 % LANES)
+        to[j] += gamma;
+    if (j > 0)
+        return;
+    SPREAD(i, 0, o)
+        C.OO[i] = share * A.OO[i] + (beta == 0.0 ? 0.0 : beta * B.OO[i]) + gamma;
+    SPREAD(i, 0, r)
+        C.II[i] = share * A.II[i] + (beta == 0.0 ? 0.0 : beta * B.II[i]) + gamma;
 }
 
 // Before the rest of an inverse is made by products: b's ON = -ON/OO, NI = -NI/II, and of a, whose N is inverted, NI = 0,
-// OI <- -OI/(OO II); b's OO = 1/OO, II = 1/II.
-void prepare_column(int j, Sizes s, Extended A, Extended B)
-{
-    __global real* column = A.M + (long)j * s.ld;
-    __global real* to = B.M + (long)j * s.ld;
-    if (j == 0) {
-        SPREAD(i, 0, s.o)
-            B.OO[i] = 1.0 / A.OO[i];
-        SPREAD(i, 0, s.r)
-            B.II[i] = 1.0 / A.II[i];
-    }
-    if (j < s.n) {
-        SPREAD(i, 0, s.o)
-            to[s.p + i] = -column[s.p + i] / A.OO[i];
-        return;
-    }
-    const real straight = 1.0 / A.II[j - s.n];
-    SPREAD(i, 0, s.n) {
-        to[i] = -straight * column[i];
-        column[i] = 0.0;
-    }
-    SPREAD(i, 0, s.o)
-        column[s.p + i] *= -straight / A.OO[i];
-}
-
-// Pieces: columns, items.
+// OI <- -OI/(OO II); b's OO = 1/OO, II = 1/II. Pieces: columns, items.
 SHARED
 __kernel void prepare_inverse(SIZES, EXTENDED(a), EXTENDED(b), INTS items)
 {
+    const int j = get_group_id(0);
     const long item = items[get_group_id(1)];
-    const Sizes s = OF_SIZES;
     const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item);
-    prepare_column(get_group_id(0), s, A, B);
+    __global real* column = A.M + (long)j * ld;
+    __global real* to = B.M + (long)j * ld;
+    if (j == 0) {
+        SPREAD(i, 0, o)
+            B.OO[i] = 1.0 / A.OO[i];
+        SPREAD(i, 0, r)
+            B.II[i] = 1.0 / A.II[i];
+    }
+    if (j < n) {
+        SPREAD(i, 0, o)
+            to[p + i] = -column[p + i] / A.OO[i];
+        return;
+    }
+    const real straight = 1.0 / A.II[j - n];
+    SPREAD(i, 0, n) {
+        to[i] = -straight * column[i];
+        column[i] = 0.0;
+    }
+    SPREAD(i, 0, o)
+        column[p + i] *= -straight / A.OO[i];
 }
 
 // E or F with its incident and outgoing directions: the sources with the other sign, no OI. matrix (n, n), G (o, n) and
@@ -164,26 +134,22 @@ __kernel void extend(SIZES, int stokes, int n_col, IN columns, IN rate_OO, INTS 
         to[p + i] = 0.0;
 }
 
-// The sum over a column's |elements| or the largest of them.
-real find_size_of_column(int rows, int sum, __global const real* column)
-{
-    real total = 0.0, largest = 0.0;
-    for (int i = 0; i < rows; i++) {
-        const real size = fabs(column[i]);
-        total += size;
-        largest = larger(largest, size);
-    }
-    return sum ? total : largest;
-}
-
-// The same of a part with `rows` rows; sizes (item, columns), a lane a column. Pieces: columns / LANES, items.
+// The sum over a column's |elements|, or the largest of them, of a part with `rows` rows; sizes (item, columns), a lane a
+// column. Pieces: columns / LANES, items.
 SHARED
 __kernel void column_sizes(int rows, int columns, int sum, ALONE(M), OUT sizes, INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_group_id(1)];
-    if (j < columns)
-        sizes[item * columns + j] = find_size_of_column(rows, sum, OF_ITEM(M) + (long)j * M_ld);
+    if (j >= columns)
+        return;
+    real total = 0.0, largest = 0.0;
+    for (int i = 0; i < rows; i++) {
+        const real size = fabs(OF_ITEM(M)[(long)j * M_ld + i]);
+        total += size;
+        largest = larger(largest, size);
+    }
+    sizes[item * columns + j] = sum ? total : largest;
 }
 
 // The largest of n sizes. Pieces: items.
@@ -285,32 +251,15 @@ __kernel void conserve(SIZES, int stokes, int n_col, int axis, real size, IN cle
         M[(long)axis * ld + p + i] = i % stokes ? 0.0 : albedo[item] * rate_OO[i] / size;
 }
 
-// Reciprocity: the flux's column of Zo from its row; rounding there would double at each step.
-void mirror_element(int i, Sizes s, int axis, int v_place, int stokes, __global real* M)
-{
-    const real across = M[(long)i * s.ld + axis];
-    M[(long)axis * s.ld + i] = i % stokes == v_place ? -across : across;
-}
-
-// Pieces: items.
+// Reciprocity: the flux's column of Zo from its row; rounding there would double at each step. Pieces: items.
 SHARED
 __kernel void mirror_flux(SIZES, int axis, int v_place, int stokes, OUT Zo, INTS items)
 {
-    const Sizes s = OF_SIZES;
-    SPREAD(i, 0, n)
-        mirror_element(i, s, axis, v_place, stokes, Zo + items[get_group_id(0)] * stride);
-}
-
-// A column of: to's NI = b's NI times the straight II; to's ON = the straight OO times b's ON.
-void lead_column_straight(int j, Sizes s, __global const real* b, __global const real* OO, __global const real* II,
-                          __global real* to)
-{
-    if (j >= s.n)
-        SPREAD(i, 0, s.n)
-            to[i] = b[i] * II[j - s.n];
-    else
-        SPREAD(i, 0, s.o)
-            to[s.p + i] = b[s.p + i] * OO[i];
+    __global real* M = Zo + items[get_group_id(0)] * stride;
+    SPREAD(i, 0, n) {
+        const real across = M[(long)i * ld + axis];
+        M[(long)axis * ld + i] = i % stokes == v_place ? -across : across;
+    }
 }
 
 // to's NI = b's NI times the straight t.II; to's ON = the straight t.OO times b's ON. Pieces: columns, items.
@@ -319,24 +268,21 @@ __kernel void lead_straight(SIZES, IN b, IN t_OO, IN t_II, OUT to, INTS items)
 {
     const int j = get_group_id(0);
     const long item = items[get_group_id(1)], first = item * stride + (long)j * ld;
-    const Sizes s = OF_SIZES;
-    lead_column_straight(j, s, b + first, t_OO + item * o, t_II + item * r, to + first);
+    if (j >= n)
+        SPREAD(i, 0, n)
+            to[first + i] = b[first + i] * t_II[item * r + j - n];
+    else
+        SPREAD(i, 0, o)
+            to[first + p + i] = b[first + p + i] * t_OO[item * o + i];
 }
 
-// An incident column's OI <- OI/(1/mu + 1/mu0).
-void divide_column_by_rates(Sizes s, __global const real* rate_OO, real rate, __global real* column)
-{
-    SPREAD(i, 0, s.o)
-        column[i] /= rate_OO[i] + rate;
-}
-
-// Pieces: incident columns, items.
+// OI <- OI/(1/mu + 1/mu0). Pieces: incident columns, items.
 SHARED
 __kernel void divide_by_rates(SIZES, IN rate_OO, IN rate_II, OUT R, INTS items)
 {
     const int j = get_group_id(0);
-    const Sizes s = OF_SIZES;
-    divide_column_by_rates(s, rate_OO, rate_II[j], R + items[get_group_id(1)] * stride + (long)(n + j) * ld + p);
+    SPREAD(i, 0, o)
+        R[items[get_group_id(1)] * stride + (long)(n + j) * ld + p + i] /= rate_OO[i] + rate_II[j];
 }
 
 // A slab without scattering: exp(-thickness/mu) on the diagonal of T. Pieces: items.

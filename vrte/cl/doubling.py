@@ -23,14 +23,12 @@ from vrte.cl.extended import (
     make_row_stack,
     take_row,
 )
-from vrte.cl.matrices import PANEL, STRIP, upload_stack
+from vrte.cl.matrices import STRIP, upload_stack
 from vrte.cl.session import Reading, Session
 from vrte.cl.stages import stand_in_for
-from vrte.cl.steps import Memory, is_quicker_fused
 
 # How far Zo Ze of a semi-infinite slab is from 1 before the last doubling, which squares that.
 CONVERGED = {"double": 1e-9, "single": 1e-4}
-SCRATCH, NUMBERS = 8, 8  # matrices while slabs are doubled, and arrays of a number an item that are left of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,22 +99,6 @@ def compute_householder_vector(frame: Frame) -> tuple[Array, Array]:
     return v, row - (v @ row) * v
 
 
-def find_memory(session: Session, s: Sizes, items: int) -> tuple[Memory | None, Memory | None]:
-    """Memory for what is needed while slabs are doubled, and for what is left of them, where all steps of an item are
-    to be carried out in one launch; None where each is to be one."""
-    whole = s.ld * s.columns
-    if not session.at_once or not is_quicker_fused(session, items, 14.0 * whole * s.n):
-        return None, None
-    pad, real = partial(Memory.pad, session), session.real.itemsize
-    one = sum(pad(real * items * max(1, size)) for size in (max(1, s.columns) * s.ld, s.o, s.r))
-    rates = 2 * sum(pad(real * max(1, size)) for size in (s.o, s.r))
-    scratch = SCRATCH * one + rates + pad(real * items * PANEL * s.n) + pad(4 * items * s.n)
-    if scratch > session.device.max_mem_alloc_size:
-        return None, None
-    kept = 2 * one + pad(real * items * s.n) + NUMBERS * pad(real * items)
-    return Memory(session, scratch), Memory(session, kept)
-
-
 class Doubling:
     """The work on one stack of slabs: its matrices, and what is known of each item on the host."""
 
@@ -128,8 +110,7 @@ class Doubling:
             np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1),
             np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1),
         )
-        memory = find_memory(session, self.sizes, self.count)
-        self.algebra = Algebra(session, self.sizes, self.count, rates, *memory)
+        self.algebra = Algebra(session, self.sizes, self.count, rates)
         upload, new = session.constant, self.algebra.new
         self.columns, self.v = upload(frame.columns), upload(compute_householder_vector(frame)[0])
         self.e, self.f = (self.algebra.with_rates(new()) for _ in range(2))
@@ -178,8 +159,8 @@ class Doubling:
 
     def run(self, stop: NDArray[np.int32]) -> Slabs:
         """R and T of every item."""
-        R, T = (self.algebra.new(kept=True) for _ in range(2))
-        lost = self.algebra.take((self.count, self.sizes.n), kept=True)
+        R, T = self.algebra.new(), self.algebra.new()
+        lost = self.session.zeros((self.count, self.sizes.n))
         if self.doubled.any():
             steepest = self.steepest()
             self.double_plainly(steepest, stop)
@@ -220,10 +201,7 @@ class Doubling:
             self.double(active, whole, (TANH, h.copy()))
             self.algebra.mirror_flux(active & self.items.turned, self.Zo)
             self.carry(active & carried, h)
-            if (
-                self.session.form == "cpu" and self.algebra.steps is None
-            ):  # so that a stop is soon obeyed; a GPU goes on while the host asks for more
-                self.session.finish()
+            self.session.finish()  # so that a stop is soon obeyed
         late = self.finite & ~carried
         self.algebra.product(late, 1.0, self.Zo, self.Ze, self.a)
         self.complement(late, h)
@@ -357,12 +335,14 @@ class Doubling:
         self.algebra.blend(chosen, 1.0, alpha.NI, spare.NI)
         add(beta.N, R.NI, spare.NI)
         add(R.ON, spare.NI, R.OI, -1.0, 0.0)
-        self.algebra.lead_straight(chosen, beta, T, spare)
+        arguments = s, beta.data, T.OO, T.II, spare.data
+        self.algebra.launch("lead_straight", chosen, *arguments, columns=s.columns)
         add(beta.N, T.NI, spare.NI)
         add(T.ON, spare.NI, R.OI)
         add(alpha.ON, R.NI, R.OI, -1.0)
         add(spare.ON, T.NI, R.OI)
-        self.algebra.divide_by_rates(chosen, R)
+        rates = self.algebra.rate_OO, self.algebra.rate_II
+        self.algebra.launch("divide_by_rates", chosen, s, *rates, R.data, columns=s.r)
 
     def invariance(self, R: Extended, T: Extended) -> Reading:
         """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative, (item,

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
 from vrte.cl.matrices import PANEL, Stack, invert, multiply_stacks, pad_to_strips, stack_in
-from vrte.cl.session import DeviceArray, Placed, Session
-from vrte.cl.steps import Memory, Operand, Steps
+from vrte.cl.session import Placed, Session
 
 BoolArray = NDArray[np.bool_]
 TANH, COMPLEMENT, FADE, NOTHING = 0, 1, 2, 3  # kinds of `go_straight`
@@ -93,43 +92,27 @@ class Extended(Placed):
 
 class Algebra:
     """What is done to stacks of ``items`` matrices, those ``chosen`` by (item,) of bool, and to extended ones of one
-    size. ``rates``: 1/mu of outgoing and incident directions, of light that goes straight. ``memory``: where matrices
-    are taken from, and what is ``kept`` of them, if what is done is put down as steps, to be carried out in one
-    launch."""
+    size. ``rates``: 1/mu of outgoing and incident directions, of light that goes straight."""
 
     def __init__(
-        self,
-        session: Session,
-        sizes: Sizes,
-        items: int,
-        rates: tuple[Array, Array] = (np.zeros(1), np.zeros(1)),
-        memory: Memory | None = None,
-        kept: Memory | None = None,
+        self, session: Session, sizes: Sizes, items: int, rates: tuple[Array, Array] = (np.zeros(1), np.zeros(1))
     ) -> None:
-        self.session, self.sizes, self.items, self.rates = session, sizes, items, rates
-        self.memory, self.kept = memory, kept
+        self.session, self.sizes, self.items = session, sizes, items
         self.rate_OO, self.rate_II = (session.constant(rate) for rate in rates)
-        self.steps = None if memory is None else Steps(session, items, sizes.n)
-        self.rest = self.take((items, PANEL * sizes.n))
-        self.pivots = self.take((items, sizes.n), np.int32)
-        self.info = self.take((items,), np.int32, kept=True)
+        self.rest = session.empty((items, PANEL * sizes.n))
+        self.pivots = session.empty((items, sizes.n), np.int32)
+        self.info = session.zeros((items,), np.int32)
 
-    def take(self, shape: tuple[int, ...], dtype: Any = None, kept: bool = False) -> DeviceArray:
-        """An array of zeros, of the memory that is divided if there is one."""
-        memory = self.kept if kept else self.memory
-        return self.session.zeros(shape, dtype) if memory is None else memory.take(shape, dtype)
-
-    def new(self, kept: bool = False) -> Extended:
+    def new(self) -> Extended:
         """Extended matrices of zeros."""
         s = self.sizes
         shapes = (max(1, s.columns), s.ld), (max(1, s.o),), (max(1, s.r),)
-        whole, OO, II = (self.take((self.items, *shape), kept=kept) for shape in shapes)
+        whole, OO, II = (self.session.zeros((self.items, *shape)) for shape in shapes)
         return Extended(s, whole, OO, II)
 
     def with_rates(self, a: Extended) -> Extended:
         """The same with 1/mu as its light that goes straight."""
-        copy = self.memory.copy if self.memory is not None else lambda rate: rate
-        return replace(a, OO=copy(self.rate_OO), II=copy(self.rate_II), shared=True)
+        return replace(a, OO=self.rate_OO, II=self.rate_II, shared=True)
 
     def where(self, chosen: BoolArray) -> Any:
         """The items chosen, as kernels take them."""
@@ -140,33 +123,13 @@ class Algebra:
         items = self.where(chosen)
         self.session.launch(name, (items.size,) if columns is None else (columns, items.size), *arguments, items)
 
-    def add(
-        self, kind: str, chosen: BoolArray, *operands: Any, shape: tuple[int, ...] = (0, 0, 0), **more: Any
-    ) -> bool:
-        """Puts a step down, if that is what is to be done; operands are stacks, extended matrices, or None."""
-        if self.steps is None:
-            return False
-        s = self.sizes
-        self.steps.add(
-            kind,
-            chosen,
-            [find_operand(operand) for operand in operands],
-            shape=shape,
-            sizes=(s.n, s.p, s.r, s.o),
-            rates=self.rates,
-            **more,
-        )
-        return True
-
     def count_pieces(self, number: int) -> int:
         """Pieces of work, where each lane of one has one of a ``number``."""
         return -(-number // self.session.lanes)
 
     def multiply(self, chosen: BoolArray, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0) -> None:
         """c = alpha a b + beta c, stacks; c is neither a nor b."""
-        shape, shares = (pad_to_strips(c.rows), c.columns, a.columns), (alpha, beta, 0.0)
-        if not self.add("product", chosen, a, b, c, shape=shape, shares=shares, work=2.0 * np.prod(shape)):
-            multiply_stacks(self.session, self.where(chosen), a, b, c, alpha, beta)
+        multiply_stacks(self.session, self.where(chosen), a, b, c, alpha, beta)
 
     def blend(
         self,
@@ -180,19 +143,12 @@ class Algebra:
         places: Any = None,
     ) -> None:
         """out = alpha a + beta b + gamma 1, stacks; places (item,): of which item a is taken."""
-        b, shape = out if b is None else b, (out.rows, out.columns, 0)
-        assert self.steps is None or places is None
-        if not self.add("blend", chosen, a, b, out, shape=shape, shares=(alpha, beta, gamma)):
-            self.launch("blend", chosen, out.rows, alpha, a, places, beta, b, gamma, out, columns=out.columns)
+        b = out if b is None else b
+        self.launch("blend", chosen, out.rows, alpha, a, places, beta, b, gamma, out, columns=out.columns)
 
     def invert_stack(self, chosen: BoolArray, a: Stack) -> None:
         """a <- a^-1."""
-        scratch = None
-        if self.memory is not None:
-            own = self.info.begin, 0, self.pivots.begin, 0
-            scratch = Operand(self.rest, self.rest.begin, 0, PANEL * self.sizes.n, own)
-        if not self.add("invert", chosen, None, scratch, a, shape=(a.rows, 0, 0), work=2.0 * a.rows**3):
-            invert(self.session, self.where(chosen), a, self.rest, self.pivots, self.info)
+        invert(self.session, self.where(chosen), a, self.rest, self.pivots, self.info)
 
     def product(
         self,
@@ -210,10 +166,9 @@ class Algebra:
         whole = c.part(0, 0, s.ld, s.columns)
         self.multiply(chosen, a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns), whole, alpha)
         kind, h = straight or (NOTHING, None)
-        if not self.add("straight", chosen, a, b, c, shares=(alpha, 0.0, gamma), way=kind, h=h):
-            each = None if h is None else self.session.constant(h)
-            rates = self.rate_OO, self.rate_II
-            self.launch("add_straight", chosen, s, alpha, a, b, c, gamma, kind, each, *rates, columns=s.columns)
+        each = None if h is None else self.session.constant(h)
+        rates = self.rate_OO, self.rate_II
+        self.launch("add_straight", chosen, s, alpha, a, b, c, gamma, kind, each, *rates, columns=s.columns)
 
     def combine(
         self,
@@ -228,11 +183,9 @@ class Algebra:
         places: Any = None,
     ) -> None:
         """c = factor alpha a + beta b + gamma 1; factor (item,); places (item,): of which item a is taken."""
-        b, columns = c if b is None else b, self.sizes.columns
-        assert self.steps is None or places is None
-        if not self.add("combine", chosen, a, b, c, shares=(alpha, beta, gamma), h=factor):
-            each = None if factor is None else self.session.constant(factor)
-            self.launch("combine", chosen, self.sizes, each, alpha, a, places, beta, b, gamma, c, columns=columns)
+        each, b = None if factor is None else self.session.constant(factor), c if b is None else b
+        arguments = self.sizes, each, alpha, a, places, beta, b, gamma, c
+        self.launch("combine", chosen, *arguments, columns=self.sizes.columns)
 
     def invert(self, chosen: BoolArray, a: Extended, spare: Extended) -> tuple[Extended, Extended]:
         """a^-1 in the place of a, with the OO and II of `spare`, and what is free now."""
@@ -240,8 +193,7 @@ class Algebra:
         self.invert_stack(chosen, a.N)
         if s.o + s.r == 0:
             return a, spare
-        if not self.add("prepare", chosen, a, None, spare):
-            self.launch("prepare_inverse", chosen, s, a, spare, columns=s.columns)
+        self.launch("prepare_inverse", chosen, s, a, spare, columns=s.columns)
         self.multiply(chosen, spare.ON, a.N, a.ON)
         whole = a.part(0, s.n, s.p + s.o, s.r)
         self.multiply(chosen, a.part(0, 0, s.p + s.o, s.n), spare.NI, whole, beta=1.0)
@@ -249,36 +201,16 @@ class Algebra:
 
     def go_straight(self, chosen: BoolArray, kind: int, h: Array | None, a: Extended) -> None:
         """OO and II of light that is not scattered, over h."""
-        if not self.add("go", chosen, None, None, a, way=kind, h=h):
-            each = self.rate_OO if h is None else self.session.constant(h)
-            self.launch("go_straight", chosen, self.sizes, kind, each, self.rate_OO, self.rate_II, a)
+        each = self.rate_OO if h is None else self.session.constant(h)
+        self.launch("go_straight", chosen, self.sizes, kind, each, self.rate_OO, self.rate_II, a)
 
     def mirror_flux(self, chosen: BoolArray, a: Extended) -> None:
         """Reciprocity of the flux's row and column of order 0."""
         s = self.sizes
-        reported = s.axis, 3 if s.stokes == 4 else -1, s.stokes
-        if not self.add("mirror", chosen, None, None, a, shape=reported):
-            self.launch("mirror_flux", chosen, s, *reported, a.data)
-
-    def lead_straight(self, chosen: BoolArray, a: Extended, straight: Extended, out: Extended) -> None:
-        """out's NI = a's NI times the II of ``straight``; out's ON = the OO of it times a's ON."""
-        if not self.add("lead", chosen, a, straight, out):
-            arguments = a.data, straight.OO, straight.II, out.data
-            self.launch("lead_straight", chosen, self.sizes, *arguments, columns=self.sizes.columns)
-
-    def divide_by_rates(self, chosen: BoolArray, a: Extended) -> None:
-        """OI <- OI/(1/mu + 1/mu0)."""
-        if not self.add("divide", chosen, None, None, a):
-            rates = self.rate_OO, self.rate_II
-            self.launch("divide_by_rates", chosen, self.sizes, *rates, a.data, columns=self.sizes.r)
+        self.launch("mirror_flux", chosen, s, s.axis, 3 if s.stokes == 4 else -1, s.stokes, a.data)
 
     def largest(self, chosen: BoolArray, a: Stack, sums: bool = False) -> Any:
         """Of a's elements, or of the sums over its columns, (item,) on the device."""
-        if self.kept is not None:
-            found = self.kept.take((self.items,))
-            to = Operand(found, found.begin, 0, 1)
-            self.add("largest", chosen, a, None, to, shape=(a.rows, a.columns, 0), way=int(sums))
-            return found
         sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
         pieces = self.count_pieces(a.columns)
         self.launch("column_sizes", chosen, a.rows, a.columns, sums, a, sizes, columns=pieces)
@@ -291,18 +223,6 @@ class Algebra:
             return new, old
         self.combine(chosen, 1.0, new, old)
         return old, new
-
-
-def find_operand(a: Any) -> Operand | None:
-    """A stack or an extended matrix as steps take it."""
-    if isinstance(a, Stack):
-        return Operand(a.data, a.data.begin + a.first, a.ld, a.stride)
-    if isinstance(a, Extended):
-        o, r = (0, 0) if a.shared else (a.sizes.o, a.sizes.r)
-        ld = a.sizes.ld
-        return Operand(a.data, a.data.begin, ld, ld * a.sizes.columns, (a.OO.begin, o, a.II.begin, r))
-    assert a is None or isinstance(a, Operand)
-    return a
 
 
 def make_row_stack(data: Any) -> Stack:

@@ -15,12 +15,12 @@ typedef struct
 } Convergence;
 
 // mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
-// last one again; written from double `to` on. Global size: 1.
-__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, long to, OUT out)
+// last one again. Global size: 1.
+__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, OUT out)
 {
     for (int i = 0; i < next_strip(stokes * n_mu); i++) {
         const real cosine = mu[first + min(i / stokes, n_mu - 1)];
-        out[to + i] = i % stokes == v_place ? -cosine : cosine;
+        out[i] = i % stokes == v_place ? -cosine : cosine;
     }
 }
 
@@ -209,11 +209,11 @@ void renew_strip(int strip, int inner, int n, int columns, int columns_E, __glob
     }
 }
 
-// The place in a list of `number` for a work-item: drivers give each of their `units` a range of work-items, and orders
+// The place in a list of `number` for a work-group: drivers give each of their `units` a range of them, and orders
 // that follow each other take alike many steps; so the first range has every units-th item, the next one those after them.
-int dealt(int work_item, int number, int units)
+int dealt(int group, int number, int units)
 {
-    int unit = 0, left = work_item;
+    int unit = 0, left = group;
     for (int share = (number + units - 1) / units; left >= share; share = (number - unit + units - 1) / units) {
         left -= share;
         unit++;
@@ -226,14 +226,14 @@ int dealt(int work_item, int number, int units)
     __global real* moved, __global real* moved_1, __global real* moved_2
 #define JUDGED IN rate, IN tolerance, OUT residual, __global int* restrict steps
 
-// As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it.
-// Global size: items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
+// As many fixed points as an item needs, strips shared by the lanes: R, H and what is missing of it. Pieces: items.
+SHARED
 __kernel void invariance_converge(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
                                 IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
                                 __global real* HC, JUDGED, INTS items)
 {
-    const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
+    __local real shelf[LANES];
+    const long item = items[dealt(get_group_id(0), get_num_groups(0), units)], place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
     Convergence convergence = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
     bool done = false;
@@ -251,19 +251,21 @@ __kernel void invariance_converge(SCATTERING, int units, int most, int strips, i
     for (int step = -1; step < most && !done; step++) {
         if (step >= 0) {
             real found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
-            for (int strip = 0; strip < strips; strip++)
+            SPREAD(strip, 0, strips)
                 step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
+            for (int v = 0; v < 5; v++)
+                found[v] = v < 3 ? sum_of_lanes(found[v], shelf) : largest_of_lanes(found[v], shelf);
             convergence = judged(step, found, rate[item], tolerance[item], convergence, &done);
         }
-        for (int strip = 0; strip < strips; strip++) {
+        SPREAD(strip, 0, strips) {
             mix_strip(strip, step < 0, symmetric, n, convergence.share, led, led_1, led_2, signed_mu, R);
             renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
                         phi_ld, R, H, H_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
                 const long begin = first_column(counts, item, odd);
                 multiply_by_coefficients(order[item], order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
-                                         coefficients + of * (long)6 * n_term, 0, 2, H + STRIP * strip + begin * H_ld, H_ld,
+                                         coefficients + of * (long)6 * n_term, 0, 2, 1, H + STRIP * strip + begin * H_ld, H_ld,
                                          HC + (strip * (long)h_columns + begin) * STRIP, STRIP);
             }
         }
@@ -276,30 +278,29 @@ __kernel void invariance_converge(SCATTERING, int units, int most, int strips, i
             moved_2 = moved_1;
             moved_1 = moved;
             moved = oldest;
-            steps[item]++;
+            if (LANE == 0)
+                steps[item]++;
         }
+        TOGETHER
     }
-    if (!(convergence.missing <= residual[item]))
+    if (LANE == 0 && !(convergence.missing <= residual[item]))
         residual[item] = convergence.missing;
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to
-// column. Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
-__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col, IN off_mu, long mu_first, INTS out,
-                                 INTS into, IN columns, STACK(Ruu), IN Ru, long Ru_first, int strip_step, int column_step, long stride,
-                                 OUT up, OUT on_nodes, INTS items)
+// on_nodes (item, beam, column, n) = Q Ru^T Q, Ru stored strip by strip. Pieces: beams, items.
+SHARED
+__kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, IN off_mu, INTS out, INTS into, IN columns,
+                                 STACK(Ruu), IN Ru, long stride, OUT up, OUT on_nodes, INTS items)
 {
-    const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
+    const long item = items[get_group_id(1)], beam = get_group_id(0), n_in = get_num_groups(0);
     const int from = stokes * into[beam], n_up = stokes * n_out;
-    const int first = each * get_global_id(0), last = min(n_up + n, first + each);
     Ruu = OF_ITEM(Ruu) + (long)from * Ruu_ld;
-    Ru += Ru_first + item * stride;
-    off_mu += mu_first;
+    Ru += item * stride;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
         __global const real* of = columns + c * stokes;
-        for (int i = first; i < min(last, n_up); i++) {
+        SPREAD(i, 0, n_up) {
             const int row = stokes * out[i / stokes] + i % stokes;
             const real to = fabs(off_mu[row]);
             real total = 0.0;
@@ -307,221 +308,14 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
                 total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * Ruu_ld + row] * of[b];
             up[rhs * n_up + i] = total;
         }
-        for (int j = max(0, first - n_up); j < last - n_up; j++) {
+        SPREAD(j, 0, n) {
             real total = 0.0;
             for (int b = 0; b < stokes; b++) {
                 const real sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
                 const int row = from + b;
-                total += sign * Ru[(long)(row / STRIP) * strip_step + (long)j * column_step + row % STRIP] * of[b];
+                total += sign * Ru[(long)(row / STRIP) * STRIP * n + (long)j * STRIP + row % STRIP] * of[b];
             }
             on_nodes[rhs * n + j] = total;
         }
     }
 }
-
-// The same steps as a GPU wants them: a work-group makes a tile of a product, R and the last steps too are stored column
-// by column, and items of all sizes go together. HC is not stored: what makes it of H is.
-
-// Where an item's matrices begin in the memory that all items share, their columns' distances, and how many rows R has on
-// the other side.
-typedef struct
-{
-    long phi, rows_phi, nodes_H, H, R, row_mu, column_mu, pairs, phi_ld, nodes_H_ld, ld, n;
-} Place;
-
-// Of every column of HC: which two of H's it is made of, and how many times each.
-#define PAIRS __global const int2* restrict pair_of, __global const real2* restrict weight_of
-
-#define RUNS 0      // what an item's state is
-#define LEFT 1
-
-// What makes HC's columns, and of every listed item counts (item, 2), tolerance, rate and that it is listed, all
-// behind those of `first_item` items before,
-// `room` columns an item. Global size: degrees, items.
-__kernel void invariance_pairs(SCATTERING, int first_item, long first_pair, int room, INTS counts,
-                               __global int2* restrict pair_of, __global real2* restrict weight_of,
-                               __global int* restrict counts_of, IN tolerance_here, OUT tolerance, OUT rate,
-                               __global int* restrict listed, INTS items)
-{
-    const int item = items[get_global_id(1)], of = material[item], m = order[item], l = m + get_global_id(0);
-    const real factor = albedo[of];
-    __global const real* c = coefficients + ((long)of * n_term + l) * 6;
-    if (get_global_id(0) == 0) {
-        listed[first_item + item] = RUNS;
-        tolerance[first_item + item] = tolerance_here[item];
-        rate[first_item + item] = rate_of_item(m, terms[of], factor, coefficients + (long)of * n_term * 6);
-        counts_of[2 * (first_item + item)] = counts[2 * item];
-        counts_of[2 * (first_item + item) + 1] = counts[2 * item + 1];
-    }
-    if (l >= terms[of] || factor == 0.0)
-        return;
-    pair_of += first_pair + item * (long)room;
-    weight_of += first_pair + item * (long)room;
-    for (int odd = 0; odd < 2; odd++) {
-        const int kind = ((l - m) & 1) != odd, few = columns_of_kind(m, members, kind);
-        const int at = first_column(counts, item, odd) + (l - m + 1) / 2 * columns_of_kind(m, members, odd)
-            + (l - m) / 2 * columns_of_kind(m, members, !odd);
-        const real share = odd ? -factor : factor;
-        const bool left = has_first(m, members, kind);
-        for (int k = 0; k < few; k++)
-            pair_of[at + k] = (int2)(at, at + few - 1);
-        if (few == 2) {
-            weight_of[at] = (real2)(share * (kind ? c[2] : c[0]), share * (kind ? c[5] : -c[4]));
-            weight_of[at + 1] = (real2)(share * (kind ? c[5] : -c[4]), share * (kind ? -c[3] : c[1]));
-        } else if (few == 1)
-            weight_of[at] = (real2)(share * (kind ? (left ? c[2] : -c[3]) : (left ? c[0] : c[1])), 0.0);
-    }
-}
-
-#define GPU_LANES (GPU_GROUP * GPU_GROUP)
-
-// What a step of a work-item's element adds to the sums.
-#define GPU_SHARE \
-    const real cosine = signed_mu[j], size = fabs(cosine), mu = fabs(row_mu[i]); \
-    const long k = (long)j * ld + i; \
-    const real now = value * (0.5 * cosine * mu / (mu + size)), change = now - R[k]; \
-    led[k] = now; \
-    moved[k] = change; \
-    mine[0] += change * change; \
-    mine[1] += change * moved_1[k]; \
-    mine[2] += change * moved_2[k]; \
-    mine[3] = LARGER(mine[3], fabs(change)); \
-    mine[4] = LARGER(mine[4], fabs(now));
-
-// Columns of HC, from those of H.
-#undef GPU_A
-#define GPU_A(k, i) (weight_of[k].x * H[(long)pair_of[k].x * ld + (i)] + weight_of[k].y * H[(long)pair_of[k].y * ld + (i)])
-
-// As `step_of_strip`, of a tile; found (item, tile, 5), room for `tiles` of each. Global size: 16 work-items a tile of 64
-// rows, 16 a tile of 64 columns, items.
-__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_step_gpu(__global const Place* restrict places, INTS counts_of, IN mus, PAIRS, IN nodes_H,
-                                  IN H, STEPS, int tiles, OUT found, INTS state)
-{
-    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
-    const long item = get_global_id(2);
-    const Place of = places[item];
-    const int rows = of.ld, columns = of.n, inner = number_of_columns(counts_of, item, 2), ld = rows;
-    const int b_row = of.nodes_H_ld, b_column = 1;
-    __global const real* B = nodes_H + of.nodes_H;
-    __global const real* row_mu = mus + of.row_mu;
-    __global const real* signed_mu = mus + of.column_mu;
-    real mine[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
-    GPU_PLACES
-    if (state[item] != RUNS || top >= rows || left >= columns)
-        return;
-    H += of.H;
-    pair_of += of.pairs;
-    weight_of += of.pairs;
-    R += of.R;
-    led += of.R;
-    moved += of.R;
-    moved_1 += of.R;
-    moved_2 += of.R;
-    GPU_SUM_TERMS
-    GPU_EACH_ELEMENT(GPU_SHARE)
-    for (int v = 0; v < 5; v++)
-        sums[v][here] = mine[v];
-    for (int width = GPU_LANES / 2; width > 0; width /= 2) {
-        barrier(CLK_LOCAL_MEM_FENCE);
-        if (here < width)
-            for (int v = 0; v < 5; v++) {
-                const real other = sums[v][here + width];
-                sums[v][here] = v < 3 ? sums[v][here] + other : LARGER(sums[v][here], other);
-            }
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    found += (item * tiles + get_group_id(1) * ((rows + GPU_TILE - 1) / GPU_TILE) + get_group_id(0)) * 5;
-    if (here < 5)
-        found[here] = sums[here][0];
-}
-
-// What an item's next R is made of, from what all its tiles found; see `judged`.
-Convergence judge_item(int step, int tiles, __global const real* found, real rate, real tolerance, Convergence before,
-                    bool* done)
-{
-    real sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
-    for (int tile = 0; tile < tiles; tile++) {
-        for (int k = 0; k < 3; k++)
-            sums[k] += found[5 * tile + k];
-        for (int k = 3; k < 5; k++)
-            sums[k] = LARGER(sums[k], found[5 * tile + k]);
-    }
-    return judged(step, sums, rate, tolerance, before, done);
-}
-
-// An element of the next R: shares of what the last steps led to.
-real mix_element(__local const real* share, __global const real* led, __global const real* led_1,
-                 __global const real* led_2, long k)
-{
-    real value = share[0] * led[k];
-    if (share[1] != 0.0)
-        value += share[1] * led_1[k];
-    if (share[2] != 0.0)
-        value += share[2] * led_2[k];
-    return value;
-}
-
-#undef GPU_A
-#define GPU_A(k, i) mix_element(share, led, led_1, led_2, (long)(k) * ld + (i))
-#define GPU_ADD_PHI \
-    H[(long)j * ld + i] = value + (j < columns_E ? 1.0 : -1.0) * phi_row[(long)j * phi_ld + i];
-
-// Whether an item has converged, R of its last steps, zero before the first (step -1), and H = +-phi + R phi_nodes. What it
-// reads of how the item converges is what the step before left, what it leaves is apart: all work-groups of an item judge
-// alike, and the first one keeps it; those of an item that has left return at once. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
-__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_renew_gpu(int step, int most, __global const Place* restrict places, INTS counts_of, IN phi,
-                                   OUT H, STEPS, int tiles, IN found, IN rate, IN tolerance, OUT residual,
-                                   __global int* restrict steps, __global const Convergence* restrict convergence_before,
-                                   __global Convergence* restrict convergence, INTS state_before,
-                                   __global int* restrict state)
-{
-    __local real a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], share[3];
-    const long item = get_global_id(2);
-    const Place of = places[item];
-    const int columns = number_of_columns(counts_of, item, 2), columns_E = number_of_columns(counts_of, item, 0);
-    const int rows = of.ld, ld = rows, phi_ld = of.phi_ld, b_row = 1, b_column = phi_ld;
-    const int inner = step < 0 ? 0 : of.n;
-    __global const real* B = phi + of.phi;
-    __global const real* phi_row = phi + of.rows_phi;
-    GPU_PLACES
-    if (state_before[item] == LEFT) {
-        if (here == 0 && top == 0 && left == 0)
-            state[item] = LEFT;
-        return;
-    }
-    if (top >= rows || (left > 0 && left >= columns))
-        return;
-    if (here == 0) {
-        const int across = (rows + GPU_TILE - 1) / GPU_TILE, along = (of.n + GPU_TILE - 1) / GPU_TILE;
-        bool done = false;
-        Convergence now = convergence_before[item];
-        if (step >= 0)
-            now = judge_item(step, across * along, found + item * tiles * 5, rate[item], tolerance[item], now, &done);
-        for (int k = 0; k < 3; k++)
-            share[k] = now.share[k];
-        if (top == 0 && left == 0) {
-            convergence[item] = now;
-            state[item] = done ? LEFT : RUNS;
-            steps[item] += step >= 0;
-            if ((done || step == most - 1) && !(now.missing <= residual[item]))
-                residual[item] = now.missing;
-        }
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    H += of.H;
-    R += of.R;
-    led += of.R;
-    led_1 += of.R;
-    led_2 += of.R;
-    if (left == 0)
-        for (int j = 0; j < of.n; j++)
-            for (int i = top + here; i < min(rows, top + GPU_TILE); i += GPU_LANES)
-                R[(long)j * ld + i] = step < 0 ? 0.0 : mix_element(share, led, led_1, led_2, (long)j * ld + i);
-    GPU_SUM_TERMS
-    GPU_EACH_ELEMENT(GPU_ADD_PHI)
-}
-
-#undef GPU_A
-#define GPU_A(k, i) A[(long)(k) * a_ld + (i)]

@@ -1,16 +1,6 @@
 // Slabs joined by the star product, `join_one` of core/joining.pxi for many Fourier orders and scenes at once. Vectors are
 // stacks (n, r) or (o, r), one column an incident beam and Stokes column.
 
-// A column of alpha a + beta b + gamma 1, one matrix of each.
-void blend_column(int j, int rows, real alpha, __global const real* a, real beta, __global const real* b, real gamma,
-                  __global real* out)
-{
-    SPREAD(i, 0, rows)
-        out[i] = alpha * a[i] + (beta == 0.0 ? 0.0 : beta * b[i]);
-    if (j < rows && LANE == j % LANES)
-        out[j] += gamma;
-}
-
 // out = alpha a + beta b + gamma 1, whole columns of `rows` elements, a being that of item from_item[item] where there is
 // such a list. Pieces: columns, items.
 SHARED
@@ -21,7 +11,11 @@ __kernel void blend(int rows, real alpha, STACK(a), __global const int* from_ite
     const long item = items[get_group_id(1)];
     out = OF_ITEM(out) + (long)j * out_ld;
     a += a_first + (from_item ? from_item[item] : item) * a_stride + (long)j * a_ld;
-    blend_column(j, rows, alpha, a, beta, OF_ITEM(b) + (long)j * b_ld, gamma, out);
+    b = OF_ITEM(b) + (long)j * b_ld;
+    SPREAD(i, 0, rows)
+        out[i] = alpha * a[i] + (beta == 0.0 ? 0.0 : beta * b[i]);
+    if (j < rows && LANE == j % LANES)
+        out[j] += gamma;
 }
 
 // What the attenuated beam makes: out = exp(-depth[item]/mu0) a + straight running, `running` (rows, r) being absent
@@ -92,11 +86,11 @@ __kernel void leaving(int r, int n_level, int n_mu, int n_up, int n_out, int sto
 }
 
 // The largest of kernels (item, level, n_in, n_col, n_mu, S), in the first n_seen directions, that each item has at each
-// level for each beam, and of I in column `lit` alone; (item, level, n_in) both, from those doubles
-// of `light` on. Pieces: incident directions, levels, items.
+// level for each beam, and of I in column `lit` alone: light (2, item, level, n_in), each of that
+// `size`. Pieces: incident directions, levels, items.
 SHARED
 __kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_seen, int stokes, int lit, IN kernels,
-                            OUT light, long largest, long brightest)
+                            OUT light, long size)
 {
     __local real shelf[LANES];
     const long place = (get_group_id(2) * n_level + get_group_id(1)) * n_in + get_group_id(0);
@@ -110,7 +104,7 @@ __kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_se
     found = largest_of_lanes(found, shelf);
     intensity = largest_of_lanes(intensity, shelf);
     if (LANE == 0) {
-        light[largest + place] = found;
-        light[brightest + place] = intensity;
+        light[place] = found;
+        light[size + place] = intensity;
     }
 }

@@ -6,15 +6,12 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import DeviceError
 from vrte.cl.session import Placed, Session
 
 STRIP = 8  # rows of a product per step
 PANEL = 16  # columns eliminated per step
-GROUP, TILE = 16, 64  # of `product_gpu`: work-items, and elements of the product, along each side
-TILED = {64: "product_gpu", 40: "product_gpu_40", 32: "product_gpu_32"}  # kernels by their tile
-WORKERS = 256  # work-items that invert one matrix in `invert_gpu`
-LOCAL_BESIDE = 16 * 8 + WORKERS * (8 + 4) + 256  # bytes of local memory beside the matrix, some to spare
+STRIPS = 10  # of a product that a single lane makes: they share what is read of the second factor
+SHARED_STRIPS, SHARED_COLUMNS = 8, 48  # of a product that the lanes of a work-group share: 64 tiles
 
 
 def pad_to_strips(rows: int) -> int:
@@ -86,67 +83,21 @@ def multiply_stacks(
     transposed: bool = False,
     part: int = -1,
     counts: Any = None,
-    each: int = 1,
 ) -> None:
     """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b.
 
-    With counts (item, 2) the sum is over E's columns (part 0), F's (1) or either's (2). ``each``: strips of 8 rows that
-    a work-item makes of c on a processor; they share what is read of b.
+    With counts (item, 2) the sum is over E's columns (part 0), F's (1) or either's (2).
     """
     data, first, ld, stride = b.place
     steps = (ld, 1) if transposed else (1, ld)
     rows = pad_to_strips(c.rows)
-    sums = rows, each, c.columns, a.columns, alpha, beta, part, counts
-    arguments = *sums, a, data, first, *steps, stride, c, items
-    if session.form == "cpu":
-        session.launch("product", (-(-rows // (STRIP * each)), 1, items.size), *arguments)
-    else:
-        tile = choose_tile(rows, c.columns)
-        session.launch(TILED[tile], (-(-rows // tile), -(-c.columns // tile), items.size), *arguments)
-
-
-def choose_tile(rows: int, columns: int) -> int:
-    """The tile that pads a matrix least; of equals the largest, which reads least.
-
-    >>> choose_tile(160, 160), choose_tile(96, 96), choose_tile(128, 64), choose_tile(88, 80)
-    (40, 32, 64, 32)
-    """
-    return min(TILED, key=lambda tile: -(-rows // tile) * -(-columns // tile) * tile * tile)
-
-
-def count_work_items(rows: int, columns: int) -> tuple[int, int]:
-    """Work-items for the tiles of a matrix.
-
-    >>> count_work_items(160, 80)
-    (48, 32)
-    """
-    return -(-rows // TILE) * GROUP, -(-columns // TILE) * GROUP
+    each, wide = (STRIPS, max(c.columns, 1)) if session.lanes == 1 else (SHARED_STRIPS, SHARED_COLUMNS)
+    sums = rows, each, wide, c.columns, a.columns, alpha, beta, part, counts
+    pieces = -(-rows // (STRIP * each)), -(-c.columns // wide), items.size
+    session.launch("product", pieces, *sums, a, data, first, *steps, stride, c, items)
 
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
     """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
-        1 where a matrix is singular.
-
-    Raises DeviceError where a GPU's local memory does not hold one column.
-    """
-    arguments = m.rows, m, rest, pivots, info, items
-    if session.form == "cpu":
-        session.launch("invert", (items.size,), *arguments)
-    elif m.rows:
-        width = choose_panel_width(m.rows, session.device.local_mem_size)
-        panel = session.local_memory(8 * m.rows * width)
-        session.launch("invert_gpu", (WORKERS * items.size,), *arguments, width, panel, group=(WORKERS,))
-
-
-def choose_panel_width(rows: int, local_bytes: int) -> int:
-    """Columns of ``rows`` doubles that local memory holds beside what else `invert_gpu` keeps there.
-
-    >>> choose_panel_width(160, 48 << 10), choose_panel_width(640, 48 << 10), choose_panel_width(3000, 48 << 10)
-    (16, 8, 1)
-    """
-    columns = (local_bytes - LOCAL_BESIDE) // (8 * rows)
-    if columns < 1:
-        raise DeviceError(
-            f"matrices of {rows} rows are too large for the local memory of this OpenCL device ({local_bytes} bytes)"
-        )
-    return min(PANEL, int(columns))
+    1 where a matrix is singular."""
+    session.launch("invert", (items.size,), m.rows, m, rest, pivots, info, items)

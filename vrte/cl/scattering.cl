@@ -1,7 +1,6 @@
 // Single scattering over all Fourier orders in closed form: the phase matrix at the scattering angle, turned to the
 // meridian planes. Four azimuths at a time.
 
-
 // F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x by recurrences in the degree; terms is even.
 void sum_series(int terms, __global const real* s, real4 x, real4* f)
 {
@@ -115,85 +114,37 @@ void see_columns(const real4* f, const real4* turns, int n_col, __global const r
 // (table,); path (table, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed,
 // public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V),
 // place (n_col,) in the result's last axis; the others as `add_orders`, a tile being four angles.
-// Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_here.
+// Pieces: `each` directions, n_here, scenes; a lane has a tile of a direction's angles.
 #define SCATTERED INTS first_table, IN tables, long table_stride, INTS terms, IN path, IN mu0, IN mu, IN cos_phi, \
     IN sin_phi, int n_col, IN columns, INTS kind, INTS place
 
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_scattering(SCATTERED, EACH, WHERE_OUT)
+SHARED
+__kernel void add_scattering(SCATTERED, int each, WHERE_OUT)
 {
-    const int i = first_in + get_global_id(2) % n_here, last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
-    const int last_tile = min((n_angle + 3) / 4, (int)(get_global_id(1) + 1) * tiles_each);
-    const long scene = get_global_id(2) / n_here, pairs = (long)n_in * n_mu;
+    const int i = first_in + get_group_id(1), begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
+    const long scene = get_group_id(2), pairs = (long)n_in * n_mu;
     real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
     out += out_first + scene * out_stride;
-    for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
+    SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles)
         for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
+            const int j = tile / tiles, angle = tile % tiles * 4;
             __global const real* now = path + table * n_level * pairs + (long)i * n_mu + j;
             int lit = 0;
             for (int t = 0; t < n_level; t++)
                 lit |= now[t * pairs] != 0.0;
             if (!lit)
                 continue;
-            for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                real4 f[6], turns[4];
-                see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, tile),
-                           AT(sin_phi, tile), f, turns);
-                see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
-                for (int t = 0; t < n_level; t++)
-                    for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
-                        for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
-                            const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
-                            const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
-                            for (int k = 0; k < n_place; k++)
-                                *(__global loose4*)(out + (row * n_place + k) * 4) += now[t * pairs] * from[k];
-                        }
-            }
-        }
-}
-
-// As a GPU wants it: a work-item has four angles of a pair of directions, and the columns of one place in the result at a
-// time. Global size: n_mu times tiles of four angles, rounded up, n_here, scenes.
-__kernel void add_scattering_gpu(SCATTERED, WHERE_OUT)
-{
-    const int tiles = (n_angle + 3) / 4, j = get_global_id(0) / tiles, tile = get_global_id(0) % tiles;
-    const int i = first_in + get_global_id(1);
-    const long scene = get_global_id(2), pairs = (long)n_in * n_mu;
-    if (j >= n_mu)
-        return;
-    out += out_first + scene * out_stride;
-    for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
-        __global const real* now = path + table * n_level * pairs + (long)i * n_mu + j;
-        int lit = 0;
-        for (int t = 0; t < n_level; t++)
-            lit |= now[t * pairs] != 0.0;
-        if (!lit)
-            continue;
-        real4 f[6], turns[4];
-        see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), f,
-                   turns);
-        for (int k = 0; k < n_place; k++) {
-            real4 seen[4], beyond[4];      // Stokes; at the four angles and at their mirror images
-            for (int s = 0; s < 4; s++)
-                seen[s] = beyond[s] = (real4)(0.0);
-            for (int c = 0; c < n_col; c++)
-                if (place[c] == k) {
-                    __global const real* pair = columns + 4 * c + 2 * kind[c];
-                    real4 z[4];
-                    scatter_column(kind[c], pair[0], pair[1], f, turns, z);
-                    for (int s = 0; s < 4; s++) {
-                        seen[s] += z[s];
-                        beyond[s] += (s >= 2) == (kind[c] == 1) ? z[s] : -z[s];
-                    }
-                }
+            real4 f[6], turns[4];
+            see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, angle / 4),
+                       AT(sin_phi, angle / 4), f, turns);
+            see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
             for (int t = 0; t < n_level; t++)
-                for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
-                    for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
+                for (int a = 0; a < min(4, n_angle - angle) && now[t * pairs] != 0.0; a++)
+                    for (int use = first_use[angle + a]; use < first_use[angle + a + 1]; use++) {
+                        const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
                         const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
-                        for (int s = 0; s < 4; s++)
-                            out[(row * 4 + s) * n_place + k] +=
-                                now[t * pairs] * ((const real*)(mirror[use] < 0.0 ? beyond + s : seen + s))[a];
+                        for (int k = 0; k < n_place; k++)
+                            *(__global loose4*)(out + (row * n_place + k) * 4) += now[t * pairs] * from[k];
                     }
         }
-    }
 }

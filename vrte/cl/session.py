@@ -24,25 +24,20 @@ SOURCES = (
     "spherical",
     "assembly",
     "invariance",
-    "correction",
     "doubling",
     "joining",
-    "steps",
     "sums",
     "scattering",
     "complexes",
     "reconstruction",
-    "widening",
 )
 FAINTEST_OF_FLOATS = 1e-30
-IN_DOUBLES = {"scattering", "complexes", "reconstruction", "widening"}  # left out of a program in single precision
+IN_DOUBLES = {"scattering", "complexes", "reconstruction"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
 OPTIONS_OF = {"double": OPTIONS, "single": (*OPTIONS, "-D", "SINGLE", "-cl-single-precision-constant")}
-LANES = {"cpu": 1, "gpu": 64}  # work-items that share one item of a batch, by form of the kernels
-FORMS = tuple(LANES)
-WORK_GROUP = 256  # work-items of a group in the kernels' form for GPUs
+LANES = 64  # work-items that share a piece of work on anything but a processor, where it is 1
 FORKED = (
     "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
     'multiprocessing.get_context("spawn"), or use OpenCL after the fork only'
@@ -77,14 +72,11 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class DeviceArray(Placed):
-    """Numbers on a device, row by row in the memory ``data``, which may be part of a larger ``memory``, where it is the
-    kernels' number ``begin``. Making a pyopencl array takes forty microseconds."""
+    """Numbers on a device, row by row in the memory ``data``. Making a pyopencl array takes forty microseconds."""
 
     data: Any
     shape: tuple[int, ...]
     dtype: Any
-    memory: Any = None
-    begin: int = 0
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -117,29 +109,24 @@ class Reading:
 
 @dataclass(eq=False)
 class Session:
-    """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next
-    array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of the kernels, "cpu" (a
-    work-item a column, a strip or a matrix) or "gpu" (a work-group, tiles in local memory).
-    ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels compute with, and come down
-    as doubles; ``room``: bytes that matrices take at most, though there be more; ``at_once``: whether
-    steps of doubling may go in one launch; ``beside``: sessions on the same queue
-    and memory, by form and precision; ``waiting``: what launches work that was put off until something else is asked
-    for."""
+    """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next array;
+    ``lock``: held during a solve, because a kernel's arguments belong to it. ``lanes``: work-items of a work-group,
+    which share a piece of work. ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels
+    compute with, and come down as doubles; ``room``: bytes that matrices take at most, though there be more;
+    ``beside``: sessions on the same queue and memory, by lanes and precision."""
 
     context: Any
     queue: Any
     kernels: Kernels
     memory: Any
-    form: str = "cpu"
+    lanes: int = 1
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
     constants: dict[Any, Any] = field(default_factory=dict)
     precision: str = "double"
     traffic: Traffic = field(default_factory=Traffic)
     room: float = math.inf
-    beside: "dict[tuple[str, str], Session]" = field(default_factory=dict)
-    waiting: list[Callable[[], None]] = field(default_factory=list)
-    at_once: bool = True
+    beside: "dict[tuple[int, str], Session]" = field(default_factory=dict)
 
     @property
     def real(self) -> Any:
@@ -151,26 +138,21 @@ class Session:
         """What is below has no digits to check."""
         return _core.NO_LIGHT if self.precision == "double" else FAINTEST_OF_FLOATS
 
-    @property
-    def lanes(self) -> int:
-        """Work-items that share a piece of work."""
-        return LANES[self.form]
-
     def in_precision(self, precision: str) -> "Session":
         """This session, or that on the same queue and memory whose kernels compute in another precision; they are
         compiled when it is first asked for."""
-        return self._open_beside(self.form, precision)
+        return self._open_beside(self.lanes, precision)
 
-    def in_form(self, form: str) -> "Session":
-        """The same for another form of the kernels."""
-        return self._open_beside(form, self.precision)
+    def with_lanes(self, lanes: int) -> "Session":
+        """The same with another number of work-items for a piece of work."""
+        return self._open_beside(lanes, self.precision)
 
-    def _open_beside(self, form: str, precision: str) -> "Session":
-        self.beside.setdefault((self.form, self.precision), self)
-        wanted = form, precision
+    def _open_beside(self, lanes: int, precision: str) -> "Session":
+        self.beside.setdefault((self.lanes, self.precision), self)
+        wanted = lanes, precision
         if wanted not in self.beside:
-            kernels = build_form(self.context, *wanted)
-            self.beside[wanted] = replace(self, kernels=kernels, constants={}, form=form, precision=precision)
+            kernels = build_for(self.context, *wanted)
+            self.beside[wanted] = replace(self, kernels=kernels, constants={}, lanes=lanes, precision=precision)
         return self.beside[wanted]
 
     def narrow(self, values: Any) -> Any:
@@ -241,7 +223,6 @@ class Session:
         import pyopencl
 
         if made.nbytes:
-            self.catch_up()
             self.traffic.bytes_up += made.nbytes
             self.traffic.waits += 1
             pyopencl.enqueue_copy(self.queue, made.data, self.narrow(values))
@@ -262,7 +243,6 @@ class Session:
         import pyopencl
 
         self._check_process()
-        self.catch_up()
         found = [np.empty(each.shape, each.dtype) for each in arrays]
         full = [(copy, each) for copy, each in zip(found, arrays, strict=True) if copy.nbytes]
         coming = [pyopencl.enqueue_copy(self.queue, copy, each.data, is_blocking=False) for copy, each in full]
@@ -281,41 +261,17 @@ class Session:
         self.traffic.reads += 1
         self.traffic.bytes_down += size
 
-    def copy_items(self, source: DeviceArray, target: DeviceArray, items: Iterable[int]) -> None:
-        """Copies what belongs to some items, axis 0, from one array to another of its kind."""
-        import pyopencl
-
-        self.catch_up()
-        size = target.nbytes // target.shape[0]
-        for item in items:
-            part = {"byte_count": size, "src_offset": item * size, "dst_offset": item * size}
-            pyopencl.enqueue_copy(self.queue, target.data, source.data, **part)
-
-    def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
+    def launch(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:
         how many pieces of work, each for a work-group as large as the kernel says, of one work-item where it says
-        nothing; or with ``group`` how many work-items, in work-groups of that size."""
+        nothing."""
         if 0 in size:
             return
         self._check_process()
-        self.catch_up()
         self.traffic.launches += 1
         kernel = self.kernels[name]
-        if group is None:
-            group = self.kernels.groups[name][: len(size)]
-            size = tuple(map(mul, size, group))
-        kernel(self.queue, size, group, *flatten_arguments(arguments))
-
-    def catch_up(self) -> None:
-        """Launches what was put off."""
-        while self.waiting:
-            self.waiting.pop()()
-
-    def local_memory(self, size: int) -> Any:
-        """An argument of a kernel: so many bytes of local memory for each work-group."""
-        import pyopencl
-
-        return pyopencl.LocalMemory(size)
+        group = self.kernels.groups[name][: len(size)]
+        kernel(self.queue, tuple(map(mul, size, group)), group, *flatten_arguments(arguments))
 
     @contextmanager
     def lent(self, values: Array, written: bool = True) -> Iterator[Any]:
@@ -336,7 +292,6 @@ class Session:
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
         self._check_process()
-        self.catch_up()
         self.traffic.waits += 1
         self.queue.finish()
 
@@ -363,26 +318,25 @@ def read_sources(precision: str = "double") -> str:
     return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
-def open_session(device: Any, form: str | None = None, precision: str = "double") -> Session:
-    """A session on a pyopencl device; ``form`` of the kernels: by default that of the device's kind,
-    "cpu" also where work-groups of 256 are too large for it; ``precision``: "double" or "single".
+def open_session(device: Any, lanes: int | None = None, precision: str = "double") -> Session:
+    """A session on a pyopencl device; ``lanes``: work-items of a work-group, a power of two, by default 1 on a
+    processor, elsewhere `LANES` or as many as the device allows; ``precision``: "double" or "single".
 
     Raises DeviceError where the kernels cannot be built.
     """
     import pyopencl
 
-    assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    if form is None:
-        groups = device.max_work_group_size >= WORK_GROUP
-        form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
-    kernels, queue = build_form(context, form, precision), pyopencl.CommandQueue(context)
-    return Session(context, queue, kernels, _make_memory_pool(queue), form, precision=precision)
+    if lanes is None:
+        largest = 1 << (int(device.max_work_group_size).bit_length() - 1)
+        lanes = 1 if device.type & pyopencl.device_type.CPU else min(LANES, largest)
+    kernels, queue = build_for(context, lanes, precision), pyopencl.CommandQueue(context)
+    return Session(context, queue, kernels, _make_memory_pool(queue), lanes, precision=precision)
 
 
-def build_form(context: Any, form: str, precision: str) -> Kernels:
-    """The kernels of a form and a precision, compiled."""
-    options = *OPTIONS_OF[precision], "-D", f"LANES={LANES[form]}"
+def build_for(context: Any, lanes: int, precision: str) -> Kernels:
+    """The kernels of a precision for work-groups of so many lanes, compiled."""
+    options = *OPTIONS_OF[precision], "-D", f"LANES={lanes}"
     return build_kernels(context, read_sources(precision), options, REALS[precision])
 
 

@@ -12,8 +12,6 @@
 #define WHERE_OUT INTS first_use, INTS azimuth, IN mirror, int n_angle, int n_phi, int n_place, int n_level, \
     int n_in, int n_mu, int first_in, int n_here, OUT out, long out_first, long out_stride
 
-// How many directions and tiles of angles a work-item does on a CPU.
-#define EACH int mu_each, int tiles_each
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
 void sum_orders(int n_order, __global const real* from0, __global const real* from1, __global const real* from2,
@@ -59,70 +57,35 @@ void sum_group(__global const real* row, long column_stride, long stokes_stride,
     long row_stride, long stokes_stride, INTS shares, int n_group, INTS entry, IN sense, IN waves, int wave_rows, \
     int wave_ld, IN mirrored, INTS levels, INTS rows, IN scale, IN factors, int n_stokes
 
-// Global size: n_mu / mu_each, tiles of angles / tiles_each, shares times n_level times n_here.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_orders(ORDERS, EACH, WHERE_OUT)
+// Pieces: `each` directions, n_level times n_here, shares; a lane has a tile of a direction's angles.
+SHARED
+__kernel void add_orders(ORDERS, int each, WHERE_OUT)
 {
-    const int i = first_in + get_global_id(2) % n_here, level = get_global_id(2) / n_here % n_level;
-    __global const int* share = shares + 4 * (get_global_id(2) / ((long)n_here * n_level));
-    const int last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
-    const int last_tile = min((n_angle + TILE_ANGLES - 1) / TILE_ANGLES, (int)(get_global_id(1) + 1) * tiles_each);
+    const int i = first_in + get_group_id(1) % n_here, level = get_group_id(1) / n_here;
+    __global const int* share = shares + 4 * get_group_id(2);
+    const int begin_mu = each * get_group_id(0), tiles = (n_angle + TILE_ANGLES - 1) / TILE_ANGLES;
     real4 sums[BATCH * TILE_ANGLES];
     kernels += first + share[1] * order_stride + levels[level] * level_stride + i * in_stride;
     out += out_first + share[0] * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
-    for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
-        for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++)
-            for (int begin = 0; begin < n_group; begin += BATCH) {
-                __global const int* now = entry + 10 * begin;
-                const int angle = tile * TILE_ANGLES, count = min(BATCH, n_group - begin);
-                for (int g = 0; g < count; g++)
-                    sum_group(kernels + rows[j] * row_stride, column_stride, stokes_stride, order_stride,
-                              share[2], now + 10 * g, scale[i] * AT(sense, begin + g),
-                              factors + (long)rows[j] * n_stokes,
-                              waves + ((long)now[10 * g + 8] * wave_rows + share[3]) * wave_ld + 4 * angle, wave_ld,
-                              sums + g * TILE_ANGLES);
-                for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
-                    for (int use = first_use[a]; use < first_use[a + 1]; use++) {
-                        __global real* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
-                        for (int g = 0; g < count; g++) {
-                            const real4 sum = sums[g * TILE_ANGLES + a - angle];
-                            *(__global loose4*)(row + 4 * now[10 * g + 9]) +=
-                                mirror[use] < 0.0 ? AT(mirrored, now[10 * g + 8]) * sum : sum;
-                        }
+    SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
+        const int j = tile / tiles, angle = tile % tiles * TILE_ANGLES;
+        for (int begin = 0; begin < n_group; begin += BATCH) {
+            __global const int* now = entry + 10 * begin;
+            const int count = min(BATCH, n_group - begin);
+            for (int g = 0; g < count; g++)
+                sum_group(kernels + rows[j] * row_stride, column_stride, stokes_stride, order_stride, share[2], now + 10 * g,
+                          scale[i] * AT(sense, begin + g), factors + (long)rows[j] * n_stokes,
+                          waves + ((long)now[10 * g + 8] * wave_rows + share[3]) * wave_ld + 4 * angle, wave_ld,
+                          sums + g * TILE_ANGLES);
+            for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
+                for (int use = first_use[a]; use < first_use[a + 1]; use++) {
+                    __global real* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
+                    for (int g = 0; g < count; g++) {
+                        const real4 sum = sums[g * TILE_ANGLES + a - angle];
+                        *(__global loose4*)(row + 4 * now[10 * g + 9]) +=
+                            mirror[use] < 0.0 ? AT(mirrored, now[10 * g + 8]) * sum : sum;
                     }
-            }
-}
-
-// As a GPU wants it: a work-item has one distinct angle of a pair of directions, and one sum at a time; its neighbours
-// have the next angles. Global size: n_mu times n_angle, rounded up, n_level times n_here, shares.
-__kernel void add_orders_gpu(ORDERS, WHERE_OUT)
-{
-    const int j = get_global_id(0) / n_angle, angle = get_global_id(0) % n_angle;
-    const int i = first_in + get_global_id(1) % n_here, level = get_global_id(1) / n_here;
-    __global const int* share = shares + 4 * get_global_id(2);
-    if (j >= n_mu)
-        return;
-    kernels += first + share[1] * order_stride + levels[level] * level_stride + i * in_stride + rows[j] * row_stride;
-    out += out_first + share[0] * out_stride + (((long)level * n_in + i) * n_mu + j) * n_phi * 4 * n_place;
-    factors += (long)rows[j] * n_stokes;
-    for (int g = 0; g < n_group; g++) {
-        __global const int* now = entry + 10 * g;
-        __global const int* component = now + 4;
-        __global const real* wave = waves + ((long)now[8] * wave_rows + share[3]) * wave_ld + 4 * angle;
-        const real4 weight = scale[i] * AT(sense, g) *
-            (real4)(factors[component[0]], factors[component[1]], factors[component[2]], factors[component[3]]);
-        long from[4];
-        for (int k = 0; k < 4; k++)
-            from[k] = now[k] * column_stride + component[k] * stokes_stride;
-        real4 sum = (real4)(0.0);
-        for (int m = 0; m < share[2]; m++) {
-            __global const real* of = kernels + m * order_stride;
-            const real4 value = weight * (real4)(of[from[0]], of[from[1]], of[from[2]], of[from[3]]);
-            sum = value * AT(wave, 0) + sum;
-            wave += wave_ld;
+                }
         }
-        for (int use = first_use[angle]; use < first_use[angle + 1]; use++)
-            *(__global loose4*)(out + ((long)azimuth[use] * n_place + now[9]) * 4) +=
-                mirror[use] < 0.0 ? AT(mirrored, now[8]) * sum : sum;
     }
 }

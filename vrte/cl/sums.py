@@ -14,8 +14,7 @@ from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stand_in_for
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
-PIECES = 64  # pieces of a launch on a processor, so that its cores finish together
-LANES = 64  # work-items of a work-group on a GPU
+PIECES = 64  # pieces of a launch, so that a processor's cores finish together
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +127,14 @@ def launch_into(
     *arguments: Any,
 ) -> None:
     """A kernel over outgoing directions, tiles of so many distinct angles, and what lies ``across``, levels and
-    incident directions, then scenes; what it adds to comes behind its arguments. A work-item on a processor does some
-    directions and all tiles, because each costs time; on a GPU one of each."""
+    incident directions, then scenes; what it adds to comes behind its arguments. A piece is some directions and all
+    their tiles: as many as lanes, and so few pieces that none is too small for a processor."""
     n_level, n_in, n_mu, _, _, n_place = table.shape
     sizes = n_place, n_level, n_in, n_mu, incident[0], incident[1] - incident[0]
     into = *sizes, table.data, table.first, table.stride
     tiles = -(-(int(azimuths.first_use.size) - 1) // tile)
-    if session.form == "gpu":
-        number = -(-n_mu * tiles // LANES) * LANES
-        session.launch(name + "_gpu", (number, *across), *arguments, azimuths, *into, group=(LANES, 1, 1))
-        return
-    others = across[0] * across[1]
-    mu_each = max(1, min(n_mu, n_mu * others // PIECES))
-    session.launch(name, (-(-n_mu // mu_each), 1, others), *arguments, mu_each, tiles, azimuths, *into)
+    each = max(1, min(n_mu, max(n_mu * across[0] * across[1] // PIECES, session.lanes // tiles)))
+    session.launch(name, (-(-n_mu // each), *across), *arguments, each, azimuths, *into)
 
 
 def add_orders(
@@ -166,9 +160,8 @@ def add_orders(
     _, n_order_most, n_angle_padded, _ = entries.waves.shape
     groups = entries.where.shape[0], entries.where, entries.sense, entries.waves, n_order_most, 4 * n_angle_padded
     arguments = kernels, shares, *groups, entries.mirrored, levels, rows, scale, factors, factors.shape[1]
-    tile = 1 if session.form == "gpu" else TILE_OF_ORDERS
     across = table.shape[0] * (incident[1] - incident[0]), shares.shape[0]
-    launch_into(session, "add_orders", tile, across, azimuths, incident, table, *arguments)
+    launch_into(session, "add_orders", TILE_OF_ORDERS, across, azimuths, incident, table, *arguments)
 
 
 @dataclass(frozen=True, eq=False)

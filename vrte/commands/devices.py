@@ -79,9 +79,8 @@ def describe_devices(
         sizes = "".join(f"{size / 1e9:7.1f} GB" for size in (each.memory, each.largest))
         text = f"{each.name[:43]:44}{each.kind:13}{precision:4}{sizes}{each.units:7}  {each.driver}"
         lines.append(f" {'*' if index == taken else ' '}{index:2} {text}")
-        power = f", about {each.rate / 1e9:.3g}e9 operations a second in doubles" if each.double_precision else ""
         memory = "the processor's memory" if each.shared else "memory of its own"
-        lines.append(f"     on {each.platform}" + (f"; {memory}{power}" if each.kind == "gpu" else ""))
+        lines.append(f"     on {each.platform}" + (f"; {memory}" if each.kind == "gpu" else ""))
         if complaints.get(index):
             lines.append(f"     never taken: {complaints[index]}")
     return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])

@@ -1,5 +1,5 @@
-"""Whether an OpenCL device computes what the processor does: small scenes by every kernel, in each form of kernels that
-the device can run, beside the compiled core; batches, too little memory, Ctrl-C; at last the paper's gold powder.
+"""Whether an OpenCL device computes what the processor does: small scenes by every kernel beside the compiled core;
+batches, too little memory, Ctrl-C; at last the paper's gold powder.
 """
 
 import platform
@@ -21,7 +21,7 @@ from vrte.cl import device
 from vrte.cl.device import Device
 from vrte.cl.extended import Algebra, Sizes
 from vrte.cl.matrices import download_stack, make_stack, multiply_stacks, upload_stack
-from vrte.cl.session import FORMS, WORK_GROUP, Session, Traffic, open_session
+from vrte.cl.session import Session, open_session
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
@@ -42,11 +42,10 @@ ARRAYS = ("mueller", "transmission", "stokes", "flux_up", "flux_down")  # of res
 
 
 class Check(NamedTuple):
-    """A check in a form of kernels: the largest difference over the largest light, what is allowed, and seconds;
-    ``problem``: the error in place of a difference."""
+    """A check: the largest difference over the largest light, what is allowed, and seconds; ``problem``: the error in
+    place of a difference."""
 
     name: str
-    form: str
     gap: float
     allowed: float
     seconds: float
@@ -59,10 +58,10 @@ class Check(NamedTuple):
 
     @property
     def line(self) -> str:
-        """The check as a line of the printed table: name, form of the kernels, difference, limit, seconds."""
+        """The check as a line of the printed table: name, difference, limit, seconds."""
         difference = "failed" if self.problem else f"{self.gap:.1e}"
         mark = "" if self.passed else "  <- WRONG" + (f": {self.problem}" if self.problem else "")
-        return f"  {self.name:52}{self.form:9}{difference:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"
+        return f"  {self.name:52}{difference:>19}{self.allowed:10.0e}{self.seconds:8.2f}{mark}"
 
 
 class MistakeError(Exception):
@@ -101,7 +100,7 @@ def measure_gap(found: Any, right: Any) -> float:
 
 @contextmanager
 def change(session: Session, **values: Any) -> Iterator[None]:
-    """A session with other values of its attributes: one launch a step, less room for matrices [bytes]."""
+    """A session with other values of its attributes, as less room for matrices [bytes]."""
     before = {name: getattr(session, name) for name in values}
     vars(session).update(values)
     try:
@@ -112,7 +111,7 @@ def change(session: Session, **values: Any) -> Iterator[None]:
 
 @dataclass(eq=False)
 class Verification:
-    """The checks of a device in one form, in doubles or, where it has none, in floats."""
+    """The checks of a device, in doubles or, where it has none, in floats."""
 
     session: Session
     before: list[Array] | None = None  # Mueller matrices of the batch
@@ -125,7 +124,6 @@ class Verification:
             "invariance, semi-infinite": (CLOSE, partial(compare, "semi-infinite", INVARIANCE)),
             "doubling, semi-infinite": (SAME, partial(compare, "semi-infinite", BRDF | {"algorithm": "doubling"})),
             "doubling, four layers on a base, transmission": (SAME, partial(compare, "stack", THROUGH)),
-            "the same by a launch a step": (SAME, partial(compare, "stack", THROUGH, at_once=False)),
             "twelve depths": (SAME, partial(compare, "stack", depths)),
             "a batch of scenes": (CLOSE, self.compare_batch),
             "each as by itself": (0.0, self.compare_alone),
@@ -134,11 +132,10 @@ class Verification:
         }
         if self.session.precision == "single":
             return {name: (allowed and OF_FLOATS, call) for name, (allowed, call) in checks.items()}
-        modes, mixed = DEPTHS | {"algorithm": "modes", "backend": "opencl+lapack"}, {"precision": "mixed"}
+        modes = DEPTHS | {"algorithm": "modes", "backend": "opencl+lapack"}
         return checks | {
             "a surface": (SAME, partial(compare, "surface", THROUGH)),
             "eigenvectors of the processor, light by the device": (CLOSE, partial(compare, "stack", modes)),
-            "corrected floats, semi-infinite": (CLOSE, partial(compare, "semi-infinite", INVARIANCE | mixed)),
             "in floats, semi-infinite": (OF_FLOATS, partial(compare, "semi-infinite", INVARIANCE | FLOATS)),
             "in floats, four layers on a base": (OF_FLOATS, partial(compare, "stack", THROUGH | FLOATS)),
             "the paper's gold powder, 40 nodes": (CLOSE, partial(compare, "gold", BRDF | {"nodes": 40})),
@@ -148,13 +145,11 @@ class Verification:
         """Keywords of a call on the device: in floats where it has no doubles."""
         return {"backend": "opencl", **asked} | (FLOATS if self.session.precision == "single" else {})
 
-    def compare(self, name: str, asked: Mapping[str, Any], at_once: bool = True) -> float:
-        """One scene on the device beside the compiled core; ``at_once``: doubling in one launch, not one a step."""
+    def compare(self, name: str, asked: Mapping[str, Any]) -> float:
+        """One scene on the device beside the compiled core."""
         call: Callable[..., Any] = vrte.brdf if "mu_i" in asked else vrte.radiance
         scene = make_scenes()[name]
-        with change(self.session, at_once=at_once):
-            found = call(scene, **self.ask(asked))
-        return measure_gap(found, call(scene, **{**asked, **REFERENCE}))
+        return measure_gap(call(scene, **self.ask(asked)), call(scene, **{**asked, **REFERENCE}))
 
     def check_matrices(self) -> float:
         """Products and inverses of several sizes beside NumPy's."""
@@ -234,46 +229,35 @@ def verify_device(
     if not 0 <= chosen < len(all_devices):
         raise DeviceError(f"there is no OpenCL device {index}: {device.list_names(all_devices)}")
     own, begin = all_devices[chosen], time.perf_counter()
-    checks, left_out, traffic = list[Check](), list[str](), list[Traffic]()
-    kernels, launched = set[str](), set[str]()
-    say(f"{describe_machine(own)}\n\n  {'check':52}{'form':9}{'largest difference':>19}{'allowed':>10}{'s':>8}")
-    for form in list_forms(own):
-        report(f"compiling, form {form!r}")
-        with device.raise_device_errors():
-            opened = open_session(own.handle, form, own.widest)
-        with device.take_device(chosen, opened):
-            for name, (allowed, call) in Verification(opened).list_checks().items():
-                longest = max((check.seconds for check in checks), default=0.0)
-                if wanted and name not in wanted:
-                    continue
-                if time.perf_counter() - begin + longest > seconds:
-                    left_out.append(f"{name}, form {form!r}")
-                    continue
-                report(f"{name}, form {form!r}")
-                checks.append(perform_check(name, form, allowed, call))
-                say(checks[-1].line)
-        launched |= {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
-        traffic.append(opened.traffic)
-        kernels = set(opened.kernels.types)
-    failures = [check for check in checks if not check.passed]
+    checks, left_out = list[Check](), list[str]()
+    report("compiling")
+    with device.raise_device_errors():
+        opened = open_session(own.handle, precision=own.widest)
+    lanes = f"{opened.lanes} work-items share a piece of work"
+    say(f"{describe_machine(own)}; {lanes}\n\n  {'check':52}{'largest difference':>19}{'allowed':>10}{'s':>8}")
+    with device.take_device(chosen, opened):
+        for name, (allowed, call) in Verification(opened).list_checks().items():
+            longest = max((check.seconds for check in checks), default=0.0)
+            if wanted and name not in wanted:
+                continue
+            if time.perf_counter() - begin + longest > seconds:
+                left_out.append(name)
+                continue
+            report(name)
+            checks.append(perform_check(name, allowed, call))
+            say(checks[-1].line)
+    launched = {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
+    kernels, failures = set(opened.kernels.types), [check for check in checks if not check.passed]
     say(f"\n  {len(checks) - len(failures)} of {len(checks)} checks passed")
     say(f"  {len(kernels & launched)} of {len(kernels)} kernels were launched")
-    sums = {name: sum(vars(each)[name] for each in traffic) for name in vars(Traffic())}
-    say("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sums.items()))
-    for words, names in (("never launched", kernels - launched), ("left out for want of time", left_out)):
+    say("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in vars(opened.traffic).items()))
+    for words, names in (("never launched", sorted(kernels - launched)), ("left out for want of time", left_out)):
         if names:
-            say(f"  {words}: {'; '.join(sorted(names) if isinstance(names, set) else names)}")
+            say(f"  {words}: {'; '.join(names)}")
     return complain_about(own, checks, failures)
 
 
-def list_forms(found: Device) -> list[str]:
-    """The forms of kernels that a device can run, its own first."""
-    if found.handle.max_work_group_size < WORK_GROUP:
-        return ["cpu"]
-    return sorted(FORMS, reverse=found.kind != "cpu")
-
-
-def perform_check(name: str, form: str, allowed: float, call: Callable[[], float]) -> Check:
+def perform_check(name: str, allowed: float, call: Callable[[], float]) -> Check:
     """A check and its time; an error is one that did not pass."""
     start, difference, problem = time.perf_counter(), np.inf, ""
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -282,7 +266,7 @@ def perform_check(name: str, form: str, allowed: float, call: Callable[[], float
             difference = call()
         except Exception as error:  # wrong numbers may lead to any
             problem = str(error) or type(error).__name__
-    return Check(name, form, difference, allowed, time.perf_counter() - start, problem)
+    return Check(name, difference, allowed, time.perf_counter() - start, problem)
 
 
 def describe_machine(own: Device) -> str:
@@ -292,9 +276,9 @@ def describe_machine(own: Device) -> str:
         f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}\n"
         f"{own.name} ({own.kind}, {'doubles' if own.double_precision else 'no doubles'}) on {own.platform}, driver "
         f"{own.driver}, {own.handle.version.strip()}\n"
-        f"{own.units} compute units at {own.clock / 1e6:.0f} MHz, {own.memory / 1e9:.1f} GB, largest array "
+        f"{own.units} compute units, {own.memory / 1e9:.1f} GB, largest array "
         f"{own.largest / 1e9:.1f} GB, local memory {own.handle.local_mem_size} B, work-groups of "
-        f"{own.handle.max_work_group_size}, architecture {own.architecture}"
+        f"{own.handle.max_work_group_size}"
     )
 
 
@@ -308,4 +292,4 @@ def complain_about(own: Device, checks: Sequence[Check], failures: Sequence[Chec
     first, *others = failures
     what = first.problem or f"differs by {first.gap:.1e} of the largest light, allowed are {first.allowed:.0e}"
     more = f", and {len(others)} more checks did not pass" if others else ""
-    return f"{own.name} is not to be trusted: {first.name}, form {first.form!r}: {what}{more}"
+    return f"{own.name} is not to be trusted: {first.name}: {what}{more}"

@@ -9,8 +9,8 @@ import numpy as np
 from vrte.basics.arrays import Array, replace_unchecked
 from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import choose_engine
-from vrte.discrete_ordinates.execution.share_devices import carry_out_on_devices
 from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES, estimate_nodes
 from vrte.discrete_ordinates.planning.forecast import plan_within_limit
 from vrte.discrete_ordinates.planning.plan import Plan
@@ -44,9 +44,7 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
             request = flat[0].request
             engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
             own = replace_unchecked(run, kernels=engine.stages) if refracts else run
-            solutions |= dict(
-                zip(indices, carry_out_on_devices([flat[k] for k in indices], engine, own, progress), strict=True)
-            )
+            solutions |= dict(zip(indices, carry_out([flat[k] for k in indices], engine, own, progress), strict=True))
     found = (solutions[index] for index in range(len(flat)))
     return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 

@@ -30,7 +30,7 @@ BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a t
 MOST_NODES, MOST_THREADS, MOST_GRADING = 4096, 4096, 3
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
-PRECISIONS = ("auto", "double", "single", "mixed")  # of an OpenCL device
+PRECISIONS = ("auto", "double", "single")  # of an OpenCL device
 OF_SINGLE = 1e-4  # accuracy that single precision is good for, and what it is by default there
 # options of which each method says whether it uses them
 NOT_FOR_ALL = ("nodes", "grading", "accuracy", "algorithm", "verify", "truncation", "backend", "precision")
@@ -169,8 +169,8 @@ class How:
         "auto",
         PRECISIONS,
         "what an OpenCL device computes in; default: auto",
-        f', by rule; "double"; "single", floats for an accuracy of {OF_SINGLE:g} and coarser; "mixed", floats brought '
-        "to the accuracy of doubles where light comes back from a semi-infinite layer (docs/how_to/opencl.md)",
+        f', double where the device has it; "double"; "single", floats for an accuracy of {OF_SINGLE:g} and coarser '
+        "(docs/how_to/opencl.md)",
     )
     nodes: int | None = make_number_option(
         MOST_NODES,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, replace_unchecked
+from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
@@ -63,14 +63,14 @@ class Task:
     unknowns: int = 0
     agreement: Agreement | None = None
 
-    def next_pieces(self, index: int, ahead: bool = False) -> list[Piece]:
-        """Blocks that come before the next look at how many orders are left, with their orders; all with ``ahead``."""
+    def next_pieces(self, index: int) -> list[Piece]:
+        """Blocks that come before the next look at how many orders are left, with their orders."""
         blocks = self.plan.blocks
         if self.blocks < len(blocks) and blocks[self.blocks].orders[0] > max(self.found, default=self.left):
             self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
         taken: list[Piece] = []
         last = -1
-        while self.blocks < len(blocks) and (ahead or not taken or blocks[self.blocks].orders[0] <= last):
+        while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
             block = blocks[self.blocks]
             last = int(block.orders[-1])
             orders = block.orders if last < self.left else block.orders[block.orders < self.left]
@@ -78,21 +78,6 @@ class Task:
             if orders.size:
                 taken.append(Piece(index, self.plan, block, orders, block.choice.name))
         return taken
-
-    def cut(self, piece: Piece, answer: Answer) -> tuple[Piece, Answer] | None:
-        """A piece solved ahead without the orders that, with what is noted by now, do not matter; None without any."""
-        if piece.orders[0] > max(self.found, default=self.left):
-            self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
-        count = int(np.count_nonzero(piece.orders < self.left))
-        if count in (0, piece.orders.size):
-            return (piece, answer) if count else None
-        piece = replace_unchecked(piece, orders=piece.orders[:count])
-        if answer.doubts:
-            doubts = {order: reason for order, reason in answer.doubts.items() if order < self.left}
-            return piece, replace_unchecked(answer, doubts=doubts)
-        light = replace_unchecked(answer.light, orders=answer.light.orders[:count])
-        residuals = {name: values[:count] for name, values in answer.residuals.items()}
-        return piece, replace_unchecked(answer, light=light, largest=answer.largest[:count], residuals=residuals)
 
     def note(self, piece: Piece, answer: Answer) -> None:
         """Puts down what was found for a piece."""
@@ -139,19 +124,10 @@ def carry_out_batch(plans: Sequence[Plan], engine: Engine, run: Run, steps: Step
     with engine.at_work():
         engine.check_memory(plans, run)
         tasks = [make_task(plan) for plan in plans]
-        names = {block.choice.name for plan in plans for block in plan.blocks}
-        ahead = names <= set(engine.looks_ahead) and not any(task.agreement for task in tasks)
-        while pieces := [piece for index, task in enumerate(tasks) for piece in task.next_pieces(index, ahead)]:
-            solved: dict[int, Answer] = {}
+        while pieces := [piece for index, task in enumerate(tasks) for piece in task.next_pieces(index)]:
             for group in engine.grouped(pieces):
-                if ahead:
-                    solved |= zip(map(id, group), engine.solve(group, run, steps.ahead), strict=True)
-                else:
-                    solve_group(engine, tasks, group, run, steps.ahead)
+                solve_group(engine, tasks, group, run, steps.ahead)
                 steps.reach(steps.done + sum(piece.orders.size for piece in group))
-            for piece in pieces if ahead else ():
-                if pair := tasks[piece.place].cut(piece, solved[id(piece)]):
-                    take_answers(engine, tasks, [pair], run)
             steps.reach(before + sum(task.steps for task in tasks))
         if steps.progress is not None:  # orders that turned out not to matter are done with, too
             steps.reach(before + sum(block.orders.size for plan in plans for block in plan.blocks))
@@ -192,13 +168,8 @@ def solve_group(
     told: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Solves pieces that go together and notes what was found with their tasks; orders in doubt are solved again."""
-    take_answers(engine, tasks, list(zip(group, engine.solve(group, run, told), strict=True)), run)
-
-
-def take_answers(engine: Engine, tasks: Sequence[Task], answers: Sequence[tuple[Piece, Answer]], run: Run) -> None:
-    """Notes what was found for pieces with their tasks; orders in doubt are solved again."""
     again = []
-    for piece, answer in answers:
+    for piece, answer in zip(group, engine.solve(group, run, told), strict=True):
         task = tasks[piece.place]
         if answer.doubts:
             again.append(make_second_try(engine, piece, answer))

@@ -24,7 +24,7 @@ def choose_engine(backend: Backend, refracts: bool = False, precision: str = "au
     the processor has a part in it, DeviceError where there is no device, MissingExtraError without pyopencl."""
     kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
     if kernels != algebra or (refracts and kernels != "cpu"):
-        if precision in ("single", "mixed"):
+        if precision == "single":
             words = "is not for scenes that refract or mirror light: the processor joins their slabs, in doubles"
             raise SceneError(f"precision {precision!r} {words}", "precision")
         return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))

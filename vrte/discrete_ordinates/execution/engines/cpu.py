@@ -51,7 +51,6 @@ class Processor:
     overwrites: bool = False
     others: ClassVar[Mapping[str, str]] = OTHER
     takes_many: ClassVar[bool] = False
-    looks_ahead: ClassVar[Sequence[str]] = ()
 
     def at_work(self) -> AbstractContextManager[Any]:
         """One thread of BLAS in each of ours."""

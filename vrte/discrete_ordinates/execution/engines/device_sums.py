@@ -1,5 +1,5 @@
 """Results added up on a device: scenes that are alike in one launch each of the sum over orders and of single
-scattering, and down to the host while the next ones are at work."""
+scattering."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,13 +12,12 @@ import numpy as np
 from vrte.basics.arrays import IntArray
 from vrte.basics.running import Run
 from vrte.cl import sums
-from vrte.cl.session import Session
-from vrte.cl.staging import Coming, start_download
+from vrte.cl.session import DeviceArray, Session
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Share, Sum, Target, split_into_pieces, weigh_scatterers
 from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin
 
-TOGETHER = 32e6  # bytes of results per batch of sums, while the batch before is downloaded
+TOGETHER = 32e6  # bytes of results per batch of sums
 ORDERS = 32  # cosines and sines are made for a multiple of this many orders, so that scenes reuse them
 
 
@@ -57,35 +56,22 @@ def add_up(
 ) -> None:
     """Adds up results, see `Adding`; single scattering by ``doubles``, a session on the same queue, or without one by
     the processor."""
-    done, slot = 0, 0
-    before: tuple[Chunk, list[Coming]] | None = None
+    done = 0
     for chunks, finished in cut_into_chunks(results, piece_bytes):
         for chunk in chunks:
-            coming = [add_chunk(opened, chunk, run, slot, doubles is opened)]
+            tables = [add_chunk(opened, chunk, run, doubles is opened)]
             if chunk.results[0].in_closed_form and doubles not in (None, opened):
-                coming.append(add_chunk(doubles, chunk, run, slot, True, orders=False))
-            slot = 1 - slot
-            take_down(before, run)
-            before = chunk, coming
+                tables.append(add_chunk(doubles, chunk, run, True, orders=False))
+            with run.timed("from the device"):
+                for index, table in enumerate(tables):
+                    chunk.take(opened.download(table), index > 0)
         done += finished
         told(done)
-    take_down(before, run)
     for result in results if doubles is None else ():
         if result.in_closed_form:
             add = PROCESSOR.prepare_scattering(result.target, result.parts, run)
             for part in result.parts:
                 add(Share(part, 0, result.target.wanted.scale.size))
-
-
-def take_down(coming: tuple[Chunk, list[Coming]] | None, run: Run) -> None:
-    """Waits for what comes down and adds it where it belongs."""
-    if coming is None:
-        return
-    chunk, tables = coming
-    with run.timed("from the device"):
-        for index, table in enumerate(tables):
-            with table() as values:
-                chunk.take(values, index > 0)
 
 
 def cut_into_chunks(results: Sequence[Sum], piece_bytes: float) -> Iterator[tuple[list[Chunk], int]]:
@@ -113,8 +99,8 @@ def make_key(result: Sum) -> tuple[Any, ...]:
     return result.in_closed_form, *(array.tobytes() for array in arrays), *each
 
 
-def add_chunk(opened: Session, chunk: Chunk, run: Run, slot: int, scattering: bool, orders: bool = True) -> Coming:
-    """Sums over ``orders`` and single ``scattering`` of a chunk, and their way down begun."""
+def add_chunk(opened: Session, chunk: Chunk, run: Run, scattering: bool, orders: bool = True) -> DeviceArray:
+    """Sums over ``orders`` and single ``scattering`` of a chunk, on the device."""
     scenes, *one = chunk.shape
     room = opened.zeros(chunk.shape)
     table = sums.Table(room.data, tuple(one), scenes, 0, int(np.prod(one)))
@@ -126,13 +112,13 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, slot: int, scattering: bo
     if scattering and chunk.results[0].in_closed_form:
         with note_stage(opened, run, "single scattering"):
             add_scattering(opened, chunk, table)
-    return start_download(opened, room, slot)
+    return room
 
 
 @contextmanager
 def note_stage(opened: Session, run: Run, name: str) -> Iterator[None]:
-    """Records the time of a stage; a processor's device is waited for, a GPU goes on."""
-    with run.timed(name, opened.finish) if opened.form == "cpu" else run.timed(name):
+    """Records the time of a stage, which is waited for."""
+    with run.timed(name, opened.finish):
         yield
 
 

@@ -1,6 +1,6 @@
 """What an engine is: where Fourier orders are solved, and their light is added up."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -80,11 +80,6 @@ class Engine(Adding, Protocol):
     @property
     def takes_many(self) -> bool:
         """Whether the plans of many scenes are carried out together."""
-
-    @property
-    def looks_ahead(self) -> Collection[str]:
-        """Algorithms by which all orders that may matter are solved at once, though the first may tell that the last do
-        not."""
 
     def at_work(self) -> AbstractContextManager[Any]:
         """Held while plans are carried out."""

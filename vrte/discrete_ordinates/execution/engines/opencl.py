@@ -5,7 +5,6 @@ norms, gaps, residuals, and the largest light, which says how many orders are le
 """
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -20,12 +19,11 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
 from vrte.basics.running import Run
-from vrte.cl import assembly, doubling, invariance, joining, mixed, reconstruction, sums
-from vrte.cl.device import find_chosen_device, raise_device_errors
+from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
+from vrte.cl.device import choose_precision, find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.errors import check_room
-from vrte.cl.precision import choose_precision
 from vrte.cl.session import Reading, Session, Traffic
 from vrte.discrete_ordinates.execution.engines.device_sums import add_up, note_stage
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
@@ -101,29 +99,23 @@ class Numbers:
 @dataclass(eq=False)
 class Device:
     """See `Engine`. ``asked``: the precision asked for, ``accuracy``: the finest that is; ``before``: what had gone to
-    and from the device when the work began; ``doubted``: orders that floats did not converge, and doubles solved."""
+    and from the device when the work began."""
 
     asked: str = "auto"
     accuracy: float = 0.0
     before: Traffic = field(default_factory=Traffic)
-    doubted: int = 0
     stages: ClassVar[Any] = _core
     takes_many: ClassVar[bool] = True
 
-    @property
-    def looks_ahead(self) -> Sequence[str]:
-        """A GPU has idle work-items for a few orders more where those of all blocks go in the same launches."""
-        return ("invariance",) if self.session.form == "gpu" else ()
-
     @cached_property
     def precision(self) -> tuple[str, str]:
-        """The precision, "double", "single" or "mixed", and why."""
-        return choose_precision(self.asked, self.accuracy, find_chosen_device(), open_session)
+        """The precision, "double" or "single", and why."""
+        return choose_precision(self.asked, self.accuracy, find_chosen_device())
 
     @cached_property
     def session(self) -> Session:
         """The device at work on Fourier orders."""
-        return open_session("single" if self.precision[0] == "single" else "double")
+        return open_session(self.precision[0])
 
     @cached_property
     def in_doubles(self) -> Session | None:
@@ -172,7 +164,7 @@ class Device:
         """Pieces that are alike, as many as the device has room for."""
         groups: dict[tuple[Any, ...], list[Piece]] = {}
         for piece in pieces:
-            groups.setdefault(make_group_key(piece, self.session.form), []).append(piece)
+            groups.setdefault(make_group_key(piece), []).append(piece)
         room = find_matrix_room(self.session)
         for waiting in groups.values():
             taken: list[Piece] = []
@@ -192,42 +184,26 @@ class Device:
 
     def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
         """All orders of all pieces of a group; where an order is in doubt, its piece is."""
-        sorts: dict[Any, list[Piece]] = {}
+        found = self.find(pieces, run)
+        (largest, brightest), numbers = self.session.read([look_at(self.session, found), found.numbers])
+        answers, first = list[Answer](), 0
         for piece in pieces:
-            sorts.setdefault(make_sort_key(piece), []).append(piece)
-        found = self.find(list(sorts.values()), run)
-        seen, *numbers = self.session.read([look_at(self.session, found), *(part.numbers for part in found)])
-        answers: dict[int, Answer] = {}
-        for some, part, told_of, (largest, brightest) in zip(sorts.values(), found, numbers, seen, strict=True):
-            first = 0
-            for piece in some:
-                items = slice(first, first + piece.orders.size)
-                doubts = find_doubts(piece, told_of, items, self.session.precision)
-                light = largest[items], brightest[first]
-                first = items.stop
-                full = (piece, part, told_of, items, *light)
-                answers[id(piece)] = make_empty_answer(doubts) if doubts else make_answer(*full)
-        return [answers[id(piece)] for piece in pieces]
+            items = slice(first, first + piece.orders.size)
+            doubts = find_doubts(piece, numbers, items, self.session.precision)
+            full = piece, found, numbers, items, largest[items], brightest[first]
+            answers.append(make_empty_answer(doubts) if doubts else make_answer(*full))
+            first = items.stop
+        return answers
 
-    def find(self, sorts: list[list[Piece]], run: Run) -> list[Found]:
-        """What the items of each sort are, in the precision of `session`."""
-        name, doubles = sorts[0][0].name, self.in_doubles
-        if name == "invariance":
-            reflect = self.reflect_mixed if self.precision[0] == "mixed" else reflect_in_one_precision
-            return solve_by_invariance(self.session, sorts, run, reflect)
-        if name != IN_DOUBLES:
-            return [solve_by_doubling(self.session, pieces, run) for pieces in sorts]
-        assert doubles is not None
-        solved = [solve_by_doubling(doubles, pieces, run) for pieces in sorts]
-        return [replace(found, kernels=self.session.upload(doubles.download(found.kernels))) for found in solved]
-
-    def reflect_mixed(
-        self, opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
-    ) -> list[invariance.SemiInfinite]:
-        """Reflection of semi-infinite layers in floats with corrections; counts the orders that it took doubles for."""
-        pairs = [mixed.reflect_semi_infinite_mixed(opened, one, stop) for one in asked]
-        self.doubted += sum(doubted.size for _, doubted in pairs)
-        return [found for found, _ in pairs]
+    def find(self, pieces: list[Piece], run: Run) -> Found:
+        """What the items of pieces are, in the precision of `session`."""
+        if pieces[0].name == "invariance":
+            return solve_by_invariance(self.session, pieces, run)
+        if pieces[0].name != IN_DOUBLES:
+            return solve_by_doubling(self.session, pieces, run)
+        assert self.in_doubles is not None
+        found = solve_by_doubling(self.in_doubles, pieces, run)
+        return replace(found, kernels=self.session.upload(self.in_doubles.download(found.kernels)))
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can verify."""
@@ -241,7 +217,6 @@ class Device:
         """Which device it was, what it computed in, and what went to and from it for all scenes of the call so far."""
         precision, rule = self.precision
         reported: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
-        reported |= {"orders_doubted": self.doubted} if precision == "mixed" else {}
         return reported | {"traffic": asdict(self.session.traffic.since(self.before))}
 
     def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
@@ -255,17 +230,8 @@ def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
     return Device(asked, accuracy)
 
 
-def make_group_key(piece: Piece, form: str) -> tuple[Any, ...]:
-    """Alike for pieces that can be solved in one call: by invariance on a GPU whatever their nodes and Stokes
-    parameters."""
-    problem = piece.problem
-    if piece.name == "invariance" and form == "gpu":
-        return piece.name, problem.n_up, problem.mu_out.tobytes(), problem.mu0.tobytes()
-    return make_sort_key(piece)
-
-
-def make_sort_key(piece: Piece) -> tuple[Any, ...]:
-    """Alike for pieces whose matrices have the same sizes."""
+def make_group_key(piece: Piece) -> tuple[Any, ...]:
+    """Alike for pieces that can be solved in one call: whose matrices have the same sizes."""
     problem = piece.problem
     arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
     shape: tuple[Any, ...] = ()
@@ -290,28 +256,20 @@ def count_matrix_bytes(piece: Piece) -> float:
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
-def look_at(opened: Session, solved: Sequence[Found]) -> Reading:
-    """Of each sort of pieces the largest of each item at each depth for each beam, and I in the brightest column per
-    unit of what comes in, (item, n_tau, n_in); one look for all."""
-    sizes = [math.prod(found.shape[:3]) for found in solved]
-    room, first = opened.empty((2 * sum(sizes),)), 0
-    for found, size in zip(solved, sizes, strict=True):
-        items, levels, n_in, n_col, n_mu, stokes = found.shape
-        rows = int(np.count_nonzero(found.factors.any(axis=1)))
-        shape = levels, n_in, n_col, n_mu, rows, stokes, int(np.argmax(found.incoming))
-        opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, room, first, first + size)
-        first += 2 * size
-    return Reading([room], partial(share_light, solved, sizes))
+def look_at(opened: Session, found: Found) -> Reading:
+    """The largest radiance of each item at each depth for each beam, and I in the brightest column per unit of what
+    comes in, (item, n_tau, n_in)."""
+    items, levels, n_in, n_col, n_mu, stokes = found.shape
+    light = opened.empty((2, items, levels, n_in))
+    rows = int(np.count_nonzero(found.factors.any(axis=1)))
+    shape = levels, n_in, n_col, n_mu, rows, stokes, int(np.argmax(found.incoming))
+    opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, light, light.size // 2)
 
+    def scale(seen: Array) -> tuple[Array, Array]:
+        largest, intensity = float(np.abs(found.factors).max()) * seen
+        return largest, intensity / max(float(found.incoming.max()), 1e-300)
 
-def share_light(solved: Sequence[Found], sizes: Sequence[int], light: Array) -> list[tuple[Array, Array]]:
-    """Of what a look saw each sort's, which is half as many numbers of each kind as its size."""
-    first, seen = 0, []
-    for found, size in zip(solved, sizes, strict=True):
-        both = float(np.abs(found.factors).max()) * light[first : first + 2 * size].reshape(2, *found.shape[:3])
-        seen.append((both[0], both[1] / max(float(found.incoming.max()), 1e-300)))
-        first += 2 * size
-    return seen
+    return Reading([light], scale)
 
 
 def find_doubts(piece: Piece, found: Numbers, items: slice, precision: str) -> dict[int, str]:
@@ -538,68 +496,45 @@ def find_leaving_light(opened: Session, batch: Batch, joined: joining.Joined, sh
     return kernels
 
 
-def reflect_in_one_precision(
-    opened: Session, asked: Sequence[tuple[Any, ...]], stop: IntArray
-) -> list[invariance.SemiInfinite]:
-    """What semi-infinite layers send back, all sorts of them together where the device wants it."""
-    uploaded = [tuple(mixed.upload_all(opened, one)) for one in asked]
-    sorts = [invariance.Asked(assembly.Scattering(*one[:7]), *one[7:]) for one in uploaded]
-    return invariance.reflect_sorts(opened, sorts, stop)
-
-
-def solve_by_invariance(
-    opened: Session,
-    sorts: list[list[Piece]],
-    run: Run,
-    reflect: Callable[[Session, Sequence[tuple[Any, ...]], IntArray], list[invariance.SemiInfinite]],
-) -> list[Found]:
+def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of semi-infinite layers."""
+    problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
     with note_stage(opened, run, "invariance"):
-        made = reflect(opened, [gather_layers(pieces) for pieces in sorts], run.stop)
-        found = []
-        for pieces, light in zip(sorts, made, strict=True):
-            problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
-            directions = problem.mu_out.size, len(problem.stokes)
-            shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
-            factors = np.zeros(directions)
-            factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
-            incoming = np.abs(problem.columns).max(axis=1)
-            arrays = [light.residual, *([light.on_nodes] if (orders == 0).any() else [])]
-            numbers = Reading(arrays, partial(find_semi_infinite_numbers, problem, shape, light.first))
-            found.append(Found(light.up.reshape(shape), shape, incoming, factors, numbers))
-    return found
+        light = invariance.reflect_semi_infinite(opened, **gather_layers(opened, pieces), stop=run.stop)
+    directions = problem.mu_out.size, len(problem.stokes)
+    shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
+    factors = np.zeros(directions)
+    factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
+
+    def make_numbers(residual: Array, *nodal: Array) -> Numbers:
+        flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
+        for each in nodal:
+            flux[:, 0, 0] = np.concatenate([find_flux_up(problem, item) for item in each])
+        return Numbers(flux, {"residual_of_invariance": residual}, np.zeros(shape[0]))
+
+    numbers = Reading([light.residual, *([light.on_nodes] if (orders == 0).any() else [])], make_numbers)
+    return Found(light.up.reshape(shape), shape, np.abs(problem.columns).max(axis=1), factors, numbers)
 
 
-def find_semi_infinite_numbers(
-    problem: Problem, shape: tuple[int, ...], first: int, residual: Array, *nodal: Array
-) -> Numbers:
-    """Of semi-infinite layers: the items of all sorts may lie in one array of residuals, these begin at ``first``;
-    light on the nodes where one of them is order 0."""
-    flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
-    for light in nodal:
-        flux[:, 0, 0] = np.concatenate([find_flux_up(problem, each) for each in light])
-    residuals = {"residual_of_invariance": residual[first : first + shape[0]]}
-    return Numbers(flux, residuals, np.zeros(shape[0]))
-
-
-def gather_layers(pieces: list[Piece]) -> tuple[Any, ...]:
-    """The arguments of `reflect_semi_infinite` for a sort of pieces, on the host."""
+def gather_layers(opened: Session, pieces: list[Piece]) -> dict[str, Any]:
+    """The arguments of `reflect_semi_infinite` for all orders of pieces, on the device."""
     problem = pieces[0].problem
     off, indices = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     orders = np.concatenate([piece.orders for piece in pieces])
-    return (
-        np.arange(orders.size, dtype=np.int32),
-        orders,
-        np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
-        tuple(problem.stokes),
-        pad_coefficients([piece.problem.coefficients[:1] for piece in pieces]),
-        np.array([piece.problem.terms[0] for piece in pieces], np.int32),
-        np.array([piece.problem.albedo[0] for piece in pieces]),
-        np.concatenate([problem.nodes, off]),
-        problem.weights,
-        indices[:n_out].astype(np.int32),
-        indices[n_out:].astype(np.int32),
-        problem.columns,
-        np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
-    )
+    arrays = {
+        "items": np.arange(orders.size, dtype=np.int32),
+        "order": orders,
+        "material": np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
+        "coefficients": pad_coefficients([piece.problem.coefficients[:1] for piece in pieces]),
+        "terms": np.array([piece.problem.terms[0] for piece in pieces], np.int32),
+        "albedo": np.array([piece.problem.albedo[0] for piece in pieces]),
+        "directions": np.concatenate([problem.nodes, off]),
+        "weights": problem.weights,
+        "out": indices[:n_out].astype(np.int32),
+        "into": indices[n_out:].astype(np.int32),
+        "columns": problem.columns,
+        "tolerance": np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
+    }
+    uploaded: dict[str, Any] = {name: opened.constant(values) for name, values in arrays.items()}
+    return uploaded | {"members": tuple(problem.stokes)}
