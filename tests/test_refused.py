@@ -293,7 +293,7 @@ HOW: list[Row] = [
     (partial(How, time_limit_s=-1), "^time_limit_s must be seconds, not -1", None),
     (partial(How, algorithm="modes", backend="opencl"), "^algorithm 'modes' needs an eigensolver", None),
     (partial(How, method=AUTO, nodes=8), "^method 'auto' takes no nodes", None),
-    (partial(How, precision="half"), "^precision must be 'auto', 'double', 'single', 'mixed', not 'half'", None),
+    (partial(How, precision="half"), "^precision must be 'auto', 'double', 'single', not 'half'", None),
     (partial(How, precision="single"), "^precision 'single' is of .*: 'openmp' computes in doubles", None),
     (partial(How, precision="double", backend="opencl+lapack"), "^precision 'double' is of backend 'opencl'", None),
     (partial(How, precision="single", backend="opencl", accuracy=1e-5), "0.0001 .*, not 1e-05", "precision"),
