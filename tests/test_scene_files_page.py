@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
-import pytest
-
 from vrte.appearance.hiding import Conditions
 from vrte.fit.files import KEYS as FIT_KEYS
 from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
@@ -39,6 +37,7 @@ def read_rows(section: str) -> dict[str, list[str]]:
 
 
 ROWS = {heading.replace("`", ""): read_rows(section) for heading, section in HEADINGS.findall(PAGE)}
+OPTION_ROWS = {("The file", name): OPTIONS[name] for name in OPTION_KEYS if OPTIONS[name].choices}
 REGISTRIES = {'source = "{}"': SOURCES, "phase = {{ {} = ... }}": PHASES, 'kind = "{}"': BASES, "size.{}": SIZES}
 KEYS: dict[str, Mapping[str, Key]] = {  # sections of which the registries know more than the names of keys
     **{
@@ -78,7 +77,7 @@ CHOICES = {  # section and key: names that its row must have, and no others in q
     ("[fit]", "loss"): LOSSES,
     ("[fit]", "jacobian"): JACOBIANS,
     ("[fit.free.NAME]", "spacing"): SPACINGS,
-    **{("The file", name): OPTIONS[name].choices for name in OPTION_KEYS if OPTIONS[name].choices},
+    **{place: option.choices for place, option in OPTION_ROWS.items()},
     **{
         (heading, name): tuple(key.names)
         for heading, keys in KEYS.items()
@@ -95,23 +94,15 @@ def test_every_key_has_a_row_and_every_row_a_key() -> None:
         assert all((cells[0], cells[2], cells[3])), cells
 
 
-@pytest.mark.parametrize(("place", "names"), CHOICES.items(), ids=lambda value: ".".join(value))
-def test_a_row_names_all_that_may_be_chosen(place: tuple[str, str], names: tuple[str, ...]) -> None:
-    heading, key = place
-    assert set(re.findall(r'"([^"]+)"', ROWS[heading][key][3])) == set(names)
-
-
-def test_defaults_are_those_of_the_program() -> None:
-    defaults = {("The file", name): OPTIONS[name].default for name in OPTION_KEYS if OPTIONS[name].choices}
+def test_choices_defaults_ranges_and_suffixes_are_those_of_the_program() -> None:
+    """A dash alone says that a key is needed; what stands in for another says so."""
+    for (heading, name), choices in CHOICES.items():
+        assert {*re.findall(r'"([^"]+)"', ROWS[heading][name][3])} == {*choices}, f"{heading}, {name}"
+    defaults = {place: option.default for place, option in OPTION_ROWS.items()}
     defaults |= {("[render]", name): value for name, value in SETTING.items()}
     defaults |= {("[appearance]", field.name): field.default for field in fields(Conditions)}
-    for (heading, key), default in defaults.items():
-        there = ROWS[heading][key][2].strip("`")
-        assert there == write_value(default).removesuffix(".0"), f"{heading}, {key}: {there}"
-
-
-def test_defaults_ranges_and_suffixes_are_those_of_the_program() -> None:
-    """A dash alone says that a key is needed; what stands in for another says so."""
+    for (heading, name), default in defaults.items():
+        assert ROWS[heading][name][2].strip("`") == write_value(default).removesuffix(".0"), f"{heading}, {name}"
     for heading, keys in KEYS.items():
         for name, key in keys.items():
             _, _, there, allowed = ROWS[heading][name]
