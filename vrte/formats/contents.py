@@ -1,11 +1,13 @@
-"""What the result files hold, whatever their format, declared once: names, dimensions, units, meanings.
+"""What the result files hold, whatever their format, as contents.toml declares it: names, dimensions, units, meanings.
 
 From the declaration follow the labelled data set, what every format writes and reads, and the result from it.
 """
 
 import json
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,17 +27,9 @@ Result = Brdf | Field | Spectrum
 MEANINGLESS = (LookupError, TypeError, ValueError, AttributeError, RecursionError)  # what a strange file raises
 LARGEST_RESULT = 2e9  # bytes of values in memory, unless a caller allows more
 LABELLED = "a labelled or NetCDF result"
-RADIANCE, IRRADIANCE = "W m-2 sr-1", "W m-2"
 CF = "CF-1.11"
-CONVENTIONS = (
-    "phi_deg is outgoing minus incident azimuth, both along the direction of travel (0 forward, 180 back), growing "
-    "counter-clockwise seen from above; Stokes vectors I, Q, U, V refer to the local meridian plane, "
-    "Q = I_parallel - I_perpendicular, U and V in the signs of Hovenier and van der Mee; cosines are in the medium of "
-    "the light that they describe: mu_i, mu_o and mu0 outside, mu where its depth lies; without an interface in the "
-    "scene all is inside the host medium, and nothing is refracted or reflected at its surface; what smooth surfaces "
-    "mirror and let through as beams is in specular and specular_transmission, shares of a beam's power, and not in "
-    "mueller, transmission, reflectance and stokes"
-)
+DECLARED: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+CONVENTIONS: str = DECLARED["conventions"]
 
 
 @dataclass(frozen=True)
@@ -88,8 +82,7 @@ class Kind:
 
 
 STOKES_AXIS = "stokes_parameter"  # "stokes" is a variable: no dimension with labels may be called so too
-BEAM, MATRIX, DEPTH, PLACE = ("mu_i",), ("stokes_out", "stokes_in"), ("tau",), ("tau", "mu", "phi_deg", STOKES_AXIS)
-BEAMS, PAIRS = (*BEAM, *MATRIX), ("mu_i", "mu_o", "phi_deg", *MATRIX)
+MATRIX = ("stokes_out", "stokes_in")
 PARAMETER = "parameter"  # the dimension of derivatives, labelled by the names of the numbers
 NAMES = "derivatives"  # the attribute that lists these names, as JSON
 TEXTS = ("kind", "diagnostics", SCENE, NAMES)  # the attributes that make a result
@@ -100,63 +93,21 @@ COLUMNS = {  # of the arrays that are rows of a table: elements f00 to f33, t00 
     "stokes": tuple(STOKES),
 }
 WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", standard_name="radiation_wavelength")
-DIRECTIONS = {
-    "mu_i": (BEAM, "1", "cosine of the angle of incidence"),
-    "mu_o": (("mu_o",), "1", "cosine of the angle of exit"),
-    "phi_deg": (("phi_deg",), "degree", "azimuth, outgoing minus incident, both along the direction of travel"),
-}
-OF_DIRECTIONS = {
-    "mueller": (PAIRS, "sr-1", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
-    "reflectance": (BEAM, "1", "directional-hemispherical diffuse reflectance, unpolarized light"),
-    "transmission": (PAIRS, "sr-1", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"),
-    "direct_transmittance": (BEAM, "1", "share of unpolarized light that leaves the other face as a beam, unscattered"),
-    "specular": (BEAMS, "1", "Mueller matrix of the share of a beam's power that comes back as a beam"),
-    "specular_transmission": (
-        *(BEAMS, "1"),
-        "Mueller matrix of the share of a beam's power that leaves the other face as a beam",
-    ),
-    "surface": (
-        *(PAIRS, "sr-1"),
-        "the part of mueller that rough surfaces send back without any particle: radiance/irradiance",
-    ),
-    "specular_reflectance": (BEAM, "1", "share of unpolarized light that comes back as a beam"),
-    "total_reflectance": (BEAM, "1", "reflectance and specular_reflectance together"),
-}
-PLACES = {
-    "tau": (DEPTH, "1", "optical depth, growing downward from the top"),
-    "mu": (("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
-    "phi_deg": (("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
-}
-OF_PLACES = {
-    "stokes": (PLACE, RADIANCE, "radiance I, Q, U, V, diffuse light only"),
-    "flux_up": (DEPTH, IRRADIANCE, "diffuse flux going up through a horizontal plane"),
-    "flux_down": (DEPTH, IRRADIANCE, "diffuse flux going down through a horizontal plane"),
-    "direct": (
-        *(DEPTH, IRRADIANCE),
-        "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go down",
-    ),
-    "direct_up": (DEPTH, IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
-    "index": (DEPTH, "1", "refractive index of the medium that the depth lies in"),
-    "mu0": ((), "1", "cosine of the beam's angle of incidence"),
-    "incident_stokes": (
-        *((STOKES_AXIS,), IRRADIANCE),
-        "the beam's I, Q, U, V as flux through a plane perpendicular to it",
-    ),
-}
 
 
-def make_kind(
-    name: str, title: str, coordinates: Mapping[str, Any], variables: Mapping[str, Any], derivatives: dict[str, str]
-) -> Kind:
-    """The kind of these rows (dimensions, unit, meaning), and ``derivatives``, each of one of its variables."""
+def make_kind(name: str, derivatives: dict[str, str]) -> Kind:
+    """The kind of that name, and ``derivatives``, each of one of its variables."""
     axes, found = (
-        {key: Described(dims, units, words, COLUMNS.get(key, ())) for key, (dims, units, words) in rows.items()}
-        for rows in (coordinates, variables)
+        {
+            key: Described(**row | {"dims": tuple(row["dims"])}, columns=COLUMNS.get(key, ()))
+            for key, row in rows.items()
+        }
+        for rows in (DECLARED[name]["coordinates"], DECLARED[name]["variables"])
     )
     for key, value in derivatives.items():
         words = f"derivatives of {value} by each number of {PARAMETER}, per unit of the number"
         found[key] = replace(found[value].along(PARAMETER), long_name=words)
-    return Kind(name, title, axes, found)
+    return Kind(name, DECLARED[name]["title"], axes, found)
 
 
 def add_axis(kind: Kind, name: str, title: str, axis: str, about: Described, shared: tuple[str, ...] = ()) -> Kind:
@@ -165,9 +116,9 @@ def add_axis(kind: Kind, name: str, title: str, axis: str, about: Described, sha
     return Kind(name, f"{kind.title}{title}", {axis: about, **kind.coordinates}, several)
 
 
-BRDF = make_kind("brdf", "BRDF of a particulate layer", DIRECTIONS, OF_DIRECTIONS, BRDF_DERIVATIVES)
+BRDF = make_kind("brdf", BRDF_DERIVATIVES)
 SPECTRUM = add_axis(BRDF, "spectrum", " at several wavelengths", "wavelength_um", WAVELENGTH)
-FIELD = make_kind("field", "radiance field of a particulate layer", PLACES, OF_PLACES, FIELD_DERIVATIVES)
+FIELD = make_kind("field", FIELD_DERIVATIVES)
 BEAM_COSINES = Described(("mu0",), "1", "cosine of each beam's angle of incidence")
 FIELDS = add_axis(FIELD, "fields", ", for several beams", "mu0", BEAM_COSINES, ("index", "incident_stokes"))
 KINDS = {kind.name: kind for kind in (BRDF, FIELD, FIELDS, SPECTRUM)}
