@@ -62,22 +62,6 @@ def test_the_tensor_of_a_result_is_that_result_as_a_base(tensor: Path, exact: np
 
 
 @pytest.mark.slow
-def test_the_error_of_a_tensor_falls_with_the_square_of_its_step(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
-    """Median over other directions, of I; the spectrum's own grid is finer than the tensor's."""
-    one = vrte.brdf(BRIGHTER, **directions(32, 37), nodes=8)
-    dice = np.random.default_rng(2)
-    mu, phi = dice.uniform(0.15, 1.0, 8), dice.uniform(0.0, 360.0, 6)
-    exact = vrte.brdf(BRIGHTER, mu, mu, phi, nodes=8).mueller
-    off = []
-    for step in (10.0, 5.0, 2.5):
-        write_mitsuba(vrte.Spectrum(WAVELENGTHS, [one] * 5), tmp_path / "fine.bsdf", step_deg=step)
-        found = vrte.read_base(tmp_path / "fine.bsdf", 0.45).reflect(mu[:, None, None], mu[:, None], phi)
-        off.append(np.median(np.abs(found - exact).max(axis=(3, 4)) / exact[..., 0, 0]))
-    assert off[0] > 3.0 * off[1] > 9.0 * off[2]
-    assert off[2] < 2e-3
-
-
-@pytest.mark.slow
 def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path: Path) -> None:
     for suffix in (".nc", ".csv"):
         spectrum[2].save(tmp_path / f"one{suffix}")
@@ -87,18 +71,9 @@ def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path:
     assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.5)), exact) > 1e-2
 
 
-AXES = {"axes": {"layer[1].thickness": [0.1, 0.3]}}
-
-
 def content(**base: Any) -> dict[str, Any]:
-    layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.3}
-    return {
-        "nodes": 6,
-        "wavelength_um": 0.55,
-        "layer": [layer],
-        "base": {"kind": "table", **base},
-        "brdf": {"mu_i": 0.5, "mu_o": 0.5},
-    }
+    layer, brdf = {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.3}, {"mu_i": 0.5, "mu_o": 0.5}
+    return {"nodes": 6, "wavelength_um": 0.55, "layer": [layer], "base": {"kind": "table", **base}, "brdf": brdf}
 
 
 def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
@@ -111,9 +86,10 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
     assert find_named_tables(content(file="paint.bsdf")) == {("base", "file"): "paint.bsdf"}
 
 
-@pytest.mark.parametrize(
-    ("base", "wavelength", "words"),
-    [
+def test_what_a_scene_file_says_of_a_table_wrongly(spectrum: vrte.Spectrum, tensor: Path, tmp_path: Path) -> None:
+    spectrum.save(tmp_path / "all.nc")
+    (tmp_path / "a.bsdf").symlink_to(tensor)
+    rows: list[tuple[dict[str, Any], float | None, str]] = [
         ({"file": "all.nc"}, 0.7, r'base\.file = "all\.nc": wavelength_um must be one of .*, not 0\.7'),
         ({"file": "all.nc"}, None, r'base\.file = "all\.nc": wavelength_um is needed: one of'),
         ({"file": "a.bsdf"}, 0.7, r"must be one of the file's wavelengths, 0\.45, 0\.5, 0\.55, 0\.6, 0\.65, not 0\.7"),
@@ -123,36 +99,23 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
         ({}, 0.5, r"base\.file"),
         ({"file": "all.nc", "albedo": 0.5}, 0.5, r"base\.albedo = 0\.5: goes with kind = "),
         ({"file": "all.nc", "average_mirrored": 1}, 0.5, r"base\.average_mirrored"),
-    ],
-)
-def test_what_a_scene_file_says_of_a_table_wrongly(
-    base: dict[str, Any], wavelength: float | None, words: str, spectrum: vrte.Spectrum, tensor: Path, tmp_path: Path
-) -> None:
-    spectrum.save(tmp_path / "all.nc")
-    (tmp_path / "a.bsdf").symlink_to(tensor)
-    given = content(**base) | {"wavelength_um": wavelength}
-    if wavelength is None:
-        del given["wavelength_um"]
-    with pytest.raises(vrte.SceneError, match=words):
-        make_scene_file(given, folder=tmp_path)
+    ]
+    for base, wavelength, words in rows:
+        given = content(**base) | {"wavelength_um": wavelength}
+        with pytest.raises(vrte.SceneError, match=words):
+            make_scene_file({key: one for key, one in given.items() if one is not None}, folder=tmp_path)
 
 
-def test_a_sweep_has_the_table_in_its_fingerprint(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
-    prints = []
+def test_a_sweep_has_a_table_as_base_and_in_its_fingerprint(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    prints, given = set(), content(file="one.nc") | {"axes": {"layer[1].thickness": [0.1, 0.3]}}
     for one in (spectrum[0], spectrum[2]):
         one.save(tmp_path / "one.nc")
-        prints.append(read_sweep(content(file="one.nc") | AXES, tmp_path).fingerprint())
-    assert prints[0] != prints[1]
-
-
-@pytest.mark.slow
-def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
-    spectrum[2].save(tmp_path / "one.nc")
-    (tmp_path / "sweep.toml").write_text(write_toml(content(file="one.nc") | AXES))
-    found = vrte.sweep(tmp_path / "sweep.toml", workers=2)
+        prints.add(read_sweep(given, tmp_path).fingerprint())
+    assert len(prints) == 2
+    (tmp_path / "sweep.toml").write_text(write_toml(given))
     alone = make_scene_file(content(file="one.nc"), folder=tmp_path)
     expected = vrte.brdf(alone.scene, **alone.keywords({}))
-    np.testing.assert_array_equal(found.mueller.values[1], expected.mueller)
+    np.testing.assert_array_equal(vrte.sweep(tmp_path / "sweep.toml", workers=2).mueller.values[1], expected.mueller)
 
 
 def test_a_file_is_read_again_where_it_has_changed(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
@@ -184,10 +147,7 @@ def leaning(fields: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda fields: fields.pop("wvls"),
-            "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h",
-        ),
+        (lambda fields: fields.pop("wvls"), "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h"),
         (lambda fields: fields.update(M=fields["M"][1:]), r"its field M must have the shape \(25, 13, 13, 5, 4, 4\)"),
         (lambda fields: fields.update(phi_d=fields["phi_d"] ** 3 / np.pi**2 + 0.01), "its field phi_d must "),
         (nothing, "its field M must have values, all of them finite"),
