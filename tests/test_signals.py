@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from .helpers import wait_until
+from .samples import slow_but
 
 ROOT = Path(__file__).parents[1]
 VRTE = [sys.executable, "-m", "vrte.cli"]
@@ -28,7 +29,7 @@ thickness = 1
 mu_i = 0.5
 mu_o = 0.5
 [axes]
-"layer[1].albedo" = { start = 0.1, stop = 1, count = 20000 }
+"layer[1].albedo" = { start = 0.1, stop = 1, count = 6000 }
 """
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
@@ -107,9 +108,8 @@ def test_stopped_while_a_driver_hears_nothing(number: signal.Signals, start: Any
     assert time.monotonic() - begin < 10.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", WORDS)
-@pytest.mark.parametrize("engine", ["threads", "dask"])
+@pytest.mark.parametrize("number", slow_but(WORDS, signal.SIGINT))
+@pytest.mark.parametrize("engine", slow_but(["threads", "dask"], "threads"))
 def test_a_sweep_stopped_with_its_whole_group(engine: str, number: signal.Signals, start: Any, tmp_path: Path) -> None:
     process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", engine, "--workers", "2", "--chunk", "1")
     if engine == "dask":  # at once: its workers are only being started
@@ -139,7 +139,7 @@ def alive(group: int) -> list[int]:
 
 @pytest.mark.slow
 def test_a_worker_killed_at_its_start(start: Any, tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(SWEEP.replace("20000", "40"))
+    (tmp_path / "s.toml").write_text(SWEEP.replace("6000", "40"))
     process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", "dask", "--workers", "1")
     wait_until(lambda: workers(process))
     workers(process)[0].kill()

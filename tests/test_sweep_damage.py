@@ -1,7 +1,6 @@
 """Tables and half-made tables that a power cut, a disk or somebody has damaged: mended to the same bits, or refused;
 and sweeps killed for real, their process and their Dask workers, at random moments: then the same command again."""
 
-import contextlib
 import json
 import os
 import pickle
@@ -13,7 +12,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +20,12 @@ import numcodecs
 import pytest
 
 import vrte
-from tests.helpers import wait_until
 from vrte.basics.errors import SceneError
 from vrte.sweep import store
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.table import open_table
+
+from .helpers import wait_until
 
 GOLD = {
     "wavelength_um": 0.55,
@@ -44,18 +44,16 @@ class PowerCutError(Exception):
     """What stops a sweep here."""
 
 
-def quietly_swept(output: Path) -> None:
+def sweep_quietly(output: Path | None = None) -> Any:
     """A table; the failed scenes are meant."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*scenes failed", SweepWarning)
-        vrte.sweep(GOLD, output, workers=1).close()
+        return vrte.sweep(GOLD, output, workers=1)
 
 
 @pytest.fixture(scope="module")
 def expected() -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return vrte.sweep(GOLD, workers=1)
+    return sweep_quietly()
 
 
 @pytest.fixture
@@ -76,7 +74,7 @@ def begun(tmp_path: Path) -> Path:
 @pytest.fixture
 def output(begun: Path) -> Path:
     """A finished table."""
-    quietly_swept(begun.with_name("table.zarr"))
+    sweep_quietly(begun.with_name("table.zarr")).close()
     return begun.with_name("table.zarr")
 
 
@@ -113,19 +111,36 @@ def each_damage(folder: Path, spare: Path) -> Iterator[tuple[str, str]]:
             yield str(name), harm.__name__
 
 
+def check_bits(found: Any, expected: Any, what: object) -> None:
+    """The same table to the last bit."""
+    assert found.identical(expected.assign_attrs(found.attrs)), what
+    for name in ("mueller", "reflectance", "direct_transmittance"):
+        assert found[name].values.tobytes() == expected[name].values.tobytes(), what
+
+
 def check_mended(output: Path, expected: Any, what: object) -> int:
     """The table is the same to the last bit and nothing else is left; in how many lines was it told?"""
     with warnings.catch_warnings(record=True) as reported:
         warnings.simplefilter("always")
         with vrte.sweep(GOLD, output, workers=1) as table:
-            found = table.load()
-    assert found.identical(expected.assign_attrs(found.attrs)), what
-    for name in ("mueller", "reflectance", "direct_transmittance"):
-        assert found[name].values.tobytes() == expected[name].values.tobytes(), what
+            check_bits(table.load(), expected, what)
     assert os.listdir(output.parent) == [output.name], what
     lines = [str(one.message) for one in reported if "was damaged" in str(one.message)]
     assert all("\n" not in line for line in lines)
     return len(lines)
+
+
+def test_what_is_done_is_not_done_again(begun: Path, expected: Any) -> None:
+    """A complete table is only opened."""
+    output, reported = begun.with_name("table.zarr"), list[int]()
+    assert not output.exists()
+    os.link(begun / "log.txt", begun.parents[1] / "log.txt")
+    with pytest.warns(SweepWarning, match="scenes failed"):
+        vrte.sweep(GOLD, output, workers=1, progress=lambda done, total: reported.append(done)).close()
+    assert reported in ([4, 5, 6], [5, 6])  # that which was at work when it was stopped may have been finished
+    lines = [line.split()[:2] for line in (begun.parents[1] / "log.txt").read_text().splitlines()]
+    assert [lines.count(["begin", chunk]) for chunk in "01235"] == [1] * 5
+    assert check_mended(output, expected, "complete") == 0
 
 
 @pytest.mark.slow
@@ -165,7 +180,7 @@ def test_the_commonest_damages(harm: Callable[[Path], None], begun: Path, expect
 
 def test_a_damaged_netcdf_is_refused(tmp_path: Path, expected: Any) -> None:
     output = tmp_path / "table.nc"
-    quietly_swept(output)
+    sweep_quietly(output).close()
     kept = output.read_bytes()
     assert check_mended(output, expected, "whole") == 0
     for harm in (emptied, cut, flipped):
@@ -240,15 +255,13 @@ def test_a_table_that_would_run_code_runs_none(
     output, mark = begun.with_name("table.zarr"), tmp_path / "mark"
     planted(begun / "table", mark)
     trap = zarr.open_group(begun / "table", mode="r")["mueller"]
-    with contextlib.suppress(TypeError):  # what it finds is no text
+    with suppress(TypeError):  # what it finds is no text
         trap[...]
     mark.rmdir()  # it works
     assert check_mended(output, expected, "planted") == 1
     reported = json.loads((output / "zarr.json").read_text())
-    reported["consolidated_metadata"]["metadata"]["mueller"]["codecs"][-1] = {
-        "name": "gzip",
-        "configuration": {"level": 1},
-    }
+    gzip = {"name": "gzip", "configuration": {"level": 1}}
+    reported["consolidated_metadata"]["metadata"]["mueller"]["codecs"][-1] = gzip
     (output / "zarr.json").write_text(json.dumps(reported))
     with pytest.raises(SceneError, match="its mueller is packed as gzip"):
         open_table(output)
@@ -262,142 +275,61 @@ def test_a_table_that_would_run_code_runs_none(
 SCENE = """
 wavelength_um = 0.5
 nodes = 8
-[particles.gold]
-index = "gold"
-radius_um = 0.1
-[[layer]]
-particles = "gold"
-thickness = 1.0
-[brdf]
-mu_i = [0.4, 1.0]
-mu_o = { start = 0.1, stop = 1.0, count = 10 }
-phi_deg = { start = 0, stop = 360, count = 37 }
-[axes]
+particles.gold = { index = "gold", radius_um = 0.1 }
+layer = [{ particles = "gold", thickness = 1.0 }]
+brdf.mu_i = [0.4, 1.0]
+brdf.mu_o = { start = 0.1, stop = 1.0, count = 10 }
+brdf.phi_deg = { start = 0, stop = 360, count = 37 }
+axes.wavelength_um = [0.45, 0.5, 0.55, 0.6]
 """
-ROOT = Path(__file__).parents[1]
-
-
-@dataclass
-class KilledSweep:
-    """A sweep of ``scenes`` in chunks of two, and what became of it."""
-
-    folder: Path
-    scenes: int
-    started: "list[subprocess.Popen[str]]" = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.file, self.output = self.folder / "sweep.toml", self.folder / "table.zarr"
-        self.partial, self.kept = self.folder / "table.zarr.partial", self.folder / "kept.log"
-        depths = f'"layer[1].thickness" = {{ start = 0.1, stop = 10, count = {self.scenes // 4} }}\n'
-        self.file.write_text(f"{SCENE}wavelength_um = [0.45, 0.5, 0.55, 0.6]\n{depths}")
-
-    def start(self, *more: str, own_group: bool = False) -> "subprocess.Popen[str]":
-        """The command; its log stays when the folder goes."""
-        command = [sys.executable, "-m", "vrte.cli", "sweep", str(self.file), "-o", str(self.output), "--chunk", "2"]
-        how: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "cwd": ROOT, "start_new_session": own_group}
-        self.started.append(subprocess.Popen([*command, *more], **how))
-        if not self.kept.exists():
-            wait_until((self.partial / "log.txt").exists, process=self.started[-1])
-            os.link(self.partial / "log.txt", self.kept)
-        return self.started[-1]
-
-    def end(self) -> None:
-        """Nothing goes on when a test has failed."""
-        for process in self.started:
-            if process.poll() is None:
-                process.kill()
-                process.communicate()
-
-    def done(self) -> set[int]:
-        """Chunks that nobody may compute again."""
-        folder = self.partial / "done"
-        return {int(name) for name in os.listdir(folder) if name.isdecimal()} if folder.is_dir() else set()
-
-    def lines(self) -> list[list[str]]:
-        return [line.split() for line in self.kept.read_text().splitlines()]
-
-    def begun(self, start: int = 0) -> list[int]:
-        """Chunks begun since that line of the log."""
-        return [int(chunk) for word, chunk, *_ in self.lines()[start:] if word == "begin"]
-
-    def wait_until_quiet(self) -> None:
-        """Workers end with the process that started them, a moment later."""
-        before: Any = None
-        while before != (now := (self.kept.stat().st_size, self.done())):
-            before = now
-            time.sleep(0.3)
-
-    def check_same_as_undisturbed(self) -> None:
-        with open_table(self.output) as table:
-            expected = vrte.sweep(self.file, workers=1)
-            assert not (expected.error != "").any()
-            assert (table.error.values == "").all()
-            for name in ("mueller", "reflectance", "direct_transmittance"):
-                assert table[name].values.tobytes() == expected[name].values.tobytes()
-        assert not self.partial.exists()
-
-
-@pytest.fixture
-def table(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[KilledSweep]:
-    """A sweep of as many scenes as the test asks for."""
-    found = KilledSweep(tmp_path, request.param)
-    yield found
-    found.end()
-
-
 DASK = ("--engine", "dask", "--workers", "2")
+KILLS = 10
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("table", "kills", "engine", "worker"),
-    [(64, 1, (), False), (400, 10, (), False), (400, 10, DASK, False), (64, 2, DASK, True), (1200, 10, DASK, True)],
-    indirect=["table"],
-)
-def test_killed_again_and_again(table: KilledSweep, kills: int, engine: tuple[str, ...], worker: bool) -> None:
+@pytest.mark.parametrize(("scenes", "engine", "worker"), [(400, (), False), (400, DASK, False), (1200, DASK, True)])
+def test_killed_again_and_again(scenes: int, engine: Any, worker: bool, tmp_path: Path, request: Any) -> None:
     """The whole process each time, or a Dask ``worker`` that is at work, while the sweep itself goes on; each time
-    something has at least begun."""
-    chunks, dead, seen = table.scenes // 2, set[int](), list[tuple[set[int], int]]()
-    for kill in range(kills):
-        process = table.started[-1] if worker and kill else table.start(*engine)
-        line = len(table.lines()) if seen else 0
-        least, most = (1, chunks // (2 * kills)) if worker else (3, max(3, chunks // (2 * kills)))  # on two workers
-        goal = len(table.begun(line)) + random.randint(least, most)
-        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
+    something has at least begun, and chunks that are done are not computed again."""
+    file, output, log = tmp_path / "table.toml", tmp_path / "table.zarr", tmp_path / "kept.log"
+    depths = f"{{ start = 0.1, stop = 10, count = {scenes // 4} }}"
+    file.write_text(f'{SCENE}axes."layer[1].thickness" = {depths}\n')
+    command = [sys.executable, "-m", "vrte.cli", "sweep", str(file), "-o", str(output), "--chunk", "2", *engine]
+
+    def start() -> "subprocess.Popen[str]":
+        found = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
+        request.addfinalizer(found.kill)
+        return found
+
+    def list_begun() -> list[tuple[int, int]]:
+        """Chunks and the processes that began them."""
+        lines = [line.split() for line in log.read_text().splitlines()]
+        return [(int(chunk), int(who.rpartition(":")[2])) for word, chunk, who, _ in lines if word == "begin"]
+
+    process, dead = start(), set[int]()
+    growing = output.with_name("table.zarr.partial") / "log.txt"
+    wait_until(growing.exists, process=process)
+    os.link(growing, log)  # it stays when the folder goes
+    for kill in range(KILLS):
+        least, most = (1, scenes // (4 * KILLS)) if worker else (3, max(3, scenes // (4 * KILLS)))  # on two workers
+        goal = len(list_begun()) + random.randint(least, most)
+        wait_until(lambda goal=goal: len(list_begun()) >= goal, process=process)  # type: ignore[misc]
         time.sleep(random.uniform(0.0, 0.03))
         if worker:
-            workers = (int(word[2].rpartition(":")[2]) for word in reversed(table.lines()))
-            dead.add(chosen := next(one for one in workers if one not in dead))
-            seen.append((table.done(), len(table.lines())))
+            dead.add(chosen := next(one for _, one in reversed(list_begun()) if one not in dead))
             os.kill(chosen, signal.SIGKILL)
             continue
         process.kill()
         process.communicate()
-        assert not table.output.exists(), f"finished before kill {kill + 1}"
-        table.wait_until_quiet()
-        seen.append((table.done(), len(table.lines())))
-    last = table.started[-1] if worker else table.start(*engine)
-    _, complaint = last.communicate(timeout=300)
-    assert (last.returncode, complaint) == (0, "")
-    for done, line in seen:
-        assert not done & set(table.begun(line))
-    assert set(table.begun()) == set(range(chunks))
-    assert len(table.begun()) - chunks <= (1 if worker else 2) * kills
-    assert seen[-1][0]
-    table.check_same_as_undisturbed()
-
-
-@pytest.mark.parametrize(
-    ("table", "engine"), [(1200, ()), pytest.param(1200, DASK, marks=pytest.mark.slow)], indirect=["table"]
-)
-def test_interrupted_it_says_one_line_and_leaves_what_is_done(table: KilledSweep, engine: tuple[str, ...]) -> None:
-    """As a terminal does it: the interrupt goes to the whole group of processes."""
-    process = table.start(*engine, own_group=True)
-    wait_until(lambda: len(table.done()) > 2, process=process)
-    os.killpg(process.pid, signal.SIGINT)
-    start = time.monotonic()
-    _, complaint = process.communicate(timeout=30)
-    assert time.monotonic() - start < (30.0 if engine else 5.0)
-    assert (process.returncode, complaint) == (130, "vrte: error: interrupted\n")
-    assert not table.output.exists()
-    assert len(table.done()) > 2
+        assert not output.exists(), f"finished before kill {kill + 1}"
+        time.sleep(0.5 if engine else 0.0)  # workers end with the process that started them, a moment later
+        process = start()
+    _, complaint = process.communicate(timeout=300)
+    assert (process.returncode, complaint) == (0, "")
+    chunks = [chunk for chunk, _ in list_begun()]
+    assert {*chunks} == {*range(scenes // 2)}
+    assert len(chunks) - scenes // 2 <= (1 if worker else 2) * KILLS
+    assert not growing.parent.exists()
+    with open_table(output) as found:
+        check_bits(found, vrte.sweep(file, workers=1), "killed")
+        assert (found.error.values == "").all()

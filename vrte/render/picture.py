@@ -66,10 +66,9 @@ def draw_figure(renderings: Sequence[Rendering], setting: PictureSetting) -> "Fi
     handed = Scale(CIRCULAR_COLOURS, -most, most)
     for row, rendering in enumerate(renderings):
         sheet.caption(row, rendering.title)
-        sheet.show(row, 0, put_over_grey(rendering.rgba))
-        sheet.show(row, 1, degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover))
-        sheet.show(row, 2, colour_angles(rendering.stokes, rendering.cover))
-        sheet.show(row, 3, handed.colour(circular[row], rendering.cover))
+        linear = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
+        angles, hands = colour_angles(rendering.stokes, rendering.cover), handed.colour(circular[row], rendering.cover)
+        sheet.show_row(row, put_over_grey(rendering.rgba), linear, angles, hands)
     sheet.head_columns(*HEADINGS)
     sheet.bar(1, degrees)
     sheet.bar(3, handed)
@@ -90,8 +89,8 @@ def draw_sheet(
     for row, rendering in enumerate(renderings):
         (material,) = rendering.materials
         sheet.caption(row, material.title, describe_layers(material.content))
-        sheet.show(row, 0, put_over_grey(rendering.rgba))
-        sheet.show(row, 1, degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover))
+        linear = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
+        sheet.show_row(row, put_over_grey(rendering.rgba), linear)
         brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
         both = [compute_lobe(brdf, index) for index in range(LOBE_MU_I.size)]
         circle = round_up(max(float(lobe.radius.max()) for lobe in both))
@@ -101,7 +100,8 @@ def draw_sheet(
             axes = sheet.axes(*sheet.corner(row, column), size, 0.76 * size)
             draw_lobe(axes, lobe, 1.0 / circle, colours, sheet.letters)
         left, top = sheet.corner(row, 2)
-        sheet.draw_bar(left + 0.1 * size, top + 0.80 * size, 0.9 * size, colours, limit_ticks(4))
+        where = (left + 0.1 * size, top + 0.80 * size, 0.9 * size, 0.05 * size)
+        sheet.draw_bar(where, colours, limit_ticks(4))
         sheet.text(left + 1.6 * size, top + 0.84 * size, f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$")
         if progress is not None:
             progress(row + 1, len(renderings), material.title)
@@ -112,33 +112,22 @@ def draw_sheet(
 
 def draw_row(rendering: Rendering, setting: PictureSetting) -> "Figure":
     """One wide picture of all that stands beside each other: in colour, and below how much of it is polarized."""
-    require_pictures()
-    from matplotlib.colorbar import Colorbar
-
     height, width = rendering.cover.shape
-    letters = 0.0165 * width
-    points = letters * 72.0 / DPI
+    letter, degrees = 0.0165 * width, measure_degrees([rendering])
     words = f"Below: {LINEAR}. Light: {describe_light(setting, [rendering])}"
-    lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letters)))
-    strip, foot = round(2.0 * letters), round((1.3 * max(len(lines), 2) + 0.8) * letters)
-    whole = 2 * height + strip + foot
-    figure = make_figure((width + 1e-6) / DPI, (whole + 1e-6) / DPI)
-    degrees = measure_degrees([rendering])
-    polarized = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
-    for top, pixels in ((0, put_over_grey(rendering.rgba)), (height + strip, polarized)):
-        axes = figure.add_axes((0.0, 1.0 - (top + height) / whole, 1.0, height / whole))
-        axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
-        axes.set_axis_off()
-    how: Any = {"fontsize": points, "color": INK, "va": "center"}
-    count = len(rendering.materials)
+    lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letter)))
+    strip, foot = round(2.0 * letter), round((1.3 * max(len(lines), 2) + 0.8) * letter)
+    canvas = Canvas(width, 2 * height + strip + foot, letter)
+    canvas.show(0, 0, put_over_grey(rendering.rgba))
+    polarized = find_degree_of_linear_polarization(rendering.stokes)
+    canvas.show(0, height + strip, degrees.colour(polarized, rendering.cover))
+    count, below = len(rendering.materials), canvas.height - 0.5 * foot
     for index, material in enumerate(rendering.materials):
-        across = 0.5 + (index - 0.5 * (count - 1)) * rendering.apart / width
-        figure.text(across, 1.0 - (height + 0.5 * strip) / whole, material.title, ha="center", **how)
-    axes = figure.add_axes((0.62, (0.5 * foot + 0.1 * letters) / whole, 0.34, 0.7 * letters / whole))
-    bar = Colorbar(axes, degrees.mappable, orientation="horizontal", ticks=degrees.ticks)
-    bar.ax.tick_params(labelsize=points, length=0.2 * points, colors=INK)
-    figure.text(0.015, 0.5 * foot / whole, "\n".join(lines), ha="left", linespacing=1.2, **how)
-    return figure
+        across = 0.5 * width + (index - 0.5 * (count - 1)) * rendering.apart
+        canvas.text(across, height + 0.5 * strip, material.title)
+    canvas.draw_bar((0.62 * width, below - 0.8 * letter, 0.34 * width, 0.7 * letter), degrees.mappable, degrees.ticks)
+    canvas.text(0.015 * width, below, "\n".join(lines), ha="left", linespacing=1.2)
+    return canvas.figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,48 +229,66 @@ def round_up(value: float) -> float:
     return float(f"{next(step for step in ROUND if step * power >= value) * power:.6g}")
 
 
-class Sheet:
-    """A figure of square panels, pixel by pixel, with room for headings, captions above each row, legends below, and a
-    note at the bottom, in as many lines as it takes. ``lines`` of a caption; ``foot``, room for legends, in panels."""
+class Canvas:
+    """A figure of ``width`` x ``height`` pixels, drawn on at places in pixels from its upper left corner, with letters
+    of the height ``letter``."""
 
-    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str, lines: int = 1) -> None:
-        require_pictures()
-        self.size, self.rows, self.columns = size, rows, columns
-        self.gap = self.left = round(GAP * size)
-        self.width = self.left + columns * (size + self.gap)
-        self.letter = LETTERS * size * min(1.0, columns / 4)  # [pixels]
-        self.letters = self.letter * 72.0 / DPI  # [points]
-        self.line = LINE * self.letter
-        self.head, self.strip = round(2.0 * self.line), round((lines + 0.3) * self.line)
-        words = textwrap.wrap(note, max(8, int((self.width - 2.0 * self.left) / (NARROW * self.letter))))
-        self.foot = round(foot * size + self.line * (len(words) + 0.5))
-        self.height = self.head + rows * (size + self.gap + self.strip) + self.foot
+    def __init__(self, width: int, height: int, letter: float) -> None:
+        self.width, self.height = width, height
+        self.letters = letter * 72.0 / DPI  # [points]
         # a hair more: matplotlib before 3.11 cuts the 204.99 pixels that rounding leaves of 205
-        self.figure = make_figure((self.width + 1e-6) / DPI, (self.height + 1e-6) / DPI)
-        below = self.height - 0.6 * self.gap
-        self.text(self.left, below, "\n".join(words), ha="left", va="bottom", linespacing=1.2)
+        self.figure = make_figure((width + 1e-6) / DPI, (height + 1e-6) / DPI)
 
     def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:
-        """Axes at a place in pixels from the upper left corner."""
+        """Axes of this size with their upper left corner at a place."""
         bottom = self.height - top - height
         index = (left / self.width, bottom / self.height, width / self.width, height / self.height)
         return self.figure.add_axes(index, **how)
+
+    def show(self, left: float, top: float, pixels: Array) -> None:
+        """A picture (height, width, 3 or 4), pixel for pixel."""
+        axes = self.axes(left, top, pixels.shape[1], pixels.shape[0])
+        axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
+        axes.set_axis_off()
+
+    def text(self, left: float, top: float, text: str, size: float = 1.0, **how: Any) -> None:
+        """Text, its middle at a place."""
+        how = {"ha": "center", "va": "center", "color": INK} | how
+        self.figure.text(left / self.width, 1.0 - top / self.height, text, fontsize=size * self.letters, **how)
+
+    def draw_bar(self, where: tuple[float, float, float, float], shown: Any, ticks: Any) -> None:
+        """A legend of colours: ``where`` are left, top, width and height."""
+        bar = self.figure.colorbar(shown, cax=self.axes(*where), orientation="horizontal", ticks=ticks)
+        bar.ax.tick_params(labelsize=self.letters, length=0.2 * self.letters, colors=INK)
+        bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+class Sheet(Canvas):
+    """Square panels, pixel by pixel, with room for headings, captions above each row, legends below, and a note at the
+    bottom, in as many lines as it takes. ``lines`` of a caption; ``foot``, room for legends, in panels."""
+
+    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str, lines: int = 1) -> None:
+        self.size, self.rows, self.columns = size, rows, columns
+        self.gap = self.left = round(GAP * size)
+        width = self.left + columns * (size + self.gap)
+        self.letter = LETTERS * size * min(1.0, columns / 4)  # [pixels]
+        self.line = LINE * self.letter
+        self.head, self.strip = round(2.0 * self.line), round((lines + 0.3) * self.line)
+        words = textwrap.wrap(note, max(8, int((width - 2.0 * self.left) / (NARROW * self.letter))))
+        self.foot = round(foot * size + self.line * (len(words) + 0.5))
+        super().__init__(width, self.head + rows * (size + self.gap + self.strip) + self.foot, self.letter)
+        below = self.height - 0.6 * self.gap
+        self.text(self.left, below, "\n".join(words), ha="left", va="bottom", linespacing=1.2)
 
     def corner(self, row: int, column: int) -> tuple[int, int]:
         """Left and top of a panel [pixels]."""
         top = self.head + self.strip + row * (self.size + self.gap + self.strip)
         return self.left + column * (self.size + self.gap), top
 
-    def show(self, row: int, column: int, pixels: Array) -> None:
-        """A picture (size, size, 3 or 4), pixel for pixel."""
-        axes = self.axes(*self.corner(row, column), self.size, self.size)
-        axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
-        axes.set_axis_off()
-
-    def text(self, left: float, top: float, text: str, size: float = 1.0, **how: Any) -> None:
-        """Text, its middle at a place in pixels."""
-        how = {"ha": "center", "va": "center", "color": INK} | how
-        self.figure.text(left / self.width, 1.0 - top / self.height, text, fontsize=size * self.letters, **how)
+    def show_row(self, row: int, *pictures: Array) -> None:
+        """Pictures (size, size, 3 or 4) in the first columns of a row."""
+        for column, pixels in enumerate(pictures):
+            self.show(*self.corner(row, column), pixels)
 
     def head_columns(self, *headings: str) -> None:
         """The words above the columns."""
@@ -298,15 +305,8 @@ class Sheet:
     def bar(self, column: int, scale: Scale) -> None:
         """A legend of colours below a column."""
         left, top = self.corner(self.rows, column)
-        top -= self.strip
-        self.draw_bar(left + 0.08 * self.size, top + 0.02 * self.size, 0.84 * self.size, scale.mappable, scale.ticks)
-
-    def draw_bar(self, left: float, top: float, width: float, shown: Any, ticks: Any) -> None:
-        """A legend of colours at this place."""
-        axes = self.axes(left, top, width, 0.05 * self.size)
-        bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal", ticks=ticks)
-        bar.ax.tick_params(labelsize=self.letters, length=0.2 * self.letters, colors=INK)
-        bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        where = (left + 0.08 * self.size, top - self.strip + 0.02 * self.size, 0.84 * self.size, 0.05 * self.size)
+        self.draw_bar(where, scale.mappable, scale.ticks)
 
     def wheel(self, column: int) -> None:
         """The legend of angles: at each place around, light whose field is along the line from there to the middle."""

@@ -15,34 +15,17 @@ from vrte.sweep.store import Work
 ENGINES = ("threads", "dask", "opencl")
 
 
-class Cores:
-    """Cores shared by the workers: a scene begun when few workers are left gets several, for its Fourier orders."""
-
-    def __init__(self, cores: int, workers: int) -> None:
-        self.cores, self.busy = cores, workers
-        self._lock = threading.Lock()
-
-    def share(self) -> int:
-        """Number of threads of a scene that begins now."""
-        return max(1, self.cores // max(1, self.busy))
-
-    def leave(self) -> int:
-        """One worker finds nothing left to do; how many are still busy."""
-        with self._lock:
-            self.busy -= 1
-            return self.busy
-
-
 def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
-    """Does ``count`` jobs on so many cores of this process, each thread one after another. An interrupt stops the
-    compiled loops; unfinished chunks are lost."""
+    """Does ``count`` jobs on so many cores of this process, each thread one after another; a scene begun when few
+    threads are left gets several cores, for its Fourier orders. An interrupt stops the compiled loops: unfinished
+    chunks are lost."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
-    shared = Cores(cores, workers)
+    busy = [workers]
     results: queue.SimpleQueue[int | BaseException | None] = queue.SimpleQueue()
     waiting, lock = iter(jobs), threading.Lock()
     all_left = threading.Event()
-    solve = make_processor_solver(shared.share, stop)
+    solve = make_processor_solver(lambda: max(1, cores // max(1, busy[0])), stop)
 
     def take_job() -> Job | None:
         with lock:
@@ -56,8 +39,10 @@ def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) 
         except BaseException as error:
             results.put(error)
         finally:
-            if not shared.leave():
-                all_left.set()
+            with lock:
+                busy[0] -= 1
+                if not busy[0]:
+                    all_left.set()
             results.put(None)
 
     for index in range(workers):
