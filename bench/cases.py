@@ -91,7 +91,6 @@ MATTER: dict[str, Callable[[], Particles | PhaseMatrix]] = {
     "red gold powder": lambda: spheres("gold", radius_um=0.3, wavelength_um=0.64),
     "rutile": lambda: spheres("rutile", size=Gamma(0.12, 0.1), wavelength_um=0.55),
     "coarse pigment": lambda: spheres(2.7, size=Gamma(1.0, 0.05), wavelength_um=0.55, host_index=1.5),
-    "fine droplets": lambda: spheres(1.33, size=Gamma(r_eff_um=0.4, v_eff=0.1), wavelength_um=0.7),
     "droplets": lambda: spheres(1.33, size=Gamma(3.0, 0.1), wavelength_um=0.865),
     "droplets, scalar": lambda: PhaseMatrix(
         spheres(1.33, size=Gamma(4.0, 0.1), wavelength_um=2.2).phase_matrix.a1  # without polarization
