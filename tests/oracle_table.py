@@ -1,31 +1,26 @@
 """The oracle's answers that tests and bench.stability compare with: ``python -m tests.oracle_table [--fresh]``.
 
-stability_oracle.npz has light and fluxes of the cases of bench/stability_cases.py, derivative_oracle.npz derivatives of
-sixty scenes; an hour or two on two cores. What a table holds already and still fits its scene is kept. Both hold the
-phase matrices that their answers were made from, to the last bit, and these are what is solved.
+stability_oracle.npz has light and fluxes of the cases of bench/stability_cases.py; an hour on two cores. What it holds
+already and still fits its scene is kept. It holds the phase matrices that its answers were made from, to the last bit,
+and these are what is solved.
 """
 
-import hashlib
 import math
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import vrte
 from bench import stability, stability_cases
-from bench.cases import Slab, make_scene, restore_slabs, store_phase_matrices
 from vrte.formats.atomic import write_atomically
 
-from .oracle import DoubtfulError, Light, brdf, solve, split_beam
+from .oracle import DoubtfulError, Light, solve, split_beam
 
-DERIVATIVES = Path(__file__).with_name("derivative_oracle.npz")
 SAVE_EVERY = 60.0  # seconds
 Arrays = dict[str, np.ndarray]
 
@@ -95,89 +90,6 @@ def move_layer(layer: vrte.Layer, what: str) -> vrte.Layer:
     return layer
 
 
-NODES, MU_I, MU_O = 8, (0.1, 0.6), (0.35, 0.9)
-
-
-@dataclass(frozen=True)
-class Case:
-    """Slabs over a Lambertian base or none, the numbers that derivatives are with, and the Fourier orders looked at."""
-
-    slabs: tuple[Slab, ...]
-    base: float | None
-    names: tuple[str, ...]
-    orders: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        """What it is, in words."""
-        slabs = ", ".join(f"{slab.phase} {slab.albedo:.10g} {slab.thickness:g}" for slab in self.slabs)
-        return f"{slabs} over {'nothing' if self.base is None else self.base}"
-
-    @cached_property
-    def scene(self) -> vrte.Scene:
-        """As a user would write it."""
-        return make_scene(self.slabs, self.base)
-
-    @property
-    def key(self) -> str:
-        """A digest of the words and numbers that define the answers, phase matrices by their names."""
-        parts = self.slabs, self.base, self.names, self.orders, MU_I, MU_O, NODES
-        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
-
-    @property
-    def is_transparent(self) -> bool:
-        """Whether a BTDF is asked for: nothing lies below, and what is transmitted is no number near zero."""
-        return self.base is None and sum(slab.thickness for slab in self.slabs) <= 100.0
-
-    def find_answers(self) -> np.ndarray:
-        """(name, order, one or two, in, out, 4, 4) [1/sr] per unit: of the BRDF and, where asked for, the BTDF."""
-        found = [brdf(self.scene, MU_I, MU_O, NODES, self.orders, name) for name in self.names]
-        both = np.array([[one.reflected, one.transmitted] for one in found])
-        return both.swapaxes(1, 2)[:, :, : 1 + self.is_transparent]
-
-
-THICKNESSES, ALBEDOS = (1e-6, 1e-2, 1.0, 1e2, 1e4, math.inf), (0.5, 0.99, 1.0 - 1e-6, 1.0 - 1e-9, 1.0)
-PHASES, BASES = ("rayleigh", "spheroids", "metal-x1", "HG 0.5 12", "glass-x1"), (None, 0.3, 1.0)
-DIRECTIONS = (
-    *("coefficients[1].a1", "coefficients[2].b1", "coefficients[2].a1", "coefficients[2].b2"),
-    *("coefficients[1].a4", "coefficients[2].a2", "coefficients[2].a3"),
-)
-
-
-def list_cases() -> list[Case]:
-    """Sixty of the stability grid: every thickness with every albedo, alone and with another layer."""
-    cases: list[Case] = []
-    for i, thickness in enumerate(THICKNESSES):
-        for j, albedo in enumerate(ALBEDOS):
-            for pair in (0, 1):
-                has_no_end = math.isinf(thickness)
-                main, other = (
-                    Slab(PHASES[(i + j + 2 * pair) % len(PHASES)], albedo, thickness),
-                    Slab("rayleigh", 0.9, 1.0),
-                )
-                base = None if has_no_end else BASES[(i + 2 * j + pair) % len(BASES)]
-                slabs = [(main,), (other, main) if has_no_end else (main, other)][pair]
-                at = 1 + slabs.index(main)
-                names = [] if has_no_end else [f"layer[{at}].thickness"]
-                names += [] if has_no_end and albedo == 1.0 else [f"layer[{at}].albedo"]
-                names += [f"layer[{at}].{DIRECTIONS[len(cases) % len(DIRECTIONS)]}"]
-                names += [f"layer[{3 - at}].thickness"] if pair and base is None else []
-                names += [] if base is None else ["base.albedo"]
-                cases.append(Case(slabs, base, tuple(names), (0, 1 + (i + j) % 2)))
-    return cases
-
-
-def restore_cases(table: Arrays) -> list[Case]:
-    """The cases with the phase matrices of the table, where it has them."""
-    cases = list_cases()
-    phases = store_phase_matrices(slab for case in cases for slab in case.slabs) | table
-    return [replace(case, slabs=restore_slabs(case.slabs, phases)) for case in cases]
-
-
-def answer_derivatives(case: Case) -> Arrays:
-    return {case.key: case.find_answers()}
-
-
 def read_table(path: Path) -> Arrays:
     """All of a table; nothing where there is none."""
     if not path.is_file():
@@ -186,41 +98,31 @@ def read_table(path: Path) -> Arrays:
         return dict(table)
 
 
-def complete(path: Path, table: Arrays, missing: list[Any], answer: Callable[[Any], Arrays]) -> None:
-    """Works out what is missing, two cases at a time, and saves the table now and then: all of it or nothing."""
-    print(f"{path.name}: {len(missing)} cases to do", flush=True)
-    saved = time.monotonic()
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        for done, found in enumerate(pool.imap_unordered(answer, missing), 1):
-            table.update(found)
-            if time.monotonic() - saved > SAVE_EVERY or done == len(missing):
-                with write_atomically(path) as part, part.open("wb") as file:
-                    np.savez_compressed(file, **table)
-                saved = time.monotonic()
-                print(f"{done} of {len(missing)}", flush=True)
-
-
 def estimate_effort(case: stability_cases.Case) -> float:
     """Roughly proportional to the time it takes: cheap cases first."""
     kinds = len({(slab.phase, slab.albedo, slab.thickness) for slab in case.slabs})
     return kinds * (case.nodes + 4.0) ** 3
 
 
-def main(fresh: bool = False, path: Path = stability.TABLE, path_of_derivatives: Path = DERIVATIVES) -> None:
-    """Both tables."""
+def main(fresh: bool = False, path: Path = stability.TABLE) -> None:
+    """Works out what is missing, two cases at a time, and saves the table now and then: all of it or nothing."""
     known, cases = {} if fresh else read_table(path), stability_cases.list_oracle_cases()
     kept = {"phase", *(case.name for case in cases if str(known.get(f"{case.name}/hash")) == case.key)}
     table = {key: values for key, values in known.items() if key.split("/")[0] in kept}
     missing = sorted((case for case in cases if case.name not in kept), key=estimate_effort)
     for case in missing:
         table = stability.store_case(case) | table
-    complete(path, table, [stability.restore_case(case, table) for case in missing], answer_stability)
-    known = {} if fresh else read_table(path_of_derivatives)
-    derivative_cases = restore_cases(known)
-    table = {case.key: known[case.key] for case in derivative_cases if case.key in known}
-    todo = [case for case in derivative_cases if case.key not in table]
-    table |= store_phase_matrices(slab for case in derivative_cases for slab in case.slabs)
-    complete(path_of_derivatives, table, todo, answer_derivatives)
+    print(f"{path.name}: {len(missing)} cases to do", flush=True)
+    saved = time.monotonic()
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        restored = [stability.restore_case(case, table) for case in missing]
+        for done, found in enumerate(pool.imap_unordered(answer_stability, restored), 1):
+            table.update(found)
+            if time.monotonic() - saved > SAVE_EVERY or done == len(missing):
+                with write_atomically(path) as part, part.open("wb") as file:
+                    np.savez_compressed(file, **table)
+                saved = time.monotonic()
+                print(f"{done} of {len(missing)}", flush=True)
 
 
 if __name__ == "__main__":
