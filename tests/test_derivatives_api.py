@@ -161,13 +161,11 @@ def test_fields_of_several_beams_and_of_fluxes_alone_have_derivatives():
 @pytest.mark.parametrize(
     ("kind", "suffix"),
     [
-        *(("spectrum", suffix) for suffix in (".nc", ".csv")),
+        ("spectrum", ".csv"),
         ("brdf", ".csv"),
         ("field", ".csv"),
         ("fields", ".nc"),
         *(pytest.param(kind, ".zarr", marks=pytest.mark.slow) for kind in ("brdf", "spectrum", "fields")),
-        pytest.param("fields", ".csv", marks=pytest.mark.slow),
-        pytest.param("brdf", ".nc", marks=pytest.mark.slow),
     ],
 )
 def test_files_keep_every_digit_of_derivatives(tmp_path, kind, suffix):

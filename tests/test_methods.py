@@ -1,8 +1,6 @@
 """All methods beside the exact one: what they take, and that they solve the same discrete problem."""
 
-from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ from vrte.methods.parts.method import Method
 from vrte.request.how import EXACT, METHODS
 
 from . import exact
-from .helpers import assert_close, run
+from .helpers import assert_close
 from .samples import slow_but
 from .scenes import make_leaf
 
@@ -56,17 +54,14 @@ def test_what_it_says_of_itself(method: Method) -> None:
     for name, setting in method.settings.items():
         assert setting.meaning
         assert setting.checked(setting.default) == setting.default, name
-    with pytest.raises(SceneError, match=f"method '{method.name}' has no setting 'nonsense'"):
-        vrte.brdf(THIN, MU, MU, method=method.name, settings={"nonsense": 1})
 
 
-def layers(count: int = 1, phase: vrte.PhaseMatrix = ISOTROPIC, thickness: float = 1.0) -> list[vrte.Layer]:
-    return [vrte.Layer(phase, 0.9, thickness)] * count
+def layers(phase: vrte.PhaseMatrix = ISOTROPIC, thickness: float = 1.0) -> list[vrte.Layer]:
+    return [vrte.Layer(phase, 0.9, thickness)]
 
 
 REFUSED = {
     "polarization": (vrte.Scene(layers(phase=RAYLEIGH)), "phase matrix that polarizes"),
-    "layers": (vrte.Scene(layers(2)), "stack of several layers"),
     "base": (vrte.Scene(layers(), vrte.Lambertian(0.5)), "base"),
     "semi_infinite": (vrte.Scene(layers(thickness=np.inf)), "semi-infinite layer"),
     "interfaces": (vrte.Scene([GLASS, *layers()]), "refracting or mirroring surface"),
@@ -97,59 +92,12 @@ def test_what_it_does_not_take_is_refused_by_name(method: Method, ability: str) 
         assert np.abs(found.mueller - plain.mueller).max() > 1e-3
 
 
-OPTIONS = {"accuracy": 1e-4, "backend": "opencl", "verify": True, "algorithm": "auto", "truncation": "delta-m"}
-
-
-@pytest.mark.parametrize("option", OPTIONS)
-def test_options_that_it_does_not_use_are_refused_by_name(method: Method, option: str) -> None:
-    """Also with the value that is the default: who asks for it shall not think that it does something."""
-    asked = {"mu_i": 0.5, "mu_o": 0.5, "method": method.name, option: OPTIONS[option]}
-    if option in method.options and option != "backend":
-        if method.name != "synthetic-iteration":
-            assert vrte.brdf(THIN, **asked).mueller[0, 0, 0, 0, 0] > 0.0
-        return
-    with pytest.raises(SceneError, match=rf"method '{method.name}' takes no {option}"):
-        vrte.brdf(THIN, **asked)
-
-
-CALLS = [
-    (lambda: vrte.radiance(THIN, 0.5, tau=0.05, method="invariant-imbedding"), "takes no depth inside a layer"),
-    *(
-        (lambda name=name: vrte.brdf(vrte.Scene(layers(), LEAF), 0.5, 0.5, method=name), words)
-        for name in ("two-stream", "diffusion", "synthetic-iteration")
-        for words in [f"method '{name}' takes no base but a Lambertian one"]
-    ),
-    (lambda: vrte.brdf(THIN, MU, MU, method="magic"), r"method must be 'discrete-ordinates', .*, not 'magic'"),
-    (lambda: vrte.brdf(THIN, MU, MU, method=OTHERS[0], settings=[1]), "settings must be a dictionary"),
-    (lambda: vrte.brdf(THIN, MU, MU, settings={"orders": 3}), "method 'discrete-ordinates' has no settings"),
-    (
-        lambda: vrte.plan("brdf", THIN, 0.5, 0.5, method="adding-doubling"),
-        "there are plans of 'discrete-ordinates' and 'auto'",
-    ),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), CALLS)
-def test_calls_that_are_refused(call: Callable[[], object], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        call()
-
-
-def test_scene_files_are_refused_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What a file asks for and what an option adds to it."""
-    scene, out = tmp_path / "scene.toml", tmp_path / "out.nc"
-    content = 'method = "diffusion"\n[[layer]]\nphase = "isotropic"\nalbedo = 1\nthickness = 0.5\n'
-    content += "[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"
-    words = "takes no accuracy: it goes by nodes and truncation, and its settings boundary"
-    for text, options, refused in (
-        (content, ["--algorithm", "modes"], "takes no algorithm"),
-        ("accuracy = 1e-3\n" + content, [], words),
-    ):
-        scene.write_text(text)
-        assert run("brdf", scene, "-o", out, *options) == 2
-        assert refused in capsys.readouterr().err
-    scene.write_text(content)
-    assert run("brdf", scene, "-o", out) == 0
+def test_bases_and_depths_that_are_refused() -> None:
+    for name in ("two-stream", "diffusion", "synthetic-iteration"):
+        with pytest.raises(SceneError, match=f"method '{name}' takes no base but a Lambertian one"):
+            vrte.brdf(vrte.Scene(layers(), LEAF), 0.5, 0.5, method=name)
+    with pytest.raises(SceneError, match="takes no depth inside a layer"):
+        vrte.radiance(THIN, 0.5, tau=0.05, method="invariant-imbedding")
 
 
 # Their light on the scenes of tests/scenes.py: tests/test_every_way.py.

@@ -20,11 +20,9 @@ HEADER_RULES = ("rule", "where", "method", "nodes", "why")
 HEADER = ("method", "source", "conserves", "for", "settings (default)")
 ABILITIES = {
     "polarization": "polarization",
-    "layers": "several layers",
     "base": "base",
     "interfaces": "interfaces, mirrors",
     "depths": "depths inside",
-    "transmission": "light below the top",
     "semi_infinite": "semi-infinite layer",
 }
 OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")

@@ -165,10 +165,10 @@ class Method:
     """purpose and conserves: words for the table of methods; source: paper and equations; conserves_energy: whether
     fluxes balance to rounding where nothing absorbs, which is tested.
 
-    What it takes: polarization (of phase matrices and light), layers (more than one), base, interfaces, depths (other
-    than the faces), transmission, semi-infinite layers, devices, options of the call. What takes an
-    "accuracy" solves the discrete problem to it, on nodes chosen for it, ``finest`` at best. ``operations`` of a task
-    are right to a factor of 3, None where closed forms are a matter of seconds whatever is asked."""
+    What it takes: polarization (of phase matrices and light), base, interfaces, depths (other than the faces),
+    semi-infinite layers, devices, options of the call. What takes an "accuracy" solves the discrete problem to it, on
+    nodes chosen for it, ``finest`` at best. ``operations`` of a task are right to a factor of 3, None where closed
+    forms are a matter of seconds whatever is asked."""
 
     name: str
     solve: Callable[[Task], Answer]
@@ -177,10 +177,8 @@ class Method:
     source: str
     conserves_energy: bool = False
     polarization: bool = True
-    layers: bool = True
     base: Taken = "any"
     depths: bool = True
-    transmission: bool = True
     semi_infinite: bool = True
     interfaces: Literal["none", "smooth", "any"] = "none"
     devices: bool = False
@@ -233,13 +231,11 @@ class Method:
         polarizes = any(not layer.phase_matrix.is_scalar for layer in scene.layers)
         found = [
             (not self.polarization and polarizes, "phase matrix that polarizes"),
-            (not self.layers and len(scene.layers) > 1, "stack of several layers"),
             (
                 scene.below.orders_reflected > REFLECTED[self.base],
                 "base but a Lambertian one" if self.base == "even" else "base",
             ),
             (not self.depths and bool(((tau > 0.0) & (tau < scene.thickness)).any()), "depth inside a layer"),
-            (not self.transmission and bool((tau > 0.0).any()), "light below the top"),
             (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
             (not self.semi_infinite and not np.isfinite(scene.thickness), "semi-infinite layer"),
