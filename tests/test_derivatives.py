@@ -2,7 +2,6 @@
 arithmetic. Sixty scenes in ball arithmetic: tests/test_oracle.py."""
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import flint
@@ -22,20 +21,15 @@ from vrte.scene.vary import vary_scene
 from .helpers import assert_close, close_to
 from .random_scenes import surfaced
 from .samples import slow_but
+from .scenes import COMPARED, KNOWN
 
 MU_I, MU_O, PHI, NODES = (0.15, 0.6), (0.35, 0.8), (20.0, 140.0), 4
 RAYLEIGH, HG, PEAKED = vrte.rayleigh(), vrte.henyey_greenstein(0.75, 40), vrte.henyey_greenstein(0.6, 80)
 SPHERES = vrte.spheres(1.7 + 0.02j, wavelength_um=0.5, radius_um=0.08).phase_matrix
 SCALAR = vrte.henyey_greenstein(0.4, 6)
 NEARLY_SCALAR = vrte.PhaseMatrix(*(HG.coefficients + 1e-5 * (np.arange(40) == 5)[:, None] * np.eye(6)[2]).T)
-GLASS, OUT, GREY = vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.0), vrte.Lambertian(0.3)
+GLASS, GREY = vrte.Interface(1.0, 1.5), vrte.Lambertian(0.3)
 HAZE = vrte.Layer(RAYLEIGH, 0.9, 0.5)
-
-
-def depolarize(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
-    """A base that turns Q, U and V."""
-    turned = np.diag([0.3, 0.1, 0.1, 0.05]) + 0.04 * np.eye(4)[[1, 0, 3, 2]] * np.array([1.0, 1.0, 0.5, -0.5])
-    return turned * (1.0 + mu_i * mu_o * np.cos(np.radians(phi_deg)))[..., None, None] / np.pi
 
 
 STEP = 2.0**-8
@@ -186,17 +180,11 @@ CHOSEN: dict[str, tuple[vrte.Scene, list[str]]] = {
         ["layer[1].albedo", "layer[1].coefficients[3].a1"],
     ),
     "under a surface": (
-        vrte.Scene([GLASS, vrte.Layer(SPHERES, 0.9, 0.7)], GREY),
+        KNOWN["varnish over paint"],
         ["layer[2].thickness", "layer[2].albedo", "layer[2].coefficients[2].b1", "base.albedo", "interface[1].index"],
     ),
-    "plate": (
-        vrte.Scene([GLASS, vrte.Layer(SPHERES, 0.9, 0.7), OUT]),
-        ["layer[2].thickness", "layer[2].coefficients[2].a3"],
-    ),
-    "facets": (
-        vrte.Scene([replace(GLASS, roughness=0.4), vrte.Layer(RAYLEIGH, 0.9, 0.7)], GREY),
-        ["layer[2].thickness", "layer[2].albedo", "base.albedo"],
-    ),
+    "plate": (KNOWN["gap of air in glass"], ["layer[2].thickness", "layer[2].coefficients[2].a3"]),
+    "facets": (COMPARED["rough sea"], ["layer[3].thickness", "layer[1].albedo", "layer[3].albedo"]),
     "more nodes than asked for": (
         vrte.Scene(
             [vrte.Interface(1.0, 1.3), vrte.Layer(vrte.henyey_greenstein(0.3, 6), 0.9, 0.3), vrte.Interface(1.3, 1.1)]
@@ -222,16 +210,15 @@ CHOSEN: dict[str, tuple[vrte.Scene, list[str]]] = {
     ),
     "V was scattered apart": (vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 1.0)], GREY), ["layer[1].coefficients[2].b2"]),
     "nearly scalar": (vrte.Scene([vrte.Layer(NEARLY_SCALAR, 0.9, 0.6)], GREY), ["layer[1].coefficients[5].a2"]),
-    "RPV": (vrte.Scene([HAZE], vrte.RPV(0.1, 0.8, -0.1)), ["base.k"]),
+    "RPV": (COMPARED["soil under air"], ["base.k"]),
     "Hapke": (vrte.Scene([HAZE], vrte.Hapke(0.4)), ["base.albedo"]),
     "Ross-Li": (vrte.Scene([HAZE], vrte.RossLi(0.2, 0.1, 0.0)), ["base.f_vol"]),
-    "a base that turns Q, U and V": (vrte.Scene([HAZE], vrte.MuellerBase(depolarize)), ["layer[1].thickness"]),
-    "a metal": (vrte.Scene([HAZE], vrte.Mirror(0.2 + 3j)), ["base.index.k"]),
+    "a base that polarizes": (COMPARED["leaf"], ["layer[1].thickness"]),
+    "a metal": (KNOWN["mirror"], ["base.index.k"]),
     "a rough metal": (
         vrte.Scene([HAZE], vrte.Facets((0.2, 3.0), 0.3, "ggx", shadowing=True, conserving=True)),
         ["base.roughness"],
     ),
-    "rough between": (vrte.Scene([HAZE, replace(GLASS, roughness=0.3), HAZE]), ["layer[1].albedo"]),
 }
 
 

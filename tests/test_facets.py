@@ -9,7 +9,7 @@ import vrte
 from vrte.basics.arrays import Array
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface, shade_facets
-from vrte.scene.base_checks import PAULI, find_coherency
+from vrte.scene.base_checks import PAULI
 
 from .helpers import assert_close, close_to
 
@@ -77,26 +77,6 @@ def test_closed_forms_are_those_of_jones_vectors_in_space(surface: RoughSurface)
             lit += found[0, 0] > 0.0
             assert_close(found, expected, rtol=1e-9, atol=1e-11 * max(expected[0, 0], 1e-200))
         assert lit > 20
-
-
-@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: f"{s.ratio:.2g}")
-def test_facets_are_reciprocal_symmetric_and_physical(surface: RoughSurface) -> None:
-    mu_i, mu_o, phi = np.array([0.15, 0.6, 0.95])[:, None, None], np.array([0.2, 0.7, 1.0])[:, None], np.r_[5, 80, 160]
-    back = RoughSurface(surface.index, surface.index_from, surface.roughness, surface.distribution, surface.shadowing)
-    f = surface.reflect(mu_i, mu_o, phi)
-    returned = surface.reflect(mu_o, mu_i, phi).swapaxes(-1, -2)
-    pairs = [(f, Q @ returned @ Q)]
-    if complex(surface.index).imag == 0.0:
-        f = surface.transmit(mu_i, mu_o, phi)
-        returned = (D @ back.transmit(mu_o, mu_i, phi) @ D).swapaxes(-1, -2)  # light from below, seen from above
-        pairs.append((f, Q @ returned @ Q * surface.ratio.real**2))
-    for there, again in pairs:
-        size = there[..., :1, :1]
-        assert (np.abs(there - again) <= 1e-12 * size + 1e-30).all()
-        assert (np.linalg.eigvalsh(find_coherency(there))[..., 0] >= -1e-12 * size[..., 0, 0]).all()
-    for through in range(len(pairs)):
-        there, mirrored = (sample(surface, bool(through), mu_i, mu_o, way) for way in (phi, -phi))
-        assert (np.abs(mirrored - D @ there @ D) <= 1e-12 * there[..., :1, :1]).all()
 
 
 def find_orders(surface: RoughSurface, through: bool, mu_i: Array, mu_o: Array, n_order: int, accuracy: float) -> Array:

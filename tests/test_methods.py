@@ -152,10 +152,10 @@ def test_isotropic_semi_infinite_layer(name: str) -> None:
 def test_energy(method: Method) -> None:
     """Whether it says so or not: what conserves energy does to rounding, over a white base and without one, and what
     leaves more than that does not say so."""
-    stack = [vrte.Layer(vrte.henyey_greenstein(0.7, 30), 1.0, 0.3), vrte.Layer(ISOTROPIC, 1.0, 1.0)]
+    stack = [vrte.Layer(vrte.henyey_greenstein(0.5, 12), 1.0, 0.3), vrte.Layer(ISOTROPIC, 1.0, 1.0)]
     lost = []
     for base in (None, vrte.Lambertian(1.0)) if method.base != "none" else (None,):
-        field = vrte.radiance(vrte.Scene(stack, base), 0.6, mu=[], tau=[0.0, 1.3], method=method.name, nodes=8)
+        field = vrte.radiance(vrte.Scene(stack, base), 0.6, mu=[], tau=[0.0, 1.3], method=method.name, nodes=4)
         net = field.flux_down + field.direct - field.flux_up
         lost.append(np.abs(net - (net[0] if base is None else 0.0)).max())
     assert (max(lost) <= 1e-12) == method.conserves_energy
