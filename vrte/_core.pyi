@@ -65,23 +65,24 @@ def path_integrals(
     mu: Array,
     slab_stacks: int = ...,
 ) -> Array: ...
-
-class Modes(TypedDict):
-    """The homogeneous and particular solutions of slabs, and their amplitudes."""
-
-    lam_re: Array
-    lam_im: Array
-    even: Array
-    odd: Array
-    c: Array
-    zeta: Array
-    mu0: Array
-
-def mode_coordinates_of_stacks(
-    *, decaying: IntArray, thickness: Array, above: Array, depth: Array, **modes: Unpack[Modes]
-) -> Array: ...
-def mode_coordinates(
-    *, decaying: bool, thickness: float, above: float, depth: float, **modes: Unpack[Modes]
+def nodal_fluxes(
+    *,
+    lam_re: Array,
+    lam_im: Array,
+    X: Array,
+    Y: Array,
+    c: Array,
+    zeta: Array,
+    even: Array,
+    odd: Array,
+    decaying: IntArray,
+    thickness: Array,
+    above: Array,
+    mu0: Array,
+    nodes: Array,
+    weights: Array,
+    level: Array,
+    level_layer: IntArray,
 ) -> Array: ...
 
 class Slabs(TypedDict):
@@ -103,6 +104,7 @@ class Slabs(TypedDict):
 def fused_modes(
     crew: ThreadTeam,
     *,
+    slab_stack: IntArray,
     n_up: int,
     conserving: bool,
     quick: bool,
@@ -116,11 +118,8 @@ def fused_modes(
     flip: Array,
     level: Array,
     level_layer: IntArray,
-    rates: Array,
-    modes: Array,
-    amplitudes: Array,
-    decaying: IntArray,
     spent: Array,
+    flux: Array,
     missed: IntArray,
     **others: Unpack[Slabs],
 ) -> None: ...
@@ -146,6 +145,7 @@ def scatter_by_fractions(
     info: IntArray,
     **others: Unpack[Slabs],
 ) -> None: ...
+def flux_work(n: int, n_rhs: int) -> int: ...
 def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
 ) -> int: ...

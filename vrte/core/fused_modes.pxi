@@ -8,59 +8,62 @@ cdef struct FusedModes:
     Boundary boundary
     Reconstruction reconstruction
     given flip
-    doubles spent, light
+    given_ints slab_stack
+    doubles spent, flux, light
     ints missed
 
 
 def fused_modes_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
-    """Doubles of one thread of `fused_modes`: an order's matrices, then the scratch memory of any stage."""
-    each = n_layer * n * (3 * n + 2 * rows + 2 * into)
+    """Doubles of one thread of `fused_modes`: an order's matrices, modes and amplitudes, then the scratch memory of any
+    stage."""
+    each = n_layer * n * (5 * n + 2 * rows + 2 * into + 2 + 4 * n_rhs) + n_rhs * n
     return each + max(assembly_work(n_all, n_term, stokes), homogeneous_work(n), 2 * n * into + 4 * n,
-                      boundary_work(n, n_layer, n_rhs), reconstruction_work(n, rows, n_rhs, n_layer))
+                      boundary_work(n, n_layer, n_rhs), reconstruction_work(n, rows, n_rhs, n_layer),
+                      flux_work(n, n_rhs))
 
 
-def fused_modes(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
-                  const int[::1] terms, const double[::1] albedo, const double[::1] directions,
-                  const double[::1] weights, int n_up, int n_out, const double[:, ::1] columns, bint conserving,
-                  bint quick, bint clear, const int[::1] clear_layers, const double[::1] thickness,
-                  const double[::1] above, const int[::1] base_row, const double[:, :, ::1] base,
-                  const double[:, :, ::1] base_source, const double[:, :, ::1] base_out, const double[::1] flip,
-                  const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] rates,
-                  double[:, :, :, :, ::1] modes, double[:, :, :, :, ::1] amplitudes, int[:, ::1] decaying,
-                  double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed, double[:, :, :, ::1] out):
-    """`assemble`, `homogeneous`, `particular`, `boundary` and `reconstruct` of every order, one order an item.
+def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const int[::1] members,
+                  const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
+                  const double[::1] directions, const double[::1] weights, int n_up, int n_out,
+                  const double[:, ::1] columns, bint conserving, bint quick, bint clear,
+                  const int[::1] clear_layers, const double[::1] thickness, const double[::1] above,
+                  const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
+                  const double[:, :, ::1] base_out, const double[::1] flip, const double[::1] level,
+                  const int[::1] level_layer, double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed,
+                  double[:, :, :, ::1] flux, double[:, :, :, ::1] out):
+    """`assemble`, `homogeneous`, `particular`, `boundary`, `reconstruct` and `nodal_fluxes` of every order of one or
+    more scenes, one order of one scene an item.
 
-    Arguments are those of the stages; flip (S,): D of (1:11). rates (order, 2, layer, n): lam_re, lam_im; modes (order,
-    2, layer, n, n): X, Y; amplitudes (order, 4, layer, n_rhs, n): c, zeta, even, odd; decaying (order, layer); residual
-    (2, order, layer): of the modes, of the boundary; spent (order, 5): seconds of each stage; missed (order, 2): the
-    stage that failed, 1 or 3, 0 for none, and its layer; out (order, n_tau, n_rhs, S n_out): radiance for a unit beam
-    in the public frame.
+    Arguments are those of the stages; slab_stack (item,): the scene of each of `orders`; flip (S,): D of (1:11).
+    residual (2, item, layer): of the modes, of the boundary; spent (item, 5): seconds of each stage; missed (item, 2):
+    the stage that failed, 1 or 3, 0 for none, and its layer; flux (item, 2, n_tau, n_rhs): up and down, of order 0
+    alone where it is conserved; out (item, n_tau, n_rhs, S n_out): radiance for a unit beam in the public frame.
     """
-    cdef int n_layer = <int>albedo.shape[0], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
+    cdef int n_layer = <int>residual.shape[2], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
     cdef int n = stokes * n_node, n_all = <int>directions.shape[0], n_in = n_all - n_node - n_out
     cdef int n_rhs = n_in * <int>columns.shape[0], n_term = <int>coefficients.shape[1], rows = stokes * n_out
     cdef FusedModes t
     cdef given mu0 = &directions[0] + n_node + n_out
     t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in, stokes, &orders[0], &members[0], &terms[0],
-                          NULL, &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL, NULL,
+                          &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL, NULL,
                           NULL, NULL, NULL)
     t.homogeneous = Homogeneous(Nodes(n, stokes, &directions[0], &weights[0]), n_layer, conserving, quick, clear,
-                                &orders[0], NULL, &albedo[0], NULL, NULL, &rates[0, 0, 0, 0], NULL,
-                                &modes[0, 0, 0, 0, 0], NULL, NULL, NULL, &residual[0, 0, 0])
+                                &orders[0], &slab_stack[0], &albedo[0], NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL,
+                                &residual[0, 0, 0])
     t.particular = Particular(n, stokes, n_in, <int>columns.shape[0], NULL, NULL, NULL, mu0, &columns[0, 0], NULL, NULL,
-                              NULL, NULL, NULL, NULL, &amplitudes[0, 0, 0, 0, 0], NULL)
-    t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0], NULL,
-                          &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], NULL,
-                          stokes, False, NULL, NULL, NULL, &decaying[0, 0], &residual[1, 0, 0])
-    t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level.shape[0], NULL, NULL,
-                                      NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
-                                      NULL, &base_out[0, 0, 0], &thickness[0], &above[0], mu0, &directions[0] + n_node,
+                              NULL, NULL, NULL, NULL, NULL, NULL)
+    t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0],
+                          &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], NULL,
+                          stokes, False, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
+    t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level_layer.shape[0], NULL,
+                                      NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
+                                      &slab_stack[0], &base_out[0, 0, 0], &thickness[0], &above[0], mu0, &directions[0] + n_node,
                                       &level[0], &level_layer[0], NULL)
-    t.light, t.spent, t.missed = &out[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
-    t.flip = &flip[0]
+    t.light, t.flux, t.spent, t.missed = &out[0, 0, 0, 0], &flux[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
+    t.flip, t.slab_stack = &flip[0], &slab_stack[0]
     run_items(crew, fused_modes_one, &t, <int>orders.shape[0],
-              fused_modes_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes) + n_rhs * n,
-              (n_layer + 6) * n + 8 + (2 * n_layer + 1) * n, NULL)
+              fused_modes_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes),
+              (n_layer + 6) * n + 8 + (2 * n_layer + 1) * n + n_layer, NULL)
 
 
 cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept nogil:
@@ -73,7 +76,7 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     cdef Reconstruction r = t.reconstruction
     cdef int n = b.n, n_layer = b.n_layer, layer, stage, k, o, s, info, up = r.n_up
     cdef size_t L = n_layer, nn = <size_t>n * n, rows = <size_t>r.stokes * r.n_out, into = <size_t>r.stokes * r.n_in
-    cdef size_t nr = <size_t>n * b.n_rhs, light = <size_t>r.n_level * b.n_rhs * rows, i
+    cdef size_t nr = <size_t>n * b.n_rhs, fluxes = <size_t>2 * r.n_level * b.n_rhs, light = <size_t>r.n_level * b.n_rhs * rows, i
     cdef doubles memory = desk.work
     cdef doubles spent = t.spent + <size_t>5 * item
     cdef doubles to = t.light + <size_t>item * light
@@ -81,28 +84,25 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     cdef Workspace own = desk
     cdef ints missed = t.missed + 2 * item
     a.orders, h.orders = a.orders + item, h.orders + item
-    a.E, a.F, a.G_E = memory, memory + L * nn, memory + 3 * L * nn
-    h.X_lu = memory + 2 * L * nn
+    a.slab_stack = h.slab_stack = b.slab_stack = r.slab_stack = t.slab_stack + item
+    a.E, a.F, a.G_E = memory, memory + L * nn, memory + 5 * L * nn
+    h.X_lu, h.X, h.Y = memory + 2 * L * nn, memory + 3 * L * nn, memory + 4 * L * nn
     a.G_F = a.G_E + L * n * rows
     a.source_s = a.G_F + L * n * rows
     a.source_d = a.source_s + L * n * into
-    b.base_down = a.source_d + L * n * into
-    own.work = b.base_down + nr
-    h.X_pivots, own.pivots = desk.pivots, desk.pivots + n_layer * n
-    h.E, h.F = a.E, a.F
-    h.lam_re = h.lam_re + <size_t>item * 2 * L * n
+    h.lam_re = a.source_d + L * n * into
     h.lam_im = h.lam_re + L * n
-    h.X = h.X + <size_t>item * 2 * L * nn
-    h.Y = h.X + L * nn
+    p.c = h.lam_im + L * n
+    p.zeta, b.even, b.odd = p.c + L * nr, p.c + 2 * L * nr, p.c + 3 * L * nr
+    b.base_down = p.c + 4 * L * nr
+    own.work = b.base_down + nr
+    h.X_pivots, b.decaying, own.pivots = desk.pivots, desk.pivots + n_layer * n, desk.pivots + n_layer * (n + 1)
+    h.E, h.F = a.E, a.F
     h.residual = h.residual + <size_t>item * L
     p.F, p.source_s, p.source_d, p.X_lu, p.X_pivots = a.F, a.source_s, a.source_d, h.X_lu, h.X_pivots
     p.lam_re, p.lam_im, p.X, p.Y = h.lam_re, h.lam_im, h.X, h.Y
-    p.c = p.c + <size_t>item * 4 * L * nr
-    p.zeta = p.c + L * nr
     b.lam_re, b.lam_im, b.X, b.Y, b.c, b.zeta = h.lam_re, h.lam_im, h.X, h.Y, p.c, p.zeta
-    b.even = p.c + 2 * L * nr
-    b.odd = p.c + 3 * L * nr
-    b.base_row, b.decaying, b.residual = b.base_row + item, b.decaying + item * n_layer, b.residual + item * n_layer
+    b.base_row, b.residual = b.base_row + item, b.residual + item * n_layer
     r.G_E, r.G_F, r.lam_re, r.lam_im, r.X, r.Y = a.G_E, a.G_F, h.lam_re, h.lam_im, h.X, h.Y
     r.c, r.zeta, r.even, r.odd, r.base_down, r.decaying = p.c, p.zeta, b.even, b.odd, b.base_down, b.decaying
     r.base_row, r.out = b.base_row, to
@@ -127,6 +127,8 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
         begin = now
         if missed[0] != 0:
             return 0
+    if h.conserving and h.orders[0] == 0:
+        fluxes_one(&r, &h.nodes, t.flux + item * fluxes, own)
     for i in range(<size_t>r.n_level * b.n_rhs):
         for o in range(r.n_out):
             for s in range(r.stokes):

@@ -395,43 +395,71 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
         j = j + width
 
 
-def mode_coordinates_of_stacks(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im,
-                              const double[:, :, ::1] even, const double[:, :, ::1] odd, const double[:, :, ::1] c,
-                              const double[:, :, ::1] zeta, const double[::1] mu0, const int[::1] decaying,
-                              const double[::1] thickness, const double[::1] above, const double[::1] depth):
-    """`mode_coordinates` of one layer of each of many scenes, all arrays (stack, ...): (stack, 2, n_rhs, n)."""
-    cdef int n_stack = <int>lam_re.shape[0], n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], k
-    cdef double[:, :, :, ::1] out = np.zeros((n_stack, 2, n_rhs, n))
-    cdef double complex[:, ::1] profile = np.empty((6, n), complex)
-    cdef double[::1] part = np.empty(n)
-    cdef Modes a
-    for k in range(n_stack):
-        a = modes_at(n, 0, &lam_re[k, 0], &lam_im[k, 0], NULL, NULL, thickness[k], decaying[k])
-        coordinates_of(&a, n_rhs, <int>mu0.shape[0], &even[k, 0, 0], &odd[k, 0, 0], &c[k, 0, 0], &zeta[k, 0, 0],
-                       &mu0[0], above[k], depth[k], &profile[0, 0], &part[0], &out[k, 0, 0, 0])
-    return np.asarray(out)
+def flux_work(n, n_rhs):
+    """Doubles of scratch memory of `nodal_fluxes`."""
+    return 15 * n + 2 * n_rhs * n
 
 
-def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even,
-                     const double[:, ::1] odd, const double[:, ::1] c, const double[:, ::1] zeta,
-                     const double[::1] mu0, bint decaying, double thickness, double above, double depth):
-    """y and z of the modes of one order and layer (n,) at a depth below its top: (2, n_rhs, n); see `boundary`.
+def nodal_fluxes(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im, const double[:, :, ::1] X,
+                 const double[:, :, ::1] Y, const double[:, :, ::1] c, const double[:, :, ::1] zeta,
+                 const double[:, :, ::1] even, const double[:, :, ::1] odd, const int[::1] decaying,
+                 const double[::1] thickness, const double[::1] above, const double[::1] mu0,
+                 const double[::1] nodes, const double[::1] weights, const double[::1] level,
+                 const int[::1] level_layer):
+    """Diffuse flux of order 0 up and down through a horizontal plane at every level, (2, n_tau, n_rhs).
 
-    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); decaying: of `boundary`; above: optical depth of the layer's top.
+    lam_re, lam_im (layer, n), X, Y (layer, n, n) are those of `homogeneous`, c, zeta (layer, n_rhs, n) of `particular`,
+    even, odd (layer, n_rhs, n), decaying (layer,) of `boundary`; level, level_layer (n_tau,): depths below the top of a
+    layer; nodes, weights (N,).
     """
-    cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0]
-    cdef Modes a = modes_at(n, 0, &lam_re[0], &lam_im[0], NULL, NULL, thickness, decaying)
-    cdef double[:, :, ::1] out = np.zeros((2, n_rhs, n))
-    cdef double complex[:, ::1] profile = np.empty((6, n), complex)
-    cdef double[::1] part = np.empty(n)
-    coordinates_of(&a, n_rhs, <int>mu0.shape[0], &even[0, 0], &odd[0, 0], &c[0, 0], &zeta[0, 0], &mu0[0], above, depth,
-                   &profile[0, 0], &part[0], &out[0, 0, 0])
+    cdef int n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], n_level = <int>level.shape[0]
+    cdef double[:, :, ::1] out = np.zeros((2, n_level, n_rhs))
+    cdef double[::1] work = np.empty(flux_work(n, n_rhs))
+    cdef Reconstruction r = Reconstruction(
+        n, 1, 0, 0, <int>lam_re.shape[0], <int>mu0.shape[0], n_rhs, n_level, NULL, NULL,
+        &lam_re[0, 0], &lam_im[0, 0], &X[0, 0, 0], &Y[0, 0, 0], &c[0, 0, 0], &zeta[0, 0, 0], &even[0, 0, 0],
+        &odd[0, 0, 0], NULL, &decaying[0], NULL, NULL, NULL, &thickness[0], &above[0], &mu0[0], NULL, &level[0],
+        &level_layer[0], NULL)
+    cdef Nodes at = Nodes(n, n // <int>weights.shape[0], &nodes[0], &weights[0])
+    fluxes_one(&r, &at, &out[0, 0, 0], Workspace(&work[0], NULL, NULL))
     return np.asarray(out)
+
+
+cdef void fluxes_one(const Reconstruction* t, const Nodes* nodes, doubles out, Workspace desk) noexcept nogil:
+    """Of one order, out (2, n_tau, n_rhs): half the sum, and difference, of what the modes carry through the nodes."""
+    cdef int n = t.n, layer, here, level, r, i, j
+    cdef size_t nr = <size_t>n * t.n_rhs, row
+    cdef cplx* profile = <cplx*>desk.work
+    cdef doubles part = desk.work + 12 * n, even_carry = part + n, odd_carry = even_carry + n, at = odd_carry + n
+    cdef double total, difference, weight
+    cdef Modes a
+    for level in range(t.n_level):
+        layer = t.level_layer[level]
+        here = first_layer(t.slab_stack, t.n_layer, 0) + layer
+        a = modes_at(n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer])
+        set_zero(2 * nr, at)
+        coordinates_of(&a, t.n_rhs, t.n_in, t.even + layer * nr, t.odd + layer * nr, t.c + layer * nr,
+                       t.zeta + layer * nr, t.mu0, t.above[here], t.level[first_layer(t.slab_stack, t.n_level, 0) + level],
+                       profile, part, at)
+        for j in range(n):
+            even_carry[j] = odd_carry[j] = 0.0
+            for i in range(nodes.n // nodes.stokes):
+                weight = 0.5 * sqrt(nodes.weights[i] * nodes.mu[i])
+                even_carry[j] += a.X[<size_t>j * n + i * nodes.stokes] * weight
+                odd_carry[j] += a.Y[<size_t>j * n + i * nodes.stokes] * weight
+        for r in range(t.n_rhs):
+            total = difference = 0.0
+            row = <size_t>r * n
+            for j in range(n):
+                total += at[row + j] * even_carry[j]
+                difference += at[nr + row + j] * odd_carry[j]
+            out[level * t.n_rhs + r] = total - difference
+            out[(t.n_level + level) * t.n_rhs + r] = total + difference
 
 
 cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given odd, given c, given zeta, given mu0,
                          double above, double depth, cplx* profile, doubles part, doubles out) noexcept nogil:
-    """Fills out (2, n_rhs, n), zeros before; profile (6, n): of even, odd, c: y and z; part (n,)."""
+    """Fills out (2, n_rhs, n), zeros before, with y and z of the modes at a depth below the layer's top; profile (6, n): of even, odd, c: y and z; part (n,)."""
     cdef int n = a.n, per_beam = n_rhs // n_in, r, j, f
     cdef double light, decayed
     cdef given coordinates

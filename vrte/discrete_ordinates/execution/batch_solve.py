@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, BoolArray, IntArray, make_readonly
+from vrte.basics.arrays import Array, BoolArray, IntArray, make_readonly, replace_unchecked
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.sums import find_column_kinds
-from vrte.discrete_ordinates.orders.base import make_base_operators
+from vrte.discrete_ordinates.orders.base import Base, make_base_operators
+from vrte.discrete_ordinates.orders.fused_modes import run_fused_modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import Modes, is_quick_on
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
@@ -63,178 +63,36 @@ def solve_together(alike: Alike, run: Run) -> Together:
 def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found: Together, run: Run) -> Array:
     """Radiance of the orders ``wanted`` (order, scene) for unit beams, (order, scene, n_tau, n_in, n_col, n_out, S),
     public frame, 0 for others; fluxes, residuals and numbers go to what is ``found``."""
-    problem, layers = make_frame(alike, stokes), alike.likeness.layers
+    names = "terms", "albedo", "thickness", "above", "level"  # those of all scenes, one behind the other
+    all_layers = {name: getattr(alike, name).ravel() for name in names}
+    coefficients = alike.coefficients.reshape(-1, *alike.coefficients.shape[2:])
+    problem = replace_unchecked(make_frame(alike, stokes), coefficients=coefficients, **all_layers)
     orders, slab_stack = (each.astype(np.int32) for each in np.nonzero(wanted))
-    shape, n, rhs = (orders.size, layers), problem.size, problem.n_rhs
-    rows, into = problem.rows_out, len(stokes) * problem.mu0.size
-    albedo, thickness, above = alike.albedo.ravel(), alike.thickness.ravel(), alike.above.ravel()
-    E, F, X, Y, X_lu = (np.empty((*shape, n, n)) for _ in range(5))
-    G_E, G_F = (np.empty((*shape, n, rows)) for _ in range(2))
-    source_s, source_d = (np.empty((*shape, into, n)) for _ in range(2))
-    with run.timed("assembly") as crew:
-        run.kernels.assemble(
-            crew,
-            orders=orders,
-            members=np.array(stokes, np.int32),
-            coefficients=alike.coefficients.reshape(-1, *alike.coefficients.shape[2:]),
-            terms=alike.terms.ravel(),
-            albedo=albedo,
-            directions=problem.directions,
-            weights=problem.weights,
-            n_out=problem.mu_out.size,
-            E=E,
-            F=F,
-            G_E=G_E,
-            G_F=G_F,
-            source_s=source_s,
-            source_d=source_d,
-            slab_stack=slab_stack,
-        )
-    lam_re, lam_im = np.empty((*shape, n)), np.empty((*shape, n))
-    pivots, info = np.empty((*shape, n), np.int32), np.zeros(shape, np.int32)
-    residual = np.zeros(shape)
-    with run.timed("homogeneous") as crew:
-        run.kernels.homogeneous(
-            crew,
-            orders=orders,
-            conserving=problem.conserves,
-            quick=is_quick_on(alike.nodes.size, alike.request.accuracy),
-            clear=True,
-            albedo=albedo,
-            directions=problem.nodes,
-            weights=problem.weights,
-            E=E,
-            F=F,
-            lam_re=lam_re,
-            lam_im=lam_im,
-            X=X,
-            Y=Y,
-            X_lu=X_lu,
-            X_pivots=pivots,
-            residual=residual,
-            info=info,
-            slab_stack=slab_stack,
-        )
-    note_residuals(found, "residual_of_modes", slab_stack, residual, (info != 0).any(axis=1))
-    c, zeta, even, odd = (np.empty((*shape, rhs, n)) for _ in range(4))
-    modes: dict[str, Any] = {"lam_re": lam_re, "lam_im": lam_im, "X": X, "Y": Y}
-    with run.timed("particular") as crew:
-        run.kernels.particular(
-            crew,
-            F=F,
-            source_s=source_s,
-            source_d=source_d,
-            mu0=problem.mu0,
-            columns=problem.columns,
-            X_lu=X_lu,
-            X_pivots=pivots,
-            c=c,
-            zeta=zeta,
-            **modes,
-        )
-    matrix, source, leaving = make_bases(alike, problem)
-    base_row = np.where((orders == 0) & (alike.even[slab_stack] > 0.0) & problem.conserves, slab_stack, -1).astype(
-        np.int32
-    )
-    down, decaying = np.empty((orders.size, rhs, n)), np.empty(shape, np.int32)
-    residual, singular = np.zeros(shape), np.zeros(orders.size, np.int32)
-    with run.timed("boundary") as crew:
-        run.kernels.boundary(
-            crew,
-            c=c,
-            zeta=zeta,
-            clear=(albedo == 0.0).astype(np.int32),
-            thickness=thickness,
-            mu0=problem.mu0,
-            above=above,
-            base_row=base_row,
-            base=matrix,
-            base_source=source,
-            top=np.zeros((0, 1, 1)),
-            even=even,
-            odd=odd,
-            base_down=down,
-            decaying=decaying,
-            residual=residual,
-            info=singular,
-            slab_stack=slab_stack,
-            **modes,
-        )
-    note_residuals(found, "residual_of_boundary", slab_stack, residual, singular != 0)
-    out = np.empty((orders.size, problem.level.size, rhs, rows))
-    with run.timed("reconstruction") as crew:
-        run.kernels.reconstruct(
-            crew,
-            G_E=G_E,
-            G_F=G_F,
-            c=c,
-            zeta=zeta,
-            even=even,
-            odd=odd,
-            base_down=down,
-            decaying=decaying,
-            base_row=base_row,
-            base_out=leaving,
-            thickness=thickness,
-            above=above,
-            mu0=problem.mu0,
-            mu_out=problem.mu_out,
-            n_up=problem.n_up,
-            level=alike.level.ravel(),
-            level_layer=alike.level_layer,
-            out=out,
-            slab_stack=slab_stack,
-            **modes,
-        )
-    lit = np.flatnonzero(orders == 0) if problem.conserves else orders[:0]
-    if lit.size:
-        coordinates = _core.mode_coordinates_of_stacks(
-            lam_re=lam_re[lit, 0],
-            lam_im=lam_im[lit, 0],
-            even=even[lit, 0],
-            odd=odd[lit, 0],
-            c=c[lit, 0],
-            zeta=zeta[lit, 0],
-            mu0=problem.mu0,
-            decaying=decaying[lit, 0],
-            thickness=alike.thickness[slab_stack[lit], 0],
-            above=np.zeros(lit.size),
-            depth=np.zeros(lit.size),
-        )
-        add_flux(problem, coordinates, X[lit, 0], Y[lit, 0], slab_stack[lit], found)
+    seen = (orders == 0) & (alike.even[slab_stack] > 0.0) & problem.conserves
+    rows = np.where(seen, slab_stack, -1).astype(np.int32)
+    quick = is_quick_on(alike.nodes.size, alike.request.accuracy)
+    here = run_fused_modes(problem, orders, slab_stack, make_base(alike, problem), rows, quick, run)
+    for name, residual in zip(("residual_of_modes", "residual_of_boundary"), here.residual, strict=True):
+        np.maximum.at(found.residuals[name], slab_stack, residual.max(axis=1))
+    found.right[slab_stack[here.missed[:, 0] != 0]] = False
+    if problem.conserves:
+        lit = orders == 0
+        found.flux[slab_stack[lit]] = here.flux[lit, 0, 0, :, 0]
     np.maximum.at(found.orders, slab_stack, orders + 1)
-    np.add.at(found.unknowns, slab_stack, n)
-    kernels = np.zeros((*wanted.shape, problem.level.size, problem.mu0.size, rhs // problem.mu0.size, rows))
-    kernels[orders, slab_stack] = out.reshape(orders.size, *kernels.shape[2:])
-    kernels = kernels.reshape(*kernels.shape[:-1], problem.mu_out.size, len(stokes))
-    kernels[..., : problem.n_up, :] *= problem.flip
-    kernels /= 2.0 * np.pi
+    np.add.at(found.unknowns, slab_stack, problem.size)
+    kernels = np.zeros((*wanted.shape, *here.radiance.shape[1:]))
+    kernels[orders, slab_stack] = here.radiance
     return kernels
 
 
-def note_residuals(found: Together, name: str, slab_stack: IntArray, residual: Array, failed: BoolArray) -> None:
-    """Keeps the largest of each scene; what ``failed`` (item,) leaves none."""
-    np.maximum.at(found.residuals[name], slab_stack, residual.max(axis=1))
-    found.right[slab_stack[failed]] = False
-
-
-def add_flux(problem: Problem, coordinates: Array, X: Array, Y: Array, slab_stack: IntArray, found: Together) -> None:
-    """The flux that leaves the top: see `find_nodal_fluxes`; coordinates (item, 2, n_rhs, n), X, Y (item, n, n)."""
-    weight, step = 0.5 * np.sqrt(problem.weights * problem.nodes), len(problem.stokes)
-    total, difference = (
-        (coordinates[:, k] @ (modes[..., ::step] @ weight)[..., None])[..., 0] for k, modes in enumerate((X, Y))
-    )
-    found.flux[slab_stack] = (total - difference).reshape(slab_stack.size, problem.mu0.size, -1)[..., 0]
-
-
-def make_bases(alike: Alike, problem: Problem) -> tuple[Array, Array, Array]:
-    """What each scene's even base does in order 0, as `Base` has it of each order; one row where nothing comes back."""
+def make_base(alike: Alike, problem: Problem) -> Base:
+    """What each scene's even base does in order 0, a row each; one row where nothing comes back."""
     seen = problem.conserves and alike.even.any()
     into, out = alike.nodes.size + problem.mu0.size, alike.nodes.size + problem.mu_out.size
     orders = np.zeros((alike.size if seen else 1, into, out, len(problem.stokes), len(problem.stokes)))
     if seen:
         orders[..., 0, 0] = FLIP[0] * (2.0 * alike.even[:, None, None])
-    return make_base_operators(problem, orders)
+    return Base(np.zeros(0, np.int32), *make_base_operators(problem, orders))
 
 
 def add_orders(

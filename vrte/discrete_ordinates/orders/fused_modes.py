@@ -1,39 +1,48 @@
-"""All of section 2.C by one call, for the orders that one thread does: each goes from its matrices to its light."""
+"""All of section 2.C by one call, for orders of one scene or of many: each goes from its matrices to its light."""
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import IntArray
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run, ThreadTeam
 from vrte.discrete_ordinates.orders.base import Base
-from vrte.discrete_ordinates.orders.boundary import Amplitudes
-from vrte.discrete_ordinates.orders.homogeneous import Modes
-from vrte.discrete_ordinates.orders.particular import Beam
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes
 from vrte.discrete_ordinates.orders.solved import Orders
 
-NOTHING = np.zeros(0)  # stands for arrays that no later stage reads
-NO_PIVOTS = np.zeros(0, np.int32)
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 
 
-def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: bool, run: Run) -> Orders:
-    """What the five stages find of orders, bit for bit. Raises AccuracyError where an eigenproblem does not converge or
-    a boundary system is singular."""
-    count, layers, n, n_rhs = orders.size, problem.albedo.size, problem.size, problem.n_rhs
-    rates, modes = np.empty((count, 2, layers, n)), np.empty((count, 2, layers, n, n))
-    amplitudes, decaying = np.empty((count, 4, layers, n_rhs, n)), np.empty((count, layers), np.int32)
+@dataclass(frozen=True, eq=False)
+class FusedModes:
+    """Radiance (item, n_tau, n_in, n_col, n_out, S) of an order of a scene for a unit beam, public frame; flux (item,
+    2, n_tau, n_in, n_col) up and down; residual (2, item, layer): of the modes, of the boundary; missed (item, 2): the
+    stage that failed, 0 for none, and its layer."""
+
+    radiance: Array
+    flux: Array
+    residual: Array
+    missed: IntArray
+
+
+def run_fused_modes(
+    problem: Problem, orders: IntArray, slab_stack: IntArray, base: Base, base_row: IntArray, quick: bool, run: Run
+) -> FusedModes:
+    """What the stages find of ``orders`` (item,) of the scenes ``slab_stack`` (item,), bit for bit. Of several scenes
+    the problem's layers and levels lie one behind the other; ``base_row`` (item,): the base's row, -1 for none."""
+    count, n_rhs, n_tau = orders.size, problem.n_rhs, problem.level_layer.size
+    layers = problem.albedo.size * n_tau // problem.level.size
     residual, spent, missed = np.zeros((2, count, layers)), np.zeros((count, 5)), np.zeros((count, 2), np.int32)
-    kernels = np.empty((count, problem.level.size, n_rhs, problem.rows_out))
+    radiance, flux = np.empty((count, n_tau, n_rhs, problem.rows_out)), np.zeros((count, 2, n_tau, n_rhs))
     crew = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
     begin = time.perf_counter()
     _core.fused_modes(
         crew,
         orders=orders,
+        slab_stack=slab_stack,
         **problem.phase_arguments,
         n_up=problem.n_up,
         columns=problem.columns,
@@ -43,35 +52,34 @@ def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: boo
         clear_layers=((problem.albedo == 0.0) & problem.skip_flags.clear).astype(np.int32),
         thickness=problem.thickness,
         above=problem.above,
-        base_row=base.row[orders],
+        base_row=base_row,
         base=base.matrix,
         base_source=base.source,
         base_out=base.out,
         flip=problem.flip,
         level=problem.level,
         level_layer=problem.level_layer,
-        rates=rates,
-        modes=modes,
-        amplitudes=amplitudes,
-        decaying=decaying,
         residual=residual,
         spent=spent,
         missed=missed,
-        out=kernels,
+        flux=flux,
+        out=radiance,
     )
     note_stages(run, time.perf_counter() - begin, spent.sum(axis=0).tolist())
-    if missed.any():
-        complain_of_order(orders, missed)
-    shape = problem.mu0.size, problem.columns.shape[0], problem.mu_out.size, len(problem.stokes)
-    fields = (
-        Modes(rates[:, 0], rates[:, 1], modes[:, 0], modes[:, 1], NOTHING, NO_PIVOTS, residual[0]),
-        Beam(amplitudes[:, 0], amplitudes[:, 1]),
-        Amplitudes(amplitudes[:, 2], amplitudes[:, 3], NOTHING, decaying, residual[1]),
-    )
-    worst = residual.max(axis=2)
+    shape = problem.mu0.size, problem.columns.shape[0]
+    radiance = radiance.reshape(count, n_tau, *shape, problem.mu_out.size, len(problem.stokes))
+    return FusedModes(radiance, flux.reshape(count, 2, n_tau, *shape), residual, missed)
+
+
+def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: bool, run: Run) -> Orders:
+    """The given orders of one scene. Raises AccuracyError where an eigenproblem does not converge or a boundary system
+    is singular."""
+    found = run_fused_modes(problem, orders, np.zeros_like(orders), base, base.row[orders], quick, run)
+    if found.missed.any():
+        complain_of_order(orders, found.missed)
+    worst = found.residual.max(axis=2)
     residuals = {"residual_of_modes": worst[0], "residual_of_boundary": worst[1]}
-    up, down = find_nodal_fluxes(problem, orders, *fields)
-    return Orders(kernels.reshape(*kernels.shape[:2], *shape), up, down, residuals)
+    return Orders(found.radiance, *found.flux[0], residuals)
 
 
 def note_stages(run: Run, wall: float, busy: list[float]) -> None:

@@ -64,30 +64,22 @@ def find_nodal_fluxes(
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
     if not problem.conserves or orders[0] > 0:
         return np.zeros(shape), np.zeros(shape)
-    weight = 0.5 * np.sqrt(problem.weights * problem.nodes)
-    step = len(problem.stokes)
-    total, difference = np.empty(shape), np.empty(shape)
-    for t, (level, layer) in enumerate(zip(problem.level.tolist(), problem.level_layer.tolist(), strict=True)):
-        y, z = find_mode_coordinates(problem, layer, level, modes, beam, amplitudes)
-        total[t] = (y @ (modes.X[0, layer, :, ::step] @ weight)).reshape(shape[1:])
-        difference[t] = (z @ (modes.Y[0, layer, :, ::step] @ weight)).reshape(shape[1:])
-    return total - difference, total + difference
-
-
-def find_mode_coordinates(
-    problem: Problem, layer: int, depth: float, modes: Modes, beam: Beam, amplitudes: Amplitudes
-) -> Array:
-    """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in core/boundary.pxi."""
-    return _core.mode_coordinates(
-        lam_re=modes.lam_re[0, layer],
-        lam_im=modes.lam_im[0, layer],
-        even=amplitudes.even[0, layer],
-        odd=amplitudes.odd[0, layer],
-        c=beam.c[0, layer],
-        zeta=beam.zeta[0, layer],
+    up, down = _core.nodal_fluxes(
+        lam_re=modes.lam_re[0],
+        lam_im=modes.lam_im[0],
+        X=modes.X[0],
+        Y=modes.Y[0],
+        c=beam.c[0],
+        zeta=beam.zeta[0],
+        even=amplitudes.even[0],
+        odd=amplitudes.odd[0],
+        decaying=amplitudes.decaying[0],
+        thickness=problem.thickness,
+        above=problem.above,
         mu0=problem.mu0,
-        decaying=bool(amplitudes.decaying[0, layer]),
-        thickness=float(problem.thickness[layer]),
-        above=float(problem.above[layer]),
-        depth=depth,
+        nodes=problem.nodes,
+        weights=problem.weights,
+        level=problem.level,
+        level_layer=problem.level_layer,
     )
+    return up.reshape(shape), down.reshape(shape)
