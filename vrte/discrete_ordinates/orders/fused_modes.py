@@ -79,7 +79,7 @@ def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: boo
         complain_of_order(orders, found.missed)
     worst = found.residual.max(axis=2)
     residuals = {"residual_of_modes": worst[0], "residual_of_boundary": worst[1]}
-    return Orders(found.radiance, *found.flux[0], residuals)
+    return Orders(found.radiance, found.flux[0, 0], found.flux[0, 1], residuals)
 
 
 def note_stages(run: Run, wall: float, busy: list[float]) -> None:
