@@ -45,20 +45,20 @@ def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const
     cdef FusedModes t
     cdef given mu0 = &directions[0] + n_node + n_out
     t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in, stokes, &orders[0], &members[0], &terms[0],
-                          &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL, NULL,
-                          NULL, NULL, NULL)
+                          &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL,
+                          NULL, NULL, NULL, NULL)
     t.homogeneous = Homogeneous(Nodes(n, stokes, &directions[0], &weights[0]), n_layer, conserving, quick, clear,
                                 &orders[0], &slab_stack[0], &albedo[0], NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL,
                                 &residual[0, 0, 0])
     t.particular = Particular(n, stokes, n_in, <int>columns.shape[0], NULL, NULL, NULL, mu0, &columns[0, 0], NULL, NULL,
                               NULL, NULL, NULL, NULL, NULL, NULL)
     t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0],
-                          &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], NULL,
-                          stokes, False, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
+                          &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0],
+                          &base_source[0, 0, 0], NULL, stokes, False, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
     t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level_layer.shape[0], NULL,
                                       NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
-                                      &slab_stack[0], &base_out[0, 0, 0], &thickness[0], &above[0], mu0, &directions[0] + n_node,
-                                      &level[0], &level_layer[0], NULL)
+                                      &slab_stack[0], &base_out[0, 0, 0], &thickness[0], &above[0], mu0,
+                                      &directions[0] + n_node, &level[0], &level_layer[0], NULL)
     t.light, t.flux, t.spent, t.missed = &out[0, 0, 0, 0], &flux[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
     t.flip, t.slab_stack = &flip[0], &slab_stack[0]
     run_items(crew, fused_modes_one, &t, <int>orders.shape[0],

@@ -431,16 +431,16 @@ cdef void fluxes_one(const Reconstruction* t, const Nodes* nodes, doubles out, W
     cdef size_t nr = <size_t>n * t.n_rhs, row
     cdef cplx* profile = <cplx*>desk.work
     cdef doubles part = desk.work + 12 * n, even_carry = part + n, odd_carry = even_carry + n, at = odd_carry + n
-    cdef double total, difference, weight
+    cdef double total, difference, weight, depth
     cdef Modes a
     for level in range(t.n_level):
         layer = t.level_layer[level]
         here = first_layer(t.slab_stack, t.n_layer, 0) + layer
         a = modes_at(n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer])
         set_zero(2 * nr, at)
+        depth = t.level[first_layer(t.slab_stack, t.n_level, 0) + level]
         coordinates_of(&a, t.n_rhs, t.n_in, t.even + layer * nr, t.odd + layer * nr, t.c + layer * nr,
-                       t.zeta + layer * nr, t.mu0, t.above[here], t.level[first_layer(t.slab_stack, t.n_level, 0) + level],
-                       profile, part, at)
+                       t.zeta + layer * nr, t.mu0, t.above[here], depth, profile, part, at)
         for j in range(n):
             even_carry[j] = odd_carry[j] = 0.0
             for i in range(nodes.n // nodes.stokes):
@@ -459,7 +459,8 @@ cdef void fluxes_one(const Reconstruction* t, const Nodes* nodes, doubles out, W
 
 cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given odd, given c, given zeta, given mu0,
                          double above, double depth, cplx* profile, doubles part, doubles out) noexcept nogil:
-    """Fills out (2, n_rhs, n), zeros before, with y and z of the modes at a depth below the layer's top; profile (6, n): of even, odd, c: y and z; part (n,)."""
+    """Fills out (2, n_rhs, n), zeros before, with y and z of the modes at a depth below the layer's top; profile
+    (6, n): of even, odd, c: y and z; part (n,)."""
     cdef int n = a.n, per_beam = n_rhs // n_in, r, j, f
     cdef double light, decayed
     cdef given coordinates
