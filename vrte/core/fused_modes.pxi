@@ -76,7 +76,8 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     cdef Reconstruction r = t.reconstruction
     cdef int n = b.n, n_layer = b.n_layer, layer, stage, k, o, s, info, up = r.n_up
     cdef size_t L = n_layer, nn = <size_t>n * n, rows = <size_t>r.stokes * r.n_out, into = <size_t>r.stokes * r.n_in
-    cdef size_t nr = <size_t>n * b.n_rhs, fluxes = <size_t>2 * r.n_level * b.n_rhs, light = <size_t>r.n_level * b.n_rhs * rows, i
+    cdef size_t nr = <size_t>n * b.n_rhs, light = <size_t>r.n_level * b.n_rhs * rows, i
+    cdef size_t fluxes = <size_t>2 * r.n_level * b.n_rhs
     cdef doubles memory = desk.work
     cdef doubles spent = t.spent + <size_t>5 * item
     cdef doubles to = t.light + <size_t>item * light
