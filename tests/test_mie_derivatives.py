@@ -12,9 +12,9 @@ from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_
 from vrte.formats import scene_slopes
 from vrte.optics.spheres import count_orders
 from vrte.optics.vary_spheres import SphereNumbers, vary_spheres
-from vrte.scene.vary_layer import Filling, assemble_layer
 
-from .helpers import assert_close, close_to
+from .helpers import close_to
+from .samples import slow_but
 from .sphere_oracle import make_ball, solve_literally
 
 # ---- a_n and b_n as Bohren and Huffman write them, differenced with a step of 2^-120 in 700 bits
@@ -96,23 +96,6 @@ def test_cross_sections_of_a_sphere(index: complex, size: float, orders: int, wi
         assert found.coefficients.shape == given.phase_matrix.coefficients.shape
 
 
-def test_a_layer_is_put_together_as_layers_are() -> None:
-    """The formulas that are differentiated are those of `vrte.mixture` and `vrte.Layer.of`."""
-    kinds = [
-        vrte.spheres(index, radius_um=0.2, wavelength_um=0.5, host_index=1.33 + 1e-4j) for index in (1.5 + 0.01j, 1.7)
-    ]
-    terms = max(kind.phase_matrix.terms for kind in kinds)
-    tables = np.array([np.pad(k.phase_matrix.coefficients, ((0, terms - k.phase_matrix.terms), (0, 0))) for k in kinds])
-    bulk = (np.array([getattr(k, name) for k in kinds]) for name in ("extinction_um2", "scattering_um2", "volume_um3"))
-    rest = map(np.array, (kinds[0].host_absorption, 0.05, 9))
-    filling = Filling(np.array([0.3, 0.7]), *bulk, tables, *rest)
-    thickness, albedo, coefficients = assemble_layer(filling, by_volume=False, is_length=True)
-    mixed = vrte.mixture(list(zip(kinds, (0.3, 0.7), strict=True)))
-    layer = vrte.Layer.of(mixed, thickness_um=9.0, volume_fraction=0.05)
-    assert_close([thickness, albedo], [layer.thickness, layer.albedo], rtol=1e-14, atol=0.0)
-    assert abs(coefficients - layer.phase_matrix.coefficients).max() < 1e-14
-
-
 # ---- through sizes, mixtures and layers, against differences of all ingredients
 
 PARTICLES = {
@@ -139,29 +122,19 @@ QUICK = (
     "layer[1].volume_fraction",
 )
 SLOW = (
-    "particles.grain.index[2]",
-    "particles.drop.size.lognormal.sigma",
-    "particles.drop.size.lognormal.median_um",
-    "particles.drop.index",
-    "particles.coat.shell[1]",
-    "particles.coat.diameter_um",
-    "particles.shell.shell_um",
-    "particles.shell.size.gamma.v_eff",
-    "host_index[1]",
-    "host_index[2]",
-    "wavelength_um",
-    "layer[2].volume_fractions.coat",
-    "layer[3].volume_fraction",
+    *("particles.grain.index[2]", "particles.drop.index", "particles.coat.shell[1]", "particles.coat.diameter_um"),
+    *("particles.drop.size.lognormal.sigma", "particles.drop.size.lognormal.median_um", "particles.shell.shell_um"),
+    *("particles.shell.size.gamma.v_eff", "host_index[1]", "host_index[2]", "wavelength_um"),
+    *("layer[2].volume_fractions.coat", "layer[3].volume_fraction"),
 )
 
 
-@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize("name", slow_but((*QUICK, *SLOW), *QUICK))
 def test_closed_forms_are_what_differences_come_to(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     content = {"wavelength_um": 0.5, "host_index": [1.33, 1e-4], "particles": PARTICLES, "layer": LAYERS}
     if name in QUICK:
-        content["layer"] = (
-            LAYERS[:1] if "coat" not in name else [{"particles": "coat", "thickness": 1.0, "volume_fraction": 0.1}]
-        )
+        coat = {"particles": "coat", "thickness": 1.0, "volume_fraction": 0.1}
+        content["layer"] = [coat] if "coat" in name else LAYERS[:1]
     (closed,) = vrte.SceneFamily(content, [name]).variations()
     monkeypatch.setattr(scene_slopes.Neighbourhood, "needs_differences", lambda *_: True)
     (differences,) = vrte.SceneFamily(content, [name]).variations()

@@ -56,20 +56,6 @@ def test_every_name_has_a_unit_and_what_is_not_signed_is_never_negative(brdf: vr
     assert [unit_of(name) for name in FIELD_QUANTITIES[:4]] == ["W m⁻² sr⁻¹"] * 4
 
 
-def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    reflected = vrte.brdf(scene, 0.5, MU_O, PHI, nodes=4)
-    for read, given, words in (
-        *((of_brdf, (brdf, name), "a quantity must be one of f00, ") for name in ("f44", "I")),
-        *((of_brdf, (brdf, name), "name must be a text") for name in (None, ["f00"], np.zeros(3))),
-        (of_stokes, (np.ones(4), "f00"), "a quantity must be one of I, Q, U, V"),
-        (of_stokes, (np.ones(3), "I"), "along its last axis"),
-        (of_brdf, (brdf, "reflectance factor", (0, 0, 0, 0)), "intensity I above 0, not 0"),
-        (of_brdf, (reflected, "f00", LIGHT, True), "no transmission here"),
-    ):
-        with pytest.raises(vrte.SceneError, match=words):
-            read(*given)
-
-
 @pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (1, 0, 0, 1)])
 @pytest.mark.parametrize("azimuths", [PHI, np.arange(0, 181, 15)])
 def test_between_the_directions_is_what_the_solver_finds(

@@ -22,6 +22,7 @@ from vrte.formats.scene_file import make_scene_file
 from vrte.formats.toml_table import parse_toml
 from vrte.optics import shapes, spheres
 from vrte.request.how import AUTO, How
+from vrte.results.quantities import of_brdf, of_stokes
 
 from .samples import rough_mirror
 
@@ -271,6 +272,11 @@ HOW: list[Row] = [
     (partial(SKY.under, [1e101, 0.0, 0.0, 0.0]), "must be numbers of at most 1e.100 in size"),
     (partial(SKY.under, GREEN, [1.0]), "weights must be 2 numbers"),
     (partial(SKY.under, GREEN, transmitted=True), "no transmission here"),
+    (partial(of_brdf, SKY, "f00", transmitted=True), "no transmission here"),
+    (partial(of_brdf, SKY, "reflectance factor", (0, 0, 0, 0)), "intensity I above 0, not 0"),
+    (partial(of_brdf, SKY, "I"), "a quantity must be one of f00, "),
+    (partial(of_stokes, np.ones(4), "f00"), "a quantity must be one of I, Q, U, V"),
+    (partial(of_stokes, np.ones(3), "I"), "along its last axis"),
     (vrte.brdf(SCENE, vrte.hemisphere(2)[0], MU, [0, 90], nodes=4).diffuse_reflectance, "phi all around"),
     (vrte.brdf(SCENE, [0.3, 0.8], MU, nodes=4).bihemispherical_reflectance, "weights are missing"),
     (partial(vrte.brdf, vrte.Scene([ONE], WHITE), MU, MU, illuminate="bottom"), "without a base"),

@@ -31,9 +31,8 @@ def run_of(threads: int) -> Iterator[Run]:
     """A run whose helping threads are gone afterwards."""
     run = Run(threads)
     yield run
-    for _ in range(2):
-        run.release_threads()
-        assert not [thread for thread in threading.enumerate() if thread.name.startswith("vrte-job")]
+    run.release_threads()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("vrte-job")]
 
 
 def hold(seconds: float, answer: int) -> int:
@@ -200,20 +199,16 @@ def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     memory.find_group_cores.cache_clear()
 
 
-QUOTAS = [("max", "max", 8), ("150000", "max", 2), ("max", "400000", 4), ("1000", "max", 1), ("1200000", "max", 8)]
-
-
-@pytest.mark.parametrize(("quota", "outer", "expected"), QUOTAS)
-def test_a_quota_counts_as_cores_do(groups: Callable[..., None], quota: str, outer: str, expected: int) -> None:
-    groups("", own="0::/pod/task")
-    groups("pod", cpu__max=f"{outer} 100000")
-    groups("pod/task", cpu__max=f"{quota} 100000")
-    assert count_usable_cpus() == expected
-
-
-def test_quotas_of_the_first_version_of_control_groups_and_none(groups: Callable[..., None]) -> None:
-    """The group's own path is not there in a container that sees its own files as the root."""
+def test_a_quota_counts_as_cores_do(groups: Callable[..., None]) -> None:
+    """Of both versions of control groups; the group's own path is not there in a container that sees its own files as
+    the root."""
     assert memory.find_group_cores() == memory.find_group_bytes() == math.inf
+    groups("", own="0::/pod/task")
+    for quota, outer, cores in (("max", "max", 8), ("150000", "max", 2), ("max", "400000", 4), ("1000", "max", 1)):
+        groups("pod", cpu__max=f"{outer} 100000")
+        groups("pod/task", cpu__max=f"{quota} 100000")
+        memory.find_group_cores.cache_clear()
+        assert count_usable_cpus() == cores
     memory.find_group_cores.cache_clear()
     groups("", own="4:memory:/docker/1\n2:cpu,cpuacct:/docker/1\n0::/docker/1")
     groups("cpu", cpu__cfs_quota_us="300000", cpu__cfs_period_us="100000")

@@ -1,5 +1,6 @@
 """Ctrl-C, SIGTERM, and outputs that are closed, in real processes at many moments: one line and the right exit code."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -72,19 +73,12 @@ def slow_module(folder: Path, name: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("module", "number"),
-    [
-        ("numpy", signal.SIGINT),
-        ("zarr", signal.SIGTERM),
-        *(
-            pytest.param(module, number, marks=pytest.mark.slow)
-            for module in ("numpy", "scipy", "zarr", "distributed")
-            for number in WORDS
-        ),
-    ],
-)
-def test_stopped_while_a_module_loads(module: str, number: signal.Signals, start: Any, tmp_path: Path) -> None:
+LOADING = [*itertools.product(("numpy", "scipy", "zarr", "distributed"), WORDS)]
+
+
+@pytest.mark.parametrize("case", slow_but(LOADING, ("numpy", signal.SIGINT), ("zarr", signal.SIGTERM)))
+def test_stopped_while_a_module_loads(case: tuple[str, signal.Signals], start: Any, tmp_path: Path) -> None:
+    module, number = case
     slow = slow_module(tmp_path / "slow", module)
     process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", "dask", first=slow)
     wait_until((slow / "loading").exists)
@@ -93,7 +87,7 @@ def test_stopped_while_a_module_loads(module: str, number: signal.Signals, start
     assert {path.name for path in tmp_path.iterdir()} <= {"s.toml", "slow", "t.zarr.partial"}
 
 
-@pytest.mark.parametrize("number", WORDS)
+@pytest.mark.parametrize("number", slow_but(WORDS, signal.SIGTERM))
 def test_stopped_while_a_driver_hears_nothing(number: signal.Signals, start: Any, tmp_path: Path) -> None:
     """A compiler of kernels is at work for minutes; here a lock that is never had."""
     deaf = slow_module(tmp_path / "deaf", "pyopencl")
@@ -151,18 +145,15 @@ def test_a_worker_killed_at_its_start(start: Any, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "words"),
-    [
+def test_a_stream_that_takes_nothing() -> None:
+    for line, code, words in (
         ("material >&-", 1, "standard output is closed"),
         ("material >/dev/full", 1, "No space left on device"),
         ("material no-such-thing 2>&-", 2, ""),
         ("material | true", 0, ""),
-    ],
-)
-def test_a_stream_that_takes_nothing(line: str, code: int, words: str) -> None:
-    command = f"{' '.join(VRTE)} {line}"
-    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=60)
-    assert (found.returncode, found.stdout, found.stderr.count("\n")) == (code, "", int(words != ""))
-    assert words in found.stderr
-    assert found.stderr.startswith("vrte: error: ") or not words
+    ):
+        command = f"{' '.join(VRTE)} {line}"
+        found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=60)
+        assert (found.returncode, found.stdout, found.stderr.count("\n")) == (code, "", int(words != "")), line
+        assert words in found.stderr
+        assert found.stderr.startswith("vrte: error: ") or not words
