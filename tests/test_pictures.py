@@ -239,7 +239,7 @@ def test_the_suffix_says_what_a_picture_is_and_the_bytes_are_the_same_again(tmp_
     """Also of a dark scene, whose lobe is a point."""
     dark = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=1.0)])
     field, brdf = vrte.radiance(dark, 0.6, nodes=4), vrte.brdf(dark, 0.6, MU_O, [0, 90, 180], nodes=4)
-    for result, suffix, start in ((brdf, ".png", b"\x89PNG"), (field, ".pdf", b"%PDF")):
+    for result, suffix, start in ((brdf, ".PNG", b"\x89PNG"), (field, ".pdf", b"%PDF")):
         twice = [tmp_path / f"{name}{suffix}" for name in "ab"]
         for path in twice:
             results.save_plot(result, path)

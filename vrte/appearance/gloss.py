@@ -39,8 +39,7 @@ MOST_UNEVEN = 0.01  # of the gloss: what both rules may differ by
 def find_glosses(
     panel: Panel, angles: Iterable[float] = (20.0, 60.0, 85.0), progress: Progress | None = None
 ) -> dict[float, float]:
-    """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve. Raises
-    SceneError as `read_gloss` does, and for wavelengths that do not cover the visible."""
+    """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve."""
     wanted = [check_gloss_angle(angle) for angle in angles]
     weigh_wavelengths(panel.wavelength_um, "C", 2)  # what is refused is refused before the work
     spectrum = panel.solve(*list_gloss_directions(wanted), progress)
@@ -62,11 +61,7 @@ def check_gloss_angle(angle_deg: Any) -> float:
 
 
 def list_gloss_directions(angles: Sequence[float]) -> tuple[Array, Array, Array]:
-    """mu_i, mu_o and phi [deg] of what `read_gloss` takes at some angles, ascending: the middles and rims of receptors.
-
-    >>> [values.size for values in list_gloss_directions([20.0, 60.0])]
-    [2, 6, 3]
-    """
+    """mu_i, mu_o and phi [deg] of what `read_gloss` takes at some angles, ascending: middles and rims of receptors."""
     rims = [list_rims(angle) for angle in angles]
     mu_o, phi = (np.unique(np.concatenate([rim[axis] for rim in rims])) for axis in (0, 1))
     return np.unique([math.cos(math.radians(angle)) for angle in angles]), mu_o, phi
@@ -102,12 +97,7 @@ def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_d
 
 
 def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
-    """Specular gloss [gloss units] of a surface by itself, over black, with air above it. Raises SceneError for another
-    angle and another medium above.
-
-    >>> round(find_surface_gloss(Interface(1.0, 1.5), 60.0), 2)
-    89.14
-    """
+    """Specular gloss [gloss units] of a surface by itself, over black, with air above it."""
     angle = check_gloss_angle(angle_deg)
     if surface.index_above != 1.0:
         raise SceneError(f"gloss is read in air: above the surface the index must be 1, not {surface.index_above:g}")

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,9 @@ from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
-from vrte.basics.views import view
+from vrte.basics.views import Figure, view
 from vrte.request.how import EXACT
 from vrte.scene.boundary import Lambertian
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PAPER_WHITE = 0.89  # the even white backing of TAPPI's contrast ratio
 SPARE_NODES = 2  # beyond those that the film itself needs: for thinner and thicker ones
@@ -195,11 +192,7 @@ def find_hiding_times(contrast: Callable[[float], float], target: float, limit: 
 
 def stretch_contrast(contrast: Any) -> Array:
     """log(-log(1 - C)) of contrast ratios: over the logarithm of the thickness its slope is 1 to 2 where films
-    are thin, about 1 where they absorb, and falls slowly where thick ones do not.
-
-    >>> stretch_contrast([1.0 - np.exp(-1.0), 1.0 - np.exp(-2.0)]).round(12).tolist()
-    [0.0, 0.69314718056]
-    """
+    are thin, about 1 where they absorb, and falls slowly where thick ones do not."""
     found: Array = np.log(-np.log1p(-np.clip(contrast, LEAST_RATIO, 1.0 - LEAST_GAP)))
     return found
 
@@ -316,22 +309,20 @@ class Hiding:
         contrast = -np.expm1(-np.exp(CubicSpline(known, stretch_contrast(self.contrast_ratios))(np.log(at))))
         return contrast, CubicSpline(known, self.over_white)(np.log(at))
 
-    def plot(self) -> "Figure":
+    def plot(self) -> Figure:
         """A figure of the hiding curve, and of Y over both cards."""
         figure: Figure = view(self, "plot")
         return figure
 
 
 def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> float:
-    """The contrast ratio Y_black/Y_white of a panel's film over cards, which take the place of its base: two solves a
-    wavelength. Raises SceneError."""
+    """The contrast ratio Y_black/Y_white of a panel's film over cards, which take the place of its base."""
     return Drawdown(panel, conditions or Conditions(), progress, expected=2).find_contrast(1.0)
 
 
 def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> Hiding:
     """How well a panel's film hides black and white cards, and the thickness, to 1e-3 of itself, of the contrast ratio
-    that counts as hidden; the number of solves that ``progress`` gets is a guess until the end. Raises SceneError, also
-    for a film that is semi-infinite or without thickness."""
+    that counts as hidden; the number of solves that ``progress`` gets is a guess until the end."""
     thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"

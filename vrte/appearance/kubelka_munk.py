@@ -21,8 +21,7 @@ MOST = 1e100  # of K and S: products stay far below overflow
 
 
 def reflect_film(K: Any, S: Any, length: Any, base: Any = 0.0) -> Array:
-    """The reflectance of a film of ``length`` over a base of reflectance ``base``, lit evenly from within the film's
-    medium."""
+    """The reflectance of a film of ``length`` over a base of reflectance ``base``, lit evenly from within."""
     alone, through = find_film(K, S, length)
     return put_film_over(alone, through, base)
 
@@ -96,8 +95,7 @@ def add_surface(inside: Any, k1: Any, k2: Any) -> Array:
 
 
 def remove_surface(measured: Any, k1: Any, k2: Any) -> Array:
-    """The reflectance inside, of what is measured above a surface: the inverse of `add_surface`. Raises SceneError
-    where less comes back than the surface alone mirrors."""
+    """The reflectance inside, of what is measured above a surface: the inverse of `add_surface`."""
     r, outer, inner = check_share("measured", measured), check_share("k1", k1), check_share("k2", k2)
     complain(~(inner < 1.0), "k2", "must be below 1: else no light gets out", inner)
     complain(r < outer - ROUNDING, "measured", "must not be below k1, which the surface alone mirrors", r)

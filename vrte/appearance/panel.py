@@ -64,8 +64,7 @@ class Panel:
 
     @property
     def film(self) -> int:
-        """The index from 0 of the film: the layer that ``layer`` says, or the only one that scatters, or that is there
-        at all. Raises SceneError where that is none or several."""
+        """The index from 0 of the film: that of ``layer``, or of the only layer that scatters, or that is there."""
         count = len(self.lengths_um)
         if self.layer is not None:
             return check_whole("layer", self.layer, 1, count) - 1
@@ -101,8 +100,7 @@ class Panel:
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
 
     def scale_film(self, times: float) -> "Panel":
-        """The same panel with a film ``times`` as thick; math.inf: semi-infinite, and nothing lies below it. Raises
-        SceneError where no layer is the film, or the film is semi-infinite."""
+        """The same panel with a film ``times`` as thick; math.inf: semi-infinite, and nothing lies below it."""
         index = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
         ends = np.isfinite(times)
@@ -124,8 +122,7 @@ class Panel:
         return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
 
     def make_as_thick(self, length_um: float) -> "Panel":
-        """The same panel with a film of a thickness [um]; math.inf as for `scale_film`. Raises SceneError where the
-        film's own length is unknown."""
+        """The same panel with a film of a thickness [um]; math.inf as for `scale_film`."""
         allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
         wanted = check_number("length_um", length_um, 0.0, np.inf, allowed)
         if np.isinf(wanted):
@@ -143,8 +140,7 @@ class Panel:
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
         """The BRDFs at all wavelengths, side by side on the cores; the nodes that the first, the last and a middle one
-        take serve all. ``progress`` gets (wavelengths done, wavelengths). Raises SceneError, which names the
-        wavelength."""
+        take serve all. ``progress`` gets (wavelengths done, wavelengths)."""
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
         looked_at = self.ends_and_middle

@@ -80,8 +80,6 @@ CARDS = ("black", "white")
 FILM = ("layer",)  # which of several is meant
 HIDES = ("nodes", *CARDS, "semi_infinite", "search")
 SPECTRUM = ("wavelength_um",)
-
-
 COLOURS = {
     **{name: f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100" for name in "XYZ"},
     "L": "CIELAB lightness L* (ISO/CIE 11664-4)",
@@ -90,31 +88,29 @@ COLOURS = {
     "C": "CIELAB chroma C*ab (ISO/CIE 11664-4)",
     "h": "CIELAB hue angle h_ab (ISO/CIE 11664-4)",
 }
-SPECTRA: dict[str, tuple[Callable[[Readings], Array], str, tuple[str, ...], tuple[str, ...]]] = {
-    # how each is found, words, conditions and parts
-    "reflectance": (lambda seen: seen.reflectance, "reflectance factor", (), ("panel",)),
-    "reflectance_over_black": (
-        lambda seen: seen.drawdown.read(1.0, seen.conditions.black),
-        "reflectance factor of the film over the black card", ("black",), ("nodes", "black"),
-    ),
-    "reflectance_over_white": (
-        lambda seen: seen.drawdown.read(1.0, seen.conditions.white),
-        "reflectance factor of the film over the white card", ("white",), ("nodes", "white"),
-    ),
-    "reflectance_semi_infinite": (
-        lambda seen: seen.drawdown.read(np.inf, 0.0),
-        "reflectance factor of the semi-infinite film", FILM, ("nodes", "semi_infinite"),
-    ),
-}  # fmt: skip
 QUANTITIES: dict[str, PanelQuantity] = {
     **{
         name: PanelQuantity(words, attrgetter(f"colour.{name}"), SEEN, ("panel",), "degree" if name == "h" else "1")
         for name, words in COLOURS.items()
     },
+    "reflectance": PanelQuantity("reflectance factor", attrgetter("reflectance"), LOOK, ("panel",), dims=SPECTRUM),
     **{
-        name: PanelQuantity(words, find, (*LOOK, *more), parts, dims=SPECTRUM)
-        for name, (find, words, more, parts) in SPECTRA.items()
+        f"reflectance_over_{card}": PanelQuantity(
+            f"reflectance factor of the film over the {card} card",
+            partial(lambda card, seen: seen.drawdown.read(1.0, getattr(seen.conditions, card)), card),
+            (*LOOK, card),
+            ("nodes", card),
+            dims=SPECTRUM,
+        )
+        for card in CARDS
     },
+    "reflectance_semi_infinite": PanelQuantity(
+        "reflectance factor of the semi-infinite film",
+        lambda seen: seen.drawdown.read(np.inf, 0.0),
+        (*LOOK, *FILM),
+        ("nodes", "semi_infinite"),
+        dims=SPECTRUM,
+    ),
     "contrast_ratio": PanelQuantity(
         "contrast ratio, Y over black over Y over white (ISO 6504-3)",
         lambda seen: seen.drawdown.find_contrast(1.0),
@@ -154,8 +150,7 @@ QUANTITIES: dict[str, PanelQuantity] = {
 
 
 def check_conditions(names: Sequence[str], conditions: Conditions, wavelengths_um: Array) -> None:
-    """Whether what the quantities depend on is known: the light, the observer, and wavelengths enough. Raises
-    SceneError."""
+    """Whether what the quantities depend on is known: the light, the observer, enough wavelengths."""
     if any("illuminant" in QUANTITIES[name].uses for name in names):
         conditions.weigh(wavelengths_um)
     if any("gloss" in QUANTITIES[name].takes for name in names):
@@ -163,14 +158,6 @@ def check_conditions(names: Sequence[str], conditions: Conditions, wavelengths_u
 
 
 def read_quantities(panel: Panel, names: Sequence[str], conditions: Conditions) -> dict[str, float | Array]:
-    """The quantities of a panel by name. Raises SceneError, AccuracyError.
-
-    >>> from vrte.appearance.panel import make_panel
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 2.0}
-    >>> panel = make_panel({"layer": [layer]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68])
-    >>> found = read_quantities(panel, ["L", "contrast_ratio"], Conditions(white=1.0))
-    >>> 0.0 < found["contrast_ratio"] < 1.0
-    True
-    """
+    """The quantities of a panel by name. Raises SceneError, AccuracyError."""
     readings = Readings(panel, conditions, names)
     return {name: QUANTITIES[name].find(readings) for name in names}

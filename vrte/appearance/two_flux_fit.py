@@ -8,7 +8,7 @@ fits. The film at any other thickness is solved exactly, beside what K and S pre
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
-from vrte.basics.views import view
+from vrte.basics.views import Figure, view
 from vrte.calls.radiance import radiance
 from vrte.calls.side_by_side import run_side_by_side
 from vrte.calls.spectrum import name_wavelength
@@ -35,9 +35,6 @@ from vrte.results.field import Field
 from vrte.scene.boundary import Lambertian
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BACKGROUNDS = ("black", "white")
 INSIDE = "inside"  # even light in the medium of the film: what K and S are about
@@ -157,7 +154,7 @@ class KubelkaMunk:
         found = np.array([[self.predict(length, base) for length in wanted] for base in (0.0, self.white)])
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
-    def plot(self, lengths: Any = None, progress: Progress | None = None) -> "Figure":
+    def plot(self, lengths: Any = None, progress: Progress | None = None) -> Figure:
         """A figure of `compare`: reflectances and their errors against thickness, also as colours, and K and S beside
         those of diffusion; ``lengths``: by default from an eighth of the film's own to eight times."""
         figure: Figure = view(self, "plot", lengths, progress)
@@ -190,12 +187,6 @@ def find_kubelka_munk(
     they then come from reflectance and transmittance, also where a film hides its base. ``k1``, ``k2`` (n,) or one
     number take the place of those computed. Raises SceneError for other layers or interfaces, another geometry, a film
     that hides its base at a wavelength, or one of which two fluxes know no K and S.
-
-    >>> from vrte.appearance.panel import make_panel
-    >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
-    >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
-    >>> found.unit, found.K.round(2).tolist(), found.S.round(2).tolist()
-    ('1/film', [0.38], [1.36])
     """
     check_film(panel)
     under = check_number("white", white, 5e-324, 1.0, "an albedo above 0, up to 1")
@@ -239,8 +230,7 @@ def choose_share(name: str, given: Any, found: Array) -> Array:
 
 
 def find_length(panel: Panel) -> float:
-    """How thick the film is [um], 1 where that is known optically alone. Raises SceneError for no film, or one without
-    end."""
+    """How thick the film is [um], 1 where that is known optically alone."""
     known = panel.length_um
     if known is None:
         return 1.0
@@ -315,11 +305,7 @@ def find_beams(geometry: Geometry) -> tuple[Array, Array]:
 
 def find_even_share(surface: Interface) -> float:
     """What a surface sends back of even light from below it, r_i: of smooth ones, by r_i = 1 - (1 - r_e)/n^2 where it
-    is denser below, since totally reflected light has a corner that no quadrature likes.
-
-    >>> round(find_even_share(Interface(1.0, 1.5)), 3)
-    0.596
-    """
+    is denser below, since totally reflected light has a corner that no quadrature likes."""
     mu, weights = hemisphere(FINE)
     ratio = surface.index_below / surface.index_above
     if surface.is_smooth and ratio > 1.0:

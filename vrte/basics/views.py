@@ -1,10 +1,13 @@
 """The one door upward: what shows, labels or writes a result lies in folders above it, and is found here by name."""
 
-from importlib import import_module
-from typing import Any
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
-# (class, verb): "module:function", called with the object and the verb's own arguments
-VIEWS: dict[tuple[str, str], str] = {
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+else:
+    Figure = Any  # in annotations: matplotlib is loaded where a figure is drawn
+VIEWS: dict[tuple[str, str], str] = {  # of class and verb: what is called with the object and the verb's own arguments
     ("Brdf", "_repr_html_"): "vrte.pictures.notebook:show_brdf",
     ("Brdf", "plot"): "vrte.pictures.results:draw_brdf",
     ("Field", "_repr_html_"): "vrte.pictures.notebook:show_field",
@@ -31,10 +34,9 @@ VIEWS: dict[tuple[str, str], str] = {
 
 
 def view(shown: Any, verb: str, *arguments: Any) -> Any:
-    """Calls the function that VIEWS names for a verb of the object's class or of a base class; rows can
-    be changed or added, ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError without a row."""
+    """What the function finds that VIEWS names for a verb of the object's class or of a base class; rows can be changed
+    or added, ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError without a row."""
     for kind in type(shown).__mro__:
         if row := VIEWS.get((kind.__name__, verb)):
-            module, name = row.split(":")
-            return getattr(import_module(module), name)(shown, *arguments)
+            return resolve_name(row)(shown, *arguments)
     raise LookupError(f"{type(shown).__name__} has no view {verb!r}: add a row to vrte.basics.views.VIEWS")

@@ -28,24 +28,38 @@ WRITER = "a fit"
 PLAIN = [one.name for one in fields(Fit) if one.name not in (*ARRAYS, "measurement", "starts", "problem")]
 
 
+def describe_problem(problem: FitProblem) -> dict[str, Any]:
+    """All that makes a problem beside its measurement, as JSON has it; the content is None of a `vrte.Scene`."""
+    model = problem.model
+    is_scene = isinstance(model.source.source, Scene)
+    return {
+        "content": None if is_scene else model.source.content_at(model.source.values),
+        "options": model.options,
+        "jacobian": model.jacobian,
+        "colours_um": model.colours_um.tolist(),
+        "parameters": [asdict(one) for one in problem.parameters],
+        "priors": problem.priors.tolist(),
+        "sigma": problem.sigma.tolist(),
+        "loss": problem.loss,
+    }
+
+
 def find_fingerprint(problem: FitProblem, record: Mapping[str, Any]) -> str:
     """Of all that decides about a fit: data, scene, the tables it names, free numbers, priors, and how it is made."""
     from vrte import __version__
 
-    model = problem.model
-    source, folder = model.source.source, model.source.folder
-    tables: dict[str, str] = {}
-    if isinstance(source, Scene):
-        layers = [(x.thickness, x.albedo, x.host_index, x.phase_matrix.coefficients.tolist()) for x in source.layers]
-        scene: Any = [repr(source.base), repr(source.interfaces), layers]
+    described, source, scene = describe_problem(problem), problem.model.source, problem.model.source.source
+    known: list[Any] = []
+    if isinstance(scene, Scene):
+        layers = [(x.thickness, x.albedo, x.host_index, x.phase_matrix.coefficients.tolist()) for x in scene.layers]
+        known = [repr(scene.base), repr(scene.interfaces), layers]
     else:
-        scene = model.source.content_at(model.source.values)
-        names = {*find_named_tables(scene).values()}
-        tables = {name: hashlib.sha256((Path(folder or ".") / name).read_bytes()).hexdigest() for name in sorted(names)}
-    rows = {name: getattr(model.measurement, name).tolist() for name in COLUMNS}
-    free = [asdict(one) for one in problem.parameters]
-    options = [model.options, model.jacobian, model.colours_um.tolist()]
-    everything = [__version__, rows, scene, tables, free, problem.priors.tolist(), options, dict(record)]
+        tables = sorted({*find_named_tables(described["content"]).values()})
+        known = [
+            (name, hashlib.sha256((Path(source.folder or ".") / name).read_bytes()).hexdigest()) for name in tables
+        ]
+    rows = {name: getattr(problem.model.measurement, name).tolist() for name in COLUMNS}
+    everything = [__version__, rows, known, described, dict(record)]
     return hashlib.sha256(json.dumps(everything, sort_keys=True, default=str).encode()).hexdigest()
 
 
@@ -91,25 +105,14 @@ def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
     record |= {name: getattr(fit, name).tolist() for name in ARRAYS}
     record["starts"] = [asdict(one) for one in fit.starts]
     record["measurement"] = {name: getattr(fit.measurement, name).tolist() for name in COLUMNS}
-    problem = fit.problem
-    if problem is not None and not isinstance(problem.model.source.source, Scene):
-        model = problem.model
-        record["problem"] = {
-            "content": model.source.content_at(model.source.values),
-            "options": model.options,
-            "jacobian": model.jacobian,
-            "colours_um": model.colours_um.tolist(),
-            "parameters": [asdict(one) for one in problem.parameters],
-            "priors": problem.priors.tolist(),
-            "sigma": problem.sigma.tolist(),
-            "loss": problem.loss,
-        }
+    described = fit.problem and describe_problem(fit.problem)
+    if described and described["content"] is not None:
+        record["problem"] = described
     write_journal(path, record)
 
 
 def load_fit(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> Fit:
-    """What `save_fit` wrote; tables that its scene names lie in ``folder``, by default beside the file. Raises
-    SceneError, OSError."""
+    """What `save_fit` wrote; tables that its scene names lie in ``folder``, by default beside the file."""
     record = read_journal(path, WRITER)
     try:
         measurement = Measurement(**record["measurement"])
@@ -154,8 +157,7 @@ class FitFile:
 
 
 def read_fit(path: str | os.PathLike[str]) -> FitFile:
-    """A fit from a scene file with a table [fit] (docs/how_to/fitting.md); the measurement that it names lies beside
-    it. Raises SceneError, which names the key, OSError."""
+    """A fit from a scene file with a table [fit] (docs/how_to/fitting.md); its measurement lies beside it."""
     content, folder = read_content(path), Path(path).parent
     if not isinstance(content.get("fit"), dict):
         raise SceneError("fit is missing: the file needs a table [fit], with a measurement and what is free", "fit")

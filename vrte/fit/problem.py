@@ -207,15 +207,10 @@ class FitProblem:
 
 
 def fit_residuals(
-    problem: FitProblem,
-    begin: Array,
-    free: BoolArray,
-    most_steps: int,
-    report: Callable[[Point], None] | None = None,
+    problem: FitProblem, begin: Array, free: BoolArray, most_steps: int, report: Callable[[Point], None] | None = None
 ) -> tuple[Array, float, bool]:
     """Values (n,) of least squares from coordinates ``begin`` (n,), of which some are ``free`` (n,), the sum there, and
-    whether it converged; ``report`` gets each point of a step. Raises SceneError where the model takes no such
-    start."""
+    whether it converged; ``report`` gets each point of a step."""
     from scipy.optimize import least_squares
 
     def complete(steps: Array) -> Array:

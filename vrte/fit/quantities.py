@@ -2,7 +2,6 @@
 
 Light comes as jets, arrays (1 + n, ...) of values and then of their derivatives by n numbers, so that one function
 gives both. Angles are from the normal, azimuths as `vrte.brdf` counts them: 0 is forward, 180 turns back.
-
 """
 
 from collections.abc import Callable
@@ -24,8 +23,7 @@ KNEE = (6.0 / 29.0) ** 3  # where CIELAB's cube root becomes a straight line (IS
 
 
 class BeamShares(NamedTuple):
-    """Jets (1 + n, rows) of shares of an unpolarized beam's power: scattered back and on, mirrored and passed as a
-    beam."""
+    """Jets (1 + n, rows) of shares of an unpolarized beam: scattered back and on, mirrored and passed as a beam."""
 
     reflected: Array
     transmitted: Array

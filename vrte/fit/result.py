@@ -9,15 +9,13 @@ import numpy as np
 from vrte.basics.arrays import Array, make_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
-from vrte.basics.views import view
+from vrte.basics.views import Figure, view
 from vrte.fit.measurement import Measurement
 from vrte.fit.verdict import find_correlations
 from vrte.formats.toml_table import write_toml
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from vrte.fit.problem import FitProblem
     from vrte.fit.verdict import Profile
 
@@ -26,8 +24,7 @@ ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "sin
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit began, in the order of its names, what it found, chi2 at the end, how many solves it took, and why it
-    ended."""
+    """Where a fit began, what it found, chi2 at the end, how many solves it took, and why it ended."""
 
     values: tuple[float, ...]
     found: tuple[float, ...]
@@ -161,7 +158,7 @@ class Fit:
 
         return find_profile(self, name, values, points, progress)
 
-    def plot(self) -> "Figure":
+    def plot(self) -> Figure:
         """A column of two panels for each quantity, up to four, with measured and fitted values and residuals in
         sigmas; and how the residuals are spread."""
         figure: Figure = view(self, "plot")

@@ -33,11 +33,7 @@ MOST_STEPS = 50  # trials at each value of a profile
 
 
 def find_p_value(chi2: float, freedom: int) -> float:
-    """The chance of a sum of squares as large as ``chi2``; NaN without degrees of freedom.
-
-    >>> round(find_p_value(12.59, 6), 3)
-    0.05
-    """
+    """The chance of a sum of squares as large as ``chi2``; NaN without degrees of freedom."""
     from scipy.special import gammaincc
 
     return float(gammaincc(0.5 * freedom, 0.5 * chi2)) if freedom else math.nan
@@ -47,10 +43,6 @@ def count_runs(signs: Array) -> tuple[int, float]:
     """Runs of equal signs in a row (n,) of +-1, and the chance of as few where their order is random.
 
     Wald and Wolfowitz, Ann. Math. Statist. 11, 147 (1940).
-
-    >>> runs, chance = count_runs(np.array([1, 1, 1, -1, -1, -1]))
-    >>> runs, round(chance, 3)
-    (2, 0.1)
     """
     from scipy.stats import hypergeom
 
@@ -146,11 +138,7 @@ def find_correlations(covariance: Array) -> Array:
 
 
 def list_alike(names: Sequence[str], correlations: Array) -> list[tuple[str, str, float]]:
-    """Pairs of numbers that cannot be told apart, and their correlations.
-
-    >>> list_alike(["a", "b", "c"], np.array([[1.0, -0.995, 0.98], [-0.995, 1.0, 0.0], [0.98, 0.0, 1.0]]))
-    [('a', 'b', -0.995)]
-    """
+    """Pairs of numbers that cannot be told apart, and their correlations."""
     pairs = np.argwhere(np.triu(np.ones(correlations.shape), 1)).tolist()
     return [(names[i], names[j], float(correlations[i, j])) for i, j in pairs if abs(correlations[i, j]) > ALIKE]
 
@@ -171,11 +159,7 @@ def find_blind_spots(names: Sequence[str], slopes: Array, values: Array, scales:
 
 
 def describe_way(names: Sequence[str], way: Array, values: Array, scales: Array) -> str:
-    """A direction that the data do not see, in words.
-
-    >>> describe_way(["radius_um", "width"], np.array([0.03, -0.05]), np.ones(2), np.ones(2))
-    'radius_um up 3 % with width down 5 % changes no row by more than 0.1 sigma'
-    """
+    """A direction that the data do not see, in words."""
     parts = []
     first = int(np.flatnonzero(np.abs(way) >= NAMED * np.abs(way).max())[0])
     sign = 1.0 if way[first] > 0.0 else -1.0
@@ -247,12 +231,7 @@ def choose_values(problem: FitProblem, fit: "Fit", index: int, points: int) -> A
 
 
 def find_interval(values: Array, chi2: Array, best: float, least: float) -> tuple[float, float]:
-    """Where chi2 is 1 above the least, on either side of the best; its root is all but linear there.
-
-    >>> at = np.linspace(-2.0, 2.0, 9)
-    >>> find_interval(at, at**2, 0.0, 0.0)
-    (-1.0, 1.0)
-    """
+    """Where chi2 is 1 above the least, on either side of the best; its root is all but linear there."""
     rise = np.sqrt(np.maximum(chi2 - min(least, float(chi2.min())), 0.0))
     ends = []
     for side in (-1.0, 1.0):

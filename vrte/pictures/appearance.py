@@ -1,7 +1,7 @@
 """What is read off a panel, as figures: hiding power, Kubelka and Munk's two fluxes."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,11 +9,9 @@ from vrte.appearance.hiding import Hiding
 from vrte.appearance.two_flux_fit import BACKGROUNDS, KubelkaMunk, TwoFluxErrors
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
+from vrte.basics.views import Figure
 from vrte.pictures.describe import BLUE, GREEN, INK, ORANGE, RED, Axis, Curve, Line, Picture, PlotPanel, Words
-from vrte.pictures.figures import draw_picture, find_log_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from vrte.pictures.figures import draw_picture
 
 FINE = 200  # points of a smooth curve
 DASHES = "--", "-"  # over black, over white
@@ -47,14 +45,13 @@ def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
         Line(x=scale, width=1.2),
         Words("this film", 1.06 * scale, 0.45, size=8.0, of_data=True, turned=True),
     ]
-    ticks, words = find_log_ticks(*(scale * ends).tolist())
-    along = Axis(f"dry film [{unit}]", log=10.0, ticks=ticks, words=words)
+    along = Axis(f"dry film [{unit}]", log=10.0, fine=True)
     light = f"luminance Y, {seen.geometry}, {seen.illuminant}, {seen.observer}°"
     first = PlotPanel([*left, *film], along, Axis("contrast ratio", 0.0, 1.05), legend="lower right", letters=8.0)
     return first, PlotPanel([*right, *film], along, Axis(light, low=0.0), letters=8.0)
 
 
-def draw_hiding(hiding: Hiding) -> "Figure":
+def draw_hiding(hiding: Hiding) -> Figure:
     """The hiding curve, beside Y over both cards. Raises MissingExtraError without matplotlib."""
     return draw_picture(Picture([describe_hiding(hiding)], 9.0, 3.6))
 
@@ -78,14 +75,14 @@ def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> P
     return PlotPanel(parts, along, Axis(unit, log=10.0) if absorbs else Axis(unit, low=0.0))
 
 
-def draw_two_fluxes(found: KubelkaMunk, lengths: Any = None, progress: Progress | None = None) -> "Figure":
+def draw_two_fluxes(found: KubelkaMunk, lengths: Any = None, progress: Progress | None = None) -> Figure:
     """Four panels: reflectance and its error against thickness [um, or films], by default from an eighth of the film's
     own to eight times, the colour difference, K and S against wavelength."""
     usual = found.length * 2.0 ** np.arange(-3.0, 3.5, 0.5)
     return draw_errors(found, found.compare(usual if lengths is None else lengths, progress))
 
 
-def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> "Figure":
+def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> Figure:
     """The same of films that are solved already. Raises SceneError for fewer than two thicknesses that end."""
     order = np.argsort(errors.lengths)
     order = order[np.isfinite(errors.lengths[order])]

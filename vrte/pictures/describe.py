@@ -96,6 +96,7 @@ class Axis:
     ticks: Any = None
     words: Sequence[str] = ()
     whole: bool = False  # ticks at whole numbers alone
+    fine: bool = False  # ticks at 1, 2 and 5 of each decade of a logarithmic axis
 
 
 @dataclass(frozen=True)

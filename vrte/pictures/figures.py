@@ -3,17 +3,15 @@
 import os
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
+from vrte.basics.views import Figure
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.describe import FAINT, INK, Axis, Body, Curve, Line, Picture, PlotPanel, Words
 from vrte.pictures.lobes import draw_lobe
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # what tells the hour
 SHARP_DPI, DPI = 160, 100  # of a picture by itself or what is made of pixels in a drawing, and of a small one
@@ -26,7 +24,7 @@ def require_pictures() -> None:
     import_extra("matplotlib.figure", "a picture", "plot")
 
 
-def make_figure(width: float, height: float) -> "Figure":
+def make_figure(width: float, height: float) -> Figure:
     """An empty white figure [inches] that a notebook shows by itself. Raises MissingExtraError without matplotlib."""
     require_pictures()
     from vrte.pictures.shown_figure import ShownFigure
@@ -34,16 +32,12 @@ def make_figure(width: float, height: float) -> "Figure":
     return ShownFigure(figsize=(width, height), facecolor="white")
 
 
-def draw_picture(picture: Picture) -> "Figure":
+def draw_picture(picture: Picture) -> Figure:
     """The figure of a description. Raises MissingExtraError without matplotlib."""
     figure = make_figure(picture.width, picture.height)
     figure.set_layout_engine("constrained")
-    grid = figure.add_gridspec(
-        len(picture.rows),
-        max(map(len, picture.rows)),
-        height_ratios=picture.heights,
-        width_ratios=picture.widths,
-    )
+    ratios = {"height_ratios": picture.heights, "width_ratios": picture.widths}
+    grid = figure.add_gridspec(len(picture.rows), max(map(len, picture.rows)), **ratios)
     for row, panels in enumerate(picture.rows):
         drawn: list[Any] = []
         for column, panel in enumerate(panels):
@@ -148,11 +142,15 @@ def set_axis(axes: Any, which: str, axis: Axis) -> None:
     if axis.ticks is not None:
         own.set_ticks(list(axis.ticks), list(axis.words) or None)
         own.set_minor_formatter("")
+    elif axis.fine:
+        own.get_major_locator().set_params(subs=(1.0, 2.0, 5.0))
+        own.set_major_formatter("{x:g}")
+        own.set_minor_formatter("")
     elif axis.whole:
         own.get_major_locator().set_params(integer=True)
 
 
-def make_bytes(figure: "Figure", suffix: str = ".png", dpi: int = SHARP_DPI) -> bytes:
+def make_bytes(figure: Figure, suffix: str = ".png", dpi: int = SHARP_DPI) -> bytes:
     """A figure as a PNG, SVG or PDF, by one of SUFFIXES: the same figure makes the same bytes."""
     from matplotlib import rc_context
 
@@ -162,7 +160,7 @@ def make_bytes(figure: "Figure", suffix: str = ".png", dpi: int = SHARP_DPI) -> 
     return drawn.getvalue()
 
 
-def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Writes a PNG, SVG or PDF by the suffix, all of it or nothing. Raises SceneError, OSError."""
     drawn = make_bytes(figure, plot_suffix(path))
     with write_atomically(path) as part:
@@ -170,18 +168,14 @@ def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
 
 
 def plot_suffix(path: str | os.PathLike[str]) -> str:
-    """Which of SUFFIXES a picture's name has. Raises SceneError for another.
-
-    >>> plot_suffix("lobe.SVG")
-    '.svg'
-    """
+    """Which of SUFFIXES a picture's name has. Raises SceneError for another."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise SceneError(f"the picture {path} must end in {' or '.join(SUFFIXES)}")
     return suffix
 
 
-def save(figure: "Figure", path: str | os.PathLike[str], few_colours: bool = True) -> None:
+def save(figure: Figure, path: str | os.PathLike[str], few_colours: bool = True) -> None:
     """Writes a small PNG, all of it or nothing, in few colours or in all. Raises OSError."""
     from PIL import Image  # matplotlib needs it too
 
@@ -198,14 +192,3 @@ def limit_ticks(count: int = 4) -> Any:
     from matplotlib.ticker import MaxNLocator
 
     return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
-
-
-def find_log_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Ticks 1, 2, 5, 10, ... from ``low`` to ``high``, and how they are written.
-
-    >>> find_log_ticks(0.9, 12.0)
-    ([1.0, 2.0, 5.0, 10.0], ['1', '2', '5', '10'])
-    """
-    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    ticks = [one for decade in decades for one in (10.0**decade * k for k in (1, 2, 5)) if low <= one <= high]
-    return ticks, [f"{one:g}" for one in ticks]

@@ -3,11 +3,12 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.views import Figure
 from vrte.fit.curves import COLOURS, COORDINATES, NUMBERS, CurveRows, find_axis, find_rows, split_curves
 from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import QUANTITIES
@@ -17,9 +18,6 @@ from vrte.pictures.describe import BLUE, GREY, INK, ORANGE, PALETTE, Axis, Curve
 from vrte.pictures.figures import draw_picture
 from vrte.pictures.interactive import draw_interactive
 from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table, save_page
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_PANELS = 4  # quantities with a panel of their own; those after them share the last one, by rows
 MOST_CURVES = 8  # of the viewer's figure; of more, these are spread evenly over them
@@ -67,8 +65,7 @@ def measurement(
     source: str = SCENE,
 ) -> Any:
     """What is ``shown`` of a measurement, one of `vrte.app.solving.measuring.list_shown`, and vrte's values
-    ``predicted`` (n,) and ``fine``, at more places, of a ``source``; residuals below, over sigma where known. Raises
-    MissingExtraError."""
+    ``predicted`` (n,) and ``fine``, at more places, of a ``source``; residuals below, over sigma where known."""
     sigma = measured.sigma if measured.has_sigma else None
     if shown in (NUMBERS, COLOURS):
         rows = find_rows(measured, shown)
@@ -100,9 +97,8 @@ def measurement(
     return draw_interactive(panels, title, under, (0.7, 0.3), showlegend=named, barmode="overlay")
 
 
-def draw_fit(fit: Fit) -> "Figure":
-    """A column of two panels for each quantity, and one panel with the spread of the residuals. Raises
-    MissingExtraError without matplotlib."""
+def draw_fit(fit: Fit) -> Figure:
+    """A column of two panels for each quantity, and one panel with the spread of the residuals."""
     given = fit.measurement
     names = list(given.names)
     columns = [describe_quantity(fit, name) for name in names[:MOST_PANELS]]

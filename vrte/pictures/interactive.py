@@ -36,6 +36,7 @@ LIGHT_LAYOUT = {  # Plotly's own template would add 7 kB to each figure
 TITLE = {"x": 0.02, "xanchor": "left", "y": 0.96, "yanchor": "top", "font": {"size": 16}}
 LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.06, "yanchor": "top"}  # below polar panels
 GRID = {"gridcolor": FAINT, "linecolor": FAINT}
+RADIAL = {"angle": 0, "tickangle": 0, "nticks": 5, "tickfont": {"size": 11}, "exponentformat": "power"}
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 GAP = 0.1  # between panels, in shares of the height
 
@@ -117,25 +118,12 @@ def make_polar_axes(panel: PlotPanel) -> dict[str, Any]:
     """Angles clockwise from straight up; the sector is Plotly's, counter-clockwise from the right."""
     half = panel.polar == "half"
     marked = range(-90, 91, 30) if half else range(0, 360, 30)
+    words = [f"{min(abs(angle), 360 - angle)}°" for angle in marked]
     return {
         "sector": [0.0, 180.0 if half else 360.0],
         "bgcolor": "white",
-        "angularaxis": {
-            "rotation": 90,
-            "direction": "clockwise",
-            "tickvals": list(marked),
-            "ticktext": [f"{min(abs(angle), 360 - angle)}°" for angle in marked],
-            **GRID,
-        },
-        "radialaxis": {
-            "range": [panel.y.low, panel.y.high],
-            "angle": 0,
-            "tickangle": 0,
-            "nticks": 5,
-            "tickfont": {"size": 11},
-            "exponentformat": "power",
-            **GRID,
-        },
+        "angularaxis": {"rotation": 90, "direction": "clockwise", "tickvals": list(marked), "ticktext": words, **GRID},
+        "radialaxis": {"range": [panel.y.low, panel.y.high], **RADIAL, **GRID},
     }
 
 

@@ -99,8 +99,7 @@ def compute_lobe(
     stokes: Any = UNPOLARIZED,
     step_deg: float = FINE,
 ) -> Lobe:
-    """The lobe for light of the Stokes vector ``stokes`` from ``mu_i[place]``. Raises SceneError for an unknown
-    quantity or place, too few directions, or what is not finite."""
+    """The lobe for light of the Stokes vector ``stokes`` from ``mu_i[place]``."""
     check_whole("place", place, 0, brdf.mu_i.size - 1)
     names = height, colour
     meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), step_deg) for name in names]

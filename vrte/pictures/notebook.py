@@ -4,9 +4,10 @@ import html
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial, wraps
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vrte.basics.arrays import Array, put_in_one_line
+from vrte.basics.views import Figure
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
@@ -22,9 +23,6 @@ from vrte.results.spectrum import Spectrum
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 WIDTH, HEIGHT = 7.2, 2.5  # of a picture [inches]
 MOST_LAYERS = 20  # in the table of a scene
 MOST_LINES = 4  # incident directions or depths in it
@@ -38,7 +36,7 @@ MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "a
 
 
 def show_as_html(
-    title: str | Callable[[Any], str], draw: Callable[[Any], "Figure | None"] = lambda _: None
+    title: str | Callable[[Any], str], draw: Callable[[Any], Figure | None] = lambda _: None
 ) -> Callable[[Any], Callable[[Any], str]]:
     """Of what tells a thing's facts, a table or a text, makes what shows the thing: title, picture and facts, as far as
     they can be made."""
@@ -61,7 +59,7 @@ def show_as_html(
     return lambda facts: wraps(facts)(partial(show, facts))
 
 
-def draw_field(field: Field) -> "Figure | None":
+def draw_field(field: Field) -> Figure | None:
     """I and the degree of polarization of the first beam at the first azimuth."""
     if not field.mu.size:
         return None
@@ -72,7 +70,7 @@ def draw_field(field: Field) -> "Figure | None":
     return draw_picture(Picture([shown], WIDTH, HEIGHT))
 
 
-def draw_brdf(brdf: Brdf) -> "Figure | None":
+def draw_brdf(brdf: Brdf) -> Figure | None:
     """f00 and the degree of linear polarization in the plane of incidence. SceneError for too few directions."""
     check_directions(brdf.mu_o, brdf.phi)
     indices = spread(brdf.mu_i.size, MOST_LINES)
@@ -81,7 +79,7 @@ def draw_brdf(brdf: Brdf) -> "Figure | None":
     return draw_picture(Picture([describe_brdf(brdf, indices)], WIDTH, HEIGHT))
 
 
-def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> "Figure | None":
+def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> Figure | None:
     """F11 and the ratios to it, of a phase matrix that is drawn at a glance."""
     return draw_phase_matrix(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
 
@@ -191,11 +189,7 @@ def show_plan(plan: Plan) -> str:
 
 
 def write_html_table(facts: Mapping[str, str]) -> str:
-    """Two columns, escaped.
-
-    >>> "&lt;b&gt;" in write_html_table({"method": "<b>"})
-    True
-    """
+    """Two columns, escaped."""
     rows = (
         f"<tr><th {CELL}>{html.escape(name)}</th><td {CELL}>{html.escape(put_in_one_line(value, 160))}</td></tr>"
         for name, value in facts.items()
@@ -204,12 +198,7 @@ def write_html_table(facts: Mapping[str, str]) -> str:
 
 
 def shorten_numbers(values: Array) -> str:
-    """A list of numbers: all of a few, else how many and from where to where.
-
-    >>> import numpy as np
-    >>> shorten_numbers(np.array([0.5, 1.0])), shorten_numbers(np.linspace(0.0, 1.0, 11)), shorten_numbers(np.array([]))
-    ('0.5, 1', '11 from 0 to 1', 'none')
-    """
+    """A list of numbers: all of a few, else how many and from where to where."""
     if values.size <= 5:
         return ", ".join(f"{value:.6g}" for value in values) or "none"
     return f"{values.size} from {values.min():.6g} to {values.max():.6g}"

@@ -5,24 +5,17 @@ import html
 import os
 from collections.abc import Iterable
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 from vrte.basics.errors import SceneError
+from vrte.basics.views import Figure
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.figures import make_bytes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LONG = 30  # characters of a table's cell; a longer text may be broken into lines
 
 
 def make_page(title: str, body: str, style: str = "", script: str = "") -> str:
-    """A whole page around a ``body`` of HTML, such as `make_body` makes; ``style`` is CSS, ``script`` JavaScript.
-
-    >>> make_page("a < b", "<p>c</p>").splitlines()[-1]
-    '<p>c</p></body></html>'
-    """
+    """A whole page around a ``body`` of HTML, such as `make_body` makes; ``style`` is CSS, ``script`` JavaScript."""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark"><title>{html.escape(title)}</title>
@@ -50,11 +43,7 @@ def make_items(lines: Iterable[str]) -> str:
 
 
 def make_table(head: Iterable[str], rows: Iterable[Iterable[str | float]], digits: str = ".5g") -> str:
-    """A table, escaped: numbers by the format ``digits`` and to the right, long texts broken into lines.
-
-    >>> make_table(["a"], [[0.5]], ".2f")
-    "<div class='wide'><table><tr><th>a</th></tr><tr><td class='n'>0.50</td></tr></table></div>"
-    """
+    """A table, escaped: numbers by the format ``digits`` and to the right, long texts broken into lines."""
 
     def make_cell(value: str | float) -> str:
         if not isinstance(value, str):
@@ -65,7 +54,7 @@ def make_table(head: Iterable[str], rows: Iterable[Iterable[str | float]], digit
     return f"<div class='wide'><table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table></div>"
 
 
-def make_image(figure: "Figure", words: str) -> str:
+def make_image(figure: Figure, words: str) -> str:
     """A figure as a drawing within the page; ``words`` say what it shows. The same figure makes the same text."""
     return f'<img src="{make_data_address(make_bytes(figure, ".svg"), "svg+xml")}" alt="{html.escape(words)}">'
 

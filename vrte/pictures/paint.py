@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,11 @@ from vrte.appearance.appearance import COLOURS, VISUAL, InstrumentReading
 from vrte.appearance.geometries import MULTI_ANGLE, read_geometry
 from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
 from vrte.basics.errors import SceneError
+from vrte.basics.views import Figure
 from vrte.pictures.appearance import describe_coefficients, describe_hiding
 from vrte.pictures.describe import BLUE, GREEN, INCIDENT, INK, ORANGE, Axis, Curve, Picture, PlotPanel, Swatch, Words
 from vrte.pictures.figures import draw_picture, save_figure
 from vrte.pictures.page import make_body, make_image, make_items, make_page, make_section, make_table, save_page
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 CARDS = "#1b1b1b", "#e6e6e6"  # black, and Y of a card of 0.8 in sRGB
 WAVELENGTH = Axis("wavelength [µm]")
@@ -111,7 +109,7 @@ PANELS: tuple[Callable[[Paint], PlotPanel], ...] = (
 )  # fmt: skip
 
 
-def draw_sheet(paint: Paint) -> "Figure":
+def draw_sheet(paint: Paint) -> Figure:
     """All pictures on one sheet, with the main numbers. Raises MissingExtraError without matplotlib."""
     numbers = [f"{name}: {value}" for name, value in paint.list_numbers() if not name.startswith("colour")]
     wavelength = f"polar cut at {paint.lobe_um:g} µm, colours {paint.look.illuminant}/{paint.look.observer}°"
@@ -121,8 +119,7 @@ def draw_sheet(paint: Paint) -> "Figure":
 
 
 def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
-    """Writes a page, a sheet of pictures or a table by the suffix, all of it or nothing. Raises SceneError for another
-    suffix, MissingExtraError without matplotlib, OSError."""
+    """Writes a page, a sheet of pictures or a table by the suffix, all of it or nothing."""
     suffix = Path(path).suffix.lower()
     if suffix == ".png":
         save_figure(draw_sheet(paint), path)

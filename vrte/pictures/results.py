@@ -5,13 +5,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import find_degree_of_linear_polarization, find_degree_of_polarization
+from vrte.basics.views import Figure
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.pictures.describe import (
@@ -51,9 +52,6 @@ from vrte.results.over_hemisphere import between_angles, check_directions, light
 from vrte.results.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
 from vrte.results.spectrum import Spectrum
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 MOST_LOBES = 4  # beside each other; with more incident directions, these are spread evenly over them
 MOST_DEPTHS, MOST_POLAR_DEPTHS, MOST_AZIMUTHS = 6, 12, 3
 MOST_CHANGES = 6  # derivatives in a picture
@@ -77,8 +75,7 @@ ALGORITHMS = {"modes": BLUE, "doubling": ORANGE, "invariance": GREEN, "scatterin
 
 
 def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> None:
-    """Draws a result into a PNG, SVG or PDF by the suffix, all of it or nothing. Raises MissingExtraError without the
-    extra "plot", SceneError for too few directions or another suffix, OSError."""
+    """Draws a result into a PNG, SVG or PDF by the suffix, all of it or nothing."""
     plot_suffix(path)
     save_figure(result.plot(), path)
 
@@ -125,16 +122,14 @@ def describe_arrow(angle: float, start: float, end: float, name: str, colour: st
 
 def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
     """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence, for
-    light ``stokes`` at ``mu_i[place]``. Raises SceneError for an unknown quantity or place, or too few directions,
-    MissingExtraError without Plotly."""
+    light ``stokes`` at ``mu_i[place]``."""
     check_whole("place", place, 0, brdf.mu_i.size - 1)
     title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, place)}; {SIDES}"
     return draw_interactive([describe_cuts(brdf, place, quantity, stokes)], title, under)
 
 
-def draw_brdf(brdf: Brdf) -> "Figure":
-    """The lobes of a BRDF, all on one scale, its polar cuts, and its derivatives where it has some. Raises SceneError
-    where there are too few directions, MissingExtraError without matplotlib."""
+def draw_brdf(brdf: Brdf) -> Figure:
+    """The lobes of a BRDF, all on one scale, its polar cuts, and its derivatives where it has some."""
     check_directions(brdf.mu_o, brdf.phi)
     require_pictures()
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
@@ -246,9 +241,8 @@ def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[P
     return light_panel, PlotPanel([*panels[1], Line(x=0.0)], mu_axis, Axis("degree of polarization", low=0.0))
 
 
-def draw_field(field: Field) -> "Figure":
-    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth. Raises
-    SceneError for a field of fluxes alone, MissingExtraError without matplotlib."""
+def draw_field(field: Field) -> Figure:
+    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth."""
     if not field.mu.size:
         raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     depths = spread(field.tau.size, MOST_DEPTHS)
@@ -270,8 +264,7 @@ def draw_field(field: Field) -> "Figure":
 
 def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> Any:
     """A quantity of `vrte.quantities.FIELD_QUANTITIES` in the plane of incidence, ``field.phi`` 0 and 180, as polar
-    diagrams, a curve a depth, or each ``over_largest``; light going up is above. Raises SceneError for an unknown
-    quantity or missing directions, MissingExtraError without Plotly."""
+    diagrams, a curve a depth, or each ``over_largest``; light going up is above."""
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = require_one_beam(field)
     angle, values = select_in_plane(field, quantity)
@@ -347,7 +340,7 @@ def describe_spectrum(spectrum: Spectrum) -> list[PlotPanel]:
     return [*panels, PlotPanel(lines, EXIT, Axis(low=0.0), f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}")]
 
 
-def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
+def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> Figure:
     """Reflectance against wavelength, and beside it f00 in the plane of incidence. Raises MissingExtraError."""
     return draw_picture(Picture([describe_spectrum(spectrum)], width, height))
 
@@ -406,9 +399,8 @@ def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[PlotPanel]:
     return [first, second]
 
 
-def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: float = 4.0) -> "Figure":
-    """F11 on a logarithmic scale, and the other elements over it; of an expansion over its table, the error below.
-    Raises MissingExtraError without matplotlib."""
+def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: float = 4.0) -> Figure:
+    """F11 on a logarithmic scale, and the other elements over it; of an expansion over its table, the error below."""
     panels = [replace(one, y=replace(one.y, label="")) for one in describe_phase_matrix(phase_matrix)]
     known = phase_matrix.expansion
     if known is None:
@@ -435,8 +427,7 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> Any:
 
 
 def coefficients(phase_matrix: PhaseMatrix) -> Any:
-    """The six expansion sequences against their degree l; one that vanishes is named so, and not drawn. Raises
-    MissingExtraError without Plotly."""
+    """The six expansion sequences against their degree l; one that vanishes is named so, and not drawn."""
     shown = min(phase_matrix.terms, MOST_DEGREES)
     columns = zip(SEQUENCES, phase_matrix.coefficients[:shown].T, (INK, *PALETTE), strict=True)
     parts = [
@@ -453,9 +444,8 @@ def coefficients(phase_matrix: PhaseMatrix) -> Any:
 # ---- plans
 
 
-def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":
-    """Predicted operations of each Fourier order, by algorithm, and the orders of multiple scattering left out, a panel
-    for each part of the plan. Raises MissingExtraError without matplotlib."""
+def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> Figure:
+    """Predicted operations of each Fourier order, by algorithm, and the orders left out, a panel a part of the plan."""
     parts = plan.parts or (plan,)
     names = ("unpolarized light", "polarized light") if plan.parts else ("",)
     panels = [
