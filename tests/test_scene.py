@@ -2,14 +2,12 @@
 
 import math
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
-from vrte.cli import main
 
 from . import exact
 from .helpers import assert_close, close_to
@@ -86,31 +84,10 @@ def test_everything_pickles_or_says_what_does_not() -> None:
 
 
 MU, PHI = np.array([0.2, 0.7, 1.0]), np.array([0.0, 40.0, 130.0, 180.0, 250.0])
-D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
+D = np.diag([1.0, 1.0, -1.0, -1.0])
 UPPER, LOWER = vrte.Layer(spheroids(), 0.9, 0.4), vrte.Layer(vrte.rayleigh(0.03), 0.7, 1.2)
 TWO, TURNED = vrte.Scene([UPPER, LOWER]), vrte.Scene([LOWER, UPPER])
 NODES = 6
-METHODS = ("discrete-ordinates", "matrix-operator")
-
-
-def lit(scene: vrte.Scene, side: str, method: str) -> vrte.Brdf:
-    """Both ways through."""
-    how = {"truncation": "none", "accuracy": 1e-14} if method == "discrete-ordinates" else {}
-    return vrte.brdf(scene, MU, MU, PHI, nodes=NODES, transmission=True, method=method, illuminate=side, **how)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_symmetric_slabs_have_no_top_and_others_are_reciprocal_from_face_to_face(method: str) -> None:
-    """But for the mirror, D f D; what goes down through two layers goes up through them the other way: f(i, o) =
-    Q f(o, i)^T Q, Stokes vectors of the reversed light in a horizontal mirror."""
-    above, below = (lit(vrte.Scene([LOWER, UPPER, LOWER]), side, method) for side in ("top", "bottom"))
-    assert_close(below.mueller, D @ above.mueller @ D, rtol=0.0, atol=1e-13)
-    assert_close(below.transmission, D @ above.transmission @ D, rtol=0.0, atol=1e-13)
-    assert (above.diagnostics["illuminate"], below.diagnostics["illuminate"]) == ("top", "bottom")
-    down, up = (lit(TWO, side, method).transmission for side in ("top", "bottom"))
-    expected = Q @ np.swapaxes(np.swapaxes(up, 0, 1), -1, -2) @ Q
-    assert_close(down, expected, rtol=0.0, atol=1e-12 * np.abs(down).max())
-    assert np.abs(down - up).max() > 1e-3 * np.abs(down).max()  # the two layers are not alike
 
 
 def test_field_from_below_is_that_of_the_turned_scene() -> None:
@@ -134,26 +111,6 @@ def test_field_from_below_along_the_nodes() -> None:
     assert_close(below.stokes, again.stokes, rtol=0.0, atol=1e-15)
     assert not below.stokes[0, 4:].any()  # nothing falls on the top
     assert exact.radiance(TWO, 0.6, mu=[], nodes=4, illuminate="bottom").stokes.shape == (1, 0, 1, 4)
-
-
-def test_plans_and_batches_know_the_side() -> None:
-    made = vrte.plan("brdf", TWO, MU, MU, nodes=4, truncation="none", illuminate="bottom")
-    assert made.problem.albedo.tolist() == [0.7, 0.9]
-    (one,) = vrte.brdfs([TWO], MU, MU, nodes=4, illuminate="bottom")
-    assert (one.mueller == vrte.brdf(TWO, MU, MU, nodes=4, illuminate="bottom").mueller).all()
-
-
-def test_command_line(tmp_path: Path) -> None:
-    scene = tmp_path / "two.toml"
-    layer = '[[layer]]\nphase = "rayleigh"\nalbedo = {}\nthickness = 1.0\n'
-    scene.write_text(f"nodes = 4\n{layer.format(0.9)}{layer.format(0.3)}[brdf]\nmu_i = [0.5]\nmu_o = [0.5]\n")
-    out = tmp_path / "two.nc"
-    assert main(["brdf", str(scene), "-o", str(out), "--illuminate", "bottom"]) == 0
-    layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.3, 0.9)]
-    found = vrte.load(out)
-    assert isinstance(found, vrte.Brdf)
-    assert found.mueller[0, 0, 0, 0, 0] == vrte.brdf(vrte.Scene(layers), 0.5, 0.5, nodes=4).mueller[0, 0, 0, 0, 0]
-    assert found.diagnostics["illuminate"] == "bottom"
 
 
 # any light
