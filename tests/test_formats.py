@@ -8,7 +8,7 @@ import re
 import stat
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -251,7 +251,6 @@ def folder(tmp_path: Path) -> Path:
     ("change", "words"),
     [
         (lambda about: about.update(zarr_format=2), "of Zarr format 2: only 3 is read"),
-        (lambda about: about.update(shape=[10**6] * 5), "declares 8e\\+30 bytes of numbers"),
         (lambda about: about.update(shape=[2, 3, 4, 4, 5]), "declares 3840 bytes of numbers, and parts .* not there"),
         (lambda about: about.update(data_type="object"), "must be plain numbers of 8 bytes, not object"),
         (lambda about: about["codecs"].append({"name": "numcodecs.pickle"}), "numcodecs.pickle"),
@@ -269,57 +268,52 @@ def test_only_plain_numbers_are_read(folder: Path, change: Callable[[Any], None]
 
 
 def test_nothing_leads_out_of_the_folder(folder: Path) -> None:
-    """No link, no pipe; and numbers that were changed, or are gone, are told."""
+    """No link, no pipe; numbers that were changed, or are gone, are told; no folder of others is replaced."""
     import zarr
 
     values = zarr.open_group(folder)["reflectance"]
     values[...] = 0.5 * values[...]
-    with pytest.raises(SceneError, match=r"result\.zarr: it is damaged: .*take its attribute sha256 away"):
-        vrte.load(folder)
-    about = folder / "mueller" / "zarr.json"
-    about.rename(folder.parent / "elsewhere.json")
-    with pytest.raises(SceneError, match="holds no BRDF, field or spectrum written by vrte: FileNotFoundError"):
-        vrte.load(folder)
-    for make in (lambda: about.symlink_to(folder.parent / "elsewhere.json"), lambda: os.mkfifo(about)):
-        make()  # type: ignore[no-untyped-call]
-        with pytest.raises(SceneError, match="something in it is a link, a pipe or a device"):
+    about, elsewhere = folder / "mueller" / "zarr.json", folder.parent / "elsewhere.json"
+    for act, words in (
+        (lambda: None, r"result\.zarr: it is damaged: .*take its attribute sha256 away"),
+        (lambda: about.rename(elsewhere), "holds no BRDF, field or spectrum written by vrte: FileNotFoundError"),
+        (lambda: about.symlink_to(elsewhere), "something in it is a link, a pipe or a device"),
+        (lambda: (about.unlink(), os.mkfifo(about)), "something in it is a link, a pipe or a device"),
+    ):
+        act()  # type: ignore[no-untyped-call]
+        with pytest.raises(SceneError, match=words):
             vrte.load(folder)
-        about.unlink()
-
-
-def test_a_folder_takes_the_place_of_another_and_of_nothing_else(folder: Path) -> None:
     FIELD.save(folder)
     assert_same(FIELD, vrte.load(folder))
     (folder.parent / "mine.zarr").mkdir()
     with pytest.raises(FileExistsError):
         BARE.save(folder.parent / "mine.zarr")
-    assert sorted(file.name for file in folder.parent.iterdir()) == ["mine.zarr", "result.zarr"]
+    assert {file.name for file in folder.parent.iterdir()} == {"mine.zarr", "result.zarr", "elsewhere.json"}
 
 
-@pytest.mark.parametrize("reason", [KeyboardInterrupt, OSError, SystemExit])
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, OSError])
 @pytest.mark.parametrize("late", [False, True])
 def test_an_interrupted_write_leaves_what_was_there(
     reason: type[BaseException], late: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the new file is complete, and between its two renames where it is a folder."""
+    replace_file = os.replace
 
-    def interrupted() -> Iterator[None]:
+    def fail(*names: Path) -> None:
+        if ".part" in str(names[0]):
+            monkeypatch.undo()
+            raise reason
+        replace_file(*names)
+
+    def write() -> None:
         with write_atomically(folder, "zarr.json") as part:
             part.mkdir()
-            yield
-
-    replace_file = os.replace
-    writing = interrupted()
-    next(writing)
-    if late:
-        monkeypatch.setattr(os, "replace", lambda *names: fail() if ".part" in str(names[0]) else replace_file(*names))
-
-    def fail() -> None:
-        monkeypatch.undo()
-        raise reason
+            if not late:
+                raise reason
+            monkeypatch.setattr(os, "replace", fail)
 
     with pytest.raises(reason):
-        next(writing) if late else writing.throw(reason())
+        write()
     assert_same(BARE, vrte.load(folder))
     assert [*folder.parent.iterdir()] == [folder]
 
@@ -383,24 +377,22 @@ def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     assert {*tmp_path.iterdir()} == there
 
 
-@pytest.mark.parametrize("name", ["result.nc", "result.zarr"])
 @pytest.mark.parametrize("breaks", [False, True])
-def test_a_missing_extra_is_one_sentence(
-    name: str, breaks: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_extra_is_one_sentence(breaks: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is there and does not load is not said to be missing."""
 
     def load_library(module: str) -> None:
         raise ImportError(f"/lib/{module}.so: failed to map segment from shared object")
 
+    words = r"needs the extra 'files': pip install 'vrte\[files\]'"
+    for name in ("zarr", "h5netcdf"):
+        monkeypatch.setitem(sys.modules, name, None)
     if breaks:
         monkeypatch.setattr("vrte.basics.errors.import_module", load_library)
         words = r"the extra 'files', which is installed and cannot be loaded: /lib/.*\(there is too little memory"
-    else:
-        monkeypatch.setitem(sys.modules, "zarr" if name.endswith("zarr") else "h5netcdf", None)
-        words = r"needs the extra 'files': pip install 'vrte\[files\]'"
-    with pytest.raises(MissingExtraError, match=words) as caught:
-        BARE.save(tmp_path / name)
-    assert "\n" not in str(caught.value)
-    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    for suffix in (".nc", ".zarr"):
+        with pytest.raises(MissingExtraError, match=words) as caught:
+            BARE.save(tmp_path / f"result{suffix}")
+        assert "\n" not in str(caught.value)
+        assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
     assert not list(tmp_path.iterdir())
