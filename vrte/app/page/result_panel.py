@@ -9,17 +9,9 @@ import numpy as np
 from nicegui import ui
 
 from vrte.app.form.fields import parse_field_text, translate_message
+from vrte.app.page import controls
 from vrte.app.page.appearance_panel import AppearancePanel
-from vrte.app.page.controls import (
-    OUTLINED,
-    add_bullets,
-    add_heading,
-    add_message,
-    add_slider,
-    add_table,
-    select,
-    show,
-)
+from vrte.app.page.controls import add_bullets, add_heading, add_message, add_slider, select, show
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.solving.messages import Outcome, Reflectances
 from vrte.app.solving.tab_session import TabSession
@@ -27,14 +19,8 @@ from vrte.basics.errors import Place, SceneError
 from vrte.pictures import interactive
 from vrte.pictures import results as figures
 from vrte.pictures.lobes import describe_mirrored_beam, lobe
-from vrte.results.quantities import (
-    DEGREE_LINEAR,
-    FIELD_QUANTITIES,
-    MUELLER,
-    QUANTITIES,
-    REFLECTANCE_FACTOR,
-    incident_for,
-)
+from vrte.results import quantities
+from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 from vrte.results.spectrum import SCENE
 
 if TYPE_CHECKING:
@@ -60,14 +46,15 @@ LIGHTS = {
     "circular (−V)": "1, 0, 0, -1",
     "other": "",
 }
-NAMES = {name: f"Mueller element {name}" if name in MUELLER else name for name in (*QUANTITIES, *FIELD_QUANTITIES)}
+NAMES = {name: name for name in (*QUANTITIES, *FIELD_QUANTITIES)}
+NAMES |= {name: f"Mueller element {name}" for name in quantities.MUELLER}
 VIEW = {  # what a new tab looks at
     "tab": "lobe",
     "place": 0,
     "wavelength": 0,
     "layer": 0,
     "height": "f00",
-    "colour": DEGREE_LINEAR,
+    "colour": quantities.DEGREE_LINEAR,
     "cut": "f00",
     "inside": "I",
     "over_largest": False,
@@ -139,7 +126,7 @@ class ResultPanel:
             with ui.row().classes("gap-2 items-start") as self.light:
                 self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light, 210)
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
-                self.stokes.without_auto_validation().props(f"{OUTLINED} debounce=120 maxlength=200")
+                self.stokes.without_auto_validation().props(f"{controls.OUTLINED} debounce=120 maxlength=200")
                 self.stokes.classes("vrte-fixed").style("width: 150px")
 
     def _lay_out(self, tab: str) -> None:
@@ -344,7 +331,7 @@ class ResultPanel:
                 [write_wavelength(outcome, which), *(f"{curve[which, place]:.4f}" for curve in found.curves.values())]
                 for which in range(outcome.count)
             ]
-            add_table("", ["wavelength", *found.curves], numbers)
+            controls.add_table("", ["wavelength", *found.curves], numbers)
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
@@ -370,7 +357,7 @@ def read_stokes(text: str) -> Any:
     found = parse_field_text(text)
     if isinstance(found, str):
         raise SceneError("stokes must be four numbers I, Q, U, V")
-    incident_for(REFLECTANCE_FACTOR, found)
+    quantities.incident_for(quantities.REFLECTANCE_FACTOR, found)
     return found
 
 

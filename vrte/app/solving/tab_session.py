@@ -49,7 +49,7 @@ class TabSession:
 
     def start(self, task: Task | None = None) -> None:
         """A task, or to solve what the form says now, in place of the one that runs."""
-        self.solves = replace_query(self.solves, task or self.make_task("solve.solve"))
+        self.solves.ask(task or self.make_task("solve.solve"))
 
     def start_adopting(self, given: bytes | str) -> None:
         """Starts to read a scene from a file's bytes or a link's text, in place of the job that runs."""
@@ -57,12 +57,13 @@ class TabSession:
 
     def start_fit(self, task: Task) -> None:
         """A fit in place of the one that runs, beside whatever is solved."""
-        self.fits, self.fitted = replace_query(self.fits, task), None
+        self.end_fit()
+        self.fits.ask(task)
 
     def end_fit(self) -> None:
         """Ends the fit, and forgets what it found."""
-        self.fits.close()
-        self.fits, self.fitted = Query(), None
+        self.fits.forget()
+        self.fitted = None
 
     def take_fit(self) -> None:
         """What a fit brought once it has ended: its last step where it died, nothing where it has made none."""
@@ -97,7 +98,8 @@ class TabSession:
         task, found = self.looks.task, self.looks.take()
         if task is None or found is None:
             return False
-        place, self.looks = task.more["place"], Query()
+        place = task.more["place"]
+        self.looks.forget()
         read = found if isinstance(found, PartRead) else PartRead(message=found.message, place=place)
         self.parts_read[name_part(task.content, place)] = read
         while len(self.parts_read) > MOST_SAID:
@@ -109,14 +111,6 @@ class TabSession:
         self.looks.close()
         self.rest()
         self.uploads.close()
-
-
-def replace_query(before: Query, task: Task) -> Query:
-    """A task in a process of its own, in place of the one that runs."""
-    before.close()
-    query = Query()
-    query.ask(task)
-    return query
 
 
 class TabSessions:

@@ -168,7 +168,7 @@ class Query:
 
     ``answer`` is the last message that came, ``answered`` the task that it is of, None where another was asked since;
     ``progress`` says how far the task is, ``step`` where a fit is. A process that ``stays`` answers all tasks, and may
-    have to make room for another tab's; otherwise each task has a process of its own.
+    have to make room for another tab's; otherwise each task has a process of its own, and ends the one before.
     """
 
     _in_use: list["Query"] = []  # noqa: RUF012 - of the whole server: those whose process stays, the last asked last
@@ -176,18 +176,25 @@ class Query:
 
     def __init__(self, stays: bool = False) -> None:
         self.stays, self.waits = stays, False
+        self.worker: WorkerProcess | None = None
+        self._number = 0  # of the task
+        self.forget()
+
+    def forget(self) -> None:
+        """Ends the process, and forgets the task and what came of it."""
+        self.close()
         self.task: Task | None = None
         self.answered: Task | None = None
         self.answer: Any = None
         self.step: Step | None = None
         self.progress = Progress(0.0, "waiting for other solves to end")
-        self.worker: WorkerProcess | None = None
-        self._number = 0  # of the task
 
     def ask(self, task: Task, memory_bytes: float | None = None) -> None:
         """A task in place of the one that waits; nothing where a process that stays was asked for it last."""
         if self.stays and task == self.task:
             return
+        if not self.stays:
+            self.forget()
         self.task = replace(task, content=copy.deepcopy(task.content))  # the page changes it
         self.answered, self._number = None, self._number + 1
         self._put(memory_bytes)
