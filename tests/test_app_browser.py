@@ -1,6 +1,7 @@
 """The viewer in a real browser: Debian's Chromium, or the one that VRTE_CHROMIUM names."""
 
 import base64
+import copy
 import os
 import re
 import shutil
@@ -8,6 +9,7 @@ import tomllib
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +17,16 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.app.form.content import START
+from vrte.app.form import content as form
+from vrte.app.form.content import START, Content
 from vrte.app.form.files import write_link
 from vrte.app.solving.page_files import LARGEST_TABLE
 from vrte.formats.bases import BASES
+from vrte.formats.keys import FilePath
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_files import read_tensors
-from vrte.formats.particle_sources import SIZES, SOURCES
+from vrte.formats.named import list_keys
+from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import write_toml
 
@@ -189,11 +194,11 @@ class Tab:
 
 
 def fill_a_small_scene(tab: Tab) -> None:
-    """Little to solve: absorbing dust at two wavelengths over a grey base."""
+    """Little to solve: absorbing dust at five wavelengths over a grey base."""
     tab.open("Accuracy")
     tab.open("Directions of the BRDF")
     for label, text in (
-        ("wavelengths in vacuum [µm]", "0.5, 0.6"),
+        ("wavelengths in vacuum [µm]", "0.45:0.65:5"),
         ("substance", "1.5, 0.01"),
         ("radius [µm]", "0.05"),
         ("optical thickness", "1"),
@@ -203,92 +208,75 @@ def fill_a_small_scene(tab: Tab) -> None:
         tab.fill(label, text)
 
 
-def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
+def test_a_scene_is_described_solved_looked_at_and_downloaded(
+    tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path
+) -> None:
+    start = tab.wait_for_figure()  # a first page shows something
     tab.fill("optical thickness", "-1")
     reason = "Solve waits: layer 1: optical thickness must be an optical thickness >= 0"
     tab.page.get_by_role("button", name=reason).click()
     assert tab.button("Solve").is_disabled()
     tab.waits_for("document.activeElement.getAttribute('aria-label') == 'optical thickness'")
-    start = tab.wait_for_figure()  # a first page shows something
     fill_a_small_scene(tab)
     tab.says("The form has changed since this was solved")
     tab.solve()
-    first = tab.wait_for_figure(different=start)
-    assert "0.6" in first["title"]
     tab.says(re.compile("^Solved: "))
-    tab.slide("incident angle", 1.0)
-    second = tab.wait_for_figure(different=first)
-    assert "μᵢ = 1," in second["title"]
-    tab.slide("wavelength", 1.0)
-    third = tab.wait_for_figure(different=second)
-    tab.says("wavelength 0.6 µm")
+    figure = tab.wait_for_figure(different=start)
+    for slider, words in (("incident angle", "(µ_i = 1)"), ("wavelength", "wavelength 0.65 µm")):
+        tab.slide(slider, 1.0)
+        tab.says(words)
+        figure = tab.wait_for_figure(different=figure)
+    assert "μᵢ = 1," in figure["title"]
+    stranger = open_tab()
+    assert stranger.value("radius [µm]") == "0.6"
+    assert stranger.wait_for_figure() == start
+    tab.page.reload()
+    assert tab.wait_for_figure() == figure
+    assert tab.value("radius [µm]") == "0.05"
+
+    for quantity in ("Mueller element f11", "reflectance factor"):
+        tab.choose("distance from the centre", quantity)
+        figure = tab.wait_for_figure(different=figure)
+        assert ("|f11|" in figure["title"]) == ("f11" in quantity)
+    tab.fill("I, Q, U, V", "0, 1, 0, 0")
+    tab.says(re.compile("^stokes must"))
+    tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
+    tab.wait_for_figure(different=figure)
+    assert tab.value("incident light") == "other"
+    assert tab.download("Download", tmp_path, "picture of the figure").read_bytes().startswith(b"\x89PNG")
+    for name in ("Cuts", "Reflectance", "Inside", "Scattering"):
+        tab.go_to(name)
+        tab.wait_for_figure()
+        for base in ("over black", "over white (albedo 1)") if name == "Reflectance" else ():
+            tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
+    tab.go_to("Plan")
+    tab.says("transmission: not asked for")
 
     content = tomllib.loads(tab.download("Download", tmp_path, "scene, TOML").read_text(encoding="utf-8"))
-    expected = {**START, "wavelength_um": [0.5, 0.6], "nodes": 6}
+    expected = {**START, "wavelength_um": {"start": 0.45, "stop": 0.65, "count": 5}, "nodes": 6}
     expected["particles"] = {"gold": {"index": [1.5, 0.01], "radius_um": 0.05}}
     expected["layer"] = [{"particles": "gold", "thickness": 1}]
     expected["brdf"] = expected["brdf"] | {"mu_i": [0.3, 0.6, 1]}
     assert content == expected
     numbers = vrte.spectrum(content)
-    for text in ("BRDF, NetCDF", "BRDF, CSV"):
-        found = vrte.load(tab.download("Download", tmp_path, text))
-        assert_close(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
-
-    stranger = open_tab()
-    assert stranger.value("radius [µm]") == "0.6"
-    assert stranger.wait_for_figure() == start
-    tab.page.reload()
-    assert tab.wait_for_figure() == third
-    assert tab.value("radius [µm]") == "0.05"
-
-
-def test_every_tab_and_every_download(tab: Tab, tmp_path: Path) -> None:
-    fill_a_small_scene(tab)
-    tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
-    start = tab.wait_for_figure()
-    tab.solve()
-    first = tab.wait_for_figure(different=start)
-    tab.choose("distance from the centre", "Mueller element f11")
-    second = tab.wait_for_figure(different=first)
-    assert "|f11|" in second["title"]
-    tab.choose("distance from the centre", "reflectance factor")
-    third = tab.wait_for_figure(different=second)
-    tab.fill("I, Q, U, V", "0, 1, 0, 0")
-    tab.says(re.compile("^stokes must"))
-    tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
-    tab.wait_for_figure(different=third)
-    assert tab.value("incident light") == "other"
-    assert tab.download("Download", tmp_path, "picture of the figure").read_bytes().startswith(b"\x89PNG")
-    for name in ("Cuts", "Reflectance", "Inside", "Scattering", "Plan"):
-        tab.go_to(name)
-        if name != "Plan":
-            tab.wait_for_figure()
-        for base in ("over black", "over white (albedo 1)") if name == "Reflectance" else ():
-            tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
-    tab.says("transmission: not asked for")
     for suffix in ("NetCDF", "CSV"):
+        found = vrte.load(tab.download("Download", tmp_path, f"BRDF, {suffix}"))
+        assert_close(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
         field = vrte.load(tab.download("Download", tmp_path, f"field inside, {suffix}"))
         assert field.stokes.shape == (5, 120, 2, 4)
     tensors = read_tensors(tab.download("Download", tmp_path, "Mitsuba tensor"))
     assert tensors["wvls"].ravel().tolist() == [450, 500, 550, 600, 650]
-    content = tomllib.loads(tab.download("Download", tmp_path, "scene, TOML").read_text(encoding="utf-8"))
-    five = vrte.spectrum(content, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
-    write_mitsuba(five, tmp_path / "expected.bsdf")
+    write_mitsuba(vrte.spectrum(content, **directions()), tmp_path / "expected.bsdf")
     assert_close(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
 
 
 def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp_path: Path) -> None:
     tab.wait_for_figure()
     tab.open("Accuracy")
-    for label, text, words in (
-        ("nodes a hemisphere", "1000000", "nodes a hemisphere = 1000000: must be a whole number from 1 to 4096"),
-        ("nodes a hemisphere", "900", ""),
-        ("substance", "../../../etc/passwd", "is neither a known name"),
-        ("substance", "<img src=x onerror=alert(1)>", "'<img src=x onerror=alert(1)>' is neither a known name"),
-        ("substance", "gold", ""),
-    ):
-        tab.fill(label, text)
-        tab.says(*filter(None, [words]))
+    tab.fill("nodes a hemisphere", "900")
+    tab.fill("substance", "<img src=x onerror=alert(1)>")
+    tab.says("'<img src=x onerror=alert(1)>' is neither a known name")
+    tab.fill("substance", "gold")
     name = '<script>alert(1)</script><img src="http://192.0.2.1/x" onerror="alert(2)">'[:60]
     tab.fill("name of the kind", name)
     tab.page.keyboard.press("Tab")
@@ -301,14 +289,9 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp
     tab.says("The scene of the form is being solved: what is shown here is the scene before.")
     tab.button("Cancel").click()
     tab.says("cancelled", exact=True)
-    tab.says("The form has changed since this was solved")
 
-    for file, text, words in (
-        ("bad.toml", "[[[", "not valid TOML"),
-        ("bad.nc", "[[[", "the file: it is not a NetCDF file"),
-        ("table.toml", write_toml(TABLE), "reads no files of the machine"),
-    ):
-        (tmp_path / file).write_text(text)
+    for file, words in (("bad.toml", "not valid TOML"), ("bad.nc", "the file: it is not a NetCDF file")):
+        (tmp_path / file).write_text("[[[")
         tab.page.locator(".vrte-header input[type=file]").set_input_files(tmp_path / file)
         tab.says(words)
     gold = ROOT / "examples" / "gold_powder.toml"  # 40 nodes, which the start scene does not ask for
@@ -410,7 +393,7 @@ def test_narrow_pages_are_one_column_and_nothing_is_cut(open_tab: Callable[..., 
     assert tab.page.locator("body.body--dark").count() == 0
 
 
-def test_keys_solve_and_turn_and_what_comes_is_read_out(tab: Tab) -> None:
+def test_keys_solve_and_turn_layers_move_and_a_surface_mirrors(tab: Tab) -> None:
     start = tab.wait_for_figure()
     assert tab.evaluate("document.documentElement.lang") == "en"
     for level, text in ((1, "vrte"), (2, "Scene"), (2, "Result"), (3, "Subsurface BRDF")):
@@ -433,6 +416,24 @@ def test_keys_solve_and_turn_and_what_comes_is_read_out(tab: Tab) -> None:
     tab.button("known substances").last.click()  # of the particles, not of the host
     tab.pick("rutile")
     tab.holds("name of the kind", "rutile")
+
+    tab.button("add a layer").click()
+    tab.holds("optical thickness", "0.5,0.5")
+    tab.label("optical thickness").nth(1).fill("0.3")
+    tab.button("down").first.click()
+    tab.holds("optical thickness", "0.3,0.5")
+    tab.button("remove this layer").last.click()
+    tab.holds("optical thickness", "0.3")
+    tab.button("add a surface or interface").click()
+    tab.says("Interface", exact=True)
+    tab.holds("refractive index of the host medium", "1.5")
+    tab.solve()
+    tab.page.get_by_role("figure", name="mirrored: ").wait_for()
+    tab.go_to("Reflectance")
+    tab.says("without what is mirrored as a beam")
+    tab.choose("filled with", "nothing: clear or tinted")
+    tab.go_to("Appearance")
+    tab.says("No layer here holds particles")  # the server complains of nothing in the end
 
 
 def pack(text: bytes) -> str:
@@ -504,22 +505,34 @@ CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingCl
     return [...cut, ...out]; }"""
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (800, 1000)])
+def make_scene_over(base: str) -> Content:
+    """A scene of all sources, all ways to give a size and all phase functions, whose files are not there, on a base."""
+    content = copy.deepcopy(START)
+    for mode, source in zip(form.SIZE_MODES, cycle(SOURCES), strict=False):
+        kind = content["particles"][form.add_kind(content)]
+        form.set_source(kind, source)
+        form.set_size_mode(kind, mode)
+    for number, medium in enumerate(PHASES, 1):
+        form.add_layer(content)
+        form.set_medium(content, number, medium)
+    form.set_base(content, base)
+    for place, key, value in list_keys(content):
+        if isinstance(key, FilePath) and value == "":
+            form.put(content, place, f"gone{key.suffixes[0]}")
+    return content
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (820, 1000)])
 def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
     open_tab: Callable[..., Tab], size: tuple[int, int]
 ) -> None:
     """All rows of all registries: labels fit their fields, and no field leaves the form."""
     tab = open_tab(size=size)
-    for label, rows in {"what": SOURCES, "size": SIZES, "what lies beneath": BASES, "filled with": PHASES}.items():
-        for index in range(len(rows)):
-            tab.label(label).first.click()
-            tab.evaluate("() => { window.drawn = document.querySelector('.vrte-left .q-field'); }")
-            tab.page.locator(".q-menu .q-item").nth(index).click()
-            tab.page.locator(".q-menu").wait_for(state="detached")
-            # drawn anew, unless it was chosen already
-            tab.waits_for("begun => !drawn.isConnected || Date.now() - begun > 10000", arg=tab.evaluate("Date.now()"))
-            tab.rest(200)
-            assert tab.evaluate(CUT) == [], f"{label} {index}"
+    for base, row in BASES.items():
+        tab.evaluate(DROP, [write_toml(make_scene_over(base)), "all.toml"])
+        tab.page.locator(".vrte-left").get_by_text(row.words, exact=True).first.wait_for()
+        tab.rest(300)
+        assert tab.evaluate(CUT) == []
     tab.button("add a surface or interface").click()
     tab.choose("surface", "rough: many small facets")
     tab.rest(300)
@@ -589,28 +602,6 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
     tab.waits_for(SWATCH_CHANGES, arg=after)
 
 
-def test_layers_are_added_and_reordered_and_a_surface_mirrors(tab: Tab) -> None:
-    fill_a_small_scene(tab)
-    tab.button("add a layer").click()
-    tab.holds("optical thickness", "1,1")
-    tab.label("optical thickness").nth(1).fill("3")
-    tab.button("down").first.click()
-    tab.holds("optical thickness", "3,1")
-    tab.page.get_by_role("button", name="remove this layer").first.click()
-    tab.holds("optical thickness", "1")
-    tab.button("add a surface or interface").click()
-    tab.says("Interface", exact=True)
-    assert tab.value("refractive index of the host medium") == "1.5"
-    tab.solve()
-    tab.waits_for("""() => [...document.querySelectorAll('.js-plotly-plot')].some(p => p.offsetParent
-        && (p.getAttribute('aria-label') || '').includes('mirrored: '))""")
-    tab.go_to("Reflectance")
-    tab.says("without what is mirrored as a beam")
-    tab.choose("filled with", "nothing: clear or tinted")
-    tab.go_to("Appearance")
-    tab.says("No layer here holds particles")  # the server complains of nothing in the end
-
-
 def test_a_result_file_is_shown_from_the_start(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
@@ -643,8 +634,6 @@ def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path
     first = tab.wait_for_figure(different=start)
     assert first["title"].startswith("Measured f00; points: measured")
     tab.says("-60 to 60° (7)", exact=True)
-    tab.button("Fit").click()
-    tab.says("tick at least one number that the fit may change")
     tab.page.get_by_role("checkbox", name="layer 1: optical thickness").click()
     tab.fill("layer 1: optical thickness, to", "0.3")
     tab.button("Fit").click()
@@ -660,7 +649,7 @@ def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path
     assert content["layer"][0]["thickness"] == close_to(0.7, rtol=1e-4, atol=0.0)
     assert content["base"] == {"kind": "lambertian", "albedo": 0.3}
     tab.button("Take these values").click()
-    tab.waits_for("""() => document.querySelector('[aria-label="optical thickness"]').value.startsWith('0.7')""")
+    tab.waits_for("document.querySelector('[aria-label=\"optical thickness\"]').value.startsWith('0.7')")
     tab.button("Back to those before").click()
     tab.holds("optical thickness", "0.4")
     tab.page.reload()  # the measurement and what was found stay

@@ -1,31 +1,22 @@
 """Files that somebody puts into the viewer: what is taken, where it lies, what is said of it, and who reads it."""
 
 import copy
-import io
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import vrte
-from vrte.app.form import content as form
 from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content
 from vrte.app.form.files import adopt_with_notes
 from vrte.app.solving import page_files, worker_process
-from vrte.app.solving.messages import Outcome
-from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads, make_scene_download
+from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads
 from vrte.app.solving.tab_session import TabSession, TabSessions
-from vrte.app.solving.worker_process import Query
-from vrte.formats.bases import BASES
 from vrte.formats.columns import read_coefficients
-from vrte.formats.scene_file import read_scene
 
 from .helpers import wait_until
-from .viewer_server import ask
 
 COEFFICIENTS = b"l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,0.3,0,0,0,0,0\n"
 WRONG = COEFFICIENTS.replace(b"0.3", b"4")
@@ -136,22 +127,6 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_described(
     assert find_all(session) == {("layer", 1, "phase"): "the process of this task has ended with code 3"}
 
 
-@pytest.mark.slow
-def test_it_is_solved_as_from_a_scene_file(uploads: Uploads, tmp_path: Path) -> None:
-    uploads.add("fog.csv", COEFFICIENTS, CSV, 1000)
-    outcome = ask(Query(), "solve.solve", FOG, uploads.folder)
-    assert isinstance(outcome, Outcome), outcome
-    name, data = make_scene_download(FOG, uploads)
-    assert name == "scene.zip"
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        assert archive.namelist() == ["scene.toml", "fog.csv"]
-        archive.extractall(tmp_path)
-    file = read_scene(tmp_path / "scene.toml")
-    expected = vrte.brdf(file.scene, **file.keywords({}))
-    np.testing.assert_array_equal(outcome.brdfs[0].mueller, expected.mueller)
-    assert make_scene_download(START, uploads)[0] == "scene.toml"
-
-
 def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
     given = {**START, "layer": [{"phase": "../fog.csv", "albedo": 1, "thickness": 1, "tolerance": 0.1}]}
     content, notes = adopt_with_notes(given)
@@ -197,18 +172,9 @@ def test_files_go_with_their_tab() -> None:
 
 
 @pytest.mark.slow
-def test_a_base_is_taken_from_a_result_and_one_that_is_none_is_refused_without_its_path(
-    uploads: Uploads, tmp_path: Path
-) -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
-    mu = np.linspace(0.02, 1.0, 12)
-    vrte.brdf(scene, mu, mu, [0, 45, 90, 135, 180], nodes=4).save(tmp_path / "haze.nc")
-    session = TabSession(copy.deepcopy(START), uploads)
-    form.set_base(session.content, "table")
-    suffixes = BASES["table"].keys["file"].suffixes
-    bad = b"\x89HDF\r\n\x1a\n" + bytes(1000)
-    for name, data in (("bad.nc", bad), ("good.nc", (tmp_path / "haze.nc").read_bytes())):
-        session.content["base"]["file"] = uploads.add(name, data, suffixes, LARGEST_TABLE)
-        found = "; ".join(find_all(session).values())
-        assert ("bad.nc: it is not a NetCDF file" in found, str(uploads.folder) in found) == (name == "bad.nc", False)
-    assert found == ""
+def test_a_file_that_is_no_base_is_refused_without_its_path(uploads: Uploads) -> None:
+    content = {**START, "base": {"kind": "table", "file": "bad.nc"}}
+    uploads.add("bad.nc", b"\x89HDF\r\n\x1a\n" + bytes(1000), (".nc",), LARGEST_TABLE)
+    (found,) = find_all(TabSession(content, uploads)).values()
+    assert "bad.nc: it is not a NetCDF file" in found
+    assert str(uploads.folder) not in found

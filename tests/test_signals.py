@@ -32,6 +32,8 @@ mu_o = 0.5
 [axes]
 "layer[1].albedo" = { start = 0.1, stop = 1, count = 6000 }
 """
+SWEEP_BY_DASK = "sweep", "s.toml", "-o", "t.zarr", "--engine", "dask"
+VIEW, OF_THE_VIEWER = ("view", "--no-browser", "--port", "0"), ("uvicorn", "starlette", "nicegui")
 WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
@@ -73,14 +75,14 @@ def slow_module(folder: Path, name: str) -> Path:
     return folder
 
 
-LOADING = [*itertools.product(("numpy", "scipy", "zarr", "distributed"), WORDS)]
+LOADING = [*itertools.product(("numpy", "scipy", "zarr", "distributed", *OF_THE_VIEWER), WORDS)]
 
 
 @pytest.mark.parametrize("case", slow_but(LOADING, ("numpy", signal.SIGINT), ("zarr", signal.SIGTERM)))
 def test_stopped_while_a_module_loads(case: tuple[str, signal.Signals], start: Any, tmp_path: Path) -> None:
     module, number = case
     slow = slow_module(tmp_path / "slow", module)
-    process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", "dask", first=slow)
+    process = start(*(VIEW if module in OF_THE_VIEWER else SWEEP_BY_DASK), first=slow)
     wait_until((slow / "loading").exists)
     process.send_signal(number)
     check_said(process, number)

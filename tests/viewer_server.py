@@ -20,23 +20,18 @@ from .helpers import wait_until
 ROOT = Path(__file__).parents[1]
 
 
-def started(*options: str, python: tuple[str, ...] = (), stdout: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
-    """`vrte view` in a process of its own, on a free port."""
-    return subprocess.Popen(
-        [sys.executable, *python, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
-        stdout=stdout,
+@contextmanager
+def viewer(*options: str, warning: str = "", ended_by: signal.Signals = signal.SIGINT, code: int = 0) -> Iterator[str]:
+    """The address, with its token, of a server that must end by itself when it gets the signal, with this code, and say
+    nothing but that and the ``warning``."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
     )
-
-
-@contextmanager
-def viewer(*options: str, warning: str = "", ended_by: signal.Signals = signal.SIGINT, code: int = 0) -> Iterator[str]:
-    """The address, with its token, of a server that must end by itself when it gets the signal, with this code, and say
-    nothing but that and the ``warning``."""
-    process = started(*options)
     assert process.stdout is not None
     try:
         assert not warning or warning in process.stdout.readline()
