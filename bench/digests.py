@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import vrte
+from vrte.request.how import EXACT, METHODS
 
 MU_I, MU_O, PHI = [0.3, 0.9], [0.2, 0.6, 1.0], [0.0, 45.0, 180.0]
 
@@ -23,11 +24,6 @@ MU_I, MU_O, PHI = [0.3, 0.9], [0.2, 0.6, 1.0], [0.0, 45.0, 180.0]
 def particles() -> vrte.Particles:
     """Rutile in a binder, as coatings have it."""
     return vrte.spheres(2.7 + 0.001j, wavelength_um=0.55, size=vrte.Lognormal(0.12, 1.4), host_index=1.5)
-
-
-def layer_of(powder: vrte.Particles, thickness: float) -> vrte.Layer:
-    """Of particles alone."""
-    return vrte.Layer(powder.phase_matrix, albedo=powder.albedo, thickness=thickness)
 
 
 def scene(base: Any = None, thickness: float = 1.0, albedo: float = 0.95) -> vrte.Scene:
@@ -109,17 +105,9 @@ def calls() -> dict[str, Callable[[], list[Any]]]:
         found[f"backend {backend}, field"] = lambda label=backend: field(scene(lambertian), nodes=6, backend=label)
     for truncation in ("none", "delta-m", "small-angle", "auto"):
         found[f"truncation {truncation}"] = lambda name=truncation: brdf(peaked, nodes=16, truncation=name)
-    for method in (
-        "adding-doubling",
-        "diffusion",
-        "invariant-imbedding",
-        "matrix-operator",
-        "single-scattering",
-        "small-angle",
-        "successive-orders",
-        "synthetic-iteration",
-        "two-stream",
-    ):
+    for method in METHODS:
+        if method == EXACT:
+            continue
         many = method in ("adding-doubling", "matrix-operator", "single-scattering", "successive-orders")
         given = scene(None) if many else scalar()
         nodes = {} if method in ("diffusion", "two-stream") else {"nodes": 6}
@@ -132,8 +120,8 @@ def calls() -> dict[str, Callable[[], list[Any]]]:
     found["method auto, thin"] = lambda: brdf(one_layer(1e-7), method="auto", accuracy=1e-3)
     found["method auto"] = lambda: brdf(one_layer(), method="auto", accuracy=1e-4)
     found["nodes chosen"] = lambda: brdf(one_layer(), accuracy=1e-5)
-    found["nodes chosen, powder"] = lambda: brdf(vrte.Scene([layer_of(powder, 2.0)], lambertian), accuracy=1e-3)
-    found["powder"] = lambda: brdf(vrte.Scene([layer_of(powder, np.inf)]), nodes=8)
+    found["nodes chosen, powder"] = lambda: brdf(vrte.Scene([vrte.Layer.of(powder, 2.0)], lambertian), accuracy=1e-3)
+    found["powder"] = lambda: brdf(vrte.Scene([vrte.Layer.of(powder, np.inf)]), nodes=8)
     found["endless, scalar"] = lambda: brdf(endless_scalar, nodes=16)
     found["normal incidence"] = lambda: field(scene(lambertian), mu0=1.0, nodes=8)
     found["polarized light"] = lambda: field(scene(lambertian), stokes=[1.0, 0.3, 0.2, 0.5], nodes=8)
@@ -147,19 +135,13 @@ def calls() -> dict[str, Callable[[], list[Any]]]:
     found["conservative, thick"] = lambda: brdf(one_layer(1e4, 1.0), nodes=8)
     found["very thin"] = lambda: brdf(one_layer(1e-9, 1.0), nodes=8)
     found["particles"] = lambda: [powder.phase_matrix.a1, powder.phase_matrix.b1, np.array(powder.albedo)]
-    found["many scenes"] = lambda: [
-        one.mueller for one in vrte.brdfs([one_layer(t) for t in (0.1, 0.7)], MU_I, MU_O, PHI, nodes=6, threads=1)
-    ]
-    found["many scenes, opencl"] = lambda: [
-        one.mueller
-        for one in vrte.brdfs([one_layer(t) for t in (0.1, 0.7)], MU_I, MU_O, PHI, nodes=6, backend="opencl")
-    ]
+    for name, how in {"many scenes": {"threads": 1}, "many scenes, opencl": {"backend": "opencl"}}.items():
+        found[name] = lambda how=how: [
+            one.mueller for one in vrte.brdfs([one_layer(t) for t in (0.1, 0.7)], MU_I, MU_O, PHI, nodes=6, **how)
+        ]
     found["views"] = lambda: [vrte.views(scene(), [0.3, 0.6], [0.2, 0.9], 30.0, nodes=8, threads=1).stokes]
-    found["under a sky"] = lambda: [
-        vrte.brdf(scene(), vrte.hemisphere(6)[0], MU_O, np.arange(0.0, 360.0, 10.0), nodes=8, threads=1).under(
-            [1.0, 0.2, 0.0, 0.0]
-        )
-    ]
+    around = vrte.hemisphere(6)[0], MU_O, np.arange(0.0, 360.0, 10.0)
+    found["under a sky"] = lambda: [vrte.brdf(scene(), *around, nodes=8, threads=1).under([1.0, 0.2, 0.0, 0.0])]
     found["spectrum"] = spectrum
     found["sweep"] = swept
     return found

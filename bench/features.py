@@ -81,10 +81,7 @@ def list_derivative_calls(name: str) -> dict[str, tuple[Solve, float | None]]:
         "vrte": (lambda: vrte.brdf(scene, *asked, nodes=nodes, **HOW), None),
         "vrte, three derivatives": (lambda: vrte.brdf(scene, *asked, nodes=nodes, derivatives=names, **HOW), THREE),
         "the same by central differences": (differ, None),
-        "vrte, all coefficients by vjp": (
-            lambda: vrte.linearize(scene, *asked, nodes=nodes, **HOW).vjp(weights),
-            ALL,
-        ),
+        "vrte, all coefficients by vjp": (lambda: vrte.linearize(scene, *asked, nodes=nodes, **HOW).vjp(weights), ALL),
     }
 
 

@@ -111,71 +111,48 @@ class Case:
         return found.hexdigest()[:16]
 
 
-SMALL = {
-    case.name: case
-    for case in (
-        Case("isotropic, small", "isotropic", "albedo 0.9, thickness 1", (48, 32)),
-        Case(
-            *("Rayleigh, small", "Rayleigh, thickness 0.5", "albedo 1, thickness 0.5, polarized beam", (32, 24)),
-            stokes=POLARIZED,
-        ),
-        Case(
-            *("semi-infinite, small", "HG 0.5, semi-infinite", "Henyey-Greenstein 0.5, albedo 0.9", (32, 24)),
-            top_only=True,
-        ),
-    )
-}
-CASES = {
-    case.name: case
-    for case in (
-        Case(
-            *("Rayleigh, thin", "Rayleigh, thickness 0.02", "albedo 1, thickness 0.02, polarized beam", (224, 160)),
-            stokes=POLARIZED,
-        ),
-        Case("Rayleigh, thick", "Rayleigh, thickness 50", "albedo 1, thickness 50"),
-        Case("isotropic", "isotropic", "albedo 0.9, thickness 1"),
-        Case("aerosol, thin", "HG 0.75, thickness 0.1, clearer", "Henyey-Greenstein 0.75, albedo 0.95, thickness 0.1"),
-        Case("absorbing", "HG 0.5, thickness 5", "Henyey-Greenstein 0.5, albedo 0.2, thickness 5"),
-        Case("forward peak", "forward peak", "Henyey-Greenstein 0.9, albedo 0.99, thickness 2"),
-        Case("cloud", "cloud", "droplets of 4 um at 2.2 um, scalar, albedo 1, thickness 16"),
-        Case(
-            *(
-                "white, semi-infinite",
-                "HG 0.75, white, semi-infinite",
-                "Henyey-Greenstein 0.75, albedo 1, semi-infinite",
-            ),
-            top_only=True,
-        ),
-        Case("normal incidence", "HG 0.75, thickness 5", "Henyey-Greenstein 0.75, albedo 0.99, thickness 5", mu0=1.0),
-        Case("haze L", "haze L, thickness 1", "albedo 0.9, thickness 1, 4x4", (128, 96)),
-        Case(
-            "spheroids",
-            "spheroids",
-            "Siewert's problem IIA, albedo 0.973527, thickness 1, polarized beam",
-            (160, 112),
-            stokes=POLARIZED,
-        ),
-        Case(
-            *("gold powder", "red gold powder", "radius 0.3 um at 0.64 um, thickness 100, light from the top"),
-            nodes=(128, 96),
-            top_only=True,
-        ),
-        Case("rutile powder", "rutile powder", "0.12 um at 0.55 um, albedo 1, thickness 20", (128, 96)),
-        Case(
-            "two layers over a base",
-            "two layers over a base",
-            "Rayleigh 0.3, clear spheres 2 (albedo 0.9), Lambertian 0.3",
-            (112, 80),
-        ),
-        Case(
-            *("grazing incidence", "clear spheres, thickness 2"),
-            "clear spheres, albedo 0.99, thickness 2, mu0 = 0.05",
-            (144, 112),
-            mu0=0.05,
-            cosines=(0.05, *COSINES),
-        ),
-    )
-}
+def index_by_name(*rows: Case) -> dict[str, Case]:
+    """Cases by their names."""
+    return {case.name: case for case in rows}
+
+
+SMALL = index_by_name(
+    Case("isotropic, small", "isotropic", "albedo 0.9, thickness 1", (48, 32)),
+    Case(
+        "Rayleigh, small",
+        "Rayleigh, thickness 0.5",
+        "albedo 1, thickness 0.5, polarized beam",
+        (32, 24),
+        0.6,
+        POLARIZED,
+    ),
+    Case(
+        *("semi-infinite, small", "HG 0.5, semi-infinite", "Henyey-Greenstein 0.5, albedo 0.9", (32, 24)), top_only=True
+    ),
+)
+THIN = "albedo 1, thickness 0.02, polarized beam"
+WHITE = "Henyey-Greenstein 0.75, albedo 1, semi-infinite"
+IIA = "Siewert's problem IIA, albedo 0.973527, thickness 1, polarized beam"
+POWDER = "radius 0.3 um at 0.64 um, thickness 100, light from the top"
+COATED = "Rayleigh 0.3, clear spheres 2 (albedo 0.9), Lambertian 0.3"
+GRAZING = "clear spheres, albedo 0.99, thickness 2, mu0 = 0.05"
+CASES = index_by_name(
+    Case("Rayleigh, thin", "Rayleigh, thickness 0.02", THIN, (224, 160), stokes=POLARIZED),
+    Case("Rayleigh, thick", "Rayleigh, thickness 50", "albedo 1, thickness 50"),
+    Case("isotropic", "isotropic", "albedo 0.9, thickness 1"),
+    Case("aerosol, thin", "HG 0.75, thickness 0.1, clearer", "Henyey-Greenstein 0.75, albedo 0.95, thickness 0.1"),
+    Case("absorbing", "HG 0.5, thickness 5", "Henyey-Greenstein 0.5, albedo 0.2, thickness 5"),
+    Case("forward peak", "forward peak", "Henyey-Greenstein 0.9, albedo 0.99, thickness 2"),
+    Case("cloud", "cloud", "droplets of 4 um at 2.2 um, scalar, albedo 1, thickness 16"),
+    Case("white, semi-infinite", "HG 0.75, white, semi-infinite", WHITE, top_only=True),
+    Case("normal incidence", "HG 0.75, thickness 5", "Henyey-Greenstein 0.75, albedo 0.99, thickness 5", mu0=1.0),
+    Case("haze L", "haze L, thickness 1", "albedo 0.9, thickness 1, 4x4", (128, 96)),
+    Case("spheroids", "spheroids", IIA, (160, 112), stokes=POLARIZED),
+    Case("gold powder", "red gold powder", POWDER, (128, 96), top_only=True),
+    Case("rutile powder", "rutile powder", "0.12 um at 0.55 um, albedo 1, thickness 20", (128, 96)),
+    Case("two layers over a base", "two layers over a base", COATED, (112, 80)),
+    Case("grazing incidence", "clear spheres, thickness 2", GRAZING, (144, 112), mu0=0.05, cosines=(0.05, *COSINES)),
+)
 
 
 def find_case(name: str) -> Case:

@@ -229,15 +229,8 @@ def compare(problem: Problem, streams: int) -> list[Row]:
     cold_ms, warm_ms = ({code: statistics.median(found) for code, found in one.items()} for one in (cold, warm))
     return [
         Row(
-            problem=problem.name,
-            streams=streams,
-            code=code,
-            cold_ms=cold_ms[code],
-            cold_ratio=cold_ms[code] / cold_ms["vrte"],
-            solve_ms=warm_ms[code],
-            ratio=warm_ms[code] / warm_ms["vrte"],
-            errors=errors(problem, answers[code]),
-            target=TARGETS.get(code, {}).get(streams),
+            *(problem.name, streams, code, cold_ms[code], cold_ms[code] / cold_ms["vrte"], warm_ms[code]),
+            *(warm_ms[code] / warm_ms["vrte"], errors(problem, answers[code]), TARGETS.get(code, {}).get(streams)),
         )
         for code in codes
     ]

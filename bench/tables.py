@@ -447,18 +447,13 @@ def make_step_tables(found: Measured) -> list[str]:
     theirs = [
         [step, *(say_seconds(found.printed(TABLE_3, each, step)) for each in printed)] for step in (*STEPS, TOTAL)
     ]
-    ratios = [
-        [
-            step,
-            *(
-                "-"
-                if found.is_otherwise(c, step)
-                else say_ratio(found.printed(TABLE_3, c, step), times[c][step].median)
-                for c in printed
-            ),
-        ]
-        for step in (*STEPS, TOTAL)
-    ]
+
+    def compare(each: Configuration, step: str) -> str:
+        if found.is_otherwise(each, step):
+            return "-"
+        return say_ratio(found.printed(TABLE_3, each, step), times[each][step].median)
+
+    ratios = [[step, *(compare(each, step) for each in printed)] for step in (*STEPS, TOTAL)]
     blocks = ["Ours [ms]:\n", make_markdown_table(["step", *(each.label for each in shown)], ours)]
     blocks += [MARK_NOTE, STEPS_NOTE] if any(found.is_otherwise(each, STEPS[0]) for each in shown) else [STEPS_NOTE]
     for caption, rows in (("The paper [s]:\n", theirs), ("The paper / ours:\n", ratios)):

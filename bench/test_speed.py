@@ -4,11 +4,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
 
 import vrte
+from bench.tables import FULL_SIZE
 
 from .conftest import eigenproblems
 
@@ -26,50 +28,28 @@ scene = cases.find_scene("gold")
 """
 
 
+def run_alone(code: str) -> str:
+    """What code after PEAK prints, in a process of its own."""
+    return subprocess.run([sys.executable, "-c", PEAK + code], capture_output=True, check=True, text=True).stdout
+
+
 def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
     """(a) 11 x 19 directions at tau 0, 40 nodes; the target is 0.35 x the floor."""
-    ratio = against_floor(
-        lambda: vrte.radiance(
-            gold,
-            mu0=0.6,
-            stokes=(np.pi, 0, 0, 0),
-            mu=np.linspace(0.05, 1.0, 11),
-            phi=np.arange(0, 181, 10),
-            tau=0.0,
-            nodes=40,
-            threads=2,
-        ),
-        eigenproblems(gold, 40, 41),
-    )
-    assert ratio <= 0.35
+    mu, phi = np.linspace(0.05, 1.0, 11), np.arange(0, 181, 10)
+    solve = partial(vrte.radiance, gold, 0.6, mu=mu, phi=phi, tau=0.0, nodes=40, threads=2)
+    assert against_floor(solve, eigenproblems(gold, 40, 41)) <= 0.35
 
 
 def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
     """(b) the benchmark's seven depths, 20 x 3 directions, 30 nodes; the target is 0.4 x the floor."""
-    mu = np.concatenate([np.linspace(0.1, 1.0, 10), -np.linspace(0.1, 1.0, 10)])
-    ratio = against_floor(
-        lambda: vrte.radiance(
-            spheroids,
-            mu0=0.6,
-            stokes=(np.pi, 0, 0, 0),
-            mu=mu,
-            phi=[0.0, 90.0, 180.0],
-            tau=[0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 1.0],
-            nodes=30,
-            threads=2,
-        ),
-        eigenproblems(spheroids, 30, 12),
-    )
-    assert ratio <= 0.4
+    solve = partial(FULL_SIZE[0].solve, {"threads": 2})
+    assert against_floor(solve, eigenproblems(spheroids, 30, 12)) <= 0.4
 
 
 def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
     """(c) the full Mueller BRDF of the same gold layer; the target is 0.5 x the floor."""
-    ratio = against_floor(
-        lambda: vrte.brdf(gold, DIRECTIONS, DIRECTIONS, np.arange(0, 361, 10), nodes=40, threads=2),
-        eigenproblems(gold, 40, 41),
-    )
-    assert ratio <= 0.5
+    solve = partial(vrte.brdf, gold, DIRECTIONS, DIRECTIONS, np.arange(0, 361, 10), nodes=40, threads=2)
+    assert against_floor(solve, eigenproblems(gold, 40, 41)) <= 0.5
 
 
 @pytest.mark.parametrize("kind", ["radiance", "brdf"])
@@ -99,9 +79,7 @@ before, mu = peak(), np.linspace(0.05, 1.0, 20)
 vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), nodes=40, threads=2)
 print(peak() - before)
 """
-    megabytes = float(
-        subprocess.run([sys.executable, "-c", PEAK + code], capture_output=True, check=True, text=True).stdout
-    )
+    megabytes = float(run_alone(code))
     print(f"\npeak memory of the 20 x 20 x 37 BRDF: {megabytes:.0f} MB")
     assert megabytes <= 300.0
 
@@ -123,8 +101,7 @@ print(table.diagnostics["wall_seconds"], len(done), done[-1])
 
 def test_table_for_a_renderer() -> None:
     """90 x 90 x 181 directions, all distinct: memory beside the result, seconds from Fourier orders to the table."""
-    output = subprocess.run([sys.executable, "-c", PEAK + TABLE], capture_output=True, check=True, text=True).stdout
-    megabytes, orders, single, wall, calls, fraction = (float(word) for word in output.split())
+    megabytes, orders, single, wall, calls, fraction = (float(word) for word in run_alone(TABLE).split())
     print(
         f"\n90 x 90 x 181 table: {wall:.2f} s, of which {orders:.2f} s the sum over Fourier orders and {single:.2f} s "
         f"single scattering; peak memory beside the result {megabytes:.0f} MB; {calls:.0f} steps of progress"

@@ -255,7 +255,7 @@ def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
 @pytest.mark.parametrize(("incident", "threads"), [(None, 1), (3, 2)])
 def test_a_solve_is_timed_step_by_step(incident: int | None, threads: int, tmp_path: Path) -> None:
     point = cost.Point(radius_um=0.2, nodes=9, outgoing=2, incident=incident)
-    reported = dict([list(cost.list_configurations(threads).items())[-1]])
+    reported = dict([list(cost.list_configurations(threads).items())[0 if threads == 1 else -1]])
     point.solve(*reported.values())  # the first solve of a process loads modules
     (found,) = cost.make_study([point], reported, (1, 1, 0.0)).measure_rows(tmp_path)
     assert {TOTAL, *STEPS, cost.REST} <= set(found.steps)
