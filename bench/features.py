@@ -1,7 +1,6 @@
 """What features cost over the plain solve: a surface, derivatives; rows of the same table as the peers."""
 
 import functools
-import statistics
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 import vrte
 from bench import cases
-from bench.peers import Row, cpu_ms, rounds_for
+from bench.peers import Row, time_in_turn
 from vrte.basics.arrays import Array
 from vrte.scene.vary import vary_scene
 
@@ -101,12 +100,7 @@ def measure_feature(name: str) -> list[Row]:
     streams, list_calls = FEATURES[name]
     with threadpool_limits(1):
         calls = list_calls()
-        first = {code: cpu_ms(call)[0] for code, (call, _) in calls.items()}
-        taken: dict[str, list[float]] = {code: [] for code in calls}
-        for _ in range(rounds_for(sum(first.values()))):
-            for code, (call, _) in calls.items():
-                taken[code].append(cpu_ms(call)[0])
-    medians = {code: statistics.median(found) for code, found in taken.items()}
+        first, medians = time_in_turn({code: call for code, (call, _) in calls.items()})
     return [
         Row(
             *(name, streams, code, first[code], first[code] / first["vrte"], medians[code]),

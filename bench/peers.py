@@ -195,11 +195,21 @@ def errors(problem: Problem, radiances: Array) -> tuple[float, ...]:
     return tuple((np.abs(radiances - there).max(axis=(0, 1, 2)) / there[..., 0].max()).tolist())
 
 
-def cpu_ms(call: Callable[[], Any]) -> tuple[float, Any]:
-    """The process's CPU time of one call, all its threads together, and what the call returned."""
+def cpu_ms(call: Callable[[], Any]) -> float:
+    """The process's CPU time of one call, all its threads together."""
     start = time.process_time()
-    result = call()
-    return 1e3 * (time.process_time() - start), result
+    call()
+    return 1e3 * (time.process_time() - start)
+
+
+def time_in_turn(calls: dict[Any, Callable[[], Any]]) -> tuple[dict[Any, float], dict[Any, float]]:
+    """CPU times [ms] by name: of the first call of each, and the medians of as many rounds of all as fit."""
+    first = {name: cpu_ms(call) for name, call in calls.items()}
+    taken: dict[Any, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds_for(sum(first.values()))):
+        for name, call in calls.items():
+            taken[name].append(cpu_ms(call))
+    return first, {name: statistics.median(found) for name, found in taken.items()}
 
 
 def rounds_for(milliseconds: float) -> int:
@@ -215,18 +225,9 @@ def compare(problem: Problem, streams: int) -> list[Row]:
     with threadpool_limits(1):
         solves = {code: prepare(problem, streams) for code, prepare in codes.items()}
         answers = {code: solve() for code, solve in solves.items()}
-
-        def start(code: str) -> Array:
-            return codes[code](problem, streams)()
-
-        calls = {code: (functools.partial(start, code), solve) for code, solve in solves.items()}
-        cold: dict[str, list[float]] = {code: [] for code in codes}
-        warm: dict[str, list[float]] = {code: [] for code in codes}
-        for _ in range(rounds_for(sum(cpu_ms(call)[0] for both in calls.values() for call in both))):
-            for code, (first, again) in calls.items():
-                cold[code].append(cpu_ms(first)[0])
-                warm[code].append(cpu_ms(again)[0])
-    cold_ms, warm_ms = ({code: statistics.median(found) for code, found in one.items()} for one in (cold, warm))
+        cold = {("cold", code): lambda prepare=prepare: prepare(problem, streams)() for code, prepare in codes.items()}
+        _, medians = time_in_turn(cold | {("warm", code): solve for code, solve in solves.items()})
+    cold_ms, warm_ms = ({code: medians[state, code] for code in codes} for state in ("cold", "warm"))
     return [
         Row(
             *(problem.name, streams, code, cold_ms[code], cold_ms[code] / cold_ms["vrte"], warm_ms[code]),
