@@ -139,7 +139,7 @@ test-all: lint
 # Old packages warn of what new ones, which they need in turn, are about to drop: those warnings do not count here.
 LOWEST := .venv-lowest
 ABOUT_DEPENDENCIES = $(patsubst %,tests/test_%.py,against_iadpython appearance_colours base_file cli completion docs foreign_files formats methods_report \
-	materials mitsuba notebook opencl_caches opencl_device optics own_tables packaging paint_page phase_matrix reference refused render render_objects report running scattering_tables scene_file shapes \
+	materials mitsuba opencl_caches opencl_device optics own_tables packaging paint_page phase_matrix pictures reference refused render running scattering_tables scene_file shapes \
 	snippets stages) $(wildcard tests/test_app_*.py tests/test_sweep*.py)
 test-lowest: $(LOWEST)/stamp
 	$(LOWEST)/bin/python -m pytest -q -n 2 --dist loadfile -W ignore::DeprecationWarning -W ignore::FutureWarning \
