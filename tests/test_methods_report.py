@@ -140,18 +140,14 @@ def test_advice_says_what_is_quickest_of_ours_and_how_peers_stand_to_it() -> Non
     assert peer.worst == 1e-7
     assert methods_page.find_pareto_front([SLOW, peer]) == [SLOW]
     assert methods_page.find_quickest_candidate([SLOW, peer], 1e-6) == SLOW
-    assert methods_page.compare_with_peers([SLOW, peer], 1e-6) == (
-        "Beside vrte, for 1e-06: nanodisort with 16 streams takes 1 s, 0.5 times as long."
-    )
+    beside = "Beside vrte, for 1e-06: nanodisort with 16 streams takes 1 s, 0.5 times as long."
+    assert methods_page.compare_with_peers([SLOW, peer], 1e-6) == beside
     assert methods_page.compare_with_peers([SLOW, peer], 1e-8) == ""
     assert methods_page.list_heights([peer], "v_max") == [None]
     assert "V -" in methods_page.make_hover_text(peer)
 
 
-def test_tables_of_scenes_knobs_and_methods_are_those_of_the_registry() -> None:
-    assert len(methods.CASES) >= 12
-    with pytest.raises(SceneError, match="--scenes must fit one of"):
-        methods.find_matching_scenes("no such scene")
+def test_tables_of_knobs_and_methods_are_those_of_the_registry() -> None:
     for method, each in methods.KNOBS.items():
         named = {name for _, some in each for setting in some for name in setting.options.get("settings", {})}
         assert named <= set(find_method(method).settings)
@@ -159,11 +155,6 @@ def test_tables_of_scenes_knobs_and_methods_are_those_of_the_registry() -> None:
     command = "python -m docs.scripts.methods_tables docs/explanation/methods.md"
     assert methods_tables.refresh_tables(text) == text, f"run `{command}`"
     assert all(f"\n| `{name}` |" in text for name in METHODS)
-
-
-@pytest.mark.slow
-def test_no_two_scenes_are_the_same() -> None:
-    assert len({methods.find_case(name).fingerprint for name in methods.CASES}) == len(methods.CASES)
 
 
 @pytest.mark.slow
