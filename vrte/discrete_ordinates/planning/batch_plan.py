@@ -1,5 +1,6 @@
 """Small scenes that are lit and seen along the same directions, planned together: each as it would be by itself."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,9 +19,11 @@ from vrte.discrete_ordinates.orders.truncating import choose_truncation, has_unp
 from vrte.discrete_ordinates.planning.choice import (
     ONE_LAYER,
     THIN,
+    count_doubling_steps,
     count_operations_of_modes,
     count_operations_of_scatterings,
     is_for_scatterings,
+    predict_doubling_time,
 )
 from vrte.discrete_ordinates.planning.order_bounds import (
     DECAYS,
@@ -336,16 +339,27 @@ def choose_by_time(alike: Alike) -> dict[int, BoolArray]:
         return dict.fromkeys(range(1, 5), np.ones(alike.size, bool))
     thickness, layers = alike.thickness, alike.likeness.layers
     scatters = np.where(alike.albedo > 0.0, thickness, 0.0).sum(axis=1) >= THIN
-    steps = np.maximum(np.ceil(np.log2(thickness / alike.directions.min())), 0.0) + 2.0
+    steps = np.where(find_repeated(alike), 0.0, count_doubling_steps(thickness, float(alike.directions.min())))
     found = {}
     for stokes in range(1, 5):
-        a_step = cost.DOUBLING_AT_ONCE + stokes * alike.nodes.size / cost.DOUBLING_SIZE
-        ratio = (steps.sum(axis=1) * a_step + cost.JOINT * layers) / layers
+        ratio = predict_doubling_time(steps.sum(axis=1), stokes * alike.nodes.size, layers) / layers
         thick = thickness[:, 0] > ONE_LAYER * alike.nodes[0] if layers == 1 else np.zeros(alike.size, bool)
         found[stokes] = scatters & (thick | (ratio >= cost.WORTH_DOUBLING))
         if layers == 1 and alike.request.algorithm == "auto":
             found[stokes] &= [not is_partly_by_scatterings(alike, index, stokes) for index in range(alike.size)]
     return found
+
+
+def find_repeated(alike: Alike) -> BoolArray:
+    """Which layers are slabs like one above them, (scene, layer): these are doubled once (see `list_slabs`)."""
+    repeated = np.zeros(alike.albedo.shape, bool)
+    for one, other in itertools.combinations(range(alike.likeness.layers), 2):
+        same = [each[:, one] == each[:, other] for each in (alike.albedo, alike.terms)]
+        coefficients = (alike.coefficients[:, one] == alike.coefficients[:, other]).all(axis=(1, 2))
+        is_clear = (alike.albedo[:, [one, other]] == 0.0).all(axis=1)
+        equal = is_clear | (same[0] & same[1] & coefficients)
+        repeated[:, other] |= equal & (alike.thickness[:, one] == alike.thickness[:, other])
+    return repeated
 
 
 def is_partly_by_scatterings(alike: Alike, index: int, stokes: int) -> bool:

@@ -114,7 +114,9 @@ def choose_modes_or_doubling(problem: Problem) -> Choice:
         )
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
-    ratio = predict_doubling_time(problem) / problem.albedo.size
+    distinct, slabs = list_slabs(problem)
+    steps = count_doubling_steps(np.array(distinct), float(problem.directions.min())).sum()
+    ratio = float(predict_doubling_time(steps, problem.size, slabs)) / problem.albedo.size
     name = "doubling" if ratio < cost.WORTH_DOUBLING else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
 
@@ -182,12 +184,13 @@ def predict_iterations(strength: Array, accuracy: float) -> Array:
     return steps
 
 
-def predict_doubling_time(problem: Problem) -> float:
-    """Predicted time of an order, in units of one layer's modes."""
-    distinct, slabs = list_slabs(problem)
-    steepest = 1.0 / float(problem.directions.min())
-    steps = sum(
-        cost.STEPS_ENDLESS if math.isinf(thickness) else max(math.ceil(math.log2(thickness * steepest)), 0) + 2
-        for thickness in distinct
-    )
-    return steps * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * slabs
+def count_doubling_steps(thickness: Array, lowest: float) -> Array:
+    """Of slabs, (...): from a layer that is about as thick as the lowest cosine."""
+    steps: Array = np.maximum(np.ceil(np.log2(thickness / lowest)), 0.0) + 2.0
+    return np.where(np.isinf(thickness), cost.STEPS_ENDLESS, steps)
+
+
+def predict_doubling_time(steps: Array, size: int, slabs: int) -> Array:
+    """Predicted time of an order, in units of one layer's modes: of so many ``steps`` (...,) in all distinct slabs,
+    with ``size`` unknowns, and ``slabs`` that are joined."""
+    return steps * (cost.DOUBLING_AT_ONCE + size / cost.DOUBLING_SIZE) + cost.JOINT * slabs
