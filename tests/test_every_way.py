@@ -76,6 +76,7 @@ WAYS = {
     "doubling": Way(EXACT | {"algorithm": "doubling"}),
     "modes": Way(EXACT | {"algorithm": "modes"}),
     "by rule": Way(EXACT | {"accuracy": 1e-9}, 1e-10, lambda _, problem: not problem.scene.is_rough),
+    "by rule, rough": Way(EXACT | {"accuracy": 1e-9}, 1e-9, lambda _, problem: problem.scene.is_rough),
     "invariance": Way(
         EXACT | {"algorithm": "invariance", "accuracy": 1e-12}, 1e-11, lambda _, problem: not problem.ends, inside=False
     ),

@@ -23,7 +23,9 @@ SLOPES = {  # over alpha, where pieces of the integral meet
     "ggx": 2.0 ** np.arange(-1.0, 12.0),
 }
 UPRIGHT = 1e-8  # sine at which a cosine has lost all of its digits
-CLOSE = np.array([-0.1, -0.01, -1e-3, 0.0, 1e-3, 0.01, 0.1])  # [rad] to critical angles, where pieces meet
+CLOSE = 10.0 ** -np.arange(1.0, 4.1, 0.5)  # [rad] to critical angles, where pieces meet
+CLOSEST = 1e-8  # smallest accuracy for which the last two of them are not needed
+FINEST = 1e-9  # largest accuracy that integrals over facets reach for all light, also inside a plate
 
 
 def integrate_azimuths(
@@ -72,7 +74,7 @@ def gather_orders(
         upright = UPRIGHT / math.sqrt(surface.roughness * abs(surface.ratio.real - 1.0))
         mu_out = np.minimum(mu_out, math.sqrt(1.0 - upright * upright))
     found = np.zeros((n_order, mu_node.size, mu_out.size, 4, 4))
-    met = find_pieces(surface, transmitted, mu_out)
+    met = find_pieces(surface, transmitted, mu_out, accuracy)
     for index, panel, x_node in list_panels(nodes, surface.index_from):
         out, x, share = spread_points(panel, x_node, met, surface, transmitted, mu_out, points, reach)
         depth, rate = panel.spread(x)
@@ -107,7 +109,7 @@ def list_panels(nodes: RefractedNodes, index: float) -> Iterator[tuple[slice, Pa
             yield slice(first - missing, end - missing), panel, make_double_gauss(end - first)[0]
 
 
-def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Array:
+def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array, accuracy: float) -> Array:
     """n sin(theta) of the light that facets in the plane of incidence send into each direction, (out, tilt): facets of
     some slopes, and those where total reflection begins; -1 where there is none."""
     theta = np.arccos(mu_out)[:, None]
@@ -116,7 +118,9 @@ def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Arra
     ratio = surface.ratio.real
     if transmitted or surface.reflects_totally:
         edge = 0.5 * np.pi if transmitted and ratio < 1.0 else math.asin(min(ratio, 1.0 / ratio))
-        tilt = np.concatenate([tilt, edge + CLOSE - theta, -edge - CLOSE - theta], axis=1)
+        close = CLOSE if accuracy < CLOSEST else CLOSE[:-2]
+        close = np.concatenate([-close, [0.0], close])
+        tilt = np.concatenate([tilt, edge + close - theta, -edge - close - theta], axis=1)
     local = theta + tilt  # from the facet's normal to the outgoing direction
     if transmitted:
         bent = ratio * np.sin(local)

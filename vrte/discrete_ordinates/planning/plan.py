@@ -44,6 +44,7 @@ from vrte.discrete_ordinates.planning.order_bounds import (
     view_from_densest_medium,
 )
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
+from vrte.optics.facet_integrals import FINEST as FINEST_OF_FACETS
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.request.wanted import Wanted
@@ -191,6 +192,9 @@ class Plan:
     @property
     def notes(self) -> tuple[str, ...]:
         """What cannot be promised of the accuracy, a sentence each."""
+        if self.request.scene.is_rough and self.request.accuracy < FINEST_OF_FACETS:
+            rough = f"light of rough interfaces is right to {FINEST_OF_FACETS:g} of the largest I, no finer accuracy"
+            return (*self.choice.notes, rough)
         return self.choice.notes
 
     @property
