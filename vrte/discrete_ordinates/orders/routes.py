@@ -29,12 +29,7 @@ from vrte.discrete_ordinates.orders.storage import (
     count_doubles_of_modes,
     count_doubles_of_scatterings,
 )
-from vrte.discrete_ordinates.orders.tanh_poles import (
-    Faces,
-    find_fluxes,
-    find_kernels,
-    scatter_by_fractions,
-)
+from vrte.discrete_ordinates.orders.tanh_poles import find_fluxes, find_kernels, scatter_by_fractions
 from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy of the symmetric eigensolver on 16 nodes: ten times the largest error measured
@@ -142,7 +137,7 @@ class Invariance:
 
 
 class Scatterings:
-    """The same for a few beams, by successive scatterings (GMRES); at depths inside as well."""
+    """One slab over a black base, under a few beams, by successive scatterings (GMRES)."""
 
     name = "scatterings"
     allowed: ClassVar = {"residual_of_scatterings": 1e-9}
@@ -156,15 +151,10 @@ class Scatterings:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        faces = scatter_by_fractions(self.problem, orders, self.accuracy, run)
-        return collect_faces(self.problem, orders, faces, "residual_of_scatterings")
-
-
-def collect_faces(problem: Problem, orders: IntArray, faces: Faces, residual: str) -> Orders:
-    """What was found of one slab, residuals under their name."""
-    return Orders(
-        find_kernels(problem, faces), *find_fluxes(problem, orders, faces), {residual: faces.residual.max(axis=1)}
-    )
+        problem = self.problem
+        faces = scatter_by_fractions(problem, orders, self.accuracy, run)
+        residuals = {"residual_of_scatterings": faces.residual.max(axis=1)}
+        return Orders(find_kernels(problem, faces), *find_fluxes(problem, orders, faces), residuals)
 
 
 Route = Modes | Doubling | Invariance | Scatterings | Refracting | SingleInterface
@@ -208,9 +198,4 @@ def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[st
     return [*found, *([("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else [])]
 
 
-OTHER = {
-    "modes": "doubling",
-    "doubling": "modes",
-    "invariance": "doubling",
-    "scatterings": "modes",
-}
+OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling", "scatterings": "modes"}

@@ -1,5 +1,5 @@
-"""A slab over black ground by partial fractions, for phase matrices of few terms: of tanh light at its faces, of
-cosh(z x)/cosh(x) and sinh(z x)/cosh(x) light inside."""
+"""A slab over a black base by successive scatterings, for phase matrices of few terms: at its faces by a sum over the
+poles of tanh(x)/x, inside by sums of cosh(z x)/cosh(x) and sinh(z x)/cosh(x)."""
 
 import math
 from dataclasses import dataclass
@@ -167,25 +167,19 @@ def find_steepest(problem: Problem) -> float:
     return 0.5 * float(problem.thickness.max()) / float(problem.directions.min())
 
 
-def prepare_faces(problem: Problem, orders: IntArray, depths: int) -> tuple[Faces, IntArray]:
-    """Room for what is found, and info (order, scene)."""
+def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:
+    """Light of every layer, each a scene by itself. Raises AccuracyError where scatterings do not converge."""
+    depths = find_depths(problem)
+    depths = depths[np.abs(depths) < 1.0]
     shape, n_rhs = (orders.size, problem.albedo.size), problem.n_rhs
     faces = Faces(
         out=np.empty((*shape, 2, n_rhs, problem.rows_out)),
         on_nodes=np.empty((*shape, 2, n_rhs, problem.size)),
         residual=np.empty(shape),
-        out_inside=np.empty((*shape, depths, 2, n_rhs, problem.rows_out)),
-        on_nodes_inside=np.empty((*shape, depths, 2, n_rhs, problem.size)),
+        out_inside=np.empty((*shape, depths.size, 2, n_rhs, problem.rows_out)),
+        on_nodes_inside=np.empty((*shape, depths.size, 2, n_rhs, problem.size)),
     )
-    return faces, np.zeros(shape, np.int32)
-
-
-def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, run: Run) -> Faces:
-    """The same for a few beams, without matrices, and at levels inside. Raises AccuracyError where scatterings do not
-    converge."""
-    depths = find_depths(problem)
-    depths = depths[np.abs(depths) < 1.0]
-    faces, info = prepare_faces(problem, orders, depths.size)
+    info = np.zeros(shape, np.int32)
     if depths.size:
         tangent, inside = fit_depths(find_steepest(problem), depths)
     else:
@@ -202,12 +196,8 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
             constant=tangent.constant,
             inside=inside,
             tolerance=CONVERGED * accuracy,
-            out=faces.out,
-            on_nodes=faces.on_nodes,
-            out_inside=faces.out_inside,
-            on_nodes_inside=faces.on_nodes_inside,
-            residual=faces.residual,
             info=info,
+            **vars(faces),
         )
     if info.any():
         raise AccuracyError(f"scatterings of order {orders[np.argwhere(info)[0][0]]} do not converge")
