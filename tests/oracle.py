@@ -18,9 +18,8 @@ directions looked along (nodes of weight 0), beams. Shared with the package are 
 
 import itertools
 import math
-import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -31,7 +30,8 @@ import vrte
 from bench.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe
 from vrte.basics.quadrature import Panel, make_refracted_nodes
 
-BITS, BITS_OF_DERIVATIVES, MOST_BITS = 192, 256, 3072
+BITS, BITS_OF_DERIVATIVES, MOST_BITS = 192, 384, 3072
+STEP = arb(2) ** -100  # of numbers that derivatives are with, either way: what it leaves out is 1e-60 of a derivative
 RIGHT, FAINT = 1e-20, 1e-45  # radius of a ball, relative to the largest value of its array, or to this
 # optical thicknesses that stand for infinite: light decays at a rate of 1e-6 or more, or 1/thickness of it is left
 SEMI_INFINITE, SEMI_INFINITE_CONSERVATIVE = 2**34, 2**72
@@ -42,43 +42,6 @@ Level = tuple[int, float]
 
 class DoubtfulError(ArithmeticError):
     """The balls are too wide: the scene has no stable answer."""
-
-
-@dataclass(frozen=True, eq=False)
-class Jet:
-    """A number or a matrix in balls, and its derivative with the number that derivatives are asked for; None: zero."""
-
-    value: Any
-    change: Any = None
-
-    def __add__(self, other: "Jet") -> "Jet":
-        if self.change is None and other.change is None:
-            return Jet(self.value + other.value)
-        return Jet(self.value + other.value, self.changes + other.changes)
-
-    def __sub__(self, other: "Jet") -> "Jet":
-        return self + Jet(arb(-1)) * other
-
-    def __mul__(self, other: "Jet") -> "Jet":
-        if self.change is None and other.change is None:
-            return Jet(self.value * other.value)
-        return Jet(self.value * other.value, self.changes * other.value + self.value * other.changes)
-
-    def solve(self, other: "Jet") -> "Jet":
-        """X of self X = other."""
-        x = self.value.solve(other.value)
-        if self.change is None and other.change is None:
-            return Jet(x)
-        return Jet(x, self.value.solve(other.changes - self.changes * x))
-
-    @property
-    def changes(self) -> Any:
-        """The derivative, zero or not."""
-        return 0 * self.value if self.change is None else self.change
-
-    @property
-    def transposed(self) -> "Jet":
-        return Jet(self.value.transpose(), None if self.change is None else self.change.transpose())
 
 
 def unit(n: int) -> arb_mat:
@@ -124,12 +87,6 @@ def wigner(m: int, k: int, terms: int, mu: arb) -> list[arb]:
             after = ((2 * l + 1) * (l * (l + 1) * mu - m * k) * now - lower * before) / upper
         before, now = now, after
     return values
-
-
-def expand(row: Iterable[float]) -> arb_mat:
-    """B_l of (1:9)."""
-    a1, a2, a3, a4, b1, b2 = map(arb, map(float, row))
-    return arb_mat([[a1, -b1, 0, 0], [-b1, a2, 0, 0], [0, 0, a3, -b2], [0, 0, b2, a4]])
 
 
 def find_functions(m: int, terms: int, mu: arb) -> list[arb_mat]:
@@ -184,14 +141,16 @@ class Medium:
 @dataclass(frozen=True, eq=False)
 class Order:
     """One Fourier order of a scene on nodes, directions looked along (index of the medium, cosine there) and beams: the
-    operators of its parts, (4 direction, 4 direction) each, act on radiance, and on flux across of beams."""
+    operators of its parts, (4 direction, 4 direction) each, act on radiance, and on flux across of beams. The number of
+    the scene that is called ``moved`` is larger by ``step``."""
 
     scene: vrte.Scene
     mu0: tuple[float, ...]
     seen: tuple[tuple[float, float], ...]
     count: int
     m: int
-    derivative: str | None
+    moved: str | None = None
+    step: arb = field(default_factory=arb)
     known: dict[Any, Any] = field(default_factory=dict)
 
     @cached_property
@@ -241,10 +200,14 @@ class Order:
             put(found, 4 * i, 4 * j, block)
         return found
 
-    def is_changed(self, k: int, name: str) -> bool:
-        """Whether derivatives are with a number of that layer whose name begins so."""
+    def find_number(self, name: str, value: float) -> arb:
+        """A number of the scene, by its name."""
+        return arb(value) + self.step if name == self.moved else arb(value)
+
+    def find_name(self, k: int, name: str = "") -> str:
+        """The name of a number of layer k, or how all of them begin."""
         index = self.scene.places[k]
-        return index is not None and (self.derivative or "").startswith(f"layer[{index + 1}].{name}")
+        return "nothing" if index is None else f"layer[{index + 1}].{name}"
 
     def find_functions(self, medium: Medium, terms: int) -> dict[int, list[arb_mat]]:
         """P_l^m of each direction for multiple scattering: on nodes of several media the intensity's p_l of order 0
@@ -260,70 +223,72 @@ class Order:
                 functions[l][0, 0] -= means[l] / total
         return found
 
-    def scatter(self, k: int) -> list[Jet]:
+    def expand(self, k: int, l: int) -> arb_mat:
+        """B_l of layer k, (1:9)."""
+        row = zip(NAMES, self.scene.layers[k].phase_matrix.coefficients[l].tolist(), strict=True)
+        numbers = (self.find_number(self.find_name(k, f"coefficients[{l}].{name}"), value) for name, value in row)
+        a1, a2, a3, a4, b1, b2 = numbers
+        return arb_mat([[a1, -b1, 0, 0], [-b1, a2, 0, 0], [0, 0, a3, -b2], [0, 0, b2, a4]])
+
+    def scatter(self, k: int) -> list[arb_mat]:
         """A^m(mu, mu') and A^m(mu, -mu') D, (1:9), times weights of mu', over mu."""
-        medium = self.find_medium(self.scene.indices[k])
-        table = self.scene.layers[k].phase_matrix.coefficients
-        tables = [table]
-        if self.is_changed(k, "coefficients"):
-            degree, column = re.fullmatch(r".*\[(\d+)\]\.(..)", self.derivative).groups()
-            tables.append((np.arange(len(table)) == int(degree))[:, None] * (np.array(NAMES) == column))
-        many = min(len(table), self.count if len({*self.scene.media}) > 1 else 2 * self.count)
-        once = {i: find_functions(self.m, len(table), medium.mu[i]) for i in (*medium.seen, *medium.beams)}
+        medium, terms = self.find_medium(self.scene.indices[k]), self.scene.layers[k].phase_matrix.terms
+        many = min(terms, self.count if len({*self.scene.media}) > 1 else 2 * self.count)
+        once = {i: find_functions(self.m, terms, medium.mu[i]) for i in (*medium.seen, *medium.beams)}
         parts = (
             ((*medium.nodes, *medium.seen), (*medium.nodes, *medium.beams), self.find_functions(medium, many)),
             (medium.seen, medium.beams, once),  # a beam's first scattering has all terms
         )
         found = []
         for sign in (1, -1):
-            blocks: list[dict[tuple[int, int], arb_mat]] = [{} for _ in tables]
+            blocks: dict[tuple[int, int], arb_mat] = {}
             for to, of, functions in parts:
                 degrees = len(functions[to[0]]) if to else 0
-                right = arb_mat(4 * degrees, 4 * len(of))
+                left, right = arb_mat(4 * len(to), 4 * degrees), arb_mat(4 * degrees, 4 * len(of))
                 for b, l in itertools.product(range(len(of)), range(degrees)):
                     p = functions[of[b]][l]  # P_l^m(-u) = (-1)^(l - m) D P_l^m(u) D
                     put(right, 4 * l, 4 * b, p if sign > 0 else (-1) ** l * flip(p))
-                for values, into in zip(tables, blocks, strict=True):
-                    left = arb_mat(4 * len(to), 4 * degrees)
-                    for a, l in itertools.product(range(len(to)), range(degrees)):
-                        put(left, 4 * a, 4 * l, functions[to[a]][l] * expand(values[self.m + l]))
-                    product = left * right
-                    for (a, i), (b, j) in itertools.product(enumerate(to), enumerate(of)):
-                        block = arb_mat([[product[4 * a + s, 4 * b + t] for t in range(4)] for s in range(4)])
-                        into[i, j] = medium.weights[j] / medium.mu[i] * block
-            found.append(Jet(*map(self.assemble, blocks)))
+                for l in range(degrees):
+                    middle = self.expand(k, self.m + l)
+                    for a in range(len(to)):
+                        put(left, 4 * a, 4 * l, functions[to[a]][l] * middle)
+                product = left * right
+                for (a, i), (b, j) in itertools.product(enumerate(to), enumerate(of)):
+                    block = arb_mat([[product[4 * a + s, 4 * b + t] for t in range(4)] for s in range(4)])
+                    blocks[i, j] = medium.weights[j] / medium.mu[i] * block
+            found.append(self.assemble(blocks))
         return found
 
-    def generate(self, k: int) -> tuple[Jet, Jet]:
+    def generate(self, k: int) -> tuple[arb_mat, arb_mat]:
         """E, F = alpha +- beta of I+' = alpha I+ + beta I~, I~' = -beta I+ - alpha I~ in a layer."""
-        half = Jet(arb(self.scene.layers[k].albedo) / 2, arb(1) / 2 if self.is_changed(k, "albedo") else None)
+        half = self.find_number(self.find_name(k, "albedo"), self.scene.layers[k].albedo) / 2
         same, other = (half * part for part in self.scatter(k))
         mu = self.find_medium(self.scene.indices[k]).mu
         rates = self.assemble({(i, i): 1 / mu[i] * unit(4) for i in range(self.size) if mu[i] is not None})
-        return same + other - Jet(rates), same - other - Jet(rates)
+        return same + other - rates, same - other - rates
 
-    def find_slab(self, k: int, thickness: Jet) -> list[Jet]:
+    def find_slab(self, k: int, thickness: arb) -> list[arb_mat]:
         """R, T, R, T of a homogeneous slab: a power series, then doublings. Equal ones are worked out once."""
-        layer = self.scene.layers[k]
-        kind = ("layer", k) if self.is_changed(k, "") else (layer.phase_matrix, layer.albedo, self.scene.indices[k])
-        key = kind, thickness.value.str(90)
+        layer, is_moved = self.scene.layers[k], (self.moved or "").startswith(self.find_name(k))
+        kind = ("layer", k) if is_moved else (layer.phase_matrix, layer.albedo, self.scene.indices[k])
+        key = kind, thickness.str(90)
         if key in self.known:
             return self.known[key]
         if kind not in self.known:
             self.known[kind] = self.generate(k)
         e, f = self.known[kind]
-        steepest = math.sqrt(find_norm(e.value) * find_norm(f.value))
-        doublings = max(0, math.ceil(math.log2(2.0 * float(thickness.value.mid()) * steepest)))
-        h = Jet(1 / arb(2) ** (doublings + 1)) * thickness
+        steepest = math.sqrt(find_norm(e) * find_norm(f))
+        doublings = max(0, math.ceil(math.log2(2.0 * float(thickness.mid()) * steepest)))
+        h = thickness / arb(2) ** (doublings + 1)
         even, odd = find_response(e, f, h), find_response(f, e, h)
-        R, T = Jet(arb(1) / 2) * (even - odd), Jet(arb(1) / 2) * (even + odd)
+        R, T = (even - odd) / 2, (even + odd) / 2
         for _ in range(doublings):
-            inner = (Jet(unit(4 * self.size)) - R * R).solve(T)
+            inner = (unit(4 * self.size) - R * R).solve(T)
             R, T = R + T * (R * inner), T * inner
         self.known[key] = [R, T, R, T]
         return self.known[key]
 
-    def find_interface(self, above: float, below: float) -> list[Jet]:
+    def find_interface(self, above: float, below: float) -> list[arb_mat]:
         """R and T from above, R and T from below, of a smooth interface."""
         found, first_beam = [], self.size - len(self.mu0)
         for n, behind in ((above, below), (below, above)):
@@ -334,19 +299,19 @@ class Order:
                     back[i, i] = flip(reflected)
                     if there is not None:  # n^-2 radiance stays
                         through[i, i] = (mu / there if i >= first_beam else (arb(behind) / arb(n)) ** 2) * sent_on
-            found += [Jet(self.assemble(back)), Jet(self.assemble(through))]
+            found += [self.assemble(back), self.assemble(through)]
         return found
 
-    def find_base(self) -> Jet:
+    def find_base(self) -> arb_mat:
         """R of what lies below, of light that falls on it."""
         base, n, medium = self.scene.base, self.scene.index_below, self.find_medium(self.scene.index_below)
         blocks: dict[tuple[int, int], arb_mat] = {}
         if base is None or math.isinf(self.scene.thickness):
-            return Jet(self.assemble({}))
+            return self.assemble({})
         if isinstance(base, vrte.Mirror):
             for i in (*medium.nodes, *medium.seen, *medium.beams):
                 blocks[i, i] = flip(reflect_fresnel(medium.mu[i], base.index, n)[0])
-            return Jet(self.assemble(blocks))
+            return self.assemble(blocks)
         is_lobe = getattr(base, "function", None) is evaluate_mueller_lobe
         assert is_lobe or isinstance(base, vrte.Lambertian)
         white, alone = sum((2 * medium.weights[i] * medium.mu[i] for i in medium.nodes), arb(0)), arb_mat(4, 4)
@@ -356,72 +321,61 @@ class Order:
             by_nodes = not is_lobe and (i in medium.nodes or j in medium.nodes)  # white sends all back on nodes, too
             blocks[i, j] = medium.weights[j] * medium.mu[j] / (white if by_nodes else 1) * block
         found = self.assemble(blocks)
-        return (
-            Jet(found)
-            if is_lobe
-            else Jet(arb(base.albedo), arb(1) if self.derivative == "base.albedo" else None) * Jet(found)
-        )
+        return found if is_lobe else self.find_number("base.albedo", base.albedo) * found
 
-    def list_parts(self, levels: Sequence[Level]) -> tuple[list[list[Jet]], dict[Level, int]]:
+    def list_parts(self, levels: Sequence[Level]) -> tuple[list[list[arb_mat]], dict[Level, int]]:
         """R, T, R, T of all that light meets above the base, top first, and between which of them each level is."""
         scene, parts, index = self.scene, [], {(-1, 0.0): 0}
         for k, layer in enumerate(scene.layers):
             if scene.interfaces[k] is not None:
                 parts.append(self.find_interface(*scene.media[k : k + 2]))
             most = SEMI_INFINITE_CONSERVATIVE if layer.albedo == 1.0 and self.m == 0 else SEMI_INFINITE
-            end = Jet(arb(min(layer.thickness, most)), arb(1) if self.is_changed(k, "thickness") else None)
-            depth = Jet(arb(0))
+            end, depth = self.find_number(self.find_name(k, "thickness"), min(layer.thickness, most)), arb(0)
             for level in (*sorted({d for at, d in levels if at == k}), None):
-                below = end if level in (None, layer.thickness) else Jet(arb(level))
-                if (below - depth).value > 0:
+                below = end if level in (None, layer.thickness) else arb(level)
+                if below - depth > 0:
                     parts.append(self.find_slab(k, below - depth))
                 depth, index[k, level] = below, len(parts)
         if scene.interfaces[-1] is not None:
             parts.append(self.find_interface(*scene.media[-2:]))
         return parts, index | {(len(scene.layers), 0.0): len(parts)}
 
-    def find_fields(self, levels: Sequence[Level]) -> list[tuple[Jet, Jet]]:
+    def find_fields(self, levels: Sequence[Level]) -> list[tuple[arb_mat, arb_mat]]:
         """Light of all beams down and up at each level, (4 direction, 4 beam)."""
         parts, index = self.list_parts(levels)
         reflected, passing = [self.find_base()], []
         for Ra, Ta, Rb, Tb in reversed(parts):
-            passing.append((Jet(unit(4 * self.size)) - Rb * reflected[-1]).solve(Ta))
+            passing.append((unit(4 * self.size) - Rb * reflected[-1]).solve(Ta))
             reflected.append(Ra + Tb * (reflected[-1] * passing[-1]))
         beams = arb_mat(4 * self.size, 4 * len(self.mu0))
         put(beams, 4 * (self.size - len(self.mu0)), 0, unit(4 * len(self.mu0)))
-        down = [Jet(beams)]
+        down = [beams]
         for through in reversed(passing):
             down.append(through * down[-1])
         fields = [(light, back * light) for light, back in zip(down, reversed(reflected), strict=True)]
         return [fields[index[level]] for level in levels]
 
 
-def find_response(e: Jet, f: Jet, h: Jet) -> Jet:
+def find_response(e: arb_mat, f: arb_mat, h: arb) -> arb_mat:
     """From light into a slab of thickness 2 h, the same from both sides, to light out of it: (C + h E S) (C - h E S)^-1
     with C = cosh(h sqrt(F E)) and S = sinh(h sqrt(F E))/(h sqrt(F E)). With E and F swapped, the negative of opposite
     light from both sides."""
     z, terms = h * h * (f * e), 4
-    size, powers = find_norm(z.value), [Jet(unit(z.value.nrows())), z, z * z, z * (z * z)]
+    size, powers = find_norm(z), [unit(z.nrows()), z, z * z, z * (z * z)]
     while size**terms / math.factorial(2 * terms) > 2.0 ** -(ctx.prec + 8):
         terms += 4
     assert size < 0.5
+    blur = arb_mat([[arb(0, arb(2) ** -ctx.prec)] * z.ncols()] * z.nrows())  # what lies beyond the last term
     whole, found = powers[2] * powers[2], []
     for odd in (0, 1):
-        total = Jet(arb(0)) * powers[0]
+        total = 0 * z
         for first in range(terms - 4, -1, -4):
-            parts = (Jet(1 / arb(math.factorial(2 * (first + j) + odd))) * power for j, power in enumerate(powers))
+            parts = (1 / arb(math.factorial(2 * (first + j) + odd)) * power for j, power in enumerate(powers))
             total = sum(parts, total * whole)
-        found.append(widen(total, z))
+        found.append(total + blur)
     C, S = found
     s = h * (e * S)
-    return (C - s).transposed.solve((C + s).transposed).transposed
-
-
-def widen(series: Jet, z: Jet) -> Jet:
-    """Balls that hold what lies beyond the last term: 2^-bits, and in derivatives as many times as z changes."""
-    ball = arb(0, arb(2) ** -ctx.prec)
-    blur = arb_mat([[ball] * series.value.ncols()] * series.value.nrows())
-    return series + Jet(blur, None if z.change is None else (arb(find_norm(z.change)) + 1) * blur)
+    return (C - s).transpose().solve((C + s).transpose()).transpose()
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,22 +412,28 @@ def solve(
     while True:
         try:
             with ctx.workprec(bits):
-                asked = Order(scene, tuple(map(float, mu0)), seen, nodes, order, derivative)
-                return collect(asked, mu, media, asked.find_fields(levels))
+                asked = Order(scene, tuple(map(float, mu0)), seen, nodes, order)
+                if derivative is None:
+                    return collect(asked, mu, media, asked.find_fields(levels))
+                ahead, behind = (
+                    replace(asked, moved=derivative, step=step, known={}).find_fields(levels) for step in (STEP, -STEP)
+                )
+                pairs = (zip(*each, strict=True) for each in zip(ahead, behind, strict=True))
+                slopes = [tuple((more - less) / (2 * STEP) for more, less in pair) for pair in pairs]
+                return collect(asked, mu, media, slopes)
         except (DoubtfulError, ZeroDivisionError):
             if bits >= MOST_BITS:
                 raise DoubtfulError("even wide balls leave the answer open") from None
         bits *= 2
 
 
-def collect(asked: Order, mu: Sequence[float], media: Sequence[float], fields: list[tuple[Jet, Jet]]) -> Light:
+def collect(asked: Order, mu: Sequence[float], media: Sequence[float], fields: Sequence[Any]) -> Light:
     """Radiance, beams and fluxes of the fields at levels that lie in these media."""
     count, indices = len(asked.mu0), range(len(asked.mu0))
     radiance, beams, fluxes, cosines = [], [], [], []
     for n, both in zip(media, fields, strict=True):
         medium = asked.find_medium(n)
-        matrices = (light.value if asked.derivative is None else light.changes for light in both)
-        blocks = (np.array(one.tolist(), dtype=object).reshape(asked.size, 4, count, 4) for one in matrices)
+        blocks = (np.array(one.tolist(), dtype=object).reshape(asked.size, 4, count, 4) for one in both)
         down, up = (block.swapaxes(1, 2) for block in blocks)  # (direction, beam, 4, 4)
         up = up * np.array(FLIP)[:, None]
         rows = [len(asked.nodes) + asked.seen.index((n, abs(float(u)))) for u in mu]
