@@ -87,7 +87,7 @@ ORDINATES = list_faults(
      "modes that do not solve their equation are taken", "discrete_ordinates"),
     ("radiance-index", "discrete_ordinates/execution/through_interfaces.py",
      "vertex.escapes[level, rows] * sights.index[level] ** 2", "vertex.escapes[level, rows] * sights.index[level]",
-     "radiance over index^2 is what a ray keeps", "interfaces rough"),
+     "radiance over index^2 is what a ray keeps", "every_way"),
     ("small-angle", "discrete_ordinates/orders/small_angle.py",
      "(1.0 - layer.albedo * f) * mu0", "(1.0 + layer.albedo * f) * mu0",
      "sign in the depth of layers without their forward peak", "truncation"),
