@@ -55,7 +55,6 @@ WORTH_DOUBLING = 0.7  # doubling is taken below this predicted time over that of
 
 # sizes above which a measure pays that takes about a millisecond
 WORTH_STAGES = 5e6  # cubes of unknowns: between Fourier orders, the number of orders left is found again
-WORTH_A_BLOCK = 4e4  # cubes of unknowns: a further block of Fourier orders is begun
 WORTH_THREADS_BOUNDS = 1e6  # spherical functions: bounds of the orders by several threads
 WORTH_THREADS_STAGES = 1e5  # multiplications in products of matrices: all stages by several threads
 WORTH_A_JOB = 1e6  # multiplications in products of matrices: in the Fourier orders that a thread takes at a time

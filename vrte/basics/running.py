@@ -98,9 +98,7 @@ def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
 
 def _run_in_thread(run: Run, call: Callable[[], Result]) -> Result:
     box: dict[str, Any] = {}
-    done = (
-        threading.Event()
-    )  # not Thread.join: interrupted, it takes a running thread for a finished one (CPython 3.11)
+    done = threading.Event()  # Thread.join, interrupted, takes a running thread for a finished one (CPython 3.11)
 
     def work() -> None:
         try:
@@ -124,8 +122,7 @@ def _run_in_thread(run: Run, call: Callable[[], Result]) -> Result:
         raise
     if "error" in box:
         raise box["error"]
-    result: Result = box["result"]
-    return result
+    return box["result"]
 
 
 def is_left_working() -> bool:

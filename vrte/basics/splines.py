@@ -51,8 +51,7 @@ def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
     """The weight (points, n) of each value on a grid (n,) at the points; one polynomial goes through all values where
     they are no more than its degree needs."""
     coefficients = compute_coefficients((grid,), np.eye(grid.size), degree)
-    found: Array = make_spline_matrix((grid,), (points,), degree) @ coefficients
-    return found
+    return make_spline_matrix((grid,), (points,), degree) @ coefficients
 
 
 def choose_degree(grid: Array, degree: int) -> int:
@@ -110,12 +109,10 @@ def extend_over_horizon(s: Array, values: Array, axis: int = 0, margin: int = MA
 def stretch_cosines(mu: Array) -> Array:
     """s from 0 at the normal to 1 at the horizon, theta = 90 degrees sin(pi s/2): as good as theta at the normal, as
     the root of the cosine at the horizon."""
-    found: Array = np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
-    return found
+    return np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
 
 
 def make_cosines(count: int) -> Array:
     """So many cosines (count,), descending, evenly spaced in s of `stretch_cosines`, half a step from both its ends."""
     middles = (np.arange(count) + 0.5) / count
-    found: Array = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))
-    return found
+    return np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))

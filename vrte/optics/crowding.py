@@ -50,32 +50,16 @@ class IndependentScatteringWarning(PackingWarning):
     """The particles are so close that they no longer scatter independently of each other."""
 
 
-def check_hard_spheres(particles: Particles, volume_fraction: float) -> None:
-    """Warns above an |m - 1| of 0.35. Raises SceneError above random close packing."""
-    if volume_fraction > RANDOM_CLOSE_PACKING:
-        words = f'at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}'
-        raise SceneError.of("layer: volume_fraction", f"must be {words}: hard spheres fill no more at random")
-    if particles.balls:
-        contrast = float(np.abs(np.sqrt(list_sizes(particles.balls)[2]) / particles.balls[0][0].host - 1.0).max())
-        if contrast > SOFT:
-            _warn(
-                f'packing="{PERCUS_YEVICK}" is meant for spheres of nearly their host\'s index: |m - 1| is '
-                f'{contrast:.2g} here, and up to {SOFT} allowed; packing="{COHERENT_POTENTIAL}" takes more'
-            )
+def find_contrast(kinds: Kinds) -> float:
+    """The largest |m - 1| of spheres, m their index relative to the host."""
+    return float(np.abs(np.sqrt(list_sizes(kinds)[2]) / kinds[0][0].host - 1.0).max())
 
 
-def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
-    """Warns where the phase shift 2 k r |m - 1| is above 3 for the mean sphere."""
-    if particles.balls:
-        radii, weights, permittivities = list_sizes(particles.balls)
-        ball = particles.balls[0][0]
-        contrast = np.abs(np.sqrt(permittivities) / ball.host - 1.0)
-        shift = 2.0 * ball.wavenumber * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
-        if shift > SHIFTED:
-            _warn(
-                f'packing="{EFFECTIVE_MEDIUM}" is for small spheres: the phase shift 2 k r |m - 1| is {shift:.3g} '
-                f'here, and up to {SHIFTED:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
-            )
+def find_phase_shift(kinds: Kinds) -> float:
+    """The phase shift 2 k r |m - 1| of the mean sphere."""
+    radii, weights, permittivities = list_sizes(kinds)
+    contrast = np.abs(np.sqrt(permittivities) / kinds[0][0].host - 1.0)
+    return 2.0 * kinds[0][0].wavenumber * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
 
 
 def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Particles:
@@ -157,12 +141,16 @@ def scatter_in_medium(
 
 class Packing(NamedTuple):
     """A model of crowding: its ``words``; the volume fraction above which it warns; particles at a volume fraction as
-    they scatter there; what else it refuses or warns of."""
+    they scatter there; what spheres it is ``meant`` for, by a number of them and the most that it may be; the largest
+    volume fraction that there is."""
 
     words: str
     up_to: float
     scatter: Callable[[Particles, float], Particles]
-    check: Callable[[Particles, float], None] = lambda particles, volume_fraction: None
+    meant: str = ""
+    find: Callable[[Kinds], float] = lambda kinds: 0.0
+    most: float = math.inf
+    densest: float = 1.0
 
 
 PACKINGS: dict[str, Packing] = {
@@ -171,13 +159,18 @@ PACKINGS: dict[str, Packing] = {
         "hard spheres whose light interferes (Percus-Yevick): nearly the host's index, up to 30 %",
         CROWDED_UP_TO,
         scatter_as_hard_spheres,
-        check_hard_spheres,
+        "meant for spheres of nearly their host's index: |m - 1|",
+        find_contrast,
+        SOFT,
+        RANDOM_CLOSE_PACKING,
     ),
     EFFECTIVE_MEDIUM: Packing(
         "alone in a medium of an effective index (Maxwell Garnett): much smaller than the wavelength, up to 30 %",
         CROWDED_UP_TO,
         partial(scatter_in_medium, find_index=find_maxwell_garnett_index),
-        check_effective_medium,
+        "for small spheres: the phase shift 2 k r |m - 1|",
+        find_phase_shift,
+        SHIFTED,
     ),
     COHERENT_POTENTIAL: Packing(
         "alone in a medium in which they do not change the phase of light (coherent potential): any index, up to 30 %",
@@ -206,7 +199,12 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
     if needed:
         raise SceneError(f'layer: packing="{packing}" needs {needed}', "packing")
     model = PACKINGS[packing]
-    model.check(particles, volume_fraction)
+    if volume_fraction > model.densest:
+        words = f'at most {model.densest} for packing="{packing}", not {volume_fraction:g}'
+        raise SceneError.of("layer: volume_fraction", f"must be {words}: hard spheres fill no more at random")
+    if particles.balls and (found := model.find(particles.balls)) > model.most:
+        more = f'up to {model.most:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
+        _warn(f'packing="{packing}" is {model.meant} is {found:.3g} here, and {more}')
     if volume_fraction > model.up_to:
         said = f"a volume_fraction of {volume_fraction:g} is above {model.up_to}"
         if packing == INDEPENDENT:

@@ -84,8 +84,7 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
         reflected, through = share_once(lit, cosines)
         lost = np.array([1.0, 0.0]) - reflected - through
     lost[:, 0] = np.maximum(lost[:, 0], 0.0)  # of I: integrals may miss that where it is next to nothing
-    found: Array = lost[index].reshape(*np.shape(mu), 2)
-    return found
+    return lost[index].reshape(*np.shape(mu), 2)
 
 
 @lru_cache(maxsize=64)

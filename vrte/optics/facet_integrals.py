@@ -180,5 +180,4 @@ def interpolate_nodes(x_node: Array, x: Array) -> Array:
     barycentric = np.sqrt(weight * x_node * (1.0 - x_node)) * (-1.0) ** np.arange(x_node.size)
     difference = x[:, None] - x_node
     share = barycentric / np.where(difference == 0.0, 1e-30, difference)
-    found: Array = share / share.sum(axis=1, keepdims=True)
-    return found
+    return share / share.sum(axis=1, keepdims=True)

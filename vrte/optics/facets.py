@@ -120,8 +120,7 @@ def shade_facets(roughness: float, distribution: str, mu: Any) -> Array:
         hidden = 0.5 * (np.exp(-(slope**2)) / (slope * np.sqrt(np.pi)) - erfc(slope))
     else:
         hidden = 0.5 / (slope**2 * (1.0 + np.sqrt(1.0 + slope**-2)))
-    found: Array = 1.0 / (1.0 + hidden)
-    return found
+    return 1.0 / (1.0 + hidden)
 
 
 class FacetGeometry:
@@ -142,13 +141,11 @@ class FacetGeometry:
 
     def turn(self, mueller: Array) -> Array:
         """From frames of the plane of incidence to meridian planes."""
-        found: Array = self.rotations[1].swapaxes(-1, -2) @ mueller @ self.rotations[0]
-        return found
+        return self.rotations[1].swapaxes(-1, -2) @ mueller @ self.rotations[0]
 
     def turn_back(self, mueller: Array) -> Array:
         """From meridian planes to frames of the plane of incidence: also the transpose of `turn`."""
-        found: Array = self.rotations[1] @ mueller @ self.rotations[0].swapaxes(-1, -2)
-        return found
+        return self.rotations[1] @ mueller @ self.rotations[0].swapaxes(-1, -2)
 
     @cached_property
     def rotations(self) -> tuple[Array, Array]:

@@ -67,8 +67,7 @@ def average_population(ball: Any) -> tuple[Population, int, float]:
 
     largest = ball.wavenumber * ball.read_quadrature(2, 6)[0][-1]
     moment = 6 if largest <= ALL_SIZES_UP_TO else 4
-    averaged: tuple[Population, int, float] = ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
-    return averaged
+    return ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
 
 
 def sum_bulk(population: Population) -> Array:

@@ -169,8 +169,7 @@ class Tabulated:
             check_number("tabulated: radius_um", float(end), *LENGTH)
         if (density < 0.0).any() or not density.any():
             raise SceneError.of("tabulated: density", "must be >= 0 everywhere and not zero everywhere")
-        object.__setattr__(self, "radius_um", radii)
-        object.__setattr__(self, "density", density)
+        vars(self).update(radius_um=radii, density=density)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Radii [um] (n,) and their number shares (n,), by the trapezoidal rule, each stretch of the table in 2^k equal
@@ -189,8 +188,8 @@ class Tabulated:
         return f"Tabulated({radii.size} radii from {radii[0]:g} to {radii[-1]:g} um)"
 
     def __setstate__(self, state: dict[str, Array]) -> None:
-        for name, values in state.items():
-            object.__setattr__(self, name, freeze_copy(values))  # pickle forgets that an array is read-only
+        # pickle forgets that an array is read-only
+        vars(self).update({name: freeze_copy(values) for name, values in state.items()})
 
 
 @dataclass(eq=False)

@@ -94,8 +94,7 @@ class Ball(ParticleKind):
         """a_n and b_n, and their derivatives with each argument, (1 + arguments, 2, orders)."""
         find: Any = sphere_slopes if len(self.substances) == 1 else coated_sphere_slopes
         sizes = self.list_sizes(radius_um)
-        found: Complex = find(*map(complex, self.relative_indices), *sizes, count_orders(sizes[-1]))
-        return found
+        return find(*map(complex, self.relative_indices), *sizes, count_orders(sizes[-1]))
 
     def find_permittivity(self, radius_um: float) -> complex:
         """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius [um]. Source:

@@ -278,8 +278,7 @@ def multiply_fields(same: Complex, turned: Complex, shares: Array) -> Array:
     def correlate(first: Complex, second: Complex, total: int) -> Complex:
         """Mean over beta of the sum over M of G^M and the conjugate of G^(total - M), whose s and t are opposite."""
         there = slice(max(0, total), min(2 * orders, 2 * orders + total) + 1)
-        mean: Complex = shares @ (first[there] * second[there][::-1].conj()).sum(axis=0)
-        return mean
+        return shares @ (first[there] * second[there][::-1].conj()).sum(axis=0)
 
     kept = shares @ (np.abs(same) ** 2).sum(axis=0)
     changed = shares @ (np.abs(turned) ** 2).sum(axis=0)

@@ -26,6 +26,7 @@ INTERVALS = 16  # of a piece, halved for the error: points at its ends, where no
 CROSSING = np.kron([[0.0, -1.0], [1.0, 0.0]], np.ones((2, 2)))  # sign of sin(m phi) in R^m, 0 where it is cos, (1:6)
 
 Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
+Orders = tuple[Array, int]  # R^m (order, in, out, S, S), and the most azimuths that a pair of directions took
 Sample = Callable[[Array, Array, Array], Array]  # f (..., S, S) of mu_i, mu_o, phi_deg that broadcast
 
 
@@ -33,14 +34,14 @@ class ConvergenceError(AccuracyError):
     """Fourier integrals that do not converge: what was found of them, R^m with the most azimuths it took, and how many
     times further off it may be than is allowed."""
 
-    def __init__(self, message: str, found: tuple[Array, int], excess: float) -> None:
+    def __init__(self, message: str, found: Orders, excess: float) -> None:
         super().__init__(message)
         self.found, self.excess = found, excess
 
 
 def integrate_orders(
     sample: Sample, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-) -> tuple[Array, int]:
+) -> Orders:
     """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair:
     twice as many until they change a pair by no more than it may be off; where that hardly helps f is not smooth, and
     integrated in pieces. Raises ConvergenceError where MOST_SAMPLES are too few."""

@@ -22,8 +22,7 @@ def find_coherency(mueller: Array) -> NDArray[np.complex128]:
     """H = sum_ij f_ij (sigma_i x sigma_j^*)/4 of Mueller matrices (..., 4, 4), whose eigenvalues are >= 0 for mixtures
     of Jones matrices: (..., 4, 4). Source: Cloude, Optik 75, 26 (1986)."""
     products = 0.25 * np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4)
-    found: NDArray[np.complex128] = np.einsum("...ij,ijab->...ab", mueller, products)
-    return found
+    return np.einsum("...ij,ijab->...ab", mueller, products)
 
 
 def check_physical(f: Array, mu_i: Array, mu_o: Array, phi_deg: Array) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from vrte.basics.arrays import Array, BoolArray, check_number, check_numbers, check_vector, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.optics.facets import RoughSurface
-from vrte.scene.azimuths import Allowed, integrate_orders, make_azimuth_rule
+from vrte.scene.azimuths import Allowed, Orders, integrate_orders, make_azimuth_rule
 from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, check_physical, make_exit_rule
 
 
@@ -86,9 +86,7 @@ class Boundary:
         travel, broadcast with each other."""
         return np.zeros((1, 1))
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         """Fourier orders R^m (order, n_in, n_out, 4, 4) of the reflection of diffuse light, (1:35), and how many
         azimuths they took: for the ``pairs`` (n_in, n_out) of positive cosines, up to ``n_order`` orders, the others
         being dark; ``allowed`` says how far each may be off, of the size of the light that is reflected."""
@@ -135,9 +133,7 @@ class Lambertian(Boundary):
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
         return np.array([[self.albedo / np.pi]])
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         orders = np.zeros((1, mu_i.size, mu_o.size, 4, 4))
         orders[..., 0, 0] = 2.0 * self.albedo
         return orders, 0
@@ -152,14 +148,12 @@ class WeightedBase(Boundary):
     def __post_init__(self) -> None:
         members = [part for _, part in self.parts]
         media = [part.index_above for part in members if part.index_above is not None]
-        settled = {
-            "orders_reflected": max(part.orders_reflected for part in members),
-            "mixes_stokes": any(part.mixes_stokes for part in members),
-            "keeps_beams": any(part.keeps_beams for part in members),
-            "index_above": media[0] if media else None,
-        }
-        for name, value in settled.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            orders_reflected=max(part.orders_reflected for part in members),
+            mixes_stokes=any(part.mixes_stokes for part in members),
+            keeps_beams=any(part.keeps_beams for part in members),
+            index_above=media[0] if media else None,
+        )
 
     @property
     def even_albedo(self) -> float:
@@ -174,9 +168,7 @@ class WeightedBase(Boundary):
             total[..., : one.shape[-1], : one.shape[-1]] += one
         return total
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         found = [part.reflect_orders(mu_i, mu_o, pairs, n_order, allowed) for _, part in self.parts]
         total = np.zeros((max(len(orders) for orders, _ in found), mu_i.size, mu_o.size, 4, 4))
         for (weight, _), (orders, _) in zip(self.parts, found, strict=True):
@@ -187,8 +179,7 @@ class WeightedBase(Boundary):
         return WeightedBase(tuple((weight, part.put_in_medium(index)) for weight, part in self.parts))
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
-        found: Array = sum((weight * part.reflect_beam(index, mu) for weight, part in self.parts), np.zeros((1, 4, 4)))
-        return found
+        return sum((weight * part.reflect_beam(index, mu) for weight, part in self.parts), np.zeros((1, 4, 4)))
 
 
 class SampledBase(Boundary):
@@ -202,12 +193,9 @@ class SampledBase(Boundary):
         mu_o, weight = make_exit_rule(points)
         phi, share = make_azimuth_rule(np.arange(1, points), points)
         found = self.reflect(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
-        total: Array = 2.0 * (found @ share) @ weight
-        return total
+        return 2.0 * (found @ share) @ weight
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         found, azimuths = integrate_orders(self.reflect, mu_i, mu_o, pairs, n_order, allowed)
         dark = 0, 4 - found.shape[-1]
         return np.pad(found, ((0, 0), (0, 0), (0, 0), dark, dark)) if dark[1] else found, azimuths

@@ -13,7 +13,7 @@ from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
 from vrte.optics.facet_energy import restore_lost, share_energy
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface
-from vrte.scene.boundary import Allowed, Boundary
+from vrte.scene.boundary import Allowed, Boundary, Orders
 from vrte.scene.interface import ROUGHNESS, Distribution, check_facets
 from vrte.scene.mirror import check_complex_index
 
@@ -87,9 +87,7 @@ class Facets(Boundary):
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
         return self.facets.reflect(mu_i, mu_o, phi_deg)
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         here, there = np.nonzero(pairs)
         found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
         orders = integrate_azimuths(self.facets, False, mu_i[here], mu_o[there], n_order, 1e-12)

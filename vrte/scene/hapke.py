@@ -12,16 +12,14 @@ from vrte.scene.scalar import Angles, ScalarBase
 
 def find_h_1981(albedo: float, mu: Array) -> Array:
     """Chandrasekhar's H of isotropic scattering, up to 4 per cent too small (Hapke 1981)."""
-    found: Array = (1.0 + 2.0 * mu) / (1.0 + 2.0 * mu * np.sqrt(1.0 - albedo))
-    return found
+    return (1.0 + 2.0 * mu) / (1.0 + 2.0 * mu * np.sqrt(1.0 - albedo))
 
 
 def find_h_2002(albedo: float, mu: Array) -> Array:
     """The same, up to 1 per cent too small (Hapke 2002)."""
     gamma = np.sqrt(1.0 - albedo)
     r_0 = (1.0 - gamma) / (1.0 + gamma)
-    found: Array = 1.0 / (1.0 - albedo * mu * (r_0 + (0.5 - r_0 * mu) * np.log1p(1.0 / mu)))
-    return found
+    return 1.0 / (1.0 - albedo * mu * (r_0 + (0.5 - r_0 * mu) * np.log1p(1.0 / mu)))
 
 
 H_FUNCTIONS = {"2002": find_h_2002, "1981": find_h_1981}
@@ -101,12 +99,10 @@ class Hapke(ScalarBase):
         straight back."""
         a = self.asymmetry
         legendre = 1.0 + self.linear * cosine + self.quadratic * 0.5 * (3.0 * cosine**2 - 1.0)
-        found: Array = legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5
-        return found
+        return legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5
 
     def compute_f(self, angles: Angles) -> Array:
         many_i, many_o = (H_FUNCTIONS[self.h_function](self.albedo, mu) for mu in (angles.mu_i, angles.mu_o))
         opposition = self.opposition * self.width / (self.width + np.tan(0.5 * angles.phase))
         once = (1.0 + opposition) * self.compute_phase_function(np.cos(angles.phase))
-        found: Array = self.albedo / (4.0 * np.pi) / (angles.mu_i + angles.mu_o) * (once + many_i * many_o - 1.0)
-        return found
+        return self.albedo / (4.0 * np.pi) / (angles.mu_i + angles.mu_o) * (once + many_i * many_o - 1.0)

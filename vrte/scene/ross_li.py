@@ -86,5 +86,4 @@ def compute_li_sparse(angles: Angles, crown_height: float, crown_shape: float) -
     t = np.arccos(np.minimum(crown_height * np.hypot(*across) / (sec_i + sec_o), 1.0))
     overlap = (t - np.sin(t) * np.cos(t)) / np.pi * (sec_i + sec_o)
     lit = 0.5 * (sec_i * sec_o + 1.0 - tan_i * tan_o * angles.cos_phi)  # (1 + cos g) sec_i sec_o/2 of the spheres
-    found: Array = overlap - sec_i - sec_o + lit
-    return found
+    return overlap - sec_i - sec_o + lit

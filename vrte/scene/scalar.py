@@ -54,8 +54,7 @@ class ScalarBase(SampledBase):
         raise NotImplementedError
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
-        found: Array = np.maximum(self.compute_f(find_angles(mu_i, mu_o, phi_deg)), 0.0)[..., None, None]
-        return found
+        return np.maximum(self.compute_f(find_angles(mu_i, mu_o, phi_deg)), 0.0)[..., None, None]
 
     def check_formula(self) -> None:
         """Whether a surface can reflect so at zenith angles up to 75 degrees: f >= 0, and no more light than falls in.

@@ -88,9 +88,7 @@ class Scene:
         media = find_media(layers, interfaces, numbered, self.base)
         sides = itertools.pairwise(media)
         refracting = tuple(i and i.put_between(*both) for i, both in zip(interfaces, sides, strict=True))
-        settled = {"layers": layers, "places": numbered, "media": media, "interfaces": refracting}
-        for name, value in settled.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(layers=layers, places=numbered, media=media, interfaces=refracting)
 
     @property
     def indices(self) -> tuple[float, ...]:

@@ -26,7 +26,7 @@ from vrte.basics.splines import (
     stretch_cosines,
 )
 from vrte.scene.base_checks import GRAZING, LARGEST_BASE, check_energy, check_physical, make_exit_rule
-from vrte.scene.boundary import Allowed, Boundary
+from vrte.scene.boundary import Allowed, Boundary, Orders
 from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
 DEGREE = 5  # of the splines over cosines
@@ -142,8 +142,7 @@ class TabulatedBase(Boundary):
         weighted = orders[:, into[:, None], out] * (cosines[0][:, None] + cosines[1])[..., None, None]
         named |= {"_cosines": cosines, "_orders": make_readonly(weighted)}
         named["interpolation_error"] = estimate_error(cosines, weighted, azimuths)
-        for name, value in named.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(named)
         self._check()
 
     def _check(self) -> None:
@@ -218,9 +217,7 @@ class TabulatedBase(Boundary):
             found[here] = np.where(ODD.ravel(), odd * ENTRY.ravel(), even)
         return found.reshape(*shape, 4, 4)
 
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
+    def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
         """Fourier orders R^m from the table's own; of the last orders, none that may be left out."""
         found = 2.0 * np.pi * interpolate_orders(self._cosines, self._orders[:n_order], *self.weigh(mu_i, mu_o))
         found[:, ~pairs] = 0.0

@@ -78,8 +78,7 @@ class Variation:
             wrong = "what moves media or surfaces needs scene_at"
         if wrong:
             raise SceneError(wrong, "derivatives", self.name)
-        for name, value in (("thickness", thickness), ("albedo", albedo), ("coefficients", tables)):
-            object.__setattr__(self, name, value)
+        vars(self).update(thickness=thickness, albedo=albedo, coefficients=tables)
 
     @property
     def changes_nothing(self) -> bool:
