@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import vrte
+
 DEVICE = pytest.StashKey[str]()
 REFERENCE = Path(os.environ.get("VRTE_REFERENCE", Path(__file__).parents[2] / "shared" / "reference"))
 
@@ -29,10 +31,21 @@ def reference() -> Callable[[str], Path]:
 
 @pytest.fixture
 def opencl(request: pytest.FixtureRequest) -> Any:
-    """The session on the OpenCL device that `vrte devices` takes."""
+    """The session on the OpenCL device that `vrte devices` takes; a skip where there is none."""
+    skip_without_device()
     opened = working_session()
     request.config.stash[DEVICE] = f"{opened.device.name} ({opened.device.platform.name.strip()})"
     return opened
+
+
+def skip_without_device() -> None:
+    """Ends the test where OpenCL has no device at all; one that fails is a failure."""
+    from vrte.cl import device
+
+    try:
+        device.devices()
+    except (vrte.DeviceError, vrte.MissingExtraError) as none:
+        pytest.skip(str(none))
 
 
 def call(*arguments: str | Path) -> int:

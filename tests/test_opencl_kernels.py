@@ -3,6 +3,7 @@ not depend on each other, many scenes at once, ends, launches and waits."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -39,54 +40,48 @@ def integers(*lists: Sequence[int]) -> list[np.ndarray]:
     return [np.array(values, np.int32) for values in lists]
 
 
-@pytest.mark.parametrize("size", SIZES, ids=str)
-@pytest.mark.parametrize("by_transpose", [False, True])
-def test_products(either_width: Session, size: tuple[int, int, int], by_transpose: bool) -> None:
+def test_products(either_width: Session) -> None:
     """Of rows, inner, columns; with nothing of what was there where beta is 0, and padding that stays 0."""
-    session, (rows, inner, columns), rng = either_width, size, np.random.default_rng(size[0])
-    a = rng.standard_normal((4, inner, rows))
-    b = rng.standard_normal((4, inner, columns) if by_transpose else (4, columns, inner))
-    for beta in (-0.7, 0.0):
-        c = rng.standard_normal((4, columns, rows)) if beta else np.full((4, columns, rows), np.nan)
-        stacks = [upload_stack(session, values) for values in (a, b, c)]
-        (items,) = integers([3, 0, 2])
-        multiply_stacks(session, session.upload(items), *stacks, alpha=1.5, beta=beta, transposed=by_transpose)  # type: ignore[misc]
-        expected = c.copy()
-        for item in items:
-            right = b[item] if by_transpose else b[item].T
-            expected[item] = (1.5 * a[item].T @ right + (beta * c[item].T if beta else 0.0)).T
-        assert_close(download_stack(session, stacks[2]), expected, rtol=0.0, atol=1e-14 * inner)
-        assert not session.download(stacks[2].data).reshape(4, columns, -1)[:, :, rows:].any()
+    (items,) = integers([3, 0, 2])
+    for rows, inner, columns in SIZES:
+        rng = np.random.default_rng(rows)
+        for by_transpose, beta in product((False, True), (-0.7, 0.0)):
+            a = rng.standard_normal((4, inner, rows))
+            b = rng.standard_normal((4, inner, columns) if by_transpose else (4, columns, inner))
+            c = rng.standard_normal((4, columns, rows)) if beta else np.full((4, columns, rows), np.nan)
+            stacks = [upload_stack(either_width, values) for values in (a, b, c)]
+            multiply_stacks(either_width, either_width.upload(items), *stacks, 1.5, beta, by_transpose)
+            expected = c.copy()
+            for item in items:
+                right = b[item] if by_transpose else b[item].T
+                expected[item] = (1.5 * a[item].T @ right + (beta * c[item].T if beta else 0.0)).T
+            assert_close(download_stack(either_width, stacks[2]), expected, rtol=0.0, atol=1e-14 * inner)
+            assert not either_width.download(stacks[2].data).reshape(4, columns, -1)[:, :, rows:].any()
 
 
 def test_a_part_leaves_the_others_alone(either_width: Session) -> None:
-    session = either_width
-    rng = np.random.default_rng(2)
-    a, c = rng.random((2, 24, 24)), rng.random((2, 24, 24))
-    big, small = upload_stack(session, c), upload_stack(session, a)
-    multiply_stacks(
-        session, session.upload(np.arange(2, dtype=np.int32)), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7)
-    )
-    expected = c.copy()
-    for item in range(2):
-        expected[item].T[16:24, 5:12] = a[item].T[8:16] @ a[item].T[:, :7]
-    assert_close(download_stack(session, big), expected, rtol=1e-13, atol=0.0)
+    a, c = np.random.default_rng(2).random((2, 2, 24, 24))
+    big, small = upload_stack(either_width, c), upload_stack(either_width, a)
+    (items,) = integers([0, 1])
+    multiply_stacks(either_width, either_width.upload(items), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7))
+    for item in items:
+        c[item].T[16:24, 5:12] = a[item].T[8:16] @ a[item].T[:, :7]
+    assert_close(download_stack(either_width, big), c, rtol=1e-13, atol=0.0)
 
 
 MATRICES = {n: np.random.default_rng(n).standard_normal((3, n, n)) for n in (1, 7, 16, 17, 40, 83, 160)}
 MATRICES[50] = np.stack([np.roll(np.diag(np.arange(1.0, 51.0)), 7, axis=0)] * 3)  # rows have to be exchanged
 
 
-@pytest.mark.parametrize("rows", MATRICES)
-def test_inverses(either_width: Session, rows: int) -> None:
+def test_inverses(either_width: Session) -> None:
     """Of the items listed alone."""
-    stored = MATRICES[rows]
-    found, info = inverted(either_width, stored, [2, 0])
-    assert not info.any()
-    np.testing.assert_array_equal(found[1], stored[1])
-    for item in (0, 2):
-        condition = np.linalg.cond(stored[item])
-        assert_close(found[item] @ stored[item], np.eye(rows), rtol=0.0, atol=1e-14 * condition)
+    for rows, stored in MATRICES.items():
+        found, info = inverted(either_width, stored, [2, 0])
+        assert not info.any()
+        np.testing.assert_array_equal(found[1], stored[1])
+        for item in (0, 2):
+            atol = 1e-14 * np.linalg.cond(stored[item])
+            assert_close(found[item] @ stored[item], np.eye(rows), rtol=0.0, atol=atol)
 
 
 def inverted(session: Session, stored: np.ndarray, items: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -293,37 +288,29 @@ def test_what_goes_to_and_from_a_device_is_counted(opencl: Any) -> None:
     )  # a large array is waited for on its way up
 
 
-def count_traffic(session: Any, monkeypatch: pytest.MonkeyPatch, scene: vrte.Scene, how: dict[str, Any]) -> Traffic:
-    """Of one BRDF, as its diagnostics tell it."""
-    monkeypatch.setattr(engine, "open_session", lambda precision="double": session.in_precision(precision))
-    made = vrte.brdf(scene, **how, phi=np.arange(0, 361, 10), backend="opencl")
-    return Traffic(**made.diagnostics["traffic"])
-
-
-GOLD = find_scene("gold")
-MU = np.linspace(0.05, 1.0, 20)
+GOLD, MU = find_scene("gold"), np.linspace(0.05, 1.0, 20)
 THIN_GOLD = replace(GOLD, layers=[replace(GOLD.layers[0], thickness=5.0)])
 RAYLEIGH = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
-SMALL, LARGE = {"mu_i": MU[[0, -1]], "mu_o": MU[[0, -1]]}, {"mu_i": MU, "mu_o": MU, "nodes": 40}
 
 
 @pytest.mark.parametrize(
-    ("scene", "how", "most"),
+    ("scene", "algorithm", "mu", "nodes", "most"),  # most: launches and reads
     [
-        (GOLD, SMALL | {"nodes": 8, "algorithm": "invariance"}, (100, 25)),
-        (RAYLEIGH, SMALL | {"nodes": 4, "algorithm": "doubling"}, (800, 9)),
-        pytest.param(GOLD, LARGE | {"algorithm": "invariance"}, (100, 25), marks=pytest.mark.slow),
-        pytest.param(THIN_GOLD, LARGE | {"algorithm": "doubling"}, (1600, 20), marks=pytest.mark.slow),
+        (GOLD, "invariance", MU[[0, -1]], 8, (100, 25)),
+        (RAYLEIGH, "doubling", MU[[0, -1]], 4, (800, 9)),
+        pytest.param(GOLD, "invariance", MU, 40, (100, 25), marks=pytest.mark.slow),
+        pytest.param(THIN_GOLD, "doubling", MU, 40, (1600, 20), marks=pytest.mark.slow),
     ],
 )
 def test_few_launches_and_reads(
-    either_width: Any, scene: vrte.Scene, how: dict[str, Any], most: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+    opencl: Any, scene: vrte.Scene, algorithm: str, mu: np.ndarray, nodes: int, most: tuple[int, int]
 ) -> None:
-    """Doubling reads norms, and what it ends with, of each block of orders. ``most``: launches and reads."""
-    found = count_traffic(either_width, monkeypatch, scene, how)
+    """Doubling reads norms, and what it ends with, of each block of orders."""
+    how: dict[str, Any] = {"nodes": nodes, "algorithm": algorithm, "backend": "opencl"}
+    found = Traffic(**vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), **how).diagnostics["traffic"])
     assert 0 < found.launches <= most[0]
     assert 0 < found.reads <= most[1]
-    assert found.bytes_down >= 8 * len(how["mu_i"]) * len(how["mu_o"]) * 37 * 16
+    assert found.bytes_down >= 8 * mu.size**2 * 37 * 16
 
 
 def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
