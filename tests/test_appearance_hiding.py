@@ -21,7 +21,6 @@ from vrte.appearance.hiding import (
 )
 from vrte.appearance.kubelka_munk import reflect_film
 from vrte.appearance.panel import Panel, make_panel
-from vrte.scene.illumination import hemisphere
 
 from .helpers import close_to
 
@@ -66,18 +65,6 @@ def test_u_is_what_gets_down_times_what_gets_up() -> None:
     assert even.u[0] == close_to(down * up / INDEX**2, rtol=1e-9, atol=0.0)
 
 
-def test_bare_cards_under_a_surface_follow_saunderson() -> None:
-    """Without a film: T(45) T(0) A/(n^2 (1 - A r)), r from all sides inside, out of Fresnel's R alone."""
-    panel = prepare(SURFACE, {**WHITE, "thickness": 0.0}, nodes=16)
-    surface = vrte.Interface(1.0, INDEX)
-    mu, weight = hemisphere(64)
-    outside = 2.0 * float(weight * mu @ surface.share(mu)[0])
-    inside = 1.0 - (1.0 - outside) / INDEX**2
-    expected = (0.2 / (1.0 - 0.2 * inside)) / (0.8 / (1.0 - 0.8 * inside))
-    assert find_contrast(panel, Conditions(black=0.2)) == close_to(expected, rtol=1e-7, atol=0.0)
-    assert find_contrast(panel) == 0.0
-
-
 def test_films_that_never_hide_always_hide_or_need_not() -> None:
     """R = A exp(-tau/mu_i - tau) of a film that only absorbs: the ratio stays that of the cards. Thick dark films look
     as semi-infinite ones. Cards as much alike as the target need no film."""
@@ -93,6 +80,7 @@ def test_films_that_never_hide_always_hide_or_need_not() -> None:
     assert found.reflectance_over_black == close_to(found.semi_infinite, rtol=1e-10, atol=0.0)
     assert 0.0 < (found.hiding_times or 0.0) < 0.2
     assert find_contrast(prepare({**GREY, "thickness": math.inf})) == 1.0
+    assert find_contrast(prepare(SURFACE, {**WHITE, "thickness": 0.0})) == 0.0
     found = find_hiding(prepare(GREY), Conditions(black=0.795))
     assert found.hiding_times == 0.0
     assert "bare cards" in found.reason

@@ -2,7 +2,6 @@
 not fit say so: p-values, runs of residuals, guesses at units, and error bars that grow."""
 
 import itertools
-import os
 import re
 import warnings
 from dataclasses import replace
@@ -231,15 +230,12 @@ def test_the_command_prints_numbers_and_writes_what_is_asked_for(
         ('measurement = "no.csv"\nfree = ["base.albedo"]', [], "no.csv: No such file"),
         (ONE, ["-o", "film.toml"], "is the file that is read"),
         (ONE, ["--resume", "absent/film.state"], "film.state lies in a folder that does not exist"),
-        (ONE, ["--resume", "."], "cannot be written: it is a folder"),
-        (ONE, ["--resume", "pipe"], "pipe cannot be written: it is a pipe or a device"),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_before_the_work(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, fit: str, more: list[str], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    os.mkfifo(tmp_path / "pipe")
     if more:
         monkeypatch.setattr("vrte.commands.fit.fit", None)
     assert main(["fit", str(write_example(tmp_path, fit).relative_to(tmp_path)), *more]) == 2
@@ -287,7 +283,7 @@ def fit_thickness(measured: vrte.Measurement) -> vrte.Fit:
 def test_the_chance_of_runs_is_that_of_all_orders() -> None:
     """Also of a million rows; and p-values of chi-square at 5 and 1 per cent are as tables print them."""
     for up, down in ((3, 4), (5, 2), (1, 6)):
-        orders = {*itertools.permutations([1] * up + [-1] * down)}
+        orders = sorted({*itertools.permutations([1] * up + [-1] * down)})
         runs = np.array([1 + np.count_nonzero(np.diff(order)) for order in orders])
         for order, count in zip(orders, runs, strict=True):
             assert count_runs(np.array(order)) == (count, close_to(np.mean(runs <= count), rtol=1e-12, atol=0.0))

@@ -195,9 +195,8 @@ def turn_up(direction: Array, angle: float) -> Array:
 
 def make_rule(receptor: Receptor, peak: Array, widths: tuple[float, float], points: int) -> tuple[Array, Array, Array]:
     """Points s, t and weights (n,) of a quadrature over a receptor for light that peaks along a direction (3,)."""
-    (s, share_s), (t, share_t) = (
-        place_points(index, width, points) for index, width in zip(receptor.locate(peak), widths, strict=True)
-    )
+    pairs = zip(receptor.locate(peak), widths, strict=True)
+    (s, share_s), (t, share_t) = (place_points(index, width, points) for index, width in pairs)
     grid_s, grid_t = np.meshgrid(s, t, indexing="ij")
     return grid_s.ravel(), grid_t.ravel(), np.outer(share_s, share_t).ravel()
 

@@ -281,7 +281,6 @@ def read_spectrum(
         if one.angle_o is not None:
             light[one.name] = find_light(spectrum, one)
     if not reflectances:
-        raise SceneError(
-            f"the spectrum has the directions of none of {', '.join(STANDARD_GEOMETRIES)}: give the scene in its place"
-        )
+        known = ", ".join(STANDARD_GEOMETRIES)
+        raise SceneError(f"the spectrum has the directions of none of {known}: give the scene in its place")
     return reflectances, light

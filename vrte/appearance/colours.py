@@ -211,13 +211,9 @@ class Colour:
         return find_difference(self, _make_colour(shown, self.illuminant, self.observer, self.known_um, self.beyond))
 
     def __str__(self) -> str:
-        words = [
-            f"L* {self.L:.2f}, a* {self.a:.2f}, b* {self.b:.2f} in {self.illuminant}, {self.observer} degrees",
-            self.hex,
-        ]
-        if not self.is_in_gamut:
-            words.append(f"cut off for the screen by {self.gamut_gap:.1f} CIEDE2000")
-        return "; ".join([*words, self.extrapolation] if self.extrapolation else words)
+        seen = f"L* {self.L:.2f}, a* {self.a:.2f}, b* {self.b:.2f} in {self.illuminant}, {self.observer} degrees"
+        cut = "" if self.is_in_gamut else f"cut off for the screen by {self.gamut_gap:.1f} CIEDE2000"
+        return "; ".join(filter(None, (seen, self.hex, cut, self.extrapolation)))
 
 
 def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> Colour:
@@ -260,10 +256,8 @@ def find_difference(one: Colour, other: Colour) -> float:
     """CIEDE2000 (ISO/CIE 11664-6, kL = kC = kH = 1) of two colours in one light, about 1 where the difference is just
     seen side by side. Raises SceneError where illuminant or observer differ."""
     if (one.illuminant, one.observer) != (other.illuminant, other.observer):
-        raise SceneError(
-            "colours can be compared in the same light and by the same observer alone, not "
-            + " and ".join(f"{each.illuminant}, {each.observer} degrees" for each in (one, other))
-        )
+        lights = " and ".join(f"{each.illuminant}, {each.observer} degrees" for each in (one, other))
+        raise SceneError(f"colours can be compared in the same light and by the same observer alone, not {lights}")
     colour = import_colour_science()
     return float(colour.delta_E((one.L, one.a, one.b), (other.L, other.a, other.b), method="CIE 2000"))
 

@@ -175,12 +175,8 @@ def find_reflectance(
         return found
     if not known.excluded:
         return total[:, 0]
-    return np.array(
-        [
-            leave_out_port(one, known, side, port_deg)
-            for one, side in zip(spectrum, surface or [None] * len(spectrum), strict=True)
-        ]
-    )
+    pairs = zip(spectrum, surface or [None] * len(spectrum), strict=True)
+    return np.array([leave_out_port(one, known, side, port_deg) for one, side in pairs])
 
 
 def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, port_deg: float) -> float:

@@ -103,23 +103,21 @@ class Panel:
         """The same panel with a film ``times`` as thick; math.inf: semi-infinite, and nothing lies below it."""
         index = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
-        ends = np.isfinite(times)
-        lengths, own = list(self.lengths_um), self.length_um
-        lengths[index] = None if own is None else own * times
+        ends, own = np.isfinite(times), self.length_um
+        stop = None if ends else index + 1  # nothing lies below a semi-infinite film
+        length = np.inf if not ends else None if own is None else own * times
 
         def scale(scene: Scene) -> Scene:
             film = scene.layers[index]
             if np.isinf(film.thickness):
                 raise SceneError("the film is semi-infinite, and can be made no thicker: give it a thickness_um")
             thick = replace(film, thickness=film.thickness * times if ends else np.inf)
-            if ends:
-                layers = *scene.layers[:index], thick, *scene.layers[index + 1 :]
-                return Scene(layers, scene.base, scene.interfaces)
-            return Scene((*scene.layers[:index], thick), None, (*scene.interfaces[: index + 1], None))
+            layers = *scene.layers[:index], thick, *scene.layers[index + 1 : stop]
+            below = (scene.base, scene.interfaces) if ends else (None, (*scene.interfaces[:stop], None))
+            return Scene(layers, *below)
 
-        kept = lengths if ends else [*lengths[:index], np.inf]
-        layer = self.layer if self.layer is None else index + 1
-        return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
+        lengths = *self.lengths_um[:index], length, *self.lengths_um[index + 1 : stop]
+        return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=lengths)
 
     def make_as_thick(self, length_um: float) -> "Panel":
         """The same panel with a film of a thickness [um]; math.inf as for `scale_film`."""

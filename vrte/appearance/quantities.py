@@ -46,10 +46,8 @@ class Readings:
         """The thickness [um] of a film whose contrast ratio is ``target``; inf where none has it. Raises SceneError."""
         known = self.panel.length_um
         if known is None or not 0.0 < known < np.inf:
-            words = "is given optically" if known is None else f"is {known:g} um thick"
-            raise SceneError(
-                f"how thick a film hides is asked for in um, and it {words}: give it a thickness_um above 0"
-            )
+            film = "it is given optically" if known is None else f"it is {known:g} um thick"
+            raise SceneError(f"how thick a film hides is asked for in um, and {film}: give it a thickness_um above 0")
         times, _ = self.drawdown.find_hiding_times()
         return float("inf") if times is None else times * known
 

@@ -12,17 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from vrte.appearance import kubelka_munk as km
 from vrte.appearance.colours import Colour, find_colour, find_difference
 from vrte.appearance.geometries import NODES, Geometry, measure_panel, read_geometry
-from vrte.appearance.kubelka_munk import (
-    add_surface,
-    check_share,
-    find_coefficients,
-    find_slab_coefficients,
-    put_film_over,
-    reflect_film,
-    remove_surface,
-)
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
@@ -60,13 +52,10 @@ class TwoFluxErrors:
         return self.predicted - self.exact
 
     @cached_property
-    def colours(self) -> tuple[list[list[Colour]], list[list[Colour]]]:
+    def colours(self) -> list[list[list[Colour]]]:
         """Exact and predicted colours in D65 for 10 degrees, each a list over black and one over white, by film."""
-        exact, predicted = (
-            [[find_colour(self.wavelength_um, film) for film in over] for over in kind]
-            for kind in (self.exact, self.predicted)
-        )
-        return exact, predicted
+        find = partial(find_colour, self.wavelength_um)
+        return [[list(map(find, over)) for over in kind] for kind in (self.exact, self.predicted)]
 
     @property
     def difference(self) -> Array:
@@ -114,7 +103,7 @@ class KubelkaMunk:
     def predict(self, length: Any, base: Any = 0.0) -> Array:
         """The reflectance (n,) above the surface that K and S predict of a film of any thickness [um, or films] over a
         Lambertian base."""
-        return add_surface(reflect_film(self.K, self.S, length, base), self.k1, self.k2)
+        return km.add_surface(km.reflect_film(self.K, self.S, length, base), self.k1, self.k2)
 
     @cached_property
     def transport(self) -> tuple[Array, Array]:
@@ -201,7 +190,7 @@ def find_kubelka_munk(
     outer, over, even = find_surface_shares(panel, known, under, first)
     outer, inner = choose_share("k1", k1, outer), choose_share("k2", k2, over.mean(axis=0))
     if is_inside(panel, known):
-        K, S = find_slab_coefficients(*solve_film(panel, second), find_length(panel))
+        K, S = km.find_slab_coefficients(*solve_film(panel, second), find_length(panel))
     else:
         read = measure_over_cards(panel, known, under, second)
         hidden = read[1] - read[0] < SHOWN
@@ -212,8 +201,8 @@ def find_kubelka_munk(
                 "apart tell K/S alone; make it thinner, or take geometry='inside'"
             )
         try:
-            dark, bright = remove_surface(read, outer, inner)
-            K, S = find_coefficients(dark, bright, under, find_length(panel))
+            dark, bright = km.remove_surface(read, outer, inner)
+            K, S = km.find_coefficients(dark, bright, under, find_length(panel))
         except SceneError as error:
             raise error.behind("with this k1 and k2 no film of two fluxes reads so") from error
     return KubelkaMunk(panel, known, under, *(freeze_copy(one) for one in (K, S, outer, inner, over, even)))
@@ -223,7 +212,7 @@ def choose_share(name: str, given: Any, found: Array) -> Array:
     """A share of the surface's as somebody given it, one for all wavelengths or one each, or else as it was found."""
     if given is None:
         return found
-    shares = check_share(name, given)
+    shares = km.check_share(name, given)
     if shares.shape not in ((), found.shape):
         raise SceneError.of(name, f"must be one number, or one a wavelength, {found.size}, not of shape {shares.shape}")
     return np.broadcast_to(shares, found.shape)
@@ -257,7 +246,7 @@ def measure_over_cards(panel: Panel, geometry: Geometry, white: float, progress:
     """Exact reflectances (2, n) over black and over a white Lambertian base."""
     if is_inside(panel, geometry):
         alone, through = solve_film(panel, progress)
-        return np.stack([alone, put_film_over(alone, through, white)])
+        return np.stack([alone, km.put_film_over(alone, through, white)])
     bases = enumerate((None, Lambertian(white)))
     return np.stack([measure_panel(panel.put_over(one), geometry, share_progress(progress, k, 2)) for k, one in bases])
 

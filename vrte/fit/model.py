@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.appearance.colours import find_colour
+from vrte.appearance.colours import find_colour, find_white, weigh_wavelengths
 from vrte.appearance.geometries import (
     NODES,
     PORT_DEG,
@@ -30,7 +30,7 @@ from vrte.calls.side_by_side import run_side_by_side
 from vrte.calls.spectrum import name_wavelength
 from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight
 from vrte.fit.measurement import Measurement
-from vrte.fit.quantities import BEAM, DIRECTIONS, LOOK, QUANTITIES, BeamShares, find_tristimulus
+from vrte.fit.quantities import BEAM, DIRECTIONS, LOOK, QUANTITIES, BeamShares
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
@@ -209,11 +209,13 @@ class Model:
                 out[:, rows] = known.read(BeamShares(*(part[:, indices] for part in light.shares)))
         for row, parts in self.read_by_instruments:
             factors = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
-            name, light_of = self.measurement.quantity[row], self.measurement.illuminant[row]
-            found: tuple[Array, ...] = (factors[:, 0],)
-            if light_of:
-                found = find_tristimulus(self.colours_um, factors, light_of, int(self.measurement.observer[row]))
-            out[:, row] = QUANTITIES[name].read(*found)
+            known, illuminant = QUANTITIES[self.measurement.quantity[row]], self.measurement.illuminant[row]
+            if illuminant:
+                observer = int(self.measurement.observer[row])
+                weights = weigh_wavelengths(self.colours_um, illuminant, observer)
+                out[:, row] = known.read(factors @ weights.T, find_white(illuminant, observer))
+            else:
+                out[:, row] = known.read(factors[:, 0])
         return out
 
 

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vrte.appearance.colours import find_white, weigh_wavelengths
 from vrte.basics.arrays import Array
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")
@@ -168,10 +167,3 @@ QUANTITIES: dict[str, MeasuredQuantity] = {
         for name, (words, weights, at_black) in LIGHTNESSES.items()
     },
 }  # fmt: skip
-
-
-def find_tristimulus(wavelengths_um: Array, reflectance: Array, illuminant: str, observer: int) -> tuple[Array, Array]:
-    """X, Y, Z of a spectrum's jets (1 + n, wavelengths), Y of the perfect white being 1, as jets (1 + n, 3); and those
-    of the white (3,). Raises SceneError where the wavelengths do not cover the visible."""
-    weights = weigh_wavelengths(wavelengths_um, illuminant, observer)
-    return reflectance @ weights.T, find_white(illuminant, observer)

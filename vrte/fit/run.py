@@ -11,6 +11,7 @@ from vrte.basics.arrays import Array, check_choice, check_whole, make_readonly
 from vrte.basics.errors import IndistinguishableWarning, MisfitWarning, SceneError, UnitsWarning, warn_user
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
+from vrte.fit import verdict
 from vrte.fit.files import Journal, find_fingerprint
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
@@ -27,19 +28,6 @@ from vrte.fit.problem import (
     read_priors,
 )
 from vrte.fit.result import Fit, Start
-from vrte.fit.verdict import (
-    NO_NOISE,
-    UNLIKELY,
-    describe_pattern,
-    find_blind_spots,
-    find_correlations,
-    find_covariance,
-    find_p_value,
-    find_scales,
-    guess_units,
-    list_alike,
-    write_chance,
-)
 from vrte.formats.scene_family import SceneFamily
 from vrte.request.how import complete_docstring
 from vrte.scene.scene import Scene
@@ -207,7 +195,7 @@ def check_slopes(problem: FitProblem, values: Array) -> None:
     point = problem.find_point(values, True)
     assert point.slopes is not None
     ranges = np.array([one.high - one.low for one in problem.parameters])
-    effect = np.abs(point.slopes / problem.sigma[:, None]).max(axis=0) * find_scales(values, ranges)
+    effect = np.abs(point.slopes / problem.sigma[:, None]).max(axis=0) * verdict.find_scales(values, ranges)
     for one, moved in zip(problem.parameters, effect.tolist(), strict=True):
         if not moved > NOTHING:
             raise SceneError(f"free: {one.name} does nothing to these data", "free", one.name)
@@ -303,10 +291,10 @@ def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
     residuals, slopes = problem.join(best), problem.join_slopes(best)
     chi2, freedom = float(residuals @ residuals), residuals.size - len(problem.parameters)
     least = problem.measure(residuals)  # chi2, or what a robust loss makes of it
-    p_value = find_p_value(least, freedom) if given.has_sigma else math.nan
+    p_value = verdict.find_p_value(least, freedom) if given.has_sigma else math.nan
     faults = [] if interrupted else list_faults(given, -residuals[: len(given)], chi2, least, freedom, p_value)
     notes = [*faults, *model.notes]
-    grown = math.sqrt(least / freedom) if p_value < UNLIKELY else 1.0
+    grown = math.sqrt(least / freedom) if p_value < verdict.UNLIKELY else 1.0
     scale = 1.0
     if not given.has_sigma:
         scale = math.sqrt(chi2 / freedom) if freedom and chi2 else math.nan
@@ -318,13 +306,13 @@ def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
     unit = scale if math.isfinite(scale) else 1.0
     slopes = np.concatenate([slopes[:rows] / unit, slopes[rows:]])
     ranges = np.array([one.high - one.low for one in problem.parameters])
-    scales = find_scales(best.values, ranges)
-    covariance = find_covariance(slopes, scales) * (scale / unit) * grown**2
-    singular, blind = find_blind_spots(model.names, slopes, best.values, scales)
+    scales = verdict.find_scales(best.values, ranges)
+    covariance = verdict.find_covariance(slopes, scales) * (scale / unit) * grown**2
+    singular, blind = verdict.find_blind_spots(model.names, slopes, best.values, scales)
     notes += list_bounds(problem.parameters, best.values)
     if interrupted:
         notes.append("interrupted: the best so far, which need not be the best there is")
-    alike = list_alike(model.names, find_correlations(covariance))
+    alike = verdict.list_alike(model.names, verdict.find_correlations(covariance))
     for one, other, correlation in alike:
         words = f"{one} and {other} cannot be told apart by these data (correlation {correlation:.4f})"
         warn_user(f"{words}: fix one, or give it a prior", IndistinguishableWarning)
@@ -359,16 +347,16 @@ def list_faults(
 ) -> list[str]:
     """Why a model does not fit, in words; ``residuals`` (rows,) in sigmas, ``least``: the sum that was minimized. Warns
     (MisfitWarning, UnitsWarning)."""
-    sound = p_value >= UNLIKELY
-    chance, pattern = describe_pattern(given, residuals)
+    sound = p_value >= verdict.UNLIKELY
+    chance, pattern = verdict.describe_pattern(given, residuals)
     faults = []
-    if p_value < UNLIKELY:
-        of = f"chi2 {chi2:.4g} with {freedom} degrees of freedom comes by chance in {write_chance(p_value)} of fits"
-        faults = [f"the model does not fit: {of}; errors are {math.sqrt(least / freedom):.3g} times larger for it"]
-        faults += pattern
-    elif chance < UNLIKELY and np.sqrt(np.mean(residuals**2)) > NO_NOISE[not given.has_sigma]:
+    if p_value < verdict.UNLIKELY:
+        found = f"chi2 {chi2:.4g} with {freedom} degrees of freedom", verdict.write_chance(p_value)
+        grown = f"errors are {math.sqrt(least / freedom):.3g} times larger for it"
+        faults = ["the model does not fit: {} comes by chance in {} of fits; {}".format(*found, grown), *pattern]
+    elif chance < verdict.UNLIKELY and np.sqrt(np.mean(residuals**2)) > verdict.NO_NOISE[not given.has_sigma]:
         faults, sound = [f"the model may not fit: {pattern[0]}"], False
-    guesses = [] if sound else [*guess_units(given)]
+    guesses = [] if sound else [*verdict.guess_units(given)]
     for words in guesses:
         warn_user(words, UnitsWarning)
     if faults:

@@ -72,11 +72,9 @@ def describe_pattern(given: Measurement, residuals: Array) -> tuple[float, list[
     keys = [np.unique(one, return_inverse=True)[1] if one.dtype == object else np.nan_to_num(one) for one in columns]
     runs, chance = count_runs(np.where(residuals[np.lexsort(keys[::-1])] < 0.0, -1, 1))
     worst = int(np.argmax(np.abs(residuals)))
-    where = [
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-        for name in COORDINATES
-        if (value := getattr(given, name)[worst]) == value and value != ""
-    ]
+    there = {name: getattr(given, name)[worst] for name in COORDINATES}
+    known = {name: value for name, value in there.items() if value == value and value != ""}
+    where = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in known.items()]
     count = f"{runs} run{'s'[: runs > 1]} of one sign in {residuals.size} rows"
     if runs == 1:
         words = f"all rows are {'above' if residuals[0] > 0.0 else 'below'} what the model shows"
@@ -94,19 +92,15 @@ def guess_units(given: Measurement) -> Iterator[str]:
     angles = np.abs(np.concatenate([given.theta_i_deg, given.theta_o_deg]))
     angles = angles[~np.isnan(angles)]
     if angles.size and 0.0 < angles.max() <= 0.5 * math.pi:
-        cosines = angles.min() > 0.0 and angles.max() <= 1.0
-        yield (
-            f"theta_i_deg and theta_o_deg are {angles.min():g} to {angles.max():g}: these look like "
-            f"{'cosines' if cosines else 'radians'}, and degrees are needed"
-        )
+        between, cosines = f"{angles.min():g} to {angles.max():g}", angles.min() > 0.0 and angles.max() <= 1.0
+        kind = "cosines" if cosines else "radians"
+        yield f"theta_i_deg and theta_o_deg are {between}: these look like {kind}, and degrees are needed"
     for name in given.names:
         known, values = QUANTITIES[name], given.value[given.quantity == name]
         is_factor = known.unit == "1" and known.bounds == (0.0, math.inf) and known.needs != LOOK
         if is_factor and np.median(values) > LEAST_PER_CENT and values.max() <= MOST_PER_CENT:
-            yield (
-                f"{name} is {values.min():g} to {values.max():g}: this looks like per cent, and the perfect white "
-                "diffuser has 1"
-            )
+            between = f"{values.min():g} to {values.max():g}"
+            yield f"{name} is {between}: this looks like per cent, and the perfect white diffuser has 1"
 
 
 def find_scales(values: Array, ranges: Array) -> Array:

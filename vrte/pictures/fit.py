@@ -189,10 +189,8 @@ def describe_fit(fit: Fit) -> list[str]:
 
 def make_numbers(fit: Fit) -> str:
     """Values, errors, and singular values."""
-    triples = zip(fit.names, fit.values.tolist(), fit.errors.tolist(), strict=True)
-    rows: list[Any] = [
-        (name, value, error, 100.0 * error / abs(value) if value else "") for name, value, error in triples
-    ]
+    shares = [100.0 * error / abs(value) if value else "" for value, error in zip(fit.values, fit.errors, strict=True)]
+    rows = zip(fit.names, fit.values.tolist(), fit.errors.tolist(), shares, strict=True)
     found = ", ".join(f"{one:.3g}" for one in fit.singular_values)
     words = f"Singular values of the derivatives, in sigmas by relative changes: {found}. One of s is known to 1/s."
     return f"{make_table(('number', 'value', 'standard deviation', '%'), rows, '.6g')}<p>{words}</p>"

@@ -317,14 +317,9 @@ def make_ground_disc() -> list[dict[str, Any]]:
     """The surface as a disc of radius 1, with its azimuths."""
     rim = RIM.astype(np.float32)
     indices = np.arange(1 + len(rim), dtype=np.int16)
-    disc = {
-        "type": "mesh3d",
-        **dict(zip("xyz", np.concatenate([np.zeros((1, 3)), rim]).T, strict=True)),
-        **dict(zip("ijk", (0 * indices[:-2], indices[1:-1], indices[2:]), strict=True)),
-        "color": "#dfe3e8",
-        "opacity": 0.45,
-        "hoverinfo": "skip",
-    }
+    disc: dict[str, Any] = {"type": "mesh3d", "color": "#dfe3e8", "opacity": 0.45, "hoverinfo": "skip"}
+    disc |= dict(zip("xyz", np.concatenate([np.zeros((1, 3)), rim]).T, strict=True))
+    disc |= dict(zip("ijk", (0 * indices[:-2], indices[1:-1], indices[2:]), strict=True))
     rims = [make_space_trace(radius * rim, "lines", line={"color": PALE, "width": 2}) for radius in RINGS]
     words = ["φ = 0°<br>forward", "90°", "180°<br>back", "270°"]
     return [disc, *rims, make_space_trace(1.16 * rim[:180:45], "text", text=words, textfont={"size": 12, "color": INK})]
@@ -338,13 +333,6 @@ def make_rays(lobe: Lobe) -> Iterator[dict[str, Any]]:
         tip, along = (1.08, -seen) if colour == INCIDENT else (1.4, seen)
         hover = {"hoverinfo": None, "hovertemplate": f"{words}<extra></extra>"}
         yield make_space_trace(np.outer([1.45, 0.0], seen), "lines", line={"color": colour, "width": 6}, **hover)
-        yield {
-            "type": "cone",
-            **{axis: [value] for axis, value in zip("xyzuvw", (*(tip * seen), *along), strict=True)},
-            "anchor": "tip",
-            "sizemode": "absolute",
-            "sizeref": 0.16,
-            "colorscale": [[0.0, colour], [1.0, colour]],
-            "showscale": False,
-            **hover,
-        }
+        cone = {"type": "cone", "anchor": "tip", "sizemode": "absolute", "sizeref": 0.16, "showscale": False, **hover}
+        ends = {axis: [value] for axis, value in zip("xyzuvw", (*(tip * seen), *along), strict=True)}
+        yield cone | ends | {"colorscale": [[0.0, colour], [1.0, colour]]}

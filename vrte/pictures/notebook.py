@@ -92,10 +92,8 @@ def show_field(field: Field) -> dict[str, str]:
     field = field.beam(0) if several else field
     fluxes, media = {"up" if field.diagnostics.get("illuminate") == "bottom" else "down": field.direct}, {}
     if field.index is not None and field.direct_up is not None:
-        fluxes, media = (
-            {"down": field.direct, "up": field.direct_up},
-            {"refractive index": shorten_numbers(field.index)},
-        )
+        fluxes = {"down": field.direct, "up": field.direct_up}
+        media = {"refractive index": shorten_numbers(field.index)}
     return {
         "optical depths τ": shorten_numbers(field.tau),
         **media,
