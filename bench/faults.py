@@ -120,7 +120,7 @@ OTHERS = list_faults(
     ("delta-m", "optics/truncation.py", "stretch, albedo / stretch)", "stretch, albedo)",
      "light scattered once by all terms lacks the factor of the TMS method", "truncation"),
     ("base-energy", "scene/base_checks.py", "ENERGY_ALLOWED = 1e-3", "ENERGY_ALLOWED = 1e3",
-     "a base may give back more than it gets", "bases refused"),
+     "a base may give back more than it gets", "refused"),
     ("azimuth-sign", "scene/azimuths.py", "[[0.0, -1.0], [1.0, 0.0]]", "[[0.0, 1.0], [1.0, 0.0]]",
      "sign of sin(m phi) in a base's Fourier orders", "bases"),
     ("beam-energy", "calls/energy.py", "beams[:, :, 1] - beams[:, :, 0]", "beams[:, :, 1] + beams[:, :, 0]",

@@ -257,25 +257,6 @@ def test_what_does_not_converge_is_named_with_the_accuracy_there_is() -> None:
         vrte.brdf(scenes[2], 0.5, 0.5, 90.0, nodes=2, accuracy=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("function", "words"),
-    [
-        (lambda i, o, p: np.diag([1e3, 0, 0, 0]), r"gives back 3142 of the light along mu_i = "),
-        (lambda i, o, p: np.diag([0.33, 0, 0, 0]), r"gives back 1\.037 of the light .* at most 1\.001 is allowed"),
-        (
-            lambda i, o, p: (0.05 / np.maximum(i, 0.05 + 0.0 * (o + p)))[..., None, None] * np.diag([1.0, 0, 0, 0]),
-            r"gives back 3\.142 of the light along mu_i = 0\.05, and at most 1\.001",
-        ),
-        (lambda i, o, p: np.diag([0.1, 0.1, 0.1, -0.1]), r"is not physical: .* eigenvalue -0\.05 where f_00 is 0\.1;"),
-        (lambda i, o, p: np.diag([0.1, 0.2, 0.0, 0.0]), r"is not physical: .* eigenvalue -0\.025 where f_00 is 0\.1;"),
-        (lambda i, o, p: np.zeros((4, 4)) + np.diag([0, 0, 0, 1e-3]), r"eigenvalue -0\.00025 where f_00 is 0;"),
-    ],
-)
-def test_what_no_surface_does_is_refused(function: Function, words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        vrte.MuellerBase(function)
-
-
 def test_what_surfaces_do_is_taken(rough_sea: Function) -> None:
     """A narrow lobe that a coarse quadrature overestimates, a sea without shadows, white paper, a perfect depolarizer
     and retarders: their energy is 1, their coherency matrices singular."""

@@ -26,7 +26,7 @@ Q = np.array([1.0, 1.0, 1.0, -1.0])
 FEW = (
     "sun and view on a node", "mu beside mu0", "1 - omega = 1e-9, thickness 1e4", "infinite, conservative",
     "infinite, 1 - omega = 1e-12", "thickness 0 over a lobe", "thick between thin", "clear layer between",
-    "rayleigh w=0.99 t=inf two white sun=node view=1 N=8", "plate", "three media", "leaf under glass",
+    "rayleigh w=0.99 t=inf two white sun=node view=1 N=8", "plate", "leaf under glass",
 )  # fmt: skip  # for ways that take long: the others are slow tests
 ON_DEVICES = (
     "infinite, conservative", "infinite, absorbing", "conservative metal, thickness 1e6", "clear layer between",
@@ -167,7 +167,7 @@ def test_light_is_right(name: str, way: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", slow_but((name for name, each in PROBLEMS.items() if each.known), "varnish over paint", "three media")
+    "name", slow_but((name for name, each in PROBLEMS.items() if each.known), "varnish over paint")
 )
 def test_light_between_interfaces_is_right(name: str) -> None:
     """Beside ball arithmetic: on both sides of every interface and between them, fluxes and beams, 1e-11 of the

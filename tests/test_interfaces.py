@@ -158,11 +158,8 @@ def test_polarized_monte_carlo_of_mitsuba(place: str) -> None:
     assert np.sqrt(np.mean(differences**2)) < 1.2
 
 
-def test_media_too_much_alike_are_refused() -> None:
+def test_media_as_near_as_scenes_take_them() -> None:
     """Nodes that lie almost along an interface cost the modes their digits: 5e-3 of the light at a step of 1e-12."""
-    alike = [vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.5 + 1e-7)]
-    with pytest.raises(vrte.SceneError, match=r"1\.5 and 1\.5000001 are too much alike to tell apart"):
-        vrte.Scene(alike)
     assert vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.5 + 2e-6)]).index_below == 1.5 + 2e-6
 
 

@@ -181,30 +181,6 @@ def test_the_orders_of_what_is_cut_are_those_of_a_bent_function() -> None:
     assert_close(found[..., 0, 0], expected, rtol=0.0, atol=2e-9)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: vrte.RPV(-0.1, 0.7), r"base: rho_0 must be between 0 and 10, not -0\.1"),
-        (lambda: vrte.RPV(0.1, 0.7, 1.0), r"base: asymmetry must be between -0\.999 and 0\.999, not 1"),
-        (lambda: vrte.RPV(0.1, 0.7, rho_c=3.0), r"base: rho_c must be between 0 and 2, not 3"),
-        (lambda: vrte.RPV(0.9, 0.5), r"base: it gives back \d\.\d+ of the light along mu_i = "),
-        (lambda: vrte.Hapke(1.1), r"base: albedo must be between 0 and 1, not 1\.1"),
-        (lambda: vrte.Hapke(1.0), r"base: it gives back 1\.013 of the light along mu_i = 0\.4"),
-        (lambda: vrte.Hapke(0.5, h_function="1993"), r"base: h_function must be '2002', '1981', not '1993'"),
-        (lambda: vrte.Hapke(0.5, linear=1.5), r"base: linear must give a phase function of at least 0 .* not -0\.5"),
-        (lambda: vrte.Hapke(0.5, linear=0.5, asymmetry=0.1), r"base: asymmetry is instead of linear and quadratic"),
-        (lambda: vrte.Hapke(0.5, width=0.0), r"base: width must be between 0\.001 and 10, not 0"),
-        (lambda: vrte.RossLi(0.1, 0.1, 0.0, hot_spot=1), "RossLi: hot_spot must be True or False, not 1"),  # type: ignore[arg-type]
-        (lambda: vrte.RossLi(0.1, 0.1, 0.0, crown_shape=0.0), r"base: crown_shape must be between 0\.1 and 10, not 0"),
-        (lambda: vrte.cox_munk(-1.0), r"base: wind must be a speed in m/s from 0 to 40, not -1"),
-        (lambda: vrte.cox_munk(5.0, index=0.0), r"base: index must be n or n \+ ik"),
-    ],
-)
-def test_what_no_surface_has_is_refused(make: Callable[[], Any], words: str) -> None:
-    with pytest.raises(vrte.SceneError, match=words):
-        make()
-
-
 def test_a_sea_is_facets_by_the_wind() -> None:
     assert vrte.cox_munk(7.0) == vrte.Facets(1.34, math.sqrt(0.003 + 0.00512 * 7.0), shadowing=False)
     with pytest.warns(vrte.FittedRangeWarning, match="measured up to a wind of 14 m/s, and are extrapolated to 20 m/s"):

@@ -198,6 +198,11 @@ def tilted(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
     return f
 
 
+def grazing(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+    """Brighter and brighter towards the horizon."""
+    return (0.05 / np.maximum(mu_i, 0.05 + 0.0 * (mu_o + phi_deg)))[..., None, None] * np.diag([1.0, 0, 0, 0])
+
+
 SCENES: list[Row] = [
     (partial(layer, RAYLEIGH, 1.5, 1.0), "albedo must be between 0 and 1, not 1.5"),
     (partial(layer, RAYLEIGH, True, 1.0), "Layer: albedo must be a number, not True"),
@@ -219,6 +224,7 @@ SCENES: list[Row] = [
     (partial(vrte.Scene, [ENDLESS, ONE]), "layer 1: thickness inf .* last layer only"),
     (partial(vrte.Scene, [ENDLESS, SMOOTH]), "thickness inf is allowed for the last layer only"),
     (partial(vrte.Scene, None), "layers must be a list"),
+    (partial(vrte.Scene, [SMOOTH, vrte.Interface(1.5, 1.5 + 1e-7)]), r"1\.5 and 1\.5000001 are too much alike to tell"),
     (partial(vrte.Scene, [ONE], 0.3), r"base must be None .* not 0.3; .* vrte.Lambertian\(0.3\)"),
     (partial(vrte.Scene, [ONE], vrte.Lambertian), r"has to be called: Lambertian\(...\)"),
     (partial(vrte.Scene, [ONE], interfaces=[None]), "interfaces must be one more than the 1 layers"),
@@ -234,6 +240,29 @@ SCENES: list[Row] = [
     (partial(mueller, lambda i, o, p: 1j * np.eye(4)), "real numbers"),
     (partial(mueller, lambda i, o: np.eye(4)), "called with arrays .* failed with TypeError"),
     (partial(mueller(rough_mirror), [0.1, 0.2], [0.1, 0.2, 0.3], 0.0), "must broadcast, not be of the shapes"),
+    (partial(mueller, lambda i, o, p: np.diag([1e3, 0, 0, 0])), "gives back 3142 of the light along mu_i = "),
+    (partial(mueller, lambda i, o, p: np.diag([0.33, 0, 0, 0])), r"1\.037 of the light .* at most 1\.001 is allowed"),
+    (partial(mueller, grazing), r"gives back 3\.142 of the light along mu_i = 0\.05, and at most 1\.001"),
+    (partial(mueller, lambda i, o, p: np.diag([0.1, 0.1, 0.1, -0.1])), r"eigenvalue -0\.05 where f_00 is 0\.1;"),
+    (partial(mueller, lambda i, o, p: np.diag([0.1, 0.2, 0.0, 0.0])), r"eigenvalue -0\.025 where f_00 is 0\.1;"),
+    (
+        partial(mueller, lambda i, o, p: np.diag([0, 0, 0, 1e-3])),
+        r"not physical: .* eigenvalue -0\.00025",
+    ),
+    (partial(vrte.RPV, -0.1, 0.7), r"base: rho_0 must be between 0 and 10, not -0\.1"),
+    (partial(vrte.RPV, 0.1, 0.7, 1.0), r"base: asymmetry must be between -0\.999 and 0\.999, not 1"),
+    (partial(vrte.RPV, 0.1, 0.7, rho_c=3.0), "base: rho_c must be between 0 and 2, not 3"),
+    (partial(vrte.RPV, 0.9, 0.5), r"base: it gives back \d\.\d+ of the light along mu_i = "),
+    (partial(vrte.Hapke, 1.1), r"base: albedo must be between 0 and 1, not 1\.1"),
+    (partial(vrte.Hapke, 1.0), r"base: it gives back 1\.013 of the light along mu_i = 0\.4"),
+    (partial(vrte.Hapke, 0.5, h_function="1993"), "base: h_function must be '2002', '1981', not '1993'"),
+    (partial(vrte.Hapke, 0.5, linear=1.5), r"base: linear must give a phase function of at least 0 .* not -0\.5"),
+    (partial(vrte.Hapke, 0.5, linear=0.5, asymmetry=0.1), "base: asymmetry is instead of linear and quadratic"),
+    (partial(vrte.Hapke, 0.5, width=0.0), r"base: width must be between 0\.001 and 10, not 0"),
+    (partial(vrte.RossLi, 0.1, 0.1, 0.0, hot_spot=1), "RossLi: hot_spot must be True or False, not 1"),
+    (partial(vrte.RossLi, 0.1, 0.1, 0.0, crown_shape=0.0), r"base: crown_shape must be between 0\.1 and 10, not 0"),
+    (partial(vrte.cox_munk, -1.0), "base: wind must be a speed in m/s from 0 to 40, not -1"),
+    (partial(vrte.cox_munk, 5.0, index=0.0), r"base: index must be n or n \+ ik"),
     (partial(facets, 1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
     (partial(facets, 1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
     (partial(facets, 1.5, 0.001), "base: roughness must be 0 .smooth. or from"),
