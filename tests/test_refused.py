@@ -245,10 +245,7 @@ SCENES: list[Row] = [
     (partial(mueller, grazing), r"gives back 3\.142 of the light along mu_i = 0\.05, and at most 1\.001"),
     (partial(mueller, lambda i, o, p: np.diag([0.1, 0.1, 0.1, -0.1])), r"eigenvalue -0\.05 where f_00 is 0\.1;"),
     (partial(mueller, lambda i, o, p: np.diag([0.1, 0.2, 0.0, 0.0])), r"eigenvalue -0\.025 where f_00 is 0\.1;"),
-    (
-        partial(mueller, lambda i, o, p: np.diag([0, 0, 0, 1e-3])),
-        r"not physical: .* eigenvalue -0\.00025",
-    ),
+    (partial(mueller, lambda i, o, p: np.diag([0, 0, 0, 1e-3])), r"not physical: .* eigenvalue -0\.00025"),
     (partial(vrte.RPV, -0.1, 0.7), r"base: rho_0 must be between 0 and 10, not -0\.1"),
     (partial(vrte.RPV, 0.1, 0.7, 1.0), r"base: asymmetry must be between -0\.999 and 0\.999, not 1"),
     (partial(vrte.RPV, 0.1, 0.7, rho_c=3.0), "base: rho_c must be between 0 and 2, not 3"),
