@@ -61,7 +61,10 @@ def test_the_recursions_against_ball_arithmetic(given: tuple[Any, ...], orders: 
     """Of each argument, relative to its largest derivative; the values are those of the plain kernels, to all bits."""
     coated = coated_sphere_slopes, coated_sphere_coefficients
     kernels: Any = (sphere_slopes, sphere_coefficients) if len(given) == 2 else coated
-    found, plain = (kernel(*given, count_orders(given[-1])) for kernel in kernels)
+    indices, sizes = np.split(np.array(given, complex)[:, None], 2)
+    count = count_orders(given[-1])
+    found = kernels[0](*given, count)
+    (plain,) = kernels[1](*indices, *sizes.real.copy(), np.array([count], np.int32))
     assert (found[0] == plain).all()
     for n in orders:
         error = abs(found[1:, :, n - 1] - differentiate_literally(n, given)).max(axis=1)
@@ -78,7 +81,8 @@ def test_cross_sections_of_a_sphere(index: complex, size: float, orders: int, wi
     given = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * math.pi)
     ((ball, _),) = given.balls
     numbers = SphereNumbers.of(ball, 1, 6)
-    a, b = sphere_coefficients(complex(index), size, orders)[:, : orders - 1]
+    sphere = np.array([complex(index)]), np.array([size]), np.array([orders], np.int32)
+    a, b = sphere_coefficients(*sphere)[0, :, : orders - 1]
     exact = np.array([differentiate_literally(n, (index, size)) for n in range(1, orders)])
     twice = 2.0 * np.arange(1, orders) + 1.0
     for place, step in ((0, 1.0), (0, 1j), (1, 1.0)) if complex(index).imag else ((1, 1.0),):

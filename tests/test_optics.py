@@ -27,9 +27,10 @@ ball = partial(vrte.spheres, wavelength_um=WAVELENGTH)
 
 def solve(*sphere: Any) -> np.ndarray:
     """a_n and b_n (2, orders) of indices and size parameters, both from the inside out."""
-    indices, sizes = np.split(np.array(sphere), 2)
+    indices, sizes = np.split(np.array(sphere, complex), 2)
     kernel: Any = sphere_coefficients if indices.size == 1 else coated_sphere_coefficients
-    found: np.ndarray = kernel(*map(complex, indices), *sizes.real, count_orders(sizes[-1].real))
+    numbers = *indices[:, None], *sizes.real[:, None], np.array([count_orders(sizes[-1].real)], np.int32)
+    found: np.ndarray = kernel(*numbers)[0]
     return found
 
 

@@ -25,9 +25,15 @@ MOST_COLUMNS: int
 TANH_NUMERATOR: tuple[float, float, float, float]
 TANH_DENOMINATOR: tuple[float, float, float, float]
 
-def sphere_coefficients(relative_index: complex, size: float, orders: int) -> NDArray[np.complex128]: ...
+def sphere_coefficients(
+    relative_indices: NDArray[np.complex128], sizes: Array, orders: IntArray
+) -> NDArray[np.complex128]: ...
 def coated_sphere_coefficients(
-    core_index: complex, shell_index: complex, core_size: float, size: float, orders: int
+    core_indices: NDArray[np.complex128],
+    shell_indices: NDArray[np.complex128],
+    core_sizes: Array,
+    sizes: Array,
+    orders: IntArray,
 ) -> NDArray[np.complex128]: ...
 def sphere_slopes(relative_index: complex, size: float, orders: int) -> NDArray[np.complex128]: ...
 def coated_sphere_slopes(

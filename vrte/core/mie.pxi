@@ -62,20 +62,28 @@ cdef void match_outside(
                 gain[kind, n - 1] = over(over(make(0.0, 1.0), below), below)
 
 
-def sphere_coefficients(cplx relative_index, double size, int orders):
-    """a_n and b_n, (2, orders) from n = 1, of a sphere of size parameter `size`; Bohren and Huffman (4.88)."""
-    return find_sphere_coefficients(relative_index, size, orders, False)[0]
+def sphere_coefficients(const cplx[::1] relative_indices, const double[::1] sizes, const int[::1] orders):
+    """a_n and b_n, (sizes, 2, orders) from n = 1, of spheres of size parameters `sizes`, 0 beyond the `orders` (sizes,)
+    of each; Bohren and Huffman (4.88)."""
+    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, np.max(orders)), np.complex128)
+    cdef int k
+    for k in range(<int>sizes.shape[0]):
+        find_sphere_coefficients(relative_indices[k], sizes[k], orders[k], found[k])
+    return np.asarray(found)[:, 0]
 
 
 def sphere_slopes(cplx relative_index, double size, int orders):
-    """The same and their derivatives with the relative index and with the size parameter, (3, 2, orders)."""
-    return find_sphere_coefficients(relative_index, size, orders, True)
+    """The same of one sphere and their derivatives with the relative index and with the size parameter,
+    (3, 2, orders)."""
+    cdef cplx[:, :, ::1] found = np.empty((3, 2, orders), np.complex128)
+    find_sphere_coefficients(relative_index, size, orders, found)
+    return np.asarray(found)
 
 
-cdef find_sphere_coefficients(cplx relative_index, double size, int orders, bint with_slopes):
-    """(1 or 3, 2, orders). D' = n(n + 1)/z^2 - 1 - D^2, and what is the same on both sides of the surface is left out
-    of the difference."""
-    cdef cplx[:, :, ::1] found = np.empty((3 if with_slopes else 1, 2, orders), np.complex128)
+cdef void find_sphere_coefficients(cplx relative_index, double size, int orders, cplx[:, :, ::1] found):
+    """found (1 or 3, 2, orders or more). D' = n(n + 1)/z^2 - 1 - D^2, and what is the same on both sides of the surface
+    is left out of the difference."""
+    cdef bint with_slopes = found.shape[0] > 1
     cdef cplx[::1] slope = np.empty(orders + 1, np.complex128)
     cdef double[::1] ratio = np.empty(orders + 1)
     cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
@@ -97,7 +105,6 @@ cdef find_sphere_coefficients(cplx relative_index, double size, int orders, bint
                 d = times(1.0 - over(make(1.0, 0.0), square), bend + times(d, d))
                 found[2, 0, n - 1] = times(gain[0, n - 1], d)
                 found[2, 1, n - 1] = times(gain[1, n - 1], square - 1.0)
-    return np.asarray(found)
 
 
 cdef Waves begin_waves(cplx z) noexcept nogil:
@@ -120,16 +127,23 @@ cdef void climb(Waves *waves, int n, cplx slope) noexcept nogil:
     waves.psi_slope = times(slope, waves.psi)
 
 
-def coated_sphere_coefficients(cplx core_index, cplx shell_index, double core_size, double size, int orders):
-    """a_n and b_n, (2, orders) from n = 1, of a core in a shell, `size` the size parameter of the whole and both
-    indices relative to the host's; Bohren and Huffman (8.2)."""
-    return find_coated_coefficients(core_index, shell_index, core_size, size, orders, False)[0]
+def coated_sphere_coefficients(const cplx[::1] core_indices, const cplx[::1] shell_indices,
+                               const double[::1] core_sizes, const double[::1] sizes, const int[::1] orders):
+    """a_n and b_n, (sizes, 2, orders) from n = 1, of cores in shells, `sizes` the size parameters of the whole and both
+    indices relative to the host's, 0 beyond the `orders` (sizes,) of each; Bohren and Huffman (8.2)."""
+    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, np.max(orders)), np.complex128)
+    cdef int k
+    for k in range(<int>sizes.shape[0]):
+        find_coated_coefficients(core_indices[k], shell_indices[k], core_sizes[k], sizes[k], orders[k], found[k])
+    return np.asarray(found)[:, 0]
 
 
 def coated_sphere_slopes(cplx core_index, cplx shell_index, double core_size, double size, int orders):
-    """The same and their derivatives with the core's index, the shell's, the core's size and the whole one,
-    (5, 2, orders)."""
-    return find_coated_coefficients(core_index, shell_index, core_size, size, orders, True)
+    """The same of one sphere and their derivatives with the core's index, the shell's, the core's size and the whole
+    one, (5, 2, orders)."""
+    cdef cplx[:, :, ::1] found = np.empty((5, 2, orders), np.complex128)
+    find_coated_coefficients(core_index, shell_index, core_size, size, orders, found)
+    return np.asarray(found)
 
 
 cdef inline cplx bend_slope(int n, cplx z, cplx slope) noexcept nogil:
@@ -137,17 +151,17 @@ cdef inline cplx bend_slope(int n, cplx z, cplx slope) noexcept nogil:
     return times(over(make(n, 0.0), z), over(make(n + 1, 0.0), z)) - 1.0 - times(slope, slope)
 
 
-cdef find_coated_coefficients(
-    cplx core_index, cplx shell_index, double core_size, double size, int orders, bint with_slopes
+cdef void find_coated_coefficients(
+    cplx core_index, cplx shell_index, double core_size, double size, int orders, cplx[:, :, ::1] found
 ):
-    """(1 or 5, 2, orders).
+    """found (1 or 5, 2, orders or more).
 
     In the shell the field is u = A psi_n + B xi_n; A and B are Wronskians of u at the core with xi_n and psi_n there,
     which lose nothing where a function has a zero or the shell is thin. Both are kept without the exponential growth
     of psi_n and decay of xi_n in a medium that absorbs, and without the growth of xi_n beyond n = |z|. So u is i at the
     core, and u'/u outside changes by 1/u^2 times what it changes by there.
     """
-    cdef cplx[:, :, ::1] found = np.empty((5 if with_slopes else 1, 2, orders), np.complex128)
+    cdef bint with_slopes = found.shape[0] > 1
     cdef cplx[:, ::1] slopes = np.empty((3, orders + 1), np.complex128)   # core; shell inside, outside
     cdef double[::1] ratio = np.empty(orders + 1)
     cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
@@ -200,4 +214,3 @@ cdef find_coated_coefficients(
                 for kind in range(2):
                     for n in range(orders):
                         found[number, kind, n] = -times(gain[kind, n], found[number, kind, n])
-    return np.asarray(found)

@@ -58,19 +58,17 @@ def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float
     if volume_fraction < FEW:
         return host + volume_fraction / FEW * (find_coherent_potential_index(kinds, FEW) - host)
     substances, shells = np.sqrt(permittivities), radii * volume_fraction ** (-1.0 / 3.0)
-    spheres = list(zip(weights.tolist(), substances.tolist(), radii.tolist(), shells.tolist(), strict=True))
     most = count_orders(2.0 * math.pi * FURTHEST * host / wavelength * float(shells.max()) * (1.0 + STEP))
     twice = np.arange(3.0, 2.0 * most + 2.0, 2.0)  # 2 n + 1
 
     def advance(index: float) -> float:
         """The phase that light gains by the spheres, with any positive factor."""
-        wavenumber, gained = 2.0 * math.pi * index / wavelength, 0.0
-        for weight, substance, radius, shell in spheres:
-            orders = count_orders(wavenumber * shell)
-            indices = substance / index, host / index
-            coefficients = coated_sphere_coefficients(*indices, wavenumber * radius, wavenumber * shell, orders)
-            gained -= weight * float((coefficients.imag @ twice[:orders]).sum())  # Im S(0)
-        return gained / wavenumber**3
+        wavenumber = 2.0 * math.pi * index / wavelength
+        sizes = wavenumber * radii, wavenumber * shells
+        orders = np.array([*map(count_orders, sizes[1].tolist())], np.int32)
+        found = coated_sphere_coefficients(substances / index, np.full(radii.size, host / index + 0j), *sizes, orders)
+        gained = -weights @ (found.imag @ twice[: found.shape[2]]).sum(axis=1)  # Im S(0)
+        return float(gained) / wavenumber**3
 
     phase = 2.0 * math.pi * host / wavelength * float(weights @ shells**3) / float(weights @ shells**2)
     before, sign = host, math.copysign(1.0, advance(host))

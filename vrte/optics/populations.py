@@ -39,13 +39,11 @@ class Population:
     b: Complex
 
 
-def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
-    """a_n and b_n without the orders at the end that hold nothing."""
-    strength = np.maximum(np.abs(a), np.abs(b)).tolist()  # some 20 numbers, thousands of times: no arrays
-    least, orders = NEGLIGIBLE * max(strength), len(strength)
-    while strength[orders - 1] <= least:
-        orders -= 1
-    return a[:orders], b[:orders]
+def count_held_orders(found: Complex) -> Any:
+    """How many orders there are of a_n and b_n (..., 2, orders) without those at the end that hold nothing, (...)."""
+    strength = np.abs(found).max(axis=-2)
+    holds = strength > NEGLIGIBLE * strength.max(axis=-1, keepdims=True)
+    return strength.shape[-1] - np.argmax(holds[..., ::-1], axis=-1)
 
 
 def average_population(ball: Any) -> tuple[Population, int, float]:
@@ -55,9 +53,8 @@ def average_population(ball: Any) -> tuple[Population, int, float]:
     def average(count: int, moment: int) -> tuple[Population, Array, int]:
         radii, weights = ball.read_quadrature(count, moment)
         ball.check_radii(radii)
-        for radius in radii:
-            if radius not in known:
-                known[radius] = ball.find_coefficients(radius)
+        if new := [radius for radius in radii.tolist() if radius not in known]:
+            known.update(zip(new, zip(*ball.find_coefficients(np.array(new)), strict=True), strict=True))
         tables = [known[radius] for radius in radii]
         a, b = np.zeros((2, radii.size, max(found[0].size for found in tables)), dtype=np.complex128)
         for row, found in enumerate(tables):

@@ -22,7 +22,7 @@ from vrte.optics.populations import (
     FEWEST_RADII,
     Complex,
     average_population,
-    drop_negligible,
+    count_held_orders,
     expand_population,
     sum_bulk,
 )
@@ -80,9 +80,9 @@ class Ball(ParticleKind):
                     f"{LARGEST_PHASE:g}, not {index.real * part:.4g} (a radius of {radii[-1]:.4g} um)"
                 )
 
-    def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
-        """a_n and b_n from n = 1 of a sphere of this outer radius [um]."""
-        return compute_mie_coefficients(*self.relative_indices, *self.list_sizes(radius_um))
+    def find_coefficients(self, radii: Array) -> tuple[Complex, Complex]:
+        """a_n and b_n from n = 1 of spheres of these outer radii [um], (sizes, orders)."""
+        return compute_mie_coefficients(*self.relative_indices, *self.list_sizes(radii))
 
     def list_arguments(self, radii: Array) -> Complex:
         """What the coefficients of spheres are functions of, (arguments, sizes): relative indices and size parameters,
@@ -274,12 +274,19 @@ def average_ball(ball: Ball) -> Particles:
 
 
 def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
-    """a_n and b_n from n = 1 of a sphere's index relative to the host and its size parameter, or of the indices of core
-    and shell and the size parameters of core and whole. Source: Bohren and Huffman (1983), (4.53) and section 8.1."""
-    half = len(numbers) // 2
-    indices, sizes = map(complex, numbers[:half]), numbers[half:]
+    """a_n and b_n (..., orders) from n = 1 of spheres' indices relative to the host and their size parameters (...), or
+    of the indices of core and shell and the size parameters of core and whole; 0 where an order holds nothing. Source:
+    Bohren and Huffman (1983), (4.53) and section 8.1."""
+    given = np.broadcast_arrays(*numbers)
+    half, shape = len(given) // 2, given[0].shape
+    indices = [np.array(each, np.complex128).ravel() for each in given[:half]]
+    sizes = [np.array(each, float).ravel() for each in given[half:]]
     find: Any = sphere_coefficients if half == 1 else coated_sphere_coefficients
-    return drop_negligible(*find(*indices, *sizes, count_orders(sizes[-1])))
+    found = find(*indices, *sizes, np.array([*map(count_orders, sizes[-1].tolist())], np.int32))
+    held = count_held_orders(found)
+    found *= np.arange(found.shape[-1]) < held[:, None, None]
+    a, b = np.ascontiguousarray(found[..., : held.max()].swapaxes(0, 1))
+    return a.reshape(*shape, -1), b.reshape(*shape, -1)
 
 
 def count_orders(size: float) -> int:

@@ -20,7 +20,7 @@ from vrte.optics.populations import (
     Complex,
     combine_sphere_elements,
     compute_angular_functions,
-    drop_negligible,
+    count_held_orders,
     find_amplitudes,
 )
 from vrte.optics.spheres import Ball
@@ -62,7 +62,7 @@ def vary_spheres(
     moving = np.flatnonzero(arguments.any(axis=(0, 2)))
     arguments = arguments[:, moving]
     tables = [ball.find_slopes(float(radius)) for radius in numbers.radii]
-    orders = max(drop_negligible(*table[0])[0].size for table in tables)
+    orders = max(int(count_held_orders(table[0])) for table in tables)
     values = np.zeros((numbers.radii.size, 2, orders), complex)
     slopes = np.zeros((moving.size, *values.shape), complex)
     for row, table in enumerate(tables):
