@@ -66,7 +66,8 @@ def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float
         wavenumber = 2.0 * math.pi * index / wavelength
         sizes = wavenumber * radii, wavenumber * shells
         orders = np.array([*map(count_orders, sizes[1].tolist())], np.int32)
-        found = coated_sphere_coefficients(substances / index, np.full(radii.size, host / index + 0j), *sizes, orders)
+        indices = substances / index + 0j, np.full(radii.size, host / index + 0j)
+        found = coated_sphere_coefficients(*indices, *sizes, orders)
         gained = -weights @ (found.imag @ twice[: found.shape[2]]).sum(axis=1)  # Im S(0)
         return float(gained) / wavenumber**3
 
