@@ -66,8 +66,8 @@ def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float
         wavenumber = 2.0 * math.pi * index / wavelength
         sizes = wavenumber * radii, wavenumber * shells
         orders = np.array([*map(count_orders, sizes[1].tolist())], np.int32)
-        indices = substances / index + 0j, np.full(radii.size, host / index + 0j)
-        found = coated_sphere_coefficients(*indices, *sizes, orders)
+        indices = np.array([substances, np.full(radii.size, host)], np.complex128) / index
+        found = coated_sphere_coefficients(indices[0], indices[1], *sizes, orders)
         gained = -weights @ (found.imag @ twice[: found.shape[2]]).sum(axis=1)  # Im S(0)
         return float(gained) / wavenumber**3
 
