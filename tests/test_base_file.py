@@ -61,16 +61,6 @@ def test_the_tensor_of_a_result_is_that_result_as_a_base(tensor: Path, exact: np
     assert np.abs(along - 1.0).max() < 0.06
 
 
-@pytest.mark.slow
-def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path: Path) -> None:
-    for suffix in (".nc", ".csv"):
-        spectrum[2].save(tmp_path / f"one{suffix}")
-        assert largest_gap(found_at(vrte.read_base(tmp_path / f"one{suffix}")), exact) < 1e-3
-    spectrum.save(tmp_path / "all.nc")
-    assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.55)), exact) < 1e-3
-    assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.5)), exact) > 1e-2
-
-
 def content(**base: Any) -> dict[str, Any]:
     layer, brdf = {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.3}, {"mu_i": 0.5, "mu_o": 0.5}
     return {"nodes": 6, "wavelength_um": 0.55, "layer": [layer], "base": {"kind": "table", **base}, "brdf": brdf}

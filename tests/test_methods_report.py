@@ -63,17 +63,6 @@ def test_the_quick_report(tmp_path: Path) -> None:
     assert "For 1e-03 take" in page
 
 
-def test_one_colour_a_method_and_the_answer_on_top() -> None:
-    known = list(Records(Row, EXPLANATION / "methods" / "methods.csv").read().values())
-    curves = {row.curve: row for row in known if not row.is_peer}
-    colours = {methods_page.find_curve_method(row): methods_page.choose_colour([row]) for row in curves.values()}
-    assert len(set(colours.values())) == len(colours) == len(METHODS) + 1
-    markers = methods_page.assign_markers(known)
-    assert len({(methods_page.choose_colour([row]), markers[name]) for name, row in curves.items()}) == len(curves)
-    text = methods_page.make_html(known, [])
-    assert -1 < text.find("good enough in 45 of 45") < text.index("<table>")
-
-
 @pytest.fixture(scope="module")
 def earlier_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
     """The folder of two runs that have been measured, and their rows."""

@@ -1,7 +1,6 @@
 """The table for Mitsuba 3: its splines, its container, what Mitsuba reads from it; Mitsuba's own dielectric above
 such a table: closed forms rendered, and what cannot be nested; its rough surfaces beside ours."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -121,14 +120,6 @@ def test_tensors_come_back_and_any_damage_is_one_sentence(tmp_path: Path) -> Non
     assert all(words.startswith(str(path)) and words.isprintable() for words in reported)
     with pytest.raises(SceneError, match=r"longer than the 1e-07 GB that are read"):
         read_tensors(tmp_path / "a.bsdf", most_bytes=1e2)
-
-
-def test_mitsuba_reads_tensors(mitsuba: Any, tmp_path: Path) -> None:
-    fields = {name: array for name, array in FIELDS.items() if array.ndim}  # its reader knows no single number
-    write_tensors(fields, tmp_path / "a.bsdf")
-    found = mitsuba.tensor_io.read(str(tmp_path / "a.bsdf"))
-    for name, array in fields.items():
-        np.testing.assert_array_equal(found[name], array, strict=True)
 
 
 def in_stokes_basis(mitsuba: Any, travel: Array) -> Array:
@@ -346,19 +337,6 @@ def test_what_cannot_be_nested_is_refused(layers: list[dict[str, Any]], words: s
     for path, asked, reported in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
         with pytest.raises(vrte.SceneError, match=reported):
             check_nested(path, asked)
-
-
-def test_a_table_says_what_it_leaves_out(tmp_path: Path) -> None:
-    """And is the same as without."""
-    plain = vrte.spectrum(GREY, WAVELENGTHS, **between_directions.directions(8, 8))
-    glossy = vrte.Spectrum(WAVELENGTHS, [replace(one, specular=reflect_smooth(INDEX, one.mu_i)) for one in plain])
-    for name, result in (("plain", plain), ("glossy", glossy)):
-        measured_polarized.write_mitsuba(result, tmp_path / name, 15.0)
-    found = {name: read_tensors(tmp_path / name) for name in ("plain", "glossy")}
-    np.testing.assert_array_equal(found["plain"]["M"], found["glossy"]["M"])
-    words = {name: fields["description"].tobytes().decode() for name, fields in found.items()}
-    assert re.search(r"mirrored: left out is the mirrored beam, 0\.04\d* of the light at mu_i 0\.988", words["glossy"])
-    assert "mirrored: " not in words["plain"]
 
 
 def test_the_gap_is_wider_than_mitsubas_rays_start_off(tmp_path: Path) -> None:

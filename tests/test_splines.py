@@ -10,7 +10,7 @@ import vrte
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.differences import divide_exp_once
-from vrte.basics.splines import compute_weights, extend_azimuths, repeat_grid
+from vrte.basics.splines import compute_weights, repeat_grid
 from vrte.formats.between_directions import Splines, directions
 from vrte.formats.measured_polarized import make_unit_vectors
 from vrte.render.tables import Resolution, tabulate_brdf
@@ -119,16 +119,6 @@ def test_azimuths_go_on_for_ever(count: int) -> None:
     turns = 2 + 30 // count
     many = np.concatenate([phi + 360.0 * turn for turn in range(-turns, turns + 1)])
     assert_close(found, compute_weights(many, at) @ np.tile(values, 2 * turns + 1), rtol=0.0, atol=1e-8)
-
-
-def test_missing_azimuths_are_mirror_images(scene: vrte.Scene) -> None:
-    half, full = (solved(scene, 0.6, [0.5, 1.0], np.arange(0, most, 30)) for most in (181, 360))
-    (grid, matrices), (whole, everything) = (extend_azimuths(one.phi, one.mueller) for one in (half, full))
-    np.testing.assert_array_equal(grid, whole)
-    assert_close(matrices, everything, rtol=0.0, atol=1e-13)
-    some, _ = extend_azimuths(half.phi, half.mueller, 0.0, 180.0)
-    assert some[0] == grid[0]
-    assert some[-1] == 180.0 + 16 * 30.0
 
 
 @pytest.mark.parametrize("thickness", [1e-9, 0.3, 2.0, 80.0])
