@@ -1,13 +1,8 @@
-"""A literal solver to test against: adding-doubling of the discrete-ordinate system, Fourier order by order.
-
-Directions off the nodes are extra nodes of weight zero. Nothing is shared with the package but the associated Legendre
-matrices, which are built here from Wigner's d by its explicit sum.
-"""
+"""Phase matrices of Fourier orders, literally: from Wigner's d by its explicit sum, nothing shared with the package."""
 
 from math import comb, sqrt
 
 import numpy as np
-from scipy.linalg import expm
 
 D = np.diag([1.0, 1.0, -1.0, -1.0])
 
@@ -45,39 +40,6 @@ def a_matrix(m, coefficients, u, v):
         middle = np.array([[a1, -b1, 0, 0], [-b1, a2, 0, 0], [0, 0, a3, -b2], [0, 0, b2, a4]])
         total += np.einsum("uij,jk,vkl->uivl", legendre_matrix(l, m, u), middle, legendre_matrix(l, m, v))
     return total.reshape(4 * u.size, 4 * v.size)
-
-
-def slab(m, coefficients, albedo, thickness, mu, weights, n_in):
-    """Reflection and total transmission of a slab on the directions mu, flipped frame, acting on radiance.
-
-    The last n_in directions carry the beam: weight 1, and nothing scatters into them.
-    """
-    size = 4 * mu.size
-    inverse = np.repeat(1 / mu, 4)
-    flip = np.kron(np.eye(mu.size), D)
-    w = np.repeat(weights, 4)
-    forward = albedo / 2 * inverse[:, None] * a_matrix(m, coefficients, mu, mu) * w
-    back = albedo / 2 * inverse[:, None] * (a_matrix(m, coefficients, mu, -mu) @ flip) * w
-    forward[size - 4 * n_in :] = back[size - 4 * n_in :] = 0.0
-    through = forward - np.diag(inverse)
-    doublings = max(0, int(np.ceil(np.log2(max(thickness, 1e-300) * inverse.max() * 4))))
-    start = expm(thickness / 2.0**doublings * np.block([[through, back], [-back, -through]]))
-    R = -np.linalg.solve(start[size:, size:], start[size:, :size])
-    T = start[:size, :size] + start[:size, size:] @ R
-    one = np.eye(size)
-    for _ in range(doublings):
-        inner = np.linalg.inv(one - R @ R)
-        R, T = R + T @ inner @ R @ T, T @ inner @ T
-    return R, T
-
-
-def star(upper, lower):
-    """R and T seen from above, and from below, of two joined parts (Ra, Ta, Rb, Tb)."""
-    Ra, Ta, Rb, Tb = upper
-    Sa, Ua, Sb, Ub = lower
-    one = np.eye(len(Ra))
-    inner, outer = np.linalg.inv(one - Sa @ Rb), np.linalg.inv(one - Rb @ Sa)
-    return Ra + Tb @ inner @ Sa @ Ta, Ua @ outer @ Ta, Sb + Ua @ outer @ Rb @ Ub, Tb @ inner @ Ub
 
 
 def azimuthal_sum(orders, phi_deg):

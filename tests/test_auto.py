@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.special import expn
 
 import vrte
 from bench.methods import Row
@@ -16,28 +15,19 @@ from tests.random_scenes import Asked, asked, faint
 from vrte.basics.errors import SceneError
 from vrte.calls.plan import make_request
 from vrte.cli import main
-from vrte.formats.scene_file import SceneFile
 from vrte.methods.parts.auto import (
-    QUANTITIES,
     RULES,
-    bound_caught_share,
     bound_multiple_scattering,
     count_special_wishes,
     find_rule,
 )
-from vrte.request.how import EXACT, METHODS
-from vrte.request.request import Request
+from vrte.request.how import EXACT
 
 REPORT = Path(__file__).parents[1] / "docs" / "explanation" / "methods" / "methods.csv"
 THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])
 MIDDLE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.99, 1.0)])
 DEEP = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 100.0)])
 KEYS = {"mu0": 0.6, "mu": [0.3, 0.9, -0.3, -0.9], "phi": [0.0, 90.0], "threads": 1}
-
-
-def request(scene: vrte.Scene, **keywords: object) -> Request:
-    """Of a field, by the exact method."""
-    return make_request("radiance", scene, **KEYS | keywords)
 
 
 @pytest.mark.parametrize(
@@ -90,14 +80,6 @@ def test_brdf_and_light_from_below() -> None:
     assert (np.abs(found.mueller - right.mueller).max(axis=(1, 2, 3, 4)) < 1e-3 * largest).all()
 
 
-def test_the_table() -> None:
-    *others, last = RULES
-    assert (last.at_most, last.method) == ({}, EXACT)
-    assert len({rule.name for rule in RULES}) == len(RULES)
-    assert all(rule.method in METHODS and rule.at_most.keys() <= QUANTITIES.keys() for rule in RULES)
-    assert all(rule.evidence for rule in others)
-
-
 MUELLER = vrte.MuellerBase(lambda i, o, phi: np.zeros((*np.broadcast_shapes(*map(np.shape, (i, o, phi))), 4, 4)))
 
 
@@ -116,19 +98,10 @@ MUELLER = vrte.MuellerBase(lambda i, o, phi: np.zeros((*np.broadcast_shapes(*map
 )
 def test_special_wishes_go_to_the_exact_method_by_accuracy(scene: vrte.Scene, wish: dict[str, object]) -> None:
     """However thin the layer: light scattered once is not all that a surface mirrors."""
-    assert find_rule(request(THIN, accuracy=1e-2))[0] == 0
-    found = request(scene, accuracy=1e-2, **wish)
+    assert find_rule(make_request("radiance", THIN, **KEYS, accuracy=1e-2))[0] == 0
+    found = make_request("radiance", scene, **KEYS | wish, accuracy=1e-2)
     assert count_special_wishes(found) >= 1.0
     assert find_rule(found)[0] == 1
-
-
-def test_light_caught_again_is_bounded_closely() -> None:
-    thickness = np.geomspace(1e-8, 1.0, 30)
-    bound, right = np.array([bound_caught_share(each) for each in thickness]), 1.0 - expn(2, 0.5 * thickness)
-    assert (bound >= right * (1.0 - 1e-9)).all()
-    assert (bound[thickness < 0.5] <= 1.1 * right[thickness < 0.5]).all()
-    assert bound_caught_share(np.inf) == 1.0
-    assert bound_caught_share(0.0) == 0.0
 
 
 def test_light_scattered_again_is_less_than_its_bound() -> None:
@@ -224,13 +197,6 @@ def test_score() -> None:
     rows = [Row(*names, "measured", seconds, i_max=error, **nothing) for *names, seconds, error in reported]
     assert make_score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
     assert make_score_rows([each for each in rows if each.curve != "auto"]) == []
-
-
-def test_nodes_of_a_scene_file_are_left_out() -> None:
-    file = SceneFile(MIDDLE, "field", {"mu0": 0.6}, {"nodes": 4, "accuracy": 1e-3}, {})
-    assert file.keywords({"method": "auto"}) == {"mu0": 0.6, "accuracy": 1e-3, "method": "auto"}
-    assert file.keywords({"method": "auto", "nodes": 8})["nodes"] == 8  # asked for at once: refused by the solver
-    assert file.keywords({})["nodes"] == 4
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

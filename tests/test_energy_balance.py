@@ -68,13 +68,9 @@ POWDER = vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.3), make_layer(1.0, 10
 HOW: dict[str, Any] = {"mu_i": MU, "mu_o": 0.5, "nodes": 8}
 WAYS: dict[str, Callable[[], list[Any]]] = {  # to results of the same powder, by 8 nodes
     "brdf": lambda: [vrte.brdf(POWDER, **HOW)],
-    "sequential": lambda: [vrte.brdf(POWDER, **HOW, backend="sequential")],
-    "doubling": lambda: [vrte.brdf(POWDER, **HOW, algorithm="doubling")],
-    "verify": lambda: [vrte.brdf(POWDER, **HOW, verify=True)],
     "derivatives": lambda: [vrte.brdf(POWDER, **HOW, derivatives=["layer[2].thickness"])],
     "brdfs": lambda: vrte.brdfs([POWDER, POWDER], **HOW),
     "radiance": lambda: [vrte.radiance(POWDER, MU, mu=[], nodes=8)],
-    "nodes": lambda: [vrte.radiance(POWDER, 0.3, [1.0, 0.5, 0.5, 0.5], nodes=8)],
     "inside": lambda: [vrte.radiance(POWDER, 0.3, mu=[], tau=[0.0, 4.0], nodes=8)],
     "views": lambda: [vrte.views(POWDER, MU, MU, 0.0, nodes=8).diagnostics["solves"][0]],
     "spectrum": lambda: [*vrte.spectrum(CONTENT, [0.5, 0.6]).brdfs],

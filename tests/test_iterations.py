@@ -65,12 +65,6 @@ def test_they_add_up_to_light_at_all_depths(largest: float) -> None:
     assert_close(terms @ shares * shape[:, 0], 1.0, rtol=0.0, atol=1e-11)
 
 
-def test_light_inside_of_too_steep_a_slab_is_refused() -> None:
-    """Where the fractions were never held against the functions."""
-    with pytest.raises(AccuracyError, match="at most 1024 half thicknesses over mu"):
-        fit_depths(1.01 * STEEPEST_INSIDE, np.zeros(1))
-
-
 @pytest.mark.parametrize("albedo", [1.0, 0.97, 1e-6])
 @pytest.mark.parametrize("thickness", [1e-6, 0.01, 1.0, 4.0])
 @pytest.mark.parametrize("share", [(0.0, 1.0), (0.7, 1e-3, 1.0, 0.0, 0.5)])
@@ -124,10 +118,14 @@ def test_thin_slabs_and_grazing_beams_keep_the_accuracy(
     assert (np.abs(found.flux_down - right.flux_down) <= limit).all()
 
 
-def test_scatterings_that_do_not_converge_are_reported() -> None:
-    """Light finds no way out of a thick layer that absorbs none of it."""
+def test_what_they_do_not_find_is_refused() -> None:
+    """Light that finds no way out of a thick layer; slabs too steep for the sums."""
     with pytest.raises(AccuracyError, match="scatterings of order 0 do not converge"):
         scatter_by_fractions(discretise(1.0, 300.0), np.array([0], np.int32), 1e-8, Run(1))
+    with pytest.raises(AccuracyError, match="at most 1024 half thicknesses over mu"):
+        fit_depths(1.01 * STEEPEST_INSIDE, np.zeros(1))
+    with pytest.raises(AccuracyError, match="at most 8192 half thicknesses over mu"):
+        find_tangent(1.01 * STEEPEST)
 
 
 def test_moments_that_still_change_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,11 +186,7 @@ def test_the_rule_takes_them_where_terms_are_few() -> None:
 MU, PHI = np.array([0.05, 0.4, 1.0]), [0.0, 40.0, 180.0]
 
 
-@pytest.mark.parametrize(
-    "matrix",
-    [vrte.isotropic(), vrte.henyey_greenstein(-0.4, 12), vrte.rayleigh(0.1), spheroids()],
-    ids=["isotropic", "backward", "rayleigh", "spheroids"],
-)
+@pytest.mark.parametrize("matrix", [vrte.henyey_greenstein(-0.4, 12), spheroids()], ids=["backward", "spheroids"])
 @pytest.mark.parametrize("albedo", [0.2, 0.9, 1.0])
 def test_invariance_is_as_exact_as_asked(matrix: vrte.PhaseMatrix, albedo: float) -> None:
     scene = vrte.Scene([vrte.Layer(matrix, albedo, np.inf)])

@@ -1,7 +1,6 @@
 """The stability table: its scenes cover what they say, its checks find errors, a run resumes and says what it found."""
 
 import math
-import pickle
 import re
 import warnings
 from dataclasses import replace
@@ -14,8 +13,8 @@ import pytest
 
 import vrte
 from bench import stability, stability_cases
-from bench.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
-from bench.stability_cases import AXES, LAYERINGS, SURFACE_AXES, Case
+from bench.cases import Slab, find_phase_matrix
+from bench.stability_cases import AXES, SURFACE_AXES, Case
 from bench.study import Records
 
 from .conftest import call_study, rows_of
@@ -55,63 +54,6 @@ def test_cases_are_as_many_and_as_named_as_promised() -> None:
     assert all(case.reason for case in stability_cases.CORNERS)
     assert 40 <= len(stability_cases.choose_quick_cases()) <= 60
     assert {slab.phase for case in every if not case.media for slab in case.slabs} == set(AXES["phase"])
-
-
-@pytest.mark.parametrize("layering", LAYERINGS)
-@pytest.mark.parametrize("thickness", [1e-10, 4.0, math.inf])
-def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) -> None:
-    slabs, main = stability_cases.arrange_slabs("haze-L", 1.0, thickness, layering)
-    assert len(slabs) == {"one": 1, "two": 2, "hundred": 100}.get(layering, 3)
-    assert slabs[main].phase == "haze-L"
-    assert [math.isinf(slab.thickness) for slab in slabs] == [False] * (len(slabs) - 1) + [math.isinf(thickness)]
-    own = math.fsum(slab.thickness for slab in slabs if layering in ("one", "identical-neighbours", "hundred"))
-    assert own in (0.0, close_to(thickness, rtol=1e-13, atol=0.0))
-
-
-def test_levels_are_depths_from_top_to_bottom() -> None:
-    for case in stability_cases.list_all_cases():
-        tau = case.tau
-        assert tau[0] == 0.0
-        assert (np.diff(tau) >= 0.0).all(), case.name
-        assert np.isfinite(tau).all()
-        assert tau.max() <= case.thickness
-        if math.isfinite(case.thickness):
-            assert tau[-1] == case.thickness
-
-
-def test_cosines_are_what_they_are_called() -> None:
-    case = Case("kinds", 8, (Slab("rayleigh", 0.9, 1.0),), sun="eigenvalue", view="node")
-    nodes = vrte.radiance(case.scene, 0.5, nodes=8).mu
-    assert case.mu[0] in nodes
-    assert case.mu0 not in nodes
-    assert {case.mu0, -case.mu0} <= set(case.mu.tolist())
-    assert case.cosine("1-1e-12") == 1.0 - 1e-12
-
-
-def test_an_eigenvalue_is_one() -> None:
-    """At mu0 = 1/k the textbook's particular solution is singular: its matrix loses rank."""
-    from vrte import _core
-    from vrte.basics.quadrature import make_double_gauss
-
-    slab, nodes = Slab("glass-x1", 0.9, 1.0), 6
-    mu, weights = make_double_gauss(nodes)
-    signed = np.concatenate([mu, -mu])
-    table = find_phase_matrix(slab.phase).coefficients[: 2 * nodes]
-    kernel = _core.phase_matrices(0, table, signed, signed).transpose(0, 2, 1, 3).reshape(48, 48)
-    both = np.repeat(np.tile(weights, 2), 4)
-    generator = (0.5 * slab.albedo * kernel * both - np.eye(48)) / np.repeat(signed, 4)[:, None]
-    decay = 1.0 / stability_cases.find_eigen_cosine(slab, nodes)
-    values = np.linalg.svd(generator + decay * np.eye(48), compute_uv=False)
-    assert values[-1] < 1e-12 * values[0]
-
-
-def test_the_lobe_is_a_base() -> None:
-    layer, base = vrte.Layer(vrte.isotropic(), 0.0, 0.0), vrte.MuellerBase(evaluate_mueller_lobe)
-    assert pickle.loads(pickle.dumps(base)).function is evaluate_mueller_lobe
-    f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
-    assert 0.2 < f.reflectance[1] < 0.3
-    assert stability.measure_unphysical_matrix(f.mueller) < 1e-12
-    assert stability.measure_reciprocity_gap(f) < 1e-12
 
 
 def test_haze_l_is_the_published_one() -> None:

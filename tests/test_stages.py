@@ -1,8 +1,7 @@
-"""Every compiled stage against its equation written out in NumPy, or LAPACK's answer."""
+"""Stages of the core by themselves: small eigenproblems and systems of its own, and all of modes in one call.
 
-from dataclasses import replace
-from functools import reduce
-from itertools import pairwise
+Whether a stage is right is tested by its light, in tests/test_every_way.py.
+"""
 
 import flint
 import numpy as np
@@ -15,191 +14,12 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
-from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
-from vrte.discrete_ordinates.orders.particular import find_beam_field
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import Modes as RouteOfModes
-from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
-from vrte.discrete_ordinates.orders.slabs import cut_layers, join_stack
+from vrte.discrete_ordinates.orders.routes import Modes
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
-from .literal import a_matrix, slab, star
-from .samples import largest_gap, spheroids
-
-NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45
-ORDERS = np.array([0, 1, 3], np.int32)
-FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
-
-
-@pytest.fixture(scope="module")
-def problem() -> Problem:
-    scene = vrte.Scene([vrte.Layer(spheroids(), ALBEDO, THICKNESS)])
-    return discretise_scene(
-        scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), np.array([0.0, 0.8, THICKNESS]), NODES
-    )
-
-
-@pytest.fixture(scope="module")
-def matrices(problem: Problem) -> Assembled:
-    return assemble(problem, ORDERS, Run(1))
-
-
-@pytest.fixture(scope="module")
-def modes(problem: Problem, matrices: Assembled) -> Modes:
-    return find_modes(problem, ORDERS, matrices, Run(1))
-
-
-def kernel(m: int, to: np.ndarray, frm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pp + Pm and Pp - Pm, (4 to, 4 from): A(mu, mu') and A(mu, -mu') D."""
-    same, other = (a_matrix(m, spheroids().coefficients, to, sign * frm) for sign in (1.0, -1.0))
-    other = other @ np.kron(np.eye(frm.size), FLIP)
-    return same + other, same - other
-
-
-def exponents(modes: Modes, o: int) -> np.ndarray:
-    """lambda as a real block-diagonal matrix in the coordinates of the modes."""
-    blocks, j = [], 0
-    re, im = modes.lam_re[o, 0], modes.lam_im[o, 0]
-    while j < re.size:
-        if im[j] == 0.0:
-            blocks.append(np.array([[re[j]]]))
-        else:
-            blocks.append(np.array([[re[j], im[j]], [-im[j], re[j]]]))
-        j += len(blocks[-1])
-    return scipy.linalg.block_diag(*blocks)
-
-
-def test_assembly(problem: Problem, matrices: Assembled) -> None:
-    mu, weights, out = problem.nodes, problem.weights, problem.mu_out
-    scale, mu4 = np.repeat(np.sqrt(weights * mu), 4), np.repeat(mu, 4)
-    for o, m in enumerate(ORDERS):
-        for sign, stored, led, source in (
-            (0, matrices.E, matrices.G_E, matrices.source_d),
-            (1, matrices.F, matrices.G_F, matrices.source_s),
-        ):
-            plain = (np.eye(4 * NODES) - ALBEDO / 2 * kernel(m, mu, mu)[sign] * np.repeat(weights, 4)) / mu4[:, None]
-            assert_close(stored[o, 0].T, plain * scale[:, None] / scale, rtol=0.0, atol=1e-12)
-            rows = ALBEDO / 2 * kernel(m, out, mu)[sign] * np.repeat(weights, 4) / scale
-            assert_close(led[o, 0].T, rows, rtol=0.0, atol=1e-13)
-            beam = ALBEDO / 2 * kernel(m, mu, np.array([MU0]))[sign] * (scale / mu4)[:, None]
-            assert_close(source[o, 0].T, beam, rtol=0.0, atol=1e-13)
-
-
-def test_modes_solve_the_halved_eigenproblem(matrices: Assembled, modes: Modes) -> None:
-    complex_pairs = 0
-    for o in range(ORDERS.size):
-        E, F, X, Y = (stored[o, 0].T for stored in (matrices.E, matrices.F, modes.X, modes.Y))
-        lam = exponents(modes, o)
-        assert_close(F @ E @ X, X @ lam, rtol=0.0, atol=1e-11 * np.abs(lam).max())
-        assert_close(F @ Y, X, rtol=0.0, atol=1e-12)
-        assert_close(E @ X, Y @ lam, rtol=0.0, atol=1e-11 * np.abs(lam).max())
-        complex_pairs += int(np.count_nonzero(modes.lam_im[o]))
-    assert complex_pairs > 0
-
-
-def flux_turn(problem: Problem) -> np.ndarray:
-    """The reflection that turns sqrt(weight mu) on I to the axis of the flux, I of the last node."""
-    v = np.zeros(problem.size)
-    v[::4] = np.sqrt(problem.weights * problem.nodes)
-    v[-4] += np.linalg.norm(v)
-    return np.eye(problem.size) - 2.0 * np.outer(v, v) / (v @ v)
-
-
-def blocks(problem: Problem, values: np.ndarray) -> dict[str, np.ndarray]:
-    """N, NI, ON, OI as matrices, OO and II as numbers, from what `double_slabs` leaves."""
-    n, r, o = problem.size, problem.n_rhs, 4 * problem.mu_out.size
-    shapes = {"N": (n, n), "NI": (r, n), "ON": (n, o), "OI": (r, o), "OO": (o,), "II": (r,)}
-    edges = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-    parts = (values[a:b] for a, b in pairwise(edges))
-    return {name: part.reshape(shape).T for (name, shape), part in zip(shapes.items(), parts, strict=True)}
-
-
-@pytest.mark.parametrize("thickness", [1e-8, 0.3, 5.0])
-def test_doubling(problem: Problem, thickness: float) -> None:
-    """R and T on the nodes and off them, against a matrix exponential and plain doublings of R and T."""
-    stack = cut_layers(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
-    matrices = assemble(stack.problem, ORDERS, Run(1))
-    slabs = double_slabs(stack.problem, stack.material, np.array([thickness]), ORDERS, matrices, Run(1))
-    out, n = stack.problem.mu_out, problem.size
-    mu = np.concatenate([problem.nodes, out, [MU0]])
-    weights = np.concatenate([problem.weights, np.zeros(out.size), [1.0]])
-    scale = np.repeat(np.sqrt(problem.weights * problem.nodes), 4)
-    rows, beam = slice(n, n + 4 * out.size), slice(n + 4 * out.size, None)
-    for o, m in enumerate(ORDERS):
-        turn = flux_turn(problem) if m == 0 else np.eye(n)
-        literal = slab(int(m), spheroids().coefficients, ALBEDO, thickness, mu, weights, 1)
-        plus, minus = kernel(int(m), out, np.array([MU0]))
-        once = 0.25 * ALBEDO * np.repeat(1.0 / out, 4)[:, None] * np.array([plus - minus, plus + minus])
-        sums, differences = np.repeat(1.0 / out + 1.0 / MU0, 4), np.repeat(1.0 / out - 1.0 / MU0, 4)
-        once[0] *= (-np.expm1(-thickness * sums) / sums)[:, None]
-        once[1] *= (np.exp(-thickness / MU0) * -np.expm1(-thickness * differences) / differences)[:, None]
-        for full, single, values in zip(literal, once, (slabs.R[o, 0], slabs.T[o, 0]), strict=True):
-            found = blocks(stack.problem, values)
-            # 2.5e-13 at most: what some twenty doublings leave of digits
-            expected = turn @ (scale[:, None] * full[:n, :n] / scale) @ turn
-            assert_close(found["N"], expected, rtol=0.0, atol=4e-13 * np.abs(expected).max())
-            expected = turn @ (scale[:, None] * full[:n, beam])
-            assert_close(found["NI"], expected, rtol=0.0, atol=4e-13 * np.abs(expected).max())
-            expected = (full[rows, :n] / scale) @ turn
-            assert_close(found["ON"], expected, rtol=0.0, atol=4e-13 * np.abs(expected).max())
-            size = max(np.abs(full[rows, beam]).max(), np.abs(single).max())  # of what is subtracted
-            assert_close(found["OI"], full[rows, beam] - single, rtol=0.0, atol=1e-13 * size)
-        assert_close(found["OO"], np.exp(-thickness * np.repeat(1.0 / out, 4)), rtol=1e-14, atol=0.0)
-        assert slabs.residual[o].max() < 1e-12
-        if m == 0:
-            R, T = (blocks(stack.problem, x[o, 0])["N"] for x in (slabs.R, slabs.T))
-            row = np.eye(n)[n - 4] - R[n - 4] - T[n - 4]
-            assert_close(slabs.lost[o, 0], row, rtol=0.0, atol=1e-14)
-
-
-def test_joining(problem: Problem) -> None:
-    """Fluxes between three slabs over a base, against the star products of what lies above and below."""
-    layers = [(spheroids(), ALBEDO, 0.5), (vrte.rayleigh(), 0.7, 0.8), (spheroids(), ALBEDO, 0.5)]
-    scene = vrte.Scene([vrte.Layer(*layer) for layer in layers], vrte.Lambertian(0.4))
-    levels = np.array([0.0, 0.5, 1.3, 1.8])
-    problem = discretise_scene(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
-    stack = cut_layers(problem)
-    assert (stack.material.size, stack.slabs.tolist(), stack.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
-    base, run = expand_base(scene.below, stack.problem, 4), Run(1)
-    slabs = double_slabs(
-        stack.problem, stack.material, stack.thickness, ORDERS, assemble(stack.problem, ORDERS, run), run
-    )
-    kernels, up, down, residual = join_stack(stack, ORDERS, slabs, base, run)
-    assert kernels.shape == (3, 4, 1, 4, 2, 4)
-    assert residual.max() < 1e-12
-    mu, weights, n = np.append(problem.nodes, MU0), np.append(problem.weights, 1.0), problem.size
-    zero, one = np.zeros((n + 4, n + 4)), np.eye(n + 4)
-    ground, flux = zero.copy(), problem.weights * problem.nodes
-    ground[:n:4, ::4] = 2.0 * 0.4 * mu * weights
-    parts = [2 * slab(0, phase.coefficients, albedo, depth, mu, weights, 1) for phase, albedo, depth in layers]
-    for k in range(4):
-        _, T, back, _ = reduce(star, parts[:k], (zero, one, zero, one))
-        R = reduce(star, [*parts[k:], (ground, zero, zero, zero)])[0]
-        falling = np.linalg.solve(one - back @ R, T)[:, n:]
-        assert_close(down[k, 0], flux @ falling[:n:4], rtol=0.0, atol=1e-14)
-        assert_close(up[k, 0], flux @ (R @ falling)[:n:4], rtol=0.0, atol=1e-14)
-
-
-def test_invariance() -> None:
-    """D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2, R from the field on the nodes for beams along them."""
-    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, np.inf)])
-    nodes, orders = make_double_gauss(8)[0], np.array([1], np.int32)
-    problem = discretise_scene(scene, nodes, np.eye(4), nodes, np.zeros(1), 8)
-    found, matrices = reflect_semi_infinite(problem, orders, 1e-14, Run(1)), assemble(problem, orders, Run(1))
-    # the source of a unit beam is sqrt(weight/mu) times less than that of a scaled node
-    R = found.on_nodes[0].T * np.repeat(np.sqrt(problem.weights / problem.nodes), 4)
-    rate, one = np.diag(np.repeat(1.0 / nodes, 4)), np.eye(R.shape[0])
-    e, f = rate - matrices.E[0, 0].T, rate - matrices.F[0, 0].T
-    right = ((one + R) @ e @ (one + R) - (one - R) @ f @ (one - R)) / 2.0
-    assert largest_gap(rate @ R + R @ rate, right) < 1e-12
-
 
 HAZE = vrte.Layer(vrte.henyey_greenstein(0.6, 24), 0.95, 0.7)
 AIR = vrte.Layer(vrte.rayleigh(), 1.0, 0.4)
@@ -207,9 +27,9 @@ CLEAR = vrte.Layer(vrte.isotropic(), 0.0, 0.3)
 MIXING = vrte.Layer(vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64).phase_matrix, 0.9, np.inf)
 
 
-def route_of(layers: list[vrte.Layer], base: Boundary | None = None) -> RouteOfModes:
+def route_of(layers: list[vrte.Layer], base: Boundary | None = None) -> Modes:
     directions = np.array([0.3, 0.8]), np.eye(4), np.array([0.2, 0.9, -0.5]), np.array([0.0, 0.5])
-    return RouteOfModes(discretise_scene(vrte.Scene(layers, base), *directions, 6), base or BLACK, 4, 1e-8)
+    return Modes(discretise_scene(vrte.Scene(layers, base), *directions, 6), base or BLACK, 4, 1e-8)
 
 
 @pytest.mark.parametrize(
@@ -236,44 +56,6 @@ def test_a_run_that_is_stopped_gives_up_and_what_fails_is_named() -> None:
         complain_of_order(orders, np.array([[0, 0], [1, 1]], np.int32))
     with pytest.raises(AccuracyError, match="boundary system of order 3 is singular"):
         complain_of_order(orders, np.array([[3, 0], [0, 0]], np.int32))
-
-
-@pytest.mark.parametrize("nodes", [4, 16])
-def test_symmetric_modes_invert_themselves(nodes: int) -> None:
-    """X^-1 = Y^T: the beam's solution is that of the general modes, to what the eigensolver is good for. Rayleigh
-    scattering keeps I, Q and U together."""
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2))
-    whole = discretise_scene(scene, np.array([0.6]), np.eye(4)[:1], np.array([0.5]), np.zeros(1), nodes)
-    problem = replace(whole, stokes=(0, 1, 2), columns=np.eye(4)[:1, :3].copy())
-    orders, run = np.arange(3, dtype=np.int32), Run(1)
-    matrices = assemble(problem, orders, run)
-    quick, general = (find_modes(problem, orders, matrices, run, quick) for quick in (True, False))
-    paired = quick.X_pivots[..., 0] == -1
-    assert (paired.ravel() == [False, True, True]).all()  # order 0 conserves the flux: its modes are polished
-    identity = np.einsum("olji,olki->oljk", quick.Y, quick.X)[1:]
-    assert_close(identity, np.broadcast_to(np.eye(problem.size), identity.shape), rtol=0.0, atol=1e-11)
-    fields = []
-    for modes in (quick, general):
-        beam = find_beam_field(problem, matrices, modes, run)
-        # each c alone depends on how k stands to 1/mu0, but c X summed over the modes does not depend on their scale
-        fields.append(np.stack([np.einsum("olrj,olji->olri", c, modes.X) for c in (beam.c, beam.zeta)]))
-    assert_close(fields[0], fields[1], rtol=0.0, atol=1e-10 * np.abs(fields[1]).max())
-
-
-def test_path_integrals_by_quadrature() -> None:
-    layers = [vrte.Layer(vrte.isotropic(), 0.9, thickness) for thickness in (0.3, 1.2, 0.5)]
-    mu, mu0, tau = np.array([0.3, -0.7, -0.4]), np.array([0.4, 0.8]), np.array([0.0, 0.9, 1.5, 2.0])
-    problem = discretise_scene(vrte.Scene(layers), mu0, np.eye(4)[:1], mu, tau, 4)
-    found = integrate_paths(problem, np.arange(4, dtype=np.int32), mu)
-    x, weights = np.polynomial.legendre.leggauss(60)
-    for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
-        for t, depth in enumerate(tau):
-            for j, direction in enumerate(mu):
-                low, high = (max(top, depth), top + thickness) if direction > 0 else (top, min(top + thickness, depth))
-                index = 0.5 * (low + high) + 0.5 * max(high - low, 0.0) * x
-                light = np.exp(-index / mu0[:, None] - np.abs(index - depth) / abs(direction)) / abs(direction)
-                expected = 0.5 * max(high - low, 0.0) * light @ weights
-                assert_close(found[k, t, :, j], expected, rtol=1e-12, atol=1e-15)
 
 
 def make_graded(n: int) -> Array:

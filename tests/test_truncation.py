@@ -1,7 +1,6 @@
 """Peaked phase matrices at few nodes: nothing is lost, nothing is changed without need, and more nodes agree."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,13 +8,11 @@ import pytest
 
 import vrte
 from bench.cases import find_phase_matrix
-from docs.scripts import truncation
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run, start_run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Target, fill_parts
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.small_angle import Spreading
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
 from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_layer
@@ -84,16 +81,6 @@ def test_where_the_nodes_carry_all_terms_nothing_changes(name: str) -> None:
     assert truncate_layer("none", HG, 1.0, 2.0, 10).coefficients.shape == (10, 6)
 
 
-def test_conservative_layers_stay_exactly_conservative_and_without_a_peak_nothing_is_taken_off() -> None:
-    for terms in range(1, 200):
-        layer = remove_forward_peak(HG, 1.0, 7.0, terms)
-        assert layer.albedo == layer.coefficients[0, 0] == 1.0
-        assert layer.fraction == close_to(0.9**terms, rtol=1e-6, atol=0.0)
-    for backward in (vrte.henyey_greenstein(-0.8, 100), vrte.isotropic()):
-        layer = remove_forward_peak(backward, 0.9, 2.0, 7)
-        assert (layer.fraction, layer.albedo, layer.thickness) == (0.0, 0.9, 2.0)
-
-
 def test_the_first_coefficient_left_out_is_the_peaks() -> None:
     # moments of layer and peak, weighted, are those of the phase matrix: a1[l]/(2l+1) = f + (1-f) a1'[l]/(2l+1)
     matrix = find_phase_matrix("haze-L")
@@ -153,19 +140,6 @@ def test_spread_light_is_the_flux() -> None:
         field = vrte.radiance(scene, 0.6, mu=-nodes, phi=phi, tau=2.0, nodes=8, truncation=name)
         flux = 2.0 * np.pi * (field.stokes[0, ..., 0].mean(axis=1) @ (weights * nodes))
         assert abs(flux / field.flux_down[0] - 1.0) < difference
-
-
-def test_matrix_functions_of_the_degrees() -> None:
-    """Against the exponential series, with b2 != 0 (complex pairs) and degrees whose eigenvalues nearly agree."""
-    from scipy.linalg import expm
-
-    spreading = Spreading.of(find_phase_matrix("glass-x30"), 120)
-    exponentials = spreading.function(lambda s: np.exp((0.9 * s - 1.0) * 7.0))
-    assert (spreading.root.imag != 0.0).any()
-    for degree in range(120):
-        for block in range(2):
-            s = spreading.mean[degree, block] * np.eye(2) + spreading.shape[degree, block]
-            assert_close(exponentials[degree, block], expm((0.9 * s - np.eye(2)) * 7.0), rtol=0.0, atol=1e-13)
 
 
 def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
@@ -319,15 +293,3 @@ def test_light_decays_over_truncated_depths() -> None:
     asked = {"mu": [-0.61, -0.5], "phi": [0.0, 90.0], "nodes": 8, "truncation": "delta-m"}
     alone, beside = (vrte.radiance(scene, 0.6, tau=tau, **asked).stokes[-1, ..., 0] for tau in (300.0, [0.0, 300.0]))
     assert_close(alone, beside, rtol=1e-7, atol=0.0)
-
-
-def test_the_report(tmp_path: Path) -> None:
-    case = truncation.Case("g = 0.5", "HG 0.5, thickness 1", (2, 4), (14, 16), resolved=True)
-    reported: list[str] = []
-    errors, reference = truncation.measure_case_errors(case, reported.append)
-    truncation.write_report(errors, reference, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"truncation.csv", "truncation.md", "truncation.png"}
-    assert len(reported) == 7
-    assert max(row.largest for row in reference) < 1e-6
-    worst = {(row.truncation, row.nodes): row.largest for row in errors if row.part == "reflected"}
-    assert worst["delta-m", 4] < worst["none", 4] < worst["none", 2]
