@@ -19,12 +19,12 @@ from vrte.app.form.content import START, put
 from vrte.app.form.fields import get_value
 from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
-from vrte.app.solving import appearance, worker_process
+from vrte.app.solving import appearance, worker
 from vrte.app.solving.appearance import AppearanceAnswerer, Appeared
 from vrte.app.solving.messages import Refused, Task
 from vrte.app.solving.page_files import make_colours_download
 from vrte.app.solving.tab_session import TabSessions
-from vrte.app.solving.worker_process import Query
+from vrte.app.solving.worker import Query
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, find_hiding
@@ -181,7 +181,7 @@ def test_the_newest_position_of_a_slider_wins(shared: Query) -> None:
 
 def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(shared: Query) -> None:
     assert isinstance(look(shared, SEMI_INFINITE), Appeared)
-    worker = shared.worker
+    before = shared.worker
     for content, words in (
         (change(DUST, "particles", "dust", "index", to="main/../../../etc/passwd/x"), "index"),
         (change(DUST, "layer", 1, "particles", to="gold"), "gold"),
@@ -192,7 +192,7 @@ def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(sh
         assert words in found.message
         assert "Traceback" not in found.message
     assert isinstance(look(shared, SEMI_INFINITE), Appeared)
-    assert shared.worker is worker
+    assert shared.worker is before
     limits = Path(f"/proc/{get_process(shared).pid}/limits").read_text().splitlines()
     (line,) = [line for line in limits if line.startswith("Max address space")]
     assert int(line.split()[3]) < 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -201,8 +201,8 @@ def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(sh
 def test_processes_die_make_room_and_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that dies is a sentence, and the next question starts another; one that is stuck makes room; one more than
     there may be ends that of another tab."""
-    monkeypatch.setattr(worker_process, "STUCK", 0.2)
-    monkeypatch.setattr(worker_process, "MOST_LIVE", 1)
+    monkeypatch.setattr(worker, "STUCK", 0.2)
+    monkeypatch.setattr(worker, "MOST_LIVE", 1)
     sessions = TabSessions()
     one, other = sessions.of("one"), sessions.of("other")
     size = {"lognormal": {"median_um": 40.0, "sigma": 1.6}}

@@ -11,7 +11,7 @@ import vrte
 from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content
 from vrte.app.form.files import adopt_with_notes
-from vrte.app.solving import page_files, worker_process
+from vrte.app.solving import page_files, worker
 from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads
 from vrte.app.solving.tab_session import TabSession, TabSessions
 from vrte.formats.columns import read_coefficients
@@ -122,7 +122,7 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_described(
     found = find_all(session)
     assert list(found) == [("layer", 1, "phase")]
     assert found["layer", 1, "phase"].startswith('layer 2: table of coefficients = "fog-2.csv": ')
-    monkeypatch.setattr(worker_process, "START", "import os; os._exit(3)")
+    monkeypatch.setattr(worker, "START", "import os; os._exit(3)")
     named["tolerance"] = 1.0  # looked at again: it has a say
     assert find_all(session) == {("layer", 1, "phase"): "the process of this task has ended with code 3"}
 

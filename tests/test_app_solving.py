@@ -22,8 +22,7 @@ from vrte.app.solving import page_files as downloads
 from vrte.app.solving.messages import EMPTY, Adopted, Outcome, Progress, Refused, Task
 from vrte.app.solving.solve import adopt, make_outcome, read, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
-from vrte.app.solving.worker import take_newest
-from vrte.app.solving.worker_process import Query, explain_end
+from vrte.app.solving.worker import Query, explain_end, take_newest
 from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to, wait_until
@@ -141,7 +140,7 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
         shape = file["mueller"].shape
         del file["mueller"]
         file.create_dataset("mueller", shape, "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
-    found = ask(Query(), "solve.read", upload.read_bytes(), suffix=".nc")
+    (found,) = work(read, upload.read_bytes(), suffix=".nc")
     assert found.message.startswith("the file: its mueller lies in another file (external storage)")
 
 

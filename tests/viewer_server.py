@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.app.solving.messages import Task
-from vrte.app.solving.worker import Exchange, explain_failure
-from vrte.app.solving.worker_process import Query
+from vrte.app.solving.worker import Exchange, Query, explain_failure
 
 from .helpers import wait_until
 

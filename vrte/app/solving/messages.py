@@ -1,4 +1,4 @@
-"""What the viewer and its worker processes send each other: tasks one way, messages the other (`worker_process`)."""
+"""What the viewer and its worker processes send each other: tasks one way, messages the other (`worker`)."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

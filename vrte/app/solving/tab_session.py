@@ -11,7 +11,7 @@ from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
 from vrte.app.solving.messages import EMPTY, Fitted, Outcome, Refused, Task
 from vrte.app.solving.page_files import Uploads
-from vrte.app.solving.worker_process import Query
+from vrte.app.solving.worker import Query
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
 
