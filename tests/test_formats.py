@@ -19,6 +19,7 @@ import pytest
 import vrte
 from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum
+from vrte.formats import columns, csv_table
 from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import Result, convert_views, to_xarray
 from vrte.formats.result_file import FORMATS
@@ -184,8 +185,10 @@ SECOND = "\n0.45,0.6,0.2,90.0,"
 
 
 @pytest.fixture
-def table(tmp_path: Path) -> Path:
-    """As a program leaves it that knows nothing of the checksum: without the first line."""
+def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """As a program leaves it that knows nothing of the checksum: without the first line; and little is too long."""
+    monkeypatch.setattr(columns, "LONGEST_LINE", 9_000)
+    monkeypatch.setattr(csv_table, "LARGEST_HEADER", 20_000)
     PAIR.save(tmp_path / "pair.csv")
     (tmp_path / "pair.csv").write_text((tmp_path / "pair.csv").read_text().partition("\n")[2])
     assert_same(PAIR, vrte.load(tmp_path / "pair.csv"))
@@ -212,7 +215,8 @@ def table(tmp_path: Path) -> Path:
         (lambda text: text[:-1], "there must be 16 rows, one a direction, not 15"),
         (lambda text: text[: text.rindex("\n0.6")] + "\n\n", "there must be 16 rows of 20 numbers, not 15 of 20"),
         (swapped("# diagnostics = [{", "# diagnostics = [{}, {"), "diagnostics for each wavelength"),
-        (swapped("# title", f"# {'x' * 50_000_000}"), "longer than 50000000 bytes"),
+        (swapped("# title", f"# {'x' * 10_000}"), r"line \d+: longer than 9000 bytes"),
+        (swapped("# title", f"# {'x' * 8_000}\n" * 3 + "# title"), "the header is longer than 20000 bytes"),
     ],
 )
 def test_a_damaged_table_says_where(change: Callable[[str], str], words: str, table: Path) -> None:

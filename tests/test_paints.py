@@ -104,6 +104,7 @@ def test_nothing_jumps_as_pigment_is_added() -> None:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"pigment": "rutil"}, "paint.pigment = \"rutil\": no pigment 'rutil'; did you mean 'rutile'? Known: rutile,"),
     ({"pigment": "zinc oxide"}, 'any other substance needs its size, as particles."zinc oxide" = { diameter_um'),
+    ({"pigment": 3}, "paint.pigment = 3: must be a name, or a table"),
     ({"pigment": None}, "paint.pigment: is missing"),
     ({"volume_fraction": None}, "paint.volume_fraction: is missing; it must be from 0 to below 1"),
     ({"volume_fraction": 1.5}, "paint.volume_fraction = 1.5: must be from 0 to below 1"),

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -286,14 +285,6 @@ def test_what_is_asked_for_and_how(content: Content, changes: Content, request_:
     assert file.request.keys() == request_.keys()
     for name, values in file.request.items():
         assert_close(values, request_[name], rtol=1e-14, atol=0.0)
-
-
-@pytest.mark.parametrize("g", [0.0, -0.3, 0.9, 0.98])
-def test_henyey_greenstein_gets_all_the_terms_that_count(g: float) -> None:
-    layer = make_scene_file(change(FOG, {"layer[1].phase": {"henyey_greenstein": g}})).scene.layers[0]
-    angle = np.array([0.0, 30.0, 180.0])
-    exact = (1 - g * g) / (1 + g * g - 2 * g * np.cos(np.radians(angle))) ** 1.5
-    assert_close(layer.phase_matrix.scattering_matrix(angle)[:, 0, 0], exact, rtol=1e-9, atol=2e-12)
 
 
 def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(folder: Path) -> None:
