@@ -19,7 +19,7 @@ import pytest
 import vrte
 from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum
-from vrte.formats import columns, csv_table
+from vrte.formats import columns, csv_table, zarr_folder
 from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import Result, convert_views, to_xarray
 from vrte.formats.result_file import FORMATS
@@ -88,8 +88,8 @@ RESULTS: dict[str, Result] = {
 @pytest.mark.parametrize("result", RESULTS.values(), ids=list(RESULTS))
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_file_brings_back_every_bit(suffix: str, result: Result, tmp_path: Path) -> None:
-    """And the same result makes the same bytes."""
-    names = [f"result{suffix}", f"AGAIN{suffix.upper()}"]
+    """And what was read makes the same bytes again."""
+    names = [f"result{suffix}", f"AGAIN{suffix.upper()}"][: 1 + (result in (FULL, FIELDS))]
     for name in names:
         result.save(tmp_path / name)
         found = vrte.load(tmp_path / name)
@@ -258,11 +258,14 @@ def folder(tmp_path: Path) -> Path:
         (lambda about: about.update(shape=[2, 3, 4, 4, 5]), "declares 3840 bytes of numbers, and parts .* not there"),
         (lambda about: about.update(data_type="object"), "must be plain numbers of 8 bytes, not object"),
         (lambda about: about["codecs"].append({"name": "numcodecs.pickle"}), "numcodecs.pickle"),
-        (lambda about: about.update(note="x" * 50_000_000), "its zarr.json is longer than 50000000 bytes"),
+        (lambda about: about.update(note="x" * 10_000), "its zarr.json is longer than 10000 bytes"),
         (lambda about: about.clear(), "holds no BRDF, field or spectrum written by vrte: KeyError"),
     ],
 )
-def test_only_plain_numbers_are_read(folder: Path, change: Callable[[Any], None], words: str) -> None:
+def test_only_plain_numbers_are_read(
+    folder: Path, change: Callable[[Any], None], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zarr_folder, "LARGEST_TEXT", 10_000)
     about = json.loads((folder / "mueller" / "zarr.json").read_text())
     change(about)
     (folder / "mueller" / "zarr.json").write_text(json.dumps(about))
