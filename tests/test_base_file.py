@@ -10,8 +10,7 @@ import pytest
 import vrte
 from tests.samples import largest_gap, spheroids
 from vrte.formats import base_file
-from vrte.formats.between_directions import directions
-from vrte.formats.measured_polarized import write_mitsuba
+from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_files import read_tensors, write_tensors
 from vrte.formats.named import find_named_tables
 from vrte.formats.scene_file import make_scene_file

@@ -15,7 +15,7 @@ from vrte.basics.arrays import Array
 from vrte.calls import mitsuba as mitsuba_call
 from vrte.calls.mitsuba import check_below_surface, check_nested, take_off_surface
 from vrte.calls.spectrum import prepare_scenes
-from vrte.formats import between_directions, measured_polarized
+from vrte.formats import measured_polarized
 from vrte.formats.mitsuba_files import GAP, read_tensors, write_nested_scene, write_tensors
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics.facets import RoughSurface
@@ -43,7 +43,7 @@ GOLD = GREY | {
 @pytest.fixture(scope="module")
 def gold() -> Spectrum:
     """Five wavelengths, the first and the last of them solved, at the directions of a table."""
-    first, last = vrte.spectrum(GOLD, [0.45, 0.65], **between_directions.directions(32, 37))
+    first, last = vrte.spectrum(GOLD, [0.45, 0.65], **measured_polarized.directions(32, 37))
     return Spectrum(WAVELENGTHS, (first, first, first, last, last))
 
 
@@ -162,7 +162,7 @@ def test_evaluations_are_ours(
     measured_polarized.write_mitsuba(gold, tmp_path / "gold.bsdf", step)
     bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "gold.bsdf")})
     light, view = random_directions(500, 1, 0.15), random_directions(500, 2, 0.15)
-    matrices = between_directions.Splines(gold[place])(light, view)
+    matrices = measured_polarized.Splines(gold[place])(light, view)
     before, after = ([in_stokes_basis(mitsuba, one) for one in some] for some in (-light, view))
     ours = light[:, 2, None, None] * (np.array(after) @ matrices @ np.swapaxes(before, 1, 2))
     off = np.abs([evaluated(mitsuba, bsdf, *pair, nanometres) for pair in zip(light, view, strict=True)] - ours)
@@ -187,7 +187,7 @@ def test_the_sign_of_v(mitsuba: Any) -> None:
 
 
 def test_a_white_furnace_closes(mitsuba: Any, tmp_path: Path) -> None:
-    white = vrte.spectrum(WHITE, WAVELENGTHS, **between_directions.directions(24, 9))
+    white = vrte.spectrum(WHITE, WAVELENGTHS, **measured_polarized.directions(24, 9))
     measured_polarized.write_mitsuba(white, tmp_path / "white.bsdf", 15.0)
     material = {"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf"), "alpha_sample": 1.0}
     bsdf = mitsuba.load_dict(material)
@@ -281,7 +281,7 @@ def test_mitsuba_renders_what_vrte_finds(
     mitsuba: Any, content: Any, expected: Callable[[Array], Any], tmp_path: Path
 ) -> None:
     """A table of what lies below, and Mitsuba's own surface, against a closed form and against vrte's surface."""
-    grey = vrte.spectrum(content, WAVELENGTHS, **between_directions.directions(24, 9))
+    grey = vrte.spectrum(content, WAVELENGTHS, **measured_polarized.directions(24, 9))
     measured_polarized.write_mitsuba(grey, tmp_path / "grey.bsdf", 5.0)
     write_nested_scene(tmp_path / "grey.xml", tmp_path / "grey.bsdf", 1.0, INDEX)
     text = (tmp_path / "grey.xml").read_text().replace("</scene>", EXTRA.format(count=512) + "</scene>")

@@ -11,8 +11,7 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.differences import divide_exp_once
 from vrte.basics.splines import compute_weights, repeat_grid
-from vrte.formats.between_directions import Splines, directions
-from vrte.formats.measured_polarized import make_unit_vectors
+from vrte.formats.measured_polarized import Splines, directions, make_unit_vectors
 from vrte.render.tables import Resolution, tabulate_brdf
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 

@@ -12,16 +12,18 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source, prepare_scenes, solve_spectrum
-from vrte.formats.between_directions import AZIMUTHS, COSINES, directions
 from vrte.formats.measured_polarized import (
+    AZIMUTHS,
     CHECKED,
     CHECKED_FROM,
+    COSINES,
     MOST_AZIMUTHS,
     MOST_COSINES,
     STEP,
     Errors,
     check_wavelengths,
     describe_beam,
+    directions,
     make_axes,
     write_mitsuba,
 )

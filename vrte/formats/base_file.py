@@ -14,8 +14,7 @@ from vrte.basics.arrays import Array, check_number, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import MIRROR
 from vrte.formats.atomic import PathName, check_file, check_file_name
-from vrte.formats.between_directions import directions
-from vrte.formats.measured_polarized import AXES, Axes, evaluate_table
+from vrte.formats.measured_polarized import AXES, Axes, directions, evaluate_table
 from vrte.formats.mitsuba_files import read_tensors
 from vrte.formats.result_file import load
 from vrte.results.brdf import Brdf

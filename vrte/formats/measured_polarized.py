@@ -5,7 +5,10 @@ vector, and phi_d is the azimuth of i about it, 0 where the half vector leans to
 point away from the surface. Its Stokes axes are perpendicular to the plane of i and o and in it; ours are meridian
 planes, so that each matrix is turned by two rotations.
 
-The matrices come from splines through directions that were solved for (between_directions.py).
+The matrices come from splines through `directions` that were solved for, in meridian planes, over s, theta = 90 degrees
+sin(pi s/2), and over the azimuth. They go on beyond the pole, where meridian planes go on into their other half,
+f(-theta_i, theta_o, phi) = f(theta_i, theta_o, phi + 180), and beyond the horizon, where f (mu_i + mu_o) is an even
+function of 1 - s.
 """
 
 import math
@@ -16,20 +19,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import SMALLEST_COSINE, Array, check_number, check_whole
 from vrte.basics.errors import SceneError
-from vrte.basics.splines import MIRROR
+from vrte.basics.splines import (
+    MIRROR,
+    compute_coefficients,
+    extend_azimuths,
+    extend_over_horizon,
+    extend_over_pole,
+    make_cosines,
+    make_spline_matrix,
+    stretch_cosines,
+)
 from vrte.formats.atomic import PathName
-from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
 from vrte.formats.contents import describe_result
 from vrte.formats.mitsuba_files import write_tensors
+from vrte.results.brdf import Brdf
 from vrte.results.spectrum import Spectrum
 from vrte.scene.illumination import SAME
 
 AXES = ("phi_d", "theta_d", "theta_h")  # [rad]: from -pi to pi, from 0 to pi/2 twice, all with both ends
 Axes = tuple[Array, Array, Array]
 WAVELENGTHS = 5  # in Mitsuba's code
-MOST_COSINES, MOST_AZIMUTHS = 128, 361  # to solve for, where nodes and Fourier orders are many
+COSINES, AZIMUTHS = 48, 73  # to solve for, by default
+FEWEST, MOST = 8, 1024
+MOST_COSINES, MOST_AZIMUTHS = 128, 361  # where nodes and Fourier orders are many
 CHECKED, CHECKED_FROM = 8, 0.1  # cosines and azimuths to check a table with; the smallest of those cosines
 NOTE = (
     "M is the BRDF in sr-1 without the cosine, axes (phi_d, theta_d, theta_h, wavelength, out, in); its Stokes axes "
@@ -38,7 +52,56 @@ NOTE = (
 STEP = 2.5  # degrees between the file's theta_d and theta_h by default; phi_d has twice that
 FINEST, COARSEST = 0.5, 15.0
 FLOOR = 0.25  # of the step: smallest cosine in the table, for at the horizon f itself may have no bound
+MARGIN = 8  # points beyond each end: the ends' own error, which is small on such fine grids, has faded to 3e-5 there
 CHUNK = 1 << 17  # pairs of directions at a time
+
+
+def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Any]:
+    """What a spectrum must be solved for to be written as a table: ``mu_i``, ``mu_o`` and ``phi`` for `vrte.spectrum`.
+
+    ``cosines`` of incidence and of exit each, ``azimuths`` from 0 to 180 degrees, the other half is their mirror image.
+    The scene's own features must be resolved by both: twice as many azimuths as its BRDF has Fourier orders, and
+    as many cosines as there are nodes, are plenty. Raises SceneError.
+
+    >>> {name: values.size for name, values in directions().items()}
+    {'mu_i': 48, 'mu_o': 48, 'phi': 73}
+    """
+    mu = make_cosines(check_whole("cosines", cosines, FEWEST, MOST))
+    return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, check_whole("azimuths", azimuths, FEWEST, MOST))}
+
+
+class Splines:
+    """A BRDF at any pair of directions, from one at `directions`."""
+
+    def __init__(self, one: Brdf) -> None:
+        s, weighted = stretch_cosines(one.mu_o), one.mueller * (one.mu_i[:, None] + one.mu_o)[:, :, None, None, None]
+        for axis in (0, 1):
+            polar, weighted = extend_over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis, MARGIN)
+            polar, weighted = extend_over_horizon(polar, weighted, axis, MARGIN)
+        azimuths, weighted = extend_azimuths(one.phi, weighted, 0.0, 180.0, MARGIN)
+        self.grids = polar, polar, azimuths
+        self.there = weighted.any(axis=(0, 1, 2))  # elements that are not zero throughout
+        # one after another: all at once would take five times the memory
+        each = (
+            compute_coefficients(self.grids, weighted[..., *element]).ravel() for element in np.argwhere(self.there)
+        )
+        self.coefficients = np.stack(list(each), axis=1)
+
+    def __call__(self, into: Array, out: Array, lowest: float = SMALLEST_COSINE) -> Array:
+        """The BRDF (pairs, 4, 4) in meridian planes [sr-1], directions (pairs, 3) away from the surface; cosines
+        below ``lowest``, those below the horizon too, are taken for it."""
+        mu_i, mu_o = np.clip(into[:, 2], lowest, 1.0), np.clip(out[:, 2], lowest, 1.0)
+        # the light travels against ``into``
+        turned = np.arctan2(out[:, 1], out[:, 0]) - np.arctan2(into[:, 1], into[:, 0]) - np.pi
+        phi = (np.degrees(turned) + 180.0) % 360.0 - 180.0
+        matrices = np.zeros((len(into), 4, 4))
+        matrices[:, self.there] = (
+            make_spline_matrix(self.grids, (stretch_cosines(mu_i), stretch_cosines(mu_o), np.abs(phi)))
+            @ self.coefficients
+        )
+        matrices /= (mu_i + mu_o)[:, None, None]
+        matrices[phi < 0.0] *= MIRROR
+        return matrices
 
 
 @dataclass(frozen=True)
