@@ -1,4 +1,4 @@
-"""Facets in closed form, against 3-D Jones vectors, physics, and their compiled Fourier orders against samples."""
+"""Facets in closed form, against 3-D Jones vectors, and what they do to light."""
 
 from typing import Any
 
@@ -7,7 +7,6 @@ import pytest
 
 import vrte
 from vrte.basics.arrays import Array
-from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface, shade_facets
 from vrte.scene.base_checks import PAULI
 
@@ -77,27 +76,6 @@ def test_closed_forms_are_those_of_jones_vectors_in_space(surface: RoughSurface)
             lit += found[0, 0] > 0.0
             assert_close(found, expected, rtol=1e-9, atol=1e-11 * max(expected[0, 0], 1e-200))
         assert lit > 20
-
-
-def find_orders(surface: RoughSurface, through: bool, mu_i: Array, mu_o: Array, n_order: int, accuracy: float) -> Array:
-    return integrate_azimuths(surface, through, mu_i, mu_o, n_order, accuracy).reshape(mu_i.size, n_order, 4, 4)
-
-
-@pytest.mark.parametrize("through", [False, True])
-@pytest.mark.parametrize("surface", SURFACES[:3], ids=lambda s: f"{s.ratio:.2g}")
-def test_orders_are_sums_over_azimuths(surface: RoughSurface, through: bool) -> None:
-    """An even grid, of periodic functions; edges of total reflection and of facets that turn away leave 1e-5 of it."""
-    rng = np.random.default_rng(2)
-    mu_i, mu_o = rng.uniform(0.2, 1.0, (2, 8))
-    phi = np.arange(8192) * 360.0 / 8192
-    f = sample(surface, through, mu_i[:, None], mu_o[:, None], phi)
-    angle = np.arange(7)[:, None] * np.radians(phi)
-    expected, odd = (np.einsum("mp,npij->nmij", turn(angle) * 2.0 * np.pi / 8192, f) for turn in (np.cos, np.sin))
-    expected[..., 2:, :2], expected[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
-    found = find_orders(surface, through, mu_i, mu_o, 7, 1e-15)
-    sharp = through or surface.reflects_totally
-    difference = np.abs(found - expected).max(axis=(1, 2, 3)) / np.abs(expected[:, 0, 0, 0]).max()
-    assert difference.max() <= (1e-5 if sharp else 1e-12)
 
 
 BASES = [
