@@ -9,7 +9,7 @@ import math
 import re
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -147,28 +147,16 @@ def compute_numbers(benchmark: Benchmark, algorithm: str, threads: int | None = 
 def list_brdf_numbers(found: Brdf) -> dict[Key, Array]:
     """What leaves a scene: matrices by columns, light for an irradiance or a power of 1 in one Stokes parameter."""
     numbers: dict[Key, Array] = {}
-    for name in ("mueller", "transmission", "surface"):
+    for name in ("mueller", "transmission", "surface", "specular", "specular_transmission"):
         matrices = getattr(found, name)
-        if matrices is not None:
-            for index, matrix in iterate_matrices(matrices):
-                cosines = found.mu_i[index[0]], found.mu_o[index[1]], found.phi[index[2]]
-                for column, parameter in enumerate(STOKES):
-                    numbers[(name, *map(show_key, cosines), "", "", parameter)] = matrix[:, column]
-    for name in ("specular", "specular_transmission"):
-        matrices = getattr(found, name)
-        if matrices is not None:
-            for index, matrix in iterate_matrices(matrices):
-                for column, parameter in enumerate(STOKES):
-                    numbers[(name, show_key(found.mu_i[index[0]]), "", "", "", "", parameter)] = matrix[:, column]
+        for index in () if matrices is None else np.ndindex(matrices.shape[:-2]):
+            cosines = [show_key(axis[k]) for axis, k in zip((found.mu_i, found.mu_o, found.phi), index, strict=False)]
+            cosines += [""] * (3 - len(cosines))  # of beams the incident one alone
+            for column, parameter in enumerate(STOKES):
+                numbers[(name, *cosines, "", "", parameter)] = matrices[index][:, column]
     for mu, fraction in zip(found.mu_i, found.reflectance, strict=True):
         numbers[("reflectance", show_key(mu), "", "", "", "", "I")] = make_single(fraction)
     return numbers
-
-
-def iterate_matrices(matrices: Array) -> Iterator[tuple[tuple[int, ...], Array]]:
-    """Places and matrices of an array (..., 4, 4)."""
-    for index in np.ndindex(matrices.shape[:-2]):
-        yield index, matrices[index]
 
 
 def list_field_numbers(found: Field, side: str, chosen: Any = True) -> dict[Key, Array]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from bench.workers import Worker
+from docs.scripts import sweep_scaling
 
 PAIRS = 5
 WORTH = 0.95
@@ -47,3 +48,11 @@ def test_two_threads_scale_like_two_processes() -> None:
         f"\ntwo threads: {fraction:.2f} of what two processes reach (each pair: {', '.join(f'{x:.2f}' for x in taken)})"
     )
     assert fraction >= WORTH
+
+
+def test_a_sweep_scales_like_independent_processes() -> None:
+    """Two threads, and two Dask workers, against two independent processes of one thread: 200 scenes of a sweep."""
+    taken = sweep_scaling.measure()
+    print(f"\n{sweep_scaling.report(taken)}")
+    found = sweep_scaling.shares(taken)
+    assert min(found["threads"], found["dask"]) >= sweep_scaling.WORTH
