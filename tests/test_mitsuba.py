@@ -22,7 +22,7 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.optics.spheres import spheres
 
-from .helpers import assert_close, close_to, run
+from .helpers import assert_close, run
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
 ALBEDO, INDEX = 0.5, 1.5
@@ -189,33 +189,12 @@ def test_the_sign_of_v(mitsuba: Any) -> None:
 def test_a_white_furnace_closes(mitsuba: Any, tmp_path: Path) -> None:
     white = vrte.spectrum(WHITE, WAVELENGTHS, **measured_polarized.directions(24, 9))
     measured_polarized.write_mitsuba(white, tmp_path / "white.bsdf", 15.0)
-    material = {"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf"), "alpha_sample": 1.0}
-    bsdf = mitsuba.load_dict(material)
+    bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf")})
     points, weights = vrte.hemisphere(4)
-    view = np.array([0.6, 0.0, 0.8])
-    flux = sum(
-        2.0 * np.pi * weight * evaluated(mitsuba, bsdf, into, view, 523.0)
-        for into, weight in zip(measured_polarized.make_unit_vectors(points, np.ones(4)), weights, strict=True)
-    )
+    into = measured_polarized.make_unit_vectors(points, np.ones(4))
+    found = [evaluated(mitsuba, bsdf, one, np.array([0.6, 0.0, 0.8]), 523.0) for one in into]
+    flux = np.einsum("i,iab->ab", 2.0 * np.pi * weights, found)
     assert_close(flux, np.diag([1.0, 0.0, 0.0, 0.0]), rtol=0.0, atol=1e-6)
-    mean = mitsuba.render(ball_under(mitsuba, material, 16)).array
-    assert np.mean(mean) == close_to(1.0, rtol=0.0, atol=0.01)
-
-
-def ball_under(mitsuba: Any, material: dict[str, Any], samples: int) -> Any:
-    """A ball that fills the picture under an even sky of radiance 1."""
-    at = mitsuba.ScalarTransform4f().look_at([0, -5, 0], [0, 0, 0], [0, 0, 1])
-    film = {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}, "pixel_format": "luminance"}
-    sampler = {"type": "independent", "sample_count": samples}
-    return mitsuba.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "direct"},
-            "sensor": {"type": "perspective", "fov": 12, "to_world": at, "film": film, "sampler": sampler},
-            "ball": {"type": "sphere", "bsdf": material},
-            "sky": {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}},
-        }
-    )
 
 
 def test_the_command_line_and_the_call_write_the_same(

@@ -335,7 +335,6 @@ def test_bad_tables_are_named(render: Command) -> None:
         ('object = "cow.obj"', 'render.object = "cow.obj": no such file'),
         ("object = 3", "render.object = 3: must be sphere or"),
         ("turn_deg = 30", "render.turn_deg = 30: a sphere looks the same however it is turned"),
-        (f"{VASE}turn_deg = 400", "render.turn_deg = 400: must be degrees from -360 to 360"),
         (f"{VASE}camera_elevation_deg = -5", "render.camera_elevation_deg = -5: must be more than 0"),
     ):
         with pytest.raises(SceneError, match=re.escape(message)):
@@ -454,15 +453,6 @@ def test_the_suns_image_holds_what_a_sphere_mirrors(size: int) -> None:
     assert (0.9 if size == 600 else 0.0) * brightest < image.max() < 1.02 * brightest
 
 
-def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
-    brewster = float(np.degrees(np.arctan(1.5)))  # from the vertical: that of the sun, and on its other side the camera
-    sky = make_sky("sun", [0.5], 90.0 - brewster, 0.0)
-    seen = view(sky, size=120, camera=place_camera(90.0 - brewster, 180.0))
-    fraction = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
-    expected = fraction * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
-    assert_close(draw(seen, mirror_table(1.5)).sum(axis=0), expected, rtol=0.0, atol=2e-3 * expected[0])
-
-
 @pytest.mark.parametrize("distribution", ["beckmann", pytest.param("ggx", marks=pytest.mark.slow)])
 def test_in_a_furnace_facets_show_what_they_reflect(distribution: str) -> None:
     surface = RoughSurface(1.0, 1.5, 0.3, distribution, shadowing=True)
@@ -569,15 +559,16 @@ def test_a_ball_is_the_sphere(
     assert np.abs(expected[clear, 1:3]).max() > 0.03 * expected[clear, 0].max()
 
 
-@pytest.mark.slow
-def test_the_suns_image_in_a_ball_holds_what_a_sphere_mirrors() -> None:
-    """A quarter of the cross section times the share that is mirrored, half way between sun and camera."""
-    sky, camera, size = make_sky("sun", [0.5], 40.0, 0.0), place_camera(10.0, 50.0), 60
-    found = draw_ball(mirror_table(1.5), sky, camera, size, 48).sum(axis=0)
-    cosine = np.sqrt(0.5 * (1.0 - sky.beam @ camera.toward))
-    expected = reflect_smooth(1.5, np.array([cosine]))[0] * 0.25 * (0.5 * MARGIN * size) ** 2
-    assert found[0] == close_to(expected[0, 0], rtol=0.03, atol=0.0)
-    assert np.hypot(found[1], found[2]) == close_to(abs(expected[1, 0]), rtol=0.03, atol=0.0)
+@pytest.mark.parametrize(("ball", "size"), [(False, 120), pytest.param(True, 60, marks=pytest.mark.slow)])
+def test_the_suns_glint_is_polarized_as_fresnel_says(ball: bool, size: int) -> None:
+    """A quarter of the cross section times the fraction that is mirrored, by a sphere, and by a ball of triangles."""
+    brewster = float(np.degrees(np.arctan(1.5)))  # from the vertical: that of the sun, and on its other side the camera
+    sky, camera = make_sky("sun", [0.5], 90.0 - brewster, 0.0), place_camera(90.0 - brewster, 180.0)
+    here = mirror_table(1.5)
+    found = draw_ball(here, sky, camera, size, 48) if ball else draw(view(sky, size, camera), here)
+    fraction = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
+    expected = fraction * 0.25 * (0.5 * MARGIN * size) ** 2 * np.array([1.0, -1.0, 0.0, 0.0])
+    assert_close(found.sum(axis=0), expected, rtol=0.0, atol=(0.03 if ball else 2e-3) * expected[0])
 
 
 def make_box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Body:
@@ -695,7 +686,6 @@ def test_nothing_of_a_damaged_mesh_is_drawn(tmp_path: Path) -> None:
         ("b.ply", "no mesh\n", "not a mesh that can be read"),
         ("c.stl", "no mesh\n", ".*mesh"),
         ("a.obj", TETRAHEDRON.format("nan"), r"corner 4 is at \[0\.0, 0\.0, nan\]: all must be at finite places"),
-        ("a.obj", TETRAHEDRON.format("-inf"), r"corner 4 is at \[0\.0, 0\.0, -inf\]"),
         ("a.obj", TETRAHEDRON.format("1e308"), "none of its 4 triangles has an area"),
         ("a.obj", WHOLE + "f 1/1 0/1 2/1\n", "line 9: a face has the corner 0; corners are counted from 1"),
         ("a.obj", WHOLE + "f 1 2 9\n", "not a mesh that can be read"),

@@ -86,13 +86,11 @@ def powder(**more: Any) -> dict[str, Any]:
     return given | more
 
 
-def stacks(depths: list[float], **more: Any) -> dict[str, Any]:
+def stacks(axes: dict[str, Any]) -> dict[str, Any]:
     """Two layers over a floor; no light reaches what lies below a semi-infinite one, and it is solved by itself."""
     layers = [RAYLEIGH, {"phase": "isotropic", "albedo": 0.8, "thickness": 0.8}]
-    axes = {"depth": {"key": "layer[2].thickness", "values": depths}, "layer[1].albedo": [0.0, 0.7, 1.0]}
-    asked = {"nodes": 6, "truncation": "none", "brdf": {"mu_i": MU, "mu_o": MU, "phi_deg": PHI}}
-    floor = {"kind": "lambertian", "albedo": 0.2}
-    return asked | {"layer": layers, "base": floor, "axes": axes | {"base.albedo": [0.0, 0.4]}} | more
+    floor, brdf = {"kind": "lambertian", "albedo": 0.2}, {"mu_i": MU, "mu_o": MU, "phi_deg": PHI}
+    return simple(axes, nodes=6, truncation="none", layer=layers, base=floor, brdf=brdf)
 
 
 def gap(one: Any, other: Any) -> float:
@@ -504,7 +502,8 @@ def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
-    given = stacks([0.4, 1.0, 2.0])
+    depths = {"layer[2].thickness": [0.4, 1.0, 2.0]}
+    given = stacks(depths | {ALBEDO: [0.0, 0.7, 1.0], "base.albedo": [0.0, 0.4]})
     alone = vrte.sweep(given, workers=1, chunk=1)
     assert not batches
     together = vrte.sweep(given, workers=1, chunk=7)
@@ -512,12 +511,12 @@ def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
     assert vrte.sweep(given, workers=2, chunk=18).equals(together)
     assert together.equals(alone)
     batches.clear()
-    asked = stacks([], axes={"nodes": [5, 6], "accuracy": [1e-8, 1e-6], ALBEDO: [0.3, 0.6, 0.9]})
+    asked = stacks({"nodes": [5, 6], "accuracy": [1e-8, 1e-6], ALBEDO: [0.3, 0.6, 0.9]})
     together = vrte.sweep(asked, workers=1, chunk=12)
     assert batches == [3, 3, 3, 3]
     assert together.equals(vrte.sweep(asked, workers=1, chunk=1))
     batches.clear()
-    ends = stacks([], axes={ALBEDO: [0.5, 0.9], "layer[2].thickness": [0.5, 1.0, np.inf]})
+    ends = stacks({ALBEDO: [0.5, 0.9], "layer[2].thickness": [0.5, 1.0, np.inf]})
     ends["brdf"] = ends["brdf"] | {"transmission": True}
     with pytest.warns(SweepWarning, match="2 of 6 scenes failed; the first said: brdf.transmission needs a finite"):
         table = vrte.sweep(ends, workers=1, chunk=6)
@@ -529,7 +528,7 @@ def test_together_each_scene_is_as_by_itself(batches: list[int]) -> None:
 def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A batch, or a chunk on a device, in which a scene fails is solved scene by scene, and each says its own error."""
     depth = {"key": "layer[2].thickness", "values": [0.4, 0.7, 1.0]}
-    given = stacks([], axes={"depth": depth, ALBEDO: [0.5, 0.9]})
+    given = stacks({"depth": depth, ALBEDO: [0.5, 0.9]})
     expected = vrte.sweep(given, workers=1, chunk=1)
     counts: list[int] = []
 

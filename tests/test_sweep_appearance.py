@@ -14,7 +14,7 @@ from docs.scripts import pigment_size
 from docs.scripts.pigment_size import find_optimum
 from vrte.appearance.colours import find_colour
 from vrte.appearance.gloss import find_gloss
-from vrte.appearance.hiding import find_hiding
+from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.basics.errors import SceneError
 from vrte.calls.side_by_side import Share, run_side_by_side, share_cores
@@ -137,10 +137,7 @@ def test_what_is_refused() -> None:
         ({"quantities": ["L", "L"]}, {}, '"L" is there twice'),
         ({"white": 0.7}, {}, "appearance.white = 0.7: none of the quantities depends on it: L, h"),
         ({"layer": 1}, {}, "appearance.layer = 1: none of the quantities depends on it: L, h"),
-        ({"observer": 5}, {}, "observer must be 2 or 10 (degrees), not 5"),
         ({"illuminant": "D66"}, {}, "illuminant must be one of"),
-        ({"geometry": "45"}, {}, "geometry"),
-        ({"quantities": ["contrast_ratio"], "black": 0.9}, {}, "black must be darker than the white"),
         ({"wavelengths_um": [0.5, 0.6]}, {}, "must cover the visible"),
         ({"wavelengths_um": [0.6, 0.5]}, {}, "must be positive and ascending"),
         ({"colour": "D65"}, {}, 'appearance.colour = "D65": unknown key'),
@@ -170,7 +167,7 @@ def test_what_hides_is_what_find_hiding_finds() -> None:
     table = vrte.sweep(content | {"base": {"kind": "lambertian", "albedo": 0.0}, "appearance": asked})
     assert not (table.error != "").any()
     panel = make_panel({key: value for key, value in content.items() if key != "axes"}, np.linspace(0.43, 0.67, 7))
-    found = find_hiding(panel, black=0.1, target=0.9)
+    found = find_hiding(panel, Conditions(black=0.1, target=0.9))
     for here in (table.isel(white=0), table.isel(white=1)):
         assert here.contrast_ratio.item() == close_to(found.contrast_ratio, rtol=1e-10, atol=0.0)
         assert here.hiding_thickness_um.item() == close_to(found.hiding_length_um, rtol=1e-6, atol=0.0)
