@@ -55,37 +55,17 @@ ZOO: dict[str, Any] = {
     "structured": np.zeros(2, "f8,i4"), "strided": np.arange(8.0)[::3] / 8.0,
     "lambda": lambda *_: None, "module": math, "Sullen": Sullen(), "layer": vrte.Layer(vrte.isotropic(), 0.5, 1.0),
 }  # fmt: skip
-# other words that name an argument, or what is in it
-ALSO: dict[str, tuple[str, ...]] = {
-    "path": ("must end in", "is not a NetCDF file", "not a number"),
-    "scene": ("unknown key", "TOML", "is missing"),
-    "scenes": ("scene ",),
-    "layers": ("layer",),
-    "allowed": ("a quantity",),
-    "source": ("TOML", "axes", "the scene has no"),
-    "names": ("the scene has no", "no key"),
-    "values": ("base.albedo",),
-    "index": ("host_index",),
-    "material": ("index: ",),
-    "name": ("a quantity", "material = "),
-    "parts": ("a mixture",),
-    "rows": ("place",),
-    "variation": ("derivatives",),
-    "thickness": ("derivatives",),
-    "albedo": ("derivatives",),
-    "thickness_um": ("thickness",),
-    "is_outside": ("scene_at",),
-    "transmitted": ("transmission",),
-    "light": ("stokes",),
-    "geometries": ("geometry",),
-    "spheres": ("six elements",),
-    "wavelength_um": ("a wavelength",),
-    "wavelengths_um": ("wavelength",),
-    "angle_deg": ("angles", "no known convention"),
-    "phi_deg": ("phi", "directions"),
-    "f_iso": ("f must",), "f_vol": ("f must",), "f_geo": ("f must",), "hot_spot": ("f must",),
-    **dict.fromkeys(("a1", "a2", "a3", "a4", "b1", "b2"), ("the phase matrix is not physical",)),
-    **dict.fromkeys(("mu", "mu_i", "mu_o", "mu0", "tau", "phi"), ("directions",)),
+# other words that name arguments, or what is in them
+ALSO = {
+    "must end in": "path", "is not a NetCDF file": "path", "not a number": "path", "unknown key": "scene",
+    "TOML": "scene source", "is missing": "scene", "axes": "source", "the scene has no": "source names",
+    "no key": "names", "base.albedo": "values", "scene ": "scenes", "layer": "layers", "a quantity": "name allowed",
+    "material = ": "name", "host_index": "index", "index: ": "material", "a mixture": "parts", "place": "rows",
+    "derivatives": "variation thickness albedo", "thickness": "thickness_um", "scene_at": "is_outside",
+    "transmission": "transmitted", "stokes": "light", "geometry": "geometries", "six elements": "spheres",
+    "a wavelength": "wavelength_um", "wavelength": "wavelengths_um", "angles": "angle_deg",
+    "no known convention": "angle_deg", "phi": "phi_deg", "directions": "phi_deg mu mu_i mu_o mu0 tau phi",
+    "f must": "f_iso f_vol f_geo hot_spot", "the phase matrix is not physical": "a1 a2 a3 a4 b1 b2",
 }  # fmt: skip
 
 RAYLEIGH = vrte.rayleigh()
@@ -97,7 +77,7 @@ ASKED = {**CONTENT, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
 FILM = {**CONTENT, "layer": [{"interface": {"above": 1.0, "below": 1.5}}, {"phase": "isotropic", "albedo": 0.5,
                                                                            "thickness": 1.0}]}  # fmt: skip
 AXES = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
-SLOW = {"paint", "to_mitsuba", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk"}
+SLOW = {"paint", "to_mitsuba", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk", "appearance", "page"}
 Case = tuple[Callable[..., Any], dict[str, Any]]
 
 
@@ -281,7 +261,8 @@ def find_fault(call: Callable[..., Any], given: dict[str, Any], name: str, spoil
         words = str(error)
         if not words.isprintable() or len(words) > 1000:
             return f"not one line: {words}"
-        return "" if any(each in words for each in (name, *ALSO.get(name, ()))) else f"not named: {words}"
+        named = [name, *(also for also, names in ALSO.items() if name in names.split())]
+        return "" if any(each in words for each in named) else f"not named: {words}"
     except Exception as error:
         return "" if isinstance(error, OSError) and isinstance(spoilt, str) else repr(error)
 
