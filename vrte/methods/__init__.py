@@ -12,7 +12,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, start_run
-from vrte.discrete_ordinates.execution.engines import choose_engine
+from vrte.discrete_ordinates.execution.engines import choose_engine, find_usual_accuracy
 from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_nodes, find_next_count, find_unseen_share
 from vrte.methods.parts.auto import choose_by_rule
 from vrte.methods.parts.method import NODES, Answer, Method, Setting, Settings, Task
@@ -45,8 +45,10 @@ def find_method(name: str) -> Method:
 
 
 def choose_method(request: Request) -> Request:
-    """The request with its method named: for "auto", the one that the rules take. Raises SceneError where the method
-    does not take the request."""
+    """The request with its method named: for "auto", the one that the rules take; with the accuracy of a device without
+    doubles where none was given. Raises SceneError where the method does not take the request."""
+    if request.backend is Backend.OPENCL and request.precision == "auto" and "accuracy" not in request.given:
+        request = replace(request, accuracy=find_usual_accuracy(request.accuracy))
     if request.method == AUTO:
         return choose_by_rule(request)
     find_method(request.method).checked(request)

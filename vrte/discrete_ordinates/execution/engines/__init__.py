@@ -5,10 +5,11 @@ from types import SimpleNamespace
 from typing import Any
 
 from vrte import _core
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import AccuracyWarning, DeviceError, MissingExtraError, SceneError, warn_user
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.execution.engines.engine import Engine
 from vrte.request.backends import Backend
+from vrte.request.how import OF_SINGLE
 
 # the engine of each kind of kernels, and of the linear algebra behind them: see `Backend`
 ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "opencl", "device": "opencl"}
@@ -31,6 +32,22 @@ def choose_engine(backend: Backend, refracts: bool = False, precision: str = "au
     reported = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
     engine: Engine = import_module(f"{__name__}.{kernels}").open_engine(**reported)
     return engine
+
+
+def find_usual_accuracy(accuracy: float) -> float:
+    """What an OpenCL device is asked for where no accuracy was given: on one without doubles what floats are good for,
+    with an AccuracyWarning; where there is no device the solve says so."""
+    from vrte.cl.device import find_chosen_device
+
+    try:
+        device = find_chosen_device()
+    except (DeviceError, MissingExtraError):
+        return accuracy
+    if device.double_precision or accuracy >= OF_SINGLE:
+        return accuracy
+    words = f"has no doubles: single precision, for an accuracy of {OF_SINGLE:g} in place of {accuracy:g}"
+    warn_user(f"the OpenCL device {device.name} {words}", AccuracyWarning)
+    return OF_SINGLE
 
 
 def load_stages(engine: str) -> Any:
