@@ -2,7 +2,6 @@
 scattering."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -104,22 +103,15 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, scattering: bool, orders:
     scenes, *one = chunk.shape
     room = opened.zeros(chunk.shape)
     table = sums.Table(room.data, tuple(one), scenes, 0, int(np.prod(one)))
-    with note_stage(opened, run, "fourier sum"):
+    with run.timed("fourier sum", opened.finish):
         most = max(len(result.lights) for result in chunk.results)
         for index in range(most if orders else 0):
             for lights in group_lights(chunk.results, index):
                 add_lights(opened, chunk, lights, table)
     if scattering and chunk.results[0].in_closed_form:
-        with note_stage(opened, run, "single scattering"):
+        with run.timed("single scattering", opened.finish):
             add_scattering(opened, chunk, table)
     return room
-
-
-@contextmanager
-def note_stage(opened: Session, run: Run, name: str) -> Iterator[None]:
-    """Records the time of a stage, which is waited for."""
-    with run.timed(name, opened.finish):
-        yield
 
 
 def group_lights(results: Sequence[Sum], index: int) -> Iterator[list[tuple[int, Light]]]:

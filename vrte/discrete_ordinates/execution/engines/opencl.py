@@ -4,7 +4,6 @@ What the loops need goes up, what was asked for comes down; in between come only
 norms, gaps, residuals, and the largest light, which says how many orders are left.
 """
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -25,7 +24,7 @@ from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.errors import check_room
 from vrte.cl.session import Reading, Session, Traffic
-from vrte.discrete_ordinates.execution.engines.device_sums import add_up, note_stage
+from vrte.discrete_ordinates.execution.engines.device_sums import add_up
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Light, Sum
 from vrte.discrete_ordinates.orders.base import expand_base
@@ -323,45 +322,28 @@ class Batch:
         """What it makes of each, one behind the other."""
         return np.concatenate([make(*pair) for pair in zip(self.pieces, self.slab_stacks, strict=True)])
 
-    def places(
-        self, make: Callable[[Piece, SlabStack], NDArray[Any]], size: Callable[[Piece, SlabStack], int]
-    ) -> IntArray:
-        """The same of places among so many of each, counted on through all."""
-        pairs = list(zip(self.pieces, self.slab_stacks, strict=True))
-        starts = itertools.accumulate((size(*pair) for pair in pairs), initial=0)
-        return np.concatenate([start + make(*pair) for start, pair in zip(starts, pairs, strict=False)]).astype(
-            np.int32
-        )
-
-
-def count_materials(piece: Piece, slab_stack: SlabStack) -> int:
-    """Materials of a piece."""
-    return slab_stack.problem.albedo.size
-
-
-def count_pairs(piece: Piece, slab_stack: SlabStack) -> int:
-    """Pairs of an order and a material."""
-    return piece.orders.size * slab_stack.problem.albedo.size
-
-
-def count_slabs(piece: Piece, slab_stack: SlabStack) -> int:
-    """Slabs of all orders."""
-    return piece.orders.size * slab_stack.thickness.size
+    def places(self, each: Callable[[SlabStack], Any], count: Callable[[SlabStack], int]) -> IntArray:
+        """Places among so many of each order, counted on through all orders of all pieces."""
+        first, found = 0, []
+        for piece, slab_stack in zip(self.pieces, self.slab_stacks, strict=True):
+            starts = first + count(slab_stack) * np.arange(piece.orders.size)
+            found.append((starts[:, None] + each(slab_stack)).ravel())
+            first += count(slab_stack) * piece.orders.size
+        return np.concatenate(found).astype(np.int32)
 
 
 def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Assembly, doubling and joining of all orders of all pieces."""
     batch = Batch(pieces, [cut_layers(piece.problem) for piece in pieces])
     problem, frame, slab_stack = batch.problem, batch.frame, batch.slab_stacks[0]
-    with note_stage(opened, run, "assembly"):
+    with run.timed("assembly", opened.finish):
         matrices = assemble_batch(opened, batch)
-    with note_stage(opened, run, "doubling"):
+    with run.timed("doubling", opened.finish):
         slabs = doubling.Doubling(opened, frame, list_slab_items(batch), matrices).run(run.stop)
-    with note_stage(opened, run, "joining"):
+    with run.timed("joining", opened.finish):
         slab_stacks = joining.SlabStacks(
-            slab=batch.places(
-                lambda piece, slab_stack: find_first_rows(piece, slab_stack.thickness.size) + slab_stack.slabs,
-                count_slabs,
+            slab=batch.places(lambda each: each.slabs, lambda each: each.thickness.size).reshape(
+                -1, slab_stack.slabs.size
             ),
             above=batch.joined(
                 lambda piece, slab_stack: np.broadcast_to(slab_stack.above, (piece.orders.size, slab_stack.above.size))
@@ -394,19 +376,13 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     return Found(kernels, (*shape, *directions), incoming, np.ones(directions), numbers)
 
 
-def find_first_rows(piece: Piece, size: int) -> IntArray:
-    """Where each order's begin, if it has so many, (order, 1)."""
-    starts: IntArray = np.arange(piece.orders.size, dtype=np.int32)[:, None] * size
-    return starts
-
-
 def find_worst_of_items(batch: Batch, values: Array) -> Array:
     """The largest over the slabs of each item: values (slab item, ...), (item, k)."""
-    ends = np.cumsum([count_slabs(*pair) for pair in zip(batch.pieces, batch.slab_stacks, strict=True)])
-    each = zip(batch.pieces, batch.slab_stacks, np.split(values, ends[:-1]), strict=True)
-    return np.concatenate(
-        [part.reshape(piece.orders.size, slab_stack.thickness.size, -1).max(axis=1) for piece, slab_stack, part in each]
-    )
+    shapes = [
+        (piece.orders.size, each.thickness.size) for piece, each in zip(batch.pieces, batch.slab_stacks, strict=True)
+    ]
+    parts = np.split(values, np.cumsum([orders * slabs for orders, slabs in shapes])[:-1])
+    return np.concatenate([part.reshape(*shape, -1).max(axis=1) for part, shape in zip(parts, shapes, strict=True)])
 
 
 def pad_coefficients(tables: Sequence[Array]) -> Array:
@@ -423,18 +399,19 @@ def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
     """E, F, G and sources of every pair of (order, material)."""
     problem, upload = batch.problem, opened.constant
     order = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.problem.albedo.size))
-    material = batch.places(
-        lambda piece, slab_stack: np.tile(np.arange(slab_stack.problem.albedo.size), piece.orders.size), count_materials
-    )
+    albedo = batch.joined(lambda piece, slab_stack: slab_stack.problem.albedo)
+    numbers = np.split(np.arange(albedo.size), np.cumsum([each.problem.albedo.size for each in batch.slab_stacks])[:-1])
+    pairs = zip(numbers, batch.pieces, strict=True)
+    material = np.concatenate([np.tile(of, piece.orders.size) for of, piece in pairs])
     return assembly.assemble(
         opened,
         upload(np.arange(order.size, dtype=np.int32)),
         upload(order.astype(np.int32)),
-        upload(material),
+        upload(material.astype(np.int32)),
         problem.stokes,
         upload(pad_coefficients([slab_stack.problem.coefficients for slab_stack in batch.slab_stacks])),
         upload(batch.joined(lambda piece, slab_stack: slab_stack.problem.terms)),
-        upload(batch.joined(lambda piece, slab_stack: slab_stack.problem.albedo)),
+        upload(albedo),
         upload(problem.directions),
         upload(problem.weights),
         problem.mu_out.size,
@@ -454,12 +431,7 @@ def list_slab_items(batch: Batch) -> Items:
         thickness=each(lambda slab_stack: slab_stack.thickness),
         albedo=albedo,
         asymmetry=each(lambda slab_stack: find_asymmetry(slab_stack.problem)[slab_stack.material]),
-        of=batch.places(
-            lambda piece, slab_stack: (
-                find_first_rows(piece, slab_stack.problem.albedo.size) + slab_stack.material
-            ).ravel(),
-            count_pairs,
-        ),
+        of=batch.places(lambda each: each.material, lambda each: each.problem.albedo.size),
         turned=(orders == 0) & batch.problem.conserves,
         clear=(albedo == 0.0) & batch.problem.skip_flags.clear,
     )
@@ -499,7 +471,7 @@ def find_leaving_light(opened: Session, batch: Batch, joined: joining.Joined, sh
 def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of semi-infinite layers."""
     problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
-    with note_stage(opened, run, "invariance"):
+    with run.timed("invariance", opened.finish):
         light = invariance.reflect_semi_infinite(opened, **gather_layers(opened, pieces), stop=run.stop)
     directions = problem.mu_out.size, len(problem.stokes)
     shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
