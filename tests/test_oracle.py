@@ -101,15 +101,27 @@ def list_derivatives() -> dict[str, tuple[vrte.Scene, list[str]]]:
     return found
 
 
-DERIVATIVES = list_derivatives()
-QUICK = ("rayleigh 0.5 1e-06, 0", "spheroids 1 1e-06, 1", "HG 0.5 12 0.999999 10000, 1", "rayleigh 0.5 inf, 0")
+BETWEEN_INTERFACES = {
+    "plate, conservative": ["layer[2].coefficients[2].b2"],
+    "glass over white": ["base.albedo"],
+    "varnish over paint": ["layer[2].albedo"],
+    "three media": ["layer[3].thickness"],
+}
+DERIVATIVES = list_derivatives() | {name: (KNOWN[name], numbers) for name, numbers in BETWEEN_INTERFACES.items()}
+QUICK = (
+    "rayleigh 0.5 1e-06, 0",
+    "spheroids 1 1e-06, 1",
+    "HG 0.5 12 0.999999 10000, 1",
+    "rayleigh 0.5 inf, 0",
+    "glass over white",
+)
 
 
-@pytest.mark.parametrize("title", slow_but(DERIVATIVES, *QUICK))
+@pytest.mark.parametrize("title", slow_but(DERIVATIVES, *QUICK, "glass over white"))
 def test_derivatives_are_those_of_ball_arithmetic(title: str) -> None:
     """Thickness 1e-6 to 1e4 and semi-infinite. Measured: 3e-13; with the albedo of a layer of thickness 1e4 that
     absorbs 1e-9 or nothing 1e-10."""
-    scene, names = DERIVATIVES[title]
+    (scene, names), allowed = DERIVATIVES[title], 1e-10 if title in BETWEEN_INTERFACES else 1e-9
     through = scene.base is None and scene.thickness <= 102.0  # what is transmitted is no number near zero
     found = exact.brdf(scene, MU_I, MU_O, AZIMUTHS, nodes=4, derivatives=names, transmission=through, threads=1)
     for name in names:
@@ -119,7 +131,7 @@ def test_derivatives_are_those_of_ball_arithmetic(title: str) -> None:
         values += [(found.transmission_jacobian[name], found.transmission, right.transmitted)] if through else []
         for value, whole, expected in values:
             difference = np.abs([oracle.find_order(value, m) for m in (0, 1)] - expected).max()
-            assert difference < 1e-9 * np.abs(expected).max() + ROUNDING * np.abs(whole).max(), name
+            assert difference < allowed * np.abs(expected).max() + ROUNDING * np.abs(whole).max(), name
 
 
 DARK = {
@@ -142,30 +154,6 @@ def test_what_a_thick_absorber_lets_through(title: str) -> None:
             got = oracle.find_order(found.transmission_jacobian[name], m)
             assert np.abs(right).max() > 1e-45
             assert np.abs(got - right).max() < 1e-10 * np.abs(right).max(), (name, m)
-
-
-@pytest.mark.parametrize(
-    ("scene", "number"),
-    [
-        ("plate, conservative", "layer[2].coefficients[2].b2"),
-        *(
-            pytest.param(*each, marks=pytest.mark.slow)
-            for each in (
-                ("glass over white", "base.albedo"),
-                ("varnish over paint", "layer[2].albedo"),
-                ("three media", "layer[3].thickness"),
-            )
-        ),
-    ],
-)
-def test_derivatives_between_interfaces(scene: str, number: str) -> None:
-    """Of numbers of layers and of the base; relative to the largest: 1e-10."""
-    asked, orders = (KNOWN[scene], [0.1, 0.6], [0.2, 0.7]), (0, 1)
-    right = oracle.brdf(*asked, 6, orders, number)
-    f = exact.brdf(*asked, AZIMUTHS, nodes=6, derivatives=[number])
-    for m in orders:
-        difference = np.abs(oracle.find_order(f.jacobian[number], m) - right.reflected[m]).max()
-        assert difference < 1e-10 * np.abs(right.reflected).max()
 
 
 # The stored table.
