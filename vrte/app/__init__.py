@@ -1,2 +1,2 @@
-"""The viewer, a local web page: `form` is what it asks, `solving` works it out, `figures` and `page` show it, `server`
+"""The viewer, a local web page: `form` is what it asks, `solving` works it out, `page` shows it, `server`
 answers and guards the door."""
