@@ -9,12 +9,13 @@ from vrte import _core
 from vrte.basics.arrays import Array, BoolArray, IntArray, make_readonly, replace_unchecked
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.execution.sums import find_column_kinds
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target, prepare_closed_form
 from vrte.discrete_ordinates.orders.base import Base, make_base_operators
 from vrte.discrete_ordinates.orders.fused_modes import run_fused_modes
-from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.routes import Modes, is_quick_on
-from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.batch_plan import Alike, make_frame
 
 
@@ -36,7 +37,8 @@ def solve_together(alike: Alike, run: Run) -> Together:
     """All orders of all scenes, added up."""
     request, count = alike.request, alike.size
     assert request.wanted is not None
-    azimuths, index = fold_azimuths(request.phi), request.wanted.place
+    azimuths, nowhere = fold_azimuths(request.phi), np.zeros(alike.mu.size, bool)
+    target = Target(request.wanted, alike.scenes[0], make_frame(alike, ALL), alike.mu, azimuths, nowhere)
     n_mu, n_in = alike.mu.size // request.tau.size, request.mu0.size
     parts = [np.zeros((count, n_in, n_mu, request.phi.size, 4, 4)) for _ in request.wanted.parts]
     found = Together(
@@ -49,8 +51,8 @@ def solve_together(alike: Alike, run: Run) -> Together:
     )
     for stokes, wanted in alike.wanted.items():
         kernels = solve_stokes(alike, stokes, wanted, found, run)
-        add_orders(alike, stokes, wanted, kernels, azimuths, found, run)
-    add_once(alike, azimuths, index, found, run)
+        add_orders(target, stokes, wanted, kernels, found, run)
+    add_once(alike, target, found, run)
     add_base(alike, found)
     for name, values in found.residuals.items():
         found.right[:] &= values <= Modes.allowed[name]  # not where it is no number
@@ -96,73 +98,28 @@ def make_base(alike: Alike, problem: Problem) -> Base:
 
 
 def add_orders(
-    alike: Alike,
-    stokes: tuple[int, ...],
-    wanted: BoolArray,
-    kernels: Array,
-    azimuths: Azimuths,
-    found: Together,
-    run: Run,
+    target: Target, stokes: tuple[int, ...], wanted: BoolArray, kernels: Array, found: Together, run: Run
 ) -> None:
     """The sum over Fourier orders: scenes are depths of one result."""
-    request = alike.request
-    assert request.wanted is not None
-    there = np.flatnonzero(wanted.any(axis=1)).astype(np.int32)
-    cosine, sine = azimuths.cos_sin(there)
-    levels = request.tau.size
-    columns = np.array(stokes, np.int32)
-    flat = kernels[there].reshape(there.size, -1, *kernels.shape[3:])
-    for k, (_, rows) in enumerate(request.wanted.parts):
-        with run.timed("fourier sum") as crew:
-            run.kernels.azimuthal_sum(
-                crew,
-                kernels=flat,
-                stokes=columns,
-                kind=find_column_kinds(request.columns)[columns],
-                place=request.wanted.place[columns],
-                cosine=cosine,
-                sine=sine,
-                angle=azimuths.angle,
-                sign=azimuths.sign,
-                levels=np.arange(k, alike.size * levels, levels, dtype=np.int32),
-                rows=rows,
-                scale=request.wanted.scale,
-                first=0,
-                last=request.mu0.size,
-                out=found.parts[k],
-            )
+    there, columns = np.flatnonzero(wanted.any(axis=1)).astype(np.int32), np.array(stokes, np.int32)
+    light = Light(there, columns, columns, kernels[there].reshape(there.size, -1, *kernels.shape[3:]))
+    add, depths = PROCESSOR.prepare_orders(target, [light], run), np.arange(light.kernels.shape[1], dtype=np.int32)
+    for k, (_, rows) in enumerate(target.wanted.parts):
+        own = Part(depths[k :: len(found.parts)], rows, target.mu[rows], target.spreads[rows], found.parts[k])
+        add(Share(own, 0, target.problem.mu0.size))
 
 
-def add_once(alike: Alike, azimuths: Azimuths, index: IntArray, found: Together, run: Run) -> None:
+def add_once(alike: Alike, target: Target, found: Together, run: Run) -> None:
     """Light scattered once, by the phase matrices of all scenes, a layer at a time."""
-    request = alike.request
-    assert request.wanted is not None
-    cosine, sine = compute_cos_sin(azimuths.distinct)
-    for values, (levels, rows) in zip(found.parts, request.wanted.parts, strict=True):
-        mu = alike.mu[rows]
-        paths = request.wanted.scale[:, None] * alike.integrate_paths(levels, mu, alike.gain)
+    add, mu0 = prepare_closed_form(target, run), target.problem.mu0
+    for values, (levels, rows) in zip(found.parts, target.wanted.parts, strict=True):
+        paths = target.wanted.scale[:, None] * alike.integrate_paths(levels, target.mu[rows], alike.gain)
         for layer, first in enumerate(alike.likeness.shared):
-            if first != layer:
-                continue
-            with run.timed("single scattering") as crew:
-                run.kernels.add_single_scattering(
-                    crew,
-                    table=np.ascontiguousarray(alike.tables[:, layer]).reshape(-1, _core.SERIES),
-                    path=np.ascontiguousarray(paths[:, layer]).reshape(-1, *paths.shape[3:]),
-                    mu0=request.mu0,
-                    mu=mu,
-                    cos_phi=cosine,
-                    sin_phi=sine,
-                    angle=azimuths.angle,
-                    sign=azimuths.sign,
-                    columns=request.columns,
-                    kind=find_column_kinds(request.columns),
-                    place=index,
-                    first=0,
-                    last=request.mu0.size,
-                    out=values,
-                    slab_stacks=alike.size,
-                )
+            if first == layer:
+                table = np.ascontiguousarray(alike.tables[:, layer]).reshape(-1, _core.SERIES)
+                path = np.ascontiguousarray(paths[:, layer]).reshape(-1, *paths.shape[3:])
+                seen = mu0, target.mu[rows], 0, mu0.size
+                add("single scattering", table, path, *seen, values, slab_stacks=alike.size)
 
 
 def add_base(alike: Alike, found: Together) -> None:

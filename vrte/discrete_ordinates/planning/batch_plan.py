@@ -30,6 +30,8 @@ from vrte.discrete_ordinates.planning.order_bounds import (
     LARGEST_BOUND,
     ORDERS,
     SHARE,
+    add_brightness,
+    bound_orders,
     find_stokes_sets,
     spread_places,
 )
@@ -256,22 +258,9 @@ def find_peaks(request: Request, scene: Scene) -> str:
 def find_bounds(alike: Alike, run: Run) -> tuple[Array, Array]:
     """Strength and bounds, (scene, order): see `OrderBounds`."""
     count, layers, n_order = alike.coefficients.shape[:3]
-    by_layer, bounds = np.empty((count * layers, n_order)), np.empty(count * n_order)
-    with run.timed("planning") as crew:
-        _core.order_bounds(
-            crew,
-            coefficients=alike.coefficients.reshape(count * layers, n_order, 6),
-            terms=alike.terms.ravel(),
-            albedo=alike.albedo.ravel(),
-            directions=alike.directions,
-            n_node=alike.nodes.size,
-            n_out=alike.mu.size,
-            strength=by_layer,
-            bounds=bounds,
-            slab_stacks=count,
-        )
-    strength: Array = by_layer.reshape(count, layers, n_order).max(axis=1)
-    return strength, bounds.reshape(count, n_order)
+    all_layers = alike.coefficients.reshape(-1, n_order, 6), alike.terms.ravel(), alike.albedo.ravel()
+    by_layer, bounds = bound_orders(*all_layers, alike.directions, alike.nodes.size, alike.mu.size, run, count)
+    return by_layer.reshape(count, layers, n_order).max(axis=1), bounds
 
 
 def find_brightest(alike: Alike, run: Run) -> Array:
@@ -284,25 +273,9 @@ def find_brightest(alike: Alike, run: Run) -> Array:
     for layer, first in enumerate(alike.likeness.shared):
         if first != layer:
             continue
-        with run.timed("planning") as crew:
-            _core.add_single_scattering(
-                crew,
-                table=np.ascontiguousarray(alike.faint[:, layer]).reshape(-1, _core.SERIES),
-                path=np.ascontiguousarray(paths[:, layer]).reshape(-1, *paths.shape[3:]),
-                mu0=request.mu0,
-                mu=mu,
-                cos_phi=np.cos(angles),
-                sin_phi=np.sin(angles),
-                angle=np.arange(angles.size, dtype=np.int32),
-                sign=np.ones(angles.size),
-                columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
-                kind=np.zeros(1, np.int32),
-                place=np.zeros(1, np.int32),
-                first=0,
-                last=request.mu0.size,
-                out=light,
-                slab_stacks=alike.size,
-            )
+        table = np.ascontiguousarray(alike.faint[:, layer]).reshape(-1, _core.SERIES)
+        path = np.ascontiguousarray(paths[:, layer]).reshape(-1, *paths.shape[3:])
+        add_brightness(light, table, path, (request.mu0, mu, angles), run, alike.size)
     found: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return found.reshape(alike.size, levels.size, -1)
 

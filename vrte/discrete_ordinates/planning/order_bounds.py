@@ -60,24 +60,41 @@ def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Arra
 
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
     """Strength of each order, and a bound on what it adds."""
-    n_order, directions = problem.coefficients.shape[1], problem.directions
-    by_layer = np.empty((problem.albedo.size, n_order))
-    bounds = np.empty(n_order)
-    if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:
+    directions, terms = problem.directions, problem.coefficients.shape[1]
+    if directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
+    layers = problem.coefficients, problem.terms, problem.albedo
+    by_layer, bounds = bound_orders(*layers, directions, problem.nodes.size, problem.mu_out.size, run)
+    return OrderBounds(by_layer, by_layer.max(axis=0), bounds[0])
+
+
+def bound_orders(
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    directions: Array,
+    n_node: int,
+    n_out: int,
+    run: Run,
+    scenes: int = 1,
+) -> tuple[Array, Array]:
+    """Strength (layer, order) and bounds (scene, order), of scenes whose layers lie one behind the other; arguments as
+    in core/bounds.pxi."""
+    by_layer, bounds = np.empty(coefficients.shape[:2]), np.empty((scenes, coefficients.shape[1]))
     with run.timed("planning") as crew:
         _core.order_bounds(
             crew,
-            coefficients=problem.coefficients,
-            terms=problem.terms,
-            albedo=problem.albedo,
+            coefficients=coefficients,
+            terms=terms,
+            albedo=albedo,
             directions=directions,
-            n_node=problem.nodes.size,
-            n_out=problem.mu_out.size,
+            n_node=n_node,
+            n_out=n_out,
             strength=by_layer,
-            bounds=bounds,
+            bounds=bounds.ravel(),
+            slab_stacks=scenes,
         )
-    return OrderBounds(by_layer, by_layer.max(axis=0), bounds)
+    return by_layer, bounds
 
 
 def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
@@ -88,27 +105,37 @@ def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: 
     whole = not problem.fraction.any()
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
-    for coefficients, path in find_scatterers(scene.layers, problem, levels, out, whole):
-        with replace_unchecked(run, threads=1).timed("planning") as crew:
-            _core.add_single_scattering(
-                crew,
-                table=coefficients,
-                path=path,
-                mu0=into,
-                mu=out,
-                cos_phi=np.cos(angles),
-                sin_phi=np.sin(angles),
-                angle=np.arange(angles.size, dtype=np.int32),
-                sign=np.ones(angles.size),
-                columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
-                kind=np.zeros(1, np.int32),
-                place=np.zeros(1, np.int32),
-                first=0,
-                last=into.size,
-                out=light,
-            )
+    for table, path in find_scatterers(scene.layers, problem, levels, out, whole):
+        add_brightness(light, table, path, (into, out, angles), replace_unchecked(run, threads=1))
     brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return brightest
+
+
+def add_brightness(
+    light: Array, table: Array, path: Array, seen: tuple[Array, Array, Array], run: Run, scenes: int = 1
+) -> None:
+    """Adds unpolarized light scattered once to ``light`` (level, n_in, n_mu, n_phi, 4, 1), in place, along mu0, mu and
+    azimuths [rad] of what is ``seen``."""
+    mu0, mu, angles = seen
+    with run.timed("planning") as crew:
+        _core.add_single_scattering(
+            crew,
+            table=table,
+            path=path,
+            mu0=mu0,
+            mu=mu,
+            cos_phi=np.cos(angles),
+            sin_phi=np.sin(angles),
+            angle=np.arange(angles.size, dtype=np.int32),
+            sign=np.ones(angles.size),
+            columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
+            kind=np.zeros(1, np.int32),
+            place=np.zeros(1, np.int32),
+            first=0,
+            last=mu0.size,
+            out=light,
+            slab_stacks=scenes,
+        )
 
 
 @cache
