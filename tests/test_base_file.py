@@ -78,6 +78,7 @@ def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> Non
 def test_what_a_scene_file_says_of_a_table_wrongly(spectrum: vrte.Spectrum, tensor: Path, tmp_path: Path) -> None:
     spectrum.save(tmp_path / "all.nc")
     (tmp_path / "a.bsdf").symlink_to(tensor)
+    vrte.radiance(SCENE, 0.5, mu=[0.5], nodes=2).save(tmp_path / "field.nc")
     rows: list[tuple[dict[str, Any], float | None, str]] = [
         ({"file": "all.nc"}, 0.7, r'base\.file = "all\.nc": wavelength_um must be one of .*, not 0\.7'),
         ({"file": "all.nc"}, None, r'base\.file = "all\.nc": wavelength_um is needed: one of'),
@@ -85,6 +86,7 @@ def test_what_a_scene_file_says_of_a_table_wrongly(spectrum: vrte.Spectrum, tens
         ({"file": "a.bsdf"}, 0.551, r"must be one of the file's wavelengths, .*, not 0\.551"),
         ({"file": "none.nc"}, 0.5, r'base\.file = "none\.nc": the file cannot be read: No such file'),
         ({"file": "all.txt"}, 0.5, r"the path of a \.nc or \.csv or \.bsdf or \.pbsdf file beside the scene file"),
+        ({"file": "field.nc"}, 0.5, r"field\.nc.* holds a radiance field, and a base is a BRDF"),
         ({}, 0.5, r"base\.file"),
         ({"file": "all.nc", "albedo": 0.5}, 0.5, r"base\.albedo = 0\.5: goes with kind = "),
         ({"file": "all.nc", "average_mirrored": 1}, 0.5, r"base\.average_mirrored"),
@@ -117,16 +119,6 @@ def test_a_file_is_read_again_where_it_has_changed(spectrum: vrte.Spectrum, tmp_
     np.testing.assert_array_equal(now.mueller, spectrum[2].mueller)  # type: ignore[union-attr]
 
 
-def test_a_radiance_field_is_no_base(tmp_path: Path) -> None:
-    vrte.radiance(SCENE, 0.5, mu=[0.5], nodes=2).save(tmp_path / "field.nc")
-    with pytest.raises(vrte.SceneError, match=r"field\.nc holds a radiance field, and a base is a BRDF"):
-        vrte.read_base(tmp_path / "field.nc")
-
-
-def nothing(fields: dict[str, Any]) -> None:
-    fields["M"] = np.full_like(fields["M"], np.nan)
-
-
 def leaning(fields: dict[str, Any]) -> None:
     fields["M"] = fields["M"].copy()
     fields["M"][0, ..., 0, 0] *= 1.1
@@ -139,7 +131,7 @@ def leaning(fields: dict[str, Any]) -> None:
         (lambda fields: fields.pop("wvls"), "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h"),
         (lambda fields: fields.update(M=fields["M"][1:]), r"its field M must have the shape \(25, 13, 13, 5, 4, 4\)"),
         (lambda fields: fields.update(phi_d=fields["phi_d"] ** 3 / np.pi**2 + 0.01), "its field phi_d must "),
-        (nothing, "its field M must have values, all of them finite"),
+        (lambda fields: fields.update(M=np.nan * fields["M"]), "its field M must have values, all of them finite"),
         (leaning, r"its mirror image, phi_d turned over, differs from it by .* \(average_mirrored takes the mean\)"),
         (lambda fields: fields.update(theta_h=fields["theta_h"][:, ::-1]), r"theta_h must ascend from 0 to 1\.571 rad"),
         (lambda fields: fields.update(theta_d=0.5 * fields["theta_d"]), r"theta_d must ascend from 0 to 1\.571 rad"),
