@@ -1,9 +1,7 @@
 """What every test can ask for."""
 
-import csv
-import importlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,35 +44,6 @@ def skip_without_device() -> None:
         device.devices()
     except (vrte.DeviceError, vrte.MissingExtraError) as none:
         pytest.skip(str(none))
-
-
-def call(*arguments: str | Path) -> int:
-    """The exit code of `vrte` with these arguments."""
-    from vrte import cli
-
-    return find_exit_code(cli.main, arguments)
-
-
-def call_study(name: str, *arguments: str | Path) -> int:
-    """The exit code of `python -m bench.NAME` with these arguments."""
-    module = importlib.import_module(f"bench.{name}")
-    if not hasattr(module, "main"):
-        module = importlib.import_module(f"bench.{name}.__main__")
-    return find_exit_code(module.main, arguments)
-
-
-def find_exit_code(main: Callable[[list[str]], int], arguments: Sequence[str | Path]) -> int:
-    """Of a command line, whether it returns or leaves."""
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as leaving:
-        return leaving.code  # type: ignore[return-value]
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file by its header."""
-    with open(path, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def working_session() -> Any:

@@ -1,6 +1,8 @@
 """What tests of several modules use: results compared bit by bit or within tolerances, the command, programs in
 processes of their own."""
 
+import csv
+import importlib
 import os
 import subprocess
 import sys
@@ -47,12 +49,23 @@ def close_to(right: Any, *, rtol: float, atol: float) -> Any:
     return pytest.approx(right, rel=rtol, abs=atol)
 
 
-def run(*arguments: str | float | Path) -> int:
-    """The exit code of `vrte` with these arguments."""
+def run(*arguments: str | float | Path, main: Callable[[list[str]], int] = cli.main) -> int:
+    """The exit code of `vrte`, or of another command line, with these arguments."""
     try:
-        return cli.main([str(argument) for argument in arguments])
+        return main([str(argument) for argument in arguments])
     except SystemExit as leaving:
         return leaving.code  # type: ignore[return-value]
+
+
+def call_study(name: str, *arguments: str | Path) -> int:
+    """The exit code of `python -m bench.NAME` with these arguments."""
+    return run(*arguments, main=importlib.import_module(f"bench.{name}").main)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file by its header."""
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def printed_by(program: str, folder: Path, *arguments: object) -> list[str]:

@@ -12,8 +12,7 @@ import vrte
 from bench import benchmarks
 
 from . import oracle
-from .conftest import call_study
-from .helpers import assert_close
+from .helpers import assert_close, call_study
 from .literal import D, azimuthal_sum
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "benchmarks"

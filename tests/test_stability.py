@@ -17,8 +17,7 @@ from bench.cases import Slab, find_phase_matrix
 from bench.stability_cases import AXES, SURFACE_AXES, Case
 from bench.study import Records
 
-from .conftest import call_study, rows_of
-from .helpers import close_to
+from .helpers import call_study, close_to, rows_of
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases

@@ -29,8 +29,7 @@ from bench.tables import DEVICE, FULL_SIZE, OWN_STEPS, SMALL, STEPS, TABLE_2, TA
 from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
 
-from .conftest import call_study, rows_of
-from .helpers import assert_close, close_to, wait_until
+from .helpers import assert_close, call_study, close_to, rows_of, wait_until
 
 GOLD = SMALL[1]
 PAGES = {

@@ -24,8 +24,7 @@ from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.template import read_sweep
 
-from .conftest import rows_of
-from .helpers import assert_close, close_to
+from .helpers import assert_close, close_to, rows_of
 from .test_sweep import RAYLEIGH, powder
 
 GREY = {"kind": "lambertian", "albedo": 0.4}

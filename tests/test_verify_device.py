@@ -11,7 +11,7 @@ from vrte.cl import device
 from vrte.cl.session import Session, open_session
 from vrte.commands import verify_device
 
-from .conftest import call
+from .helpers import run
 
 QUICK = "products and inverses", "less memory than they need", "stopped midway, then solved again"
 
@@ -61,7 +61,7 @@ def test_all_of_it(opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert usual is not None
     monkeypatch.setattr(verify_device.verify_device, "__defaults__", (*usual[:3], 900.0, ()))
     index = device.devices().index(device.find_chosen_device())
-    assert call("devices", "--verify", str(index)) == 0
+    assert run("devices", "--verify", str(index)) == 0
     output = capsys.readouterr()
     assert "14 of 14 checks passed" in output.out
     assert "never launched" not in output.out
@@ -76,7 +76,7 @@ def test_each_kernel_matters(
     opencl: Session, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spoil(monkeypatch, name)
-    assert call("devices", "--verify") == 1
+    assert run("devices", "--verify") == 1
     output = capsys.readouterr()
     assert "<- WRONG" in output.out
     assert "is not to be trusted" in output.err
