@@ -1,8 +1,8 @@
 """vrte.Fit: the numbers of a scene that a measurement tells, and how well."""
 
 import os
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +11,11 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import Figure, view
 from vrte.fit.measurement import Measurement
-from vrte.fit.verdict import find_correlations
+from vrte.fit.problem import FitProblem
+from vrte.fit.verdict import Profile, find_correlations, find_profile
+from vrte.formats.atomic import write_atomically
 from vrte.formats.toml_table import write_toml
 from vrte.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from vrte.fit.problem import FitProblem
-    from vrte.fit.verdict import Profile
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
 
@@ -107,7 +105,7 @@ class Fit:
     starts: tuple[Start, ...]
     nodes: int | None
     interrupted: bool = False
-    problem: "FitProblem | None" = field(default=None)
+    problem: FitProblem | None = None
 
     def __post_init__(self) -> None:
         for name in ARRAYS:
@@ -151,11 +149,9 @@ class Fit:
         pairs = zip(self.names, self.values.tolist(), self.errors.tolist(), strict=True)
         return [(name, f"{value:.6g} +- {error:.2g}") for name, value, error in pairs]
 
-    def profile(self, name: str, values: Any = None, points: int = 9, progress: Progress | None = None) -> "Profile":
+    def profile(self, name: str, values: Any = None, points: int = 9, progress: Progress | None = None) -> Profile:
         """The rise of chi2 along one number, all others fitted anew, at ``values``, by default so many ``points`` (3 at
         least) to three standard deviations on either side; ``progress`` gets (values done, values)."""
-        from vrte.fit.verdict import find_profile
-
         return find_profile(self, name, values, points, progress)
 
     def plot(self) -> Figure:
@@ -194,8 +190,6 @@ class Fit:
 
     def write_scene(self, path: str | os.PathLike[str]) -> None:
         """Writes the scene file (.toml) with ``values`` in it, otherwise as it was but for comments."""
-        from vrte.formats.atomic import write_atomically
-
         if not os.fspath(path).lower().endswith(".toml"):
             raise SceneError(f"the scene file {os.fspath(path)} must end in .toml")
         text = write_toml(self.content())
@@ -209,7 +203,7 @@ class Fit:
             raise SceneError("a vrte.Scene was fitted, of which there is no scene file: take its scene()")
         return family.content_at(np.array(self.values))
 
-    def find_problem(self) -> "FitProblem":
+    def find_problem(self) -> FitProblem:
         """Model, free numbers and priors, for what is asked of the fit later."""
         if self.problem is None:
             raise SceneError("this fit was read from a file that does not hold its scene")
