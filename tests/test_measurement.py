@@ -73,7 +73,9 @@ def test_a_table_that_is_written_reads_back(tmp_path: Path) -> None:
 
 
 def test_netcdf_holds_columns_or_quantities_over_angles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read in this process: tests/test_foreign_files.py has the one of its own, which takes a second to start."""
     xarray = pytest.importorskip("xarray")
+    monkeypatch.setattr(netcdf, "read_foreign", netcdf.read_stored)
     both, beam, values = ("theta_i_deg", "theta_o_deg"), ("theta_i_deg",), np.array([[0.0, 1.0, 2.0], [3.0, NAN, 5.0]])
     grid: Any = {"f00": (both, values), "f00_sigma": (both, values * 0.0 + 0.1)}
     grid |= {"total_reflectance": (beam, [0.4, 0.5]), "total_reflectance_sigma": (beam, [0.01, 0.01])}
@@ -84,7 +86,6 @@ def test_netcdf_holds_columns_or_quantities_over_angles(tmp_path: Path, monkeypa
     assert found.value.tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 0.4, 0.5]
     assert found.theta_o_deg[:5].tolist() == [10.0, 20.0, 40.0, 10.0, 40.0]
     assert (found.theta_i_deg[5:].tolist(), found.sigma[-1]) == ([0.0, 30.0], 0.01)
-    monkeypatch.setattr(netcdf, "read_foreign", netcdf.read_stored)  # a process of its own takes half a second to start
     table: Any = {"quantity": ("row", ["total_reflectance"]), "value": ("row", [0.5]), "theta_i_deg": ("row", [8.0])}
     xarray.Dataset(table).to_netcdf(tmp_path / "rows.nc", engine="h5netcdf")
     found = vrte.read_measurement(tmp_path / "rows.nc")

@@ -44,17 +44,18 @@ def count_runs(signs: Array) -> tuple[int, float]:
 
     Wald and Wolfowitz, Ann. Math. Statist. 11, 147 (1940).
     """
-    from scipy.stats import hypergeom
+    from scipy.special import gammaln  # scipy.stats would take a second to load
 
-    runs, many = 1 + int((signs[1:] != signs[:-1]).sum()), [int((signs == one).sum()) for one in (1, -1)]
-    if min(many) == 0 or signs.size == 2:
+    def choose(n: int, k: Any) -> Any:
+        """Logarithms of binomial coefficients."""
+        return gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
+
+    runs, (up, down) = 1 + int((signs[1:] != signs[:-1]).sum()), [int((signs == one).sum()) for one in (1, -1)]
+    if min(up, down) == 0 or signs.size == 2:
         return runs, 1.0  # all of one sign: their sum says more of it than their order
-    (up, down), pairs = many, signs.size * (signs.size - 1.0)
-    chance = 2.0 * up * down / pairs * hypergeom.cdf(runs // 2 - 1, signs.size - 2, up - 1, down - 1)  # ends differ
-    for one, other in ((up, down), (down, up)):  # both ends of one sign
-        if one > 1:
-            chance += one * (one - 1.0) / pairs * hypergeom.cdf((runs - 1) // 2, signs.size - 2, one - 1, other)
-    return runs, float(chance)
+    pairs, odd = np.divmod(np.arange(2, runs + 1), 2)  # of runs, and one more where both ends are of one sign
+    ways = [choose(one - 1, pairs - 1 + odd) + choose(other - 1, pairs - 1) for one, other in ((up, down), (down, up))]
+    return runs, float(np.exp(np.array(ways) - choose(signs.size, up)).sum())
 
 
 def write_chance(chance: float) -> str:
