@@ -13,7 +13,7 @@ import vrte
 from bench.cases import find_scene
 from vrte import _core
 from vrte.basics.running import Run, ThreadTeam
-from vrte.cl import assembly, invariance, sums
+from vrte.cl import assembly, invariance
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import Reading, Session, Traffic
@@ -22,7 +22,6 @@ from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
-from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 
 from .helpers import assert_close
 from .opencl_scenes import SCENES, kernels_with, problem_of
@@ -174,84 +173,6 @@ def test_invariance_takes_the_steps_that_the_core_takes(either_width: Session, t
         assert_close(found[name], expected[name], rtol=0.0, atol=1e-11 * np.abs(expected[name]).max())
         assert not found[name][-1].any()
         assert albedo or not found[name].any()
-
-
-PHI = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
-NAMES = ("kernels", "stokes", "kind", "place", "cosine", "sine", "angle", "sign", "levels", "rows", "scale")
-
-
-def test_orders_of_many_scenes_are_added_at_once(either_width: Any) -> None:
-    """Kernels as stacks of matrices hold them, other numbers of orders, factors of rows and Stokes components, and a
-    buffer that more than these tables share."""
-    rng = np.random.default_rng(3)
-    n_order, azimuths, first, shape = [5, 3], fold_azimuths(PHI), 12, (1, 2, 3, PHI.size, 4, 4)
-    n_out, columns, size = 5, 2 * 4, int(np.prod(shape))
-    stack = rng.standard_normal((sum(n_order), columns, 24))  # rows padded
-    cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
-    stokes, kind, index, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
-    factors = rng.standard_normal((n_out, 4))
-    buffer = either_width.upload(np.ones(first + 3 * size))
-    sums.add_orders(
-        either_width,
-        sums.Kernels(either_width.upload(stack), (columns * 24, 0, 4 * 24, 24, 4, 1)),
-        either_width.upload(np.array([[0, 0, 5, 0], [1, 5, 3, 0]], np.int32)),
-        sums.upload_entries(either_width, stokes, kind, index, 4, cosine, sine),
-        sums.upload_azimuths(either_width, azimuths.angle, azimuths.sign, cosine.shape[1]),
-        either_width.upload(np.zeros(1, np.int32)),
-        either_width.upload(rows),
-        either_width.upload(np.array([0.5, 2.0])),
-        either_width.upload(factors),
-        (0, 2),
-        sums.Table(buffer, shape, 2, first, size),
-    )
-    values = either_width.download(buffer)
-    np.testing.assert_array_equal(np.delete(values, np.s_[first : first + 2 * size]), 1.0)
-    for scene, count in enumerate(n_order):
-        expected = np.ones(shape)
-        kernels = stack[5 * scene : 5 * scene + count, :, :20].reshape(count, 1, 2, 4, n_out, 4) * factors
-        tables = cosine[:count], sine[:count], azimuths.angle, azimuths.sign, *integers([0]), rows
-        given = zip(NAMES, (kernels, stokes, kind, index, *tables, np.array([0.5, 2.0])), strict=True)
-        _core.azimuthal_sum(a_crew(), **dict(given), first=0, last=2, out=expected)
-        found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
-        assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
-
-
-def test_scatterers_of_many_scenes_are_added_at_once(either_width: Session) -> None:
-    """None, two and one in a scene, with other numbers of terms; straight on and straight back included."""
-    rng, mu0, mu = np.random.default_rng(4), np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
-    sphere = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
-    pairs = [(_core.series_table(sphere[:n]), rng.uniform(0.5, 2.0, (2, 3, 6))) for n in (27, 3, 10)]
-    azimuths, columns, (kind, index) = fold_azimuths(PHI), np.eye(4), integers([0, 0, 1, 1], range(4))
-    cosine, sine = azimuths.cos_sin(np.ones(1, np.int32))
-    turn, shape = (cosine[0], sine[0]), (2, 3, 6, PHI.size, 4, 4)
-    size = int(np.prod(shape))
-    result = either_width.zeros((3 * size + 4,))
-    sums.add_scattering(
-        either_width,
-        sums.upload_scatterers(either_width, [[], pairs[:2], pairs[2:]]),
-        sums.upload_directions(either_width, mu0, mu, *turn, columns, kind, index),
-        sums.upload_azimuths(either_width, azimuths.angle, azimuths.sign, turn[0].size),
-        (0, mu0.size),
-        sums.Table(result, shape, 3, 4, size),
-    )
-    given = {"mu0": mu0, "mu": mu, "cos_phi": turn[0], "sin_phi": turn[1], "angle": azimuths.angle}
-    given |= {"sign": azimuths.sign, "columns": columns, "kind": kind, "place": index, "first": 0}
-    expected = np.zeros((3, *shape))
-    for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
-        _core.add_single_scattering(a_crew(), **given, table=table, path=path, last=3, out=expected[scene])
-    found = either_width.download(result)[4:].reshape(3, *shape)
-    assert_close(found, expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())
-    table, path = pairs[0]
-    refused = {"table": table, "path": path, "last": 1, "out": np.zeros(1)}
-    for changes, words in (
-        (
-            {"columns": np.tile(columns, (5, 1)), "kind": np.tile(kind, 5), "place": np.tile(index, 5)},
-            "at most 16 columns",
-        ),
-        ({"table": table[:-1]}, "series_table"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            sums.add_single_scattering(either_width, a_crew(), **given | refused | changes)
 
 
 def doubled(stack: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:

@@ -149,14 +149,6 @@ def test_what_is_refused_in_single_precision(opencl: Any, without_doubles: None)
         vrte.brdf(scene, 0.5, 0.5, nodes=4, backend="opencl", precision="single")
 
 
-def test_scenes_together_are_as_alone(opencl: Any) -> None:
-    scenes = [vrte.Scene([layer(spheroids(), albedo, 1.0)]) for albedo in (0.5, 0.9)]
-    asked = {"nodes": 8, "backend": "opencl", "precision": "single"}
-    together = vrte.brdfs(scenes, MU, MU, 0.0, **asked)
-    for scene, found in zip(scenes, together, strict=True):
-        assert (found.mueller == vrte.brdf(scene, MU, MU, 0.0, **asked).mueller).all()
-
-
 def test_sweeps_on_a_device(opencl: Any) -> None:
     """By an argument, or by the file."""
     content = {"nodes": 4, "layer": [{"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}]}

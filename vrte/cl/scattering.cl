@@ -124,7 +124,7 @@ __kernel void add_scattering(SCATTERED, int each, WHERE_OUT)
     const int i = first_in + get_group_id(1), begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
     const long scene = get_group_id(2), pairs = (long)n_in * n_mu;
     real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
-    out += out_first + scene * out_stride;
+    out += scene * out_stride;
     SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles)
         for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
             const int j = tile / tiles, angle = tile % tiles * 4;

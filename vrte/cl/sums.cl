@@ -10,7 +10,7 @@
 
 // How the directions of a result share the work, and where the result's rows lie.
 #define WHERE_OUT INTS first_use, INTS azimuth, IN mirror, int n_angle, int n_phi, int n_place, int n_level, \
-    int n_in, int n_mu, int first_in, int n_here, OUT out, long out_first, long out_stride
+    int n_in, int n_mu, int first_in, int n_here, OUT out, long out_stride
 
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
@@ -66,7 +66,7 @@ __kernel void add_orders(ORDERS, int each, WHERE_OUT)
     const int begin_mu = each * get_group_id(0), tiles = (n_angle + TILE_ANGLES - 1) / TILE_ANGLES;
     real4 sums[BATCH * TILE_ANGLES];
     kernels += first + share[1] * order_stride + levels[level] * level_stride + i * in_stride;
-    out += out_first + share[0] * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
+    out += share[0] * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
     SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
         const int j = tile / tiles, angle = tile % tiles * TILE_ANGLES;
         for (int begin = 0; begin < n_group; begin += BATCH) {

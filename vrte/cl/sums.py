@@ -1,5 +1,6 @@
 """The end of a solve on a device: sums over Fourier orders and single scattering, added into a table of radiances."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -44,14 +45,12 @@ def upload_azimuths(session: Session, angle: Array, sign: Array, n_angle: int) -
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Radiances on a device, (scene, n_level, n_in, n_mu, n_phi, 4, n_place), from double ``first`` of ``data`` on; a
-    scene takes ``stride`` doubles."""
+    """Radiances ``data`` of some ``scenes`` on a device, each of the ``shape`` (n_level, n_in, n_mu, n_phi, 4,
+    n_place)."""
 
     data: Any
     shape: tuple[int, ...]
     scenes: int = 1
-    first: int = 0
-    stride: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +130,7 @@ def launch_into(
     their tiles: as many as lanes, and so few pieces that none is too small for a processor."""
     n_level, n_in, n_mu, _, _, n_place = table.shape
     sizes = n_place, n_level, n_in, n_mu, incident[0], incident[1] - incident[0]
-    into = *sizes, table.data, table.first, table.stride
+    into = *sizes, table.data, math.prod(table.shape)
     tiles = -(-(int(azimuths.first_use.size) - 1) // tile)
     each = max(1, min(n_mu, max(n_mu * across[0] * across[1] // PIECES, session.lanes // tiles)))
     session.launch(name, (-(-n_mu // each), *across), *arguments, each, azimuths, *into)

@@ -102,7 +102,7 @@ def add_chunk(opened: Session, chunk: Chunk, run: Run, scattering: bool, orders:
     """Sums over ``orders`` and single ``scattering`` of a chunk, on the device."""
     scenes, *one = chunk.shape
     room = opened.zeros(chunk.shape)
-    table = sums.Table(room.data, tuple(one), scenes, 0, int(np.prod(one)))
+    table = sums.Table(room.data, tuple(one), scenes)
     with run.timed("fourier sum", opened.finish):
         most = max(len(result.lights) for result in chunk.results)
         for index in range(most if orders else 0):
