@@ -11,7 +11,7 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.checks import check_tables, find_problems
+from vrte.app.form.checks import check_tables
 from vrte.basics.errors import SceneError
 from vrte.formats.columns import read_coefficients
 from vrte.formats.scene_file import make_scene_file
@@ -19,11 +19,10 @@ from vrte.formats.toml_table import write_toml
 from vrte.sweep.optics import make_file_name
 from vrte.sweep.template import read_sweep
 
-from .helpers import assert_close, close_to, run
+from .helpers import close_to, run
 
 CLAY = "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n"
 SIZES = "radius_um,density\n0.1,0\n0.2,5\n0.5,0\n"
-COATED = {"source": "coated-spheres", "core": "rutile", "shell": "silica", "shell_um": 0.01, "radius_um": 0.12}
 OWN = {"index": "clay.csv", "size": {"table": "sizes.csv"}}
 
 
@@ -117,23 +116,6 @@ def test_commands_spectra_and_sweeps_go_by_what_is_in_the_tables(
     assert len({*prints}) == 3
 
 
-def test_spectra_and_sweeps_know_core_and_shell(tmp_path: Path) -> None:
-    def solve(shell_um: float, wavelength: float) -> Any:
-        how: dict[str, Any] = {"radius_um": 0.12, "wavelength_um": wavelength, "host_index": 1.33}
-        alone = vrte.coated_spheres("rutile", "silica", shell_um=shell_um, **how)
-        return vrte.brdf(vrte.Scene([vrte.Layer.of(alone, thickness=1.0)]), 0.5, 0.5, nodes=4).mueller
-
-    content = make_scene(**COATED, host_index=1.33)
-    for wavelength, found in zip((0.45, 0.65), vrte.spectrum(content, [0.45, 0.65]), strict=True):
-        assert_close(found.mueller, solve(0.01, wavelength), rtol=1e-12, atol=0.0)
-    with pytest.raises(SceneError, match=r"0\.43 to 1\.53 um"):
-        vrte.spectrum(content, [0.4, 0.65])
-    table = vrte.sweep(content | {"axes": {"particles.one.shell_um": [0.02, 0.05]}}, tmp_path / "shells.zarr")
-    for index, shell in enumerate((0.02, 0.05)):
-        assert_close(table.mueller.values[index].ravel(), solve(shell, 0.55).ravel(), rtol=1e-12, atol=0.0)
-    table.close()
-
-
 def test_kept_optics_distinguish_tables_sizes_and_shells_by_all_digits() -> None:
     values, ones = np.linspace(0.1, 0.9, 5000), np.ones(5000)
     peak = np.where(np.arange(5000) == 2500, 2.0, 1.0)
@@ -145,27 +127,6 @@ def test_kept_optics_distinguish_tables_sizes_and_shells_by_all_digits() -> None
     assert len({make_file_name("coated-spheres", given | shape) for shape in shapes}) == 4
     tables = [vrte.IndexTable(tuple(values), tuple(n), tuple(0.0 * ones)) for n in (ones, peak)]
     assert len({make_file_name("spheres", {"index": index, "radius_um": 0.5}) for index in tables}) == 2
-
-
-def test_the_form_turns_spheres_into_coated_ones_and_measured_sizes() -> None:
-    content = make_scene(index="gold", radius_um=0.2)
-    kind = content["particles"]["one"]
-    form.set_source(kind, "coated-spheres")
-    plain = {key: value for key, value in COATED.items() if key != "shell_um"}
-    assert kind == plain | {"core_ratio": 0.8, "radius_um": 0.2}
-    assert find_problems(content) == {}
-    for mode in ("tabulated", "tabulated, diameters"):
-        form.set_size_mode(kind, mode)
-        assert form.get_size_mode(kind) == mode
-        assert find_problems(content) == {}
-    form.put(content, ("particles", "one", "shell_um"), 0.05)
-    assert "exactly one of core_radius_um, shell_um and core_ratio" in str(find_problems(content))
-    content["particles"]["kind-1"] = content["particles"].pop("one")
-    content["layer"][0]["particles"] = "kind-1"
-    form.name_after(content, "kind-1", None)
-    assert list(content["particles"]) == ["rutile"]
-    form.set_source(content["particles"]["rutile"], "spheres")
-    assert "shell" not in content["particles"]["rutile"]
 
 
 def test_a_page_reads_only_the_tables_that_it_was_given() -> None:

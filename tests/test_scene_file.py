@@ -362,7 +362,6 @@ GOLDS: Rows = [
     ({"layer": {}}, "layer = {}: must be tables headed [[layer]], top first"),
     ({"layer": [HAZE] * 10_001}, "layer: there must be at most 10000 of them, not 10001"),
     ({"layer": None, "base": None}, "layer: is missing; it must be at least one table [[layer]]"),
-    ({"brdf.mu_i": []}, "brdf.mu_i = []: must be a number, a list of numbers or { start, stop, count }"),
     ({"brdf.mu_i": [0.6, math.nan]}, "brdf.mu_i = [0.6, nan]: must be a number, a list"),
     ({"brdf.mu_o.count": 0}, "brdf.mu_o.count = 0: must be a whole number from 1"),
     ({"brdf.mu_o.count": 1}, "brdf.mu_o.count = 1: one value needs start = stop"),
@@ -370,13 +369,11 @@ GOLDS: Rows = [
     ({"brdf.mu_o.stop": math.inf}, "brdf.mu_o = { start = 0.5, stop = inf, count = 3 }: start and stop must be"),
     # something missing or too much
     ({"wavelength_um": None}, "wavelength_um: is missing; it must be the wavelength in micrometres"),
-    ({"particles.gold.radius_um": None}, "particles.gold: exactly one of radius_um, diameter_um and size is"),
     ({"particles.gold.diameter_um": 1}, "particles.gold: exactly one of radius_um, diameter_um and size is"),
     ({"layer[1].thickness_um": 2}, "layer[1]: either thickness (optical) or thickness_um with volume_fraction is"),
     ({"layer[1].albedo": 1}, "layer[1].albedo = 1: goes with phase only"),
     ({"layer[1].phase": "rayleigh"}, "layer[1]: exactly one of particles, volume_fractions and phase is needed"),
     ({"base.kind": "black"}, 'base.albedo = 0.3: goes with kind = "lambertian" or "hapke" only'),
-    ({"base.kind": "labmertian"}, 'base.kind = "labmertian": must be'),
     ({"base.albedo": 1.3}, "base.albedo must be between 0 and 1, not 1.3"),
     ({"base.albedo": "30"}, 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
     ({"layer[1].particles": "gild"}, 'layer[1].particles = "gild": no table [particles.gild]; did you mean'),
@@ -402,16 +399,13 @@ SIZES: Rows = [
 ]
 COATS: Rows = [
     ({}, "particles.one: coated_spheres: give exactly one of core_radius_um, shell_um and core"),
-    ({"core_ratio": 0.8, "core": "golld"}, "particles.one.core: 'golld' is neither"),
 ]
 VOLUMES: Rows = [
     ({"gold": 1.5}, "layer[1].volume_fractions.gold = 1.5: must be from 0 to below 1"),
-    (0.5, "layer[1].volume_fractions = 0.5: must be a table { name = fraction, ... }"),
     ({"gold": "0 %"}, "at least one fraction must be above 0"),
 ]
 PHASES: Rows = [
     ("isotropc", 'layer[1].phase = "isotropc": must be'),
-    ("absent.csv", 'layer[1].phase = "absent.csv": the file cannot be read'),
     ("cut.csv", 'layer[1].phase = "cut.csv": the phase matrix is not physical: '),
     ({"rayleigh": 2}, "layer[1].phase.rayleigh: depolarization must be"),
     ({"rayleigh": 0, "terms": 3}, "layer[1].phase = { rayleigh = 0, terms = 3 }: must"),
@@ -427,7 +421,6 @@ LAYERS: Rows = [
     ([between(1.0, 0.05)], "layer[1].interface.below must be a real refractive index from 0.1"),
     ([between(1.0, "gold")], "what absorbs more is for bases"),
     ([between(1.0, "wter")], "layer[1].interface.below: 'wter' is neither a known name"),
-    ([between(1.0, "lost.csv")], 'layer[1].interface.below = "lost.csv": the file cannot be read'),
     ([between(1.0, 1.5, roughness=2.0)], "layer[1].interface.roughness must be"),
     ([{"host_index": 1.5, "thickness": 1.0}], "layer[1].thickness = 1.0: goes with particles, volume_fractions or"),
     ([{"host_index": [1.5, 0.1], "thickness_um": 1.0}], "k from 0 to 0.01 n"),
