@@ -42,15 +42,22 @@ def hold(seconds: float, answer: int) -> int:
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_every_job_is_done_once_and_its_answer_is_in_its_place(threads: int) -> None:
-    calls: list[int] = []
+    """Up to the first one that fails, whose error is raised: no other job begins then."""
+    begun: list[int] = []
 
-    def job(k: int) -> int:
-        calls.append(k)
+    def job(k: int, last: int) -> int:
+        begun.append(k)
+        if k >= last:
+            raise ValueError(f"job {k}")
         return hold(0.002 * (k % 3), k * k)
 
     with run_of(threads) as run:
-        assert run_jobs(run, [lambda own, k=k: job(k) for k in range(20)]) == [k * k for k in range(20)]
-    assert sorted(calls) == list(range(20))
+        assert run_jobs(run, [lambda own, k=k: job(k, 20) for k in range(20)]) == [k * k for k in range(20)]
+        assert sorted(begun) == list(range(20))
+        begun.clear()
+        with pytest.raises(ValueError, match="job 1"):
+            run_jobs(run, [lambda own, k=k: hold(0.05, job(k, 1)) for k in range(20)])
+    assert set(begun) <= set(range(1 + threads))
 
 
 def test_jobs_are_done_side_by_side_each_on_one_thread_and_progress_is_told_by_the_caller() -> None:
@@ -69,21 +76,6 @@ def test_jobs_are_done_side_by_side_each_on_one_thread_and_progress_is_told_by_t
     alone = Run(8)
     assert run_jobs(alone, [lambda own: threading.get_ident()]) == [threading.get_ident()]
     assert "helpers" not in vars(alone)  # no thread without a job
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_the_error_of_the_first_job_that_failed_is_raised_and_no_other_job_begins(threads: int) -> None:
-    begun: list[int] = []
-
-    def job(k: int) -> int:
-        begun.append(k)
-        if k == 1:
-            raise ValueError(f"job {k}")
-        return hold(0.05, k)
-
-    with run_of(threads) as run, pytest.raises(ValueError, match="job 1"):
-        run_jobs(run, [lambda own, k=k: job(k) for k in range(10)])
-    assert set(begun) <= {0, 1, 2}
 
 
 def test_seconds_are_recorded_once_for_the_wall_and_all_for_the_threads_and_stops_are_passed_on() -> None:
