@@ -106,13 +106,11 @@ def test_other_azimuths_are_mirror_images() -> None:
 
 
 FIELD = {key: value for key, value in SWEEP.items() if key != "brdf"} | {"field": {"mu0": 0.5, "mu": [0.5]}}
-TOGETHER = {"key": "layer[1].thickness", "values": [0.2, 0.5], "along": "case"}
+KEYS = {"depth": "layer[1].thickness", "grey": "base.albedo"}
+TOGETHER = {name: {"key": key, "values": [0.2, 0.5], "along": "case"} for name, key in KEYS.items()}
 REFUSED = [
     (FIELD, "lobes of BRDFs, and this is a table of fields"),
-    (
-        {**SWEEP, "axes": {"depth": TOGETHER, "grey": {**TOGETHER, "key": "base.albedo"}}},
-        "mine: axes.depth: is one of several along case",
-    ),
+    ({**SWEEP, "axes": TOGETHER}, "mine: axes.depth: is one of several along case"),
     ({**SWEEP, "axes": {"layer[1].thickness": [1.0, np.inf]}}, "has an infinite value"),
     ({**SWEEP, "axes": {"base.albedo": [0.1, 0.1]}}, "mine: axes.base.albedo: has the same value twice"),
     ({**SWEEP, "brdf": {**BRDF, "mu_o": [0.5]}}, "at least 2 different mu_o"),

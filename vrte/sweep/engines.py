@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.basics.running import PATIENCE, wait_for
 from vrte.calls.side_by_side import Share, share_cores
-from vrte.sweep.chunks import Job, make_processor_solver, perform, solve_on_device
+from vrte.sweep.chunks import Job, make_processor_solver, perform
 from vrte.sweep.store import Work
 
 ENGINES = ("threads", "dask", "opencl")
@@ -64,9 +64,3 @@ def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) 
         if not wait_for(all_left, PATIENCE):
             atexit.register(wait_for, all_left, 3600.0)
         raise
-
-
-def perform_on_device(work: Work, jobs: Iterable[Job]) -> Iterator[int]:
-    """Does the jobs in turn, all scenes of a chunk together on the OpenCL device."""
-    for job in jobs:
-        yield perform(work, job, solve_on_device, "opencl")

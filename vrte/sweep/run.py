@@ -22,8 +22,8 @@ from vrte.formats.atomic import check_file_name
 from vrte.request.how import PRECISIONS, complete_docstring
 from vrte.request.request import Request
 from vrte.sweep import store
-from vrte.sweep.chunks import Shared, collect_warnings, prepare
-from vrte.sweep.engines import ENGINES, perform_on_device, perform_on_threads
+from vrte.sweep.chunks import Shared, collect_warnings, perform, prepare, solve_on_device
+from vrte.sweep.engines import ENGINES, perform_on_threads
 from vrte.sweep.results import TABLE, Sample, make_scene_request
 from vrte.sweep.store import Work
 from vrte.sweep.table import SUFFIXES, Grid, choose_chunk_size, cut_grid, open_table
@@ -265,7 +265,7 @@ def run_engine(work: Work, done: set[int], engine: str, scheduler: str | None, w
         return
     yield from perform_on_threads(work, particles, workers, workers)
     if engine == "opencl":
-        yield from perform_on_device(work, chunks)
+        yield from (perform(work, chunk, solve_on_device, "opencl") for chunk in chunks)  # all scenes of one together
     else:
         yield from perform_on_threads(work, chunks, work.grid.chunks - len(done), workers)
 
