@@ -103,9 +103,10 @@ def add_orders(
     """The sum over Fourier orders: scenes are depths of one result."""
     there, columns = np.flatnonzero(wanted.any(axis=1)).astype(np.int32), np.array(stokes, np.int32)
     light = Light(there, columns, columns, kernels[there].reshape(there.size, -1, *kernels.shape[3:]))
-    add, depths = PROCESSOR.prepare_orders(target, [light], run), np.arange(light.kernels.shape[1], dtype=np.int32)
+    add, levels = PROCESSOR.prepare_orders(target, [light], run), len(found.parts)
     for k, (_, rows) in enumerate(target.wanted.parts):
-        own = Part(depths[k :: len(found.parts)], rows, target.mu[rows], target.spreads[rows], found.parts[k])
+        depths = np.arange(k, light.kernels.shape[1], levels, dtype=np.int32)
+        own = Part(depths, rows, target.mu[rows], target.spreads[rows], found.parts[k])
         add(Share(own, 0, target.problem.mu0.size))
 
 
