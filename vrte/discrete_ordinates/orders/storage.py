@@ -36,8 +36,7 @@ def count_doubles_of_scatterings(problem: Problem) -> tuple[float, float]:
         MOST_POLES,
         problem.level.size,
     )
-    levels = 1 + problem.level.size
-    return float(2 * levels * problem.n_rhs * (problem.size + problem.rows_out)), float(work)
+    return 2.0 * (1 + problem.level.size) * problem.n_rhs * (problem.size + problem.rows_out), float(work)
 
 
 def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:
