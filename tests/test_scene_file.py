@@ -56,7 +56,6 @@ CSV = {
     "sizes.csv": "# a sieve\ndiameter_um,density\n0.1,0\n0.12,5\n0.14,1\n0.16,0\n",
     "radii.csv": "radius_um,density\n0.05,0\n0.06,5\n0.07,1\n0.08,0\n",
     "clay.csv": "wavelength_um,n,k\n0.5,1.4,0.1\n0.6,1.6,0.1\n",
-    "oil.csv": "wavelength_um,n\n0.5,1.46\n0.55,1.47\n0.6,1.48\n",
 }
 
 
@@ -201,11 +200,6 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
         MEDIA,
         {"wavelength_um": 0.65, "host_index": "silica", "layer": [between("water", "silica"), FILM]},
         lambda: vrte.Scene([vrte.Interface(find_n("water", 0.65), find_n("silica", 0.65)), of_beads("silica", 0.65)]),
-    ),
-    (
-        MEDIA,
-        {"host_index": "oil.csv", "layer": [between(1.0, "oil.csv"), FILM]},
-        lambda: vrte.Scene([vrte.Interface(1.0, 1.47), of_beads(1.47)]),
     ),
     (  # particles, layers and the file have media, of which the layer's wins over the file's
         MEDIA,
