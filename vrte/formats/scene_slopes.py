@@ -33,9 +33,8 @@ from vrte.optics.vary_spheres import ParticleSlopes, SphereNumbers, vary_spheres
 from vrte.scene.boundary import Boundary
 from vrte.scene.layer import is_fraction_needed
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.variation import Filling, Variation, vary_filling
 from vrte.scene.vary import BASE_STEP, LEAST_SCALE, vary_base
-from vrte.scene.vary_layer import Filling, vary_layer
 
 MOST_KINDS = 512  # of particles that are remembered, some 10 kB each
 LARGEST_STEP = 1.0 / 64.0  # of a number: what differences begin with
@@ -308,7 +307,7 @@ class Neighbourhood:
         moved, absorbed = draft.slopes["amounts", number], float(draft.slopes["absorption",][layer.kinds[0]])
         here = fill(kinds, there, layer.amounts, kinds[0].host_absorption)
         change = fill(changes, [one.coefficients for one in changes], moved, absorbed)
-        return vary_layer(here, change, layer.by_volume, layer.is_length)
+        return vary_filling(here, change, layer.by_volume, layer.is_length)
 
 
 def list_ingredients(scene: Scene, like: Scene) -> Arrays:
