@@ -43,6 +43,8 @@ def list_faults(*rows: tuple[str, str, str, str, str, str]) -> tuple[Fault, ...]
 CORE = list_faults(
     ("givens", "core/moment_gmres.pxi", "c * b - cosines[2 * j + 1] * a", "c * b + cosines[2 * j + 1] * a",
      "sign of a rotation of GMRES", "iterations"),
+    ("nodal-flux", "core/reconstruction.pxi", "+ r] = total - difference", "+ r] = total + difference",
+     "flux that goes up is what goes down", "every_way"),
     ("mie-slope", "core/mie.pxi", "over(make(n + 1, 0.0), z)) - 1.0", "over(make(n + 1, 0.0), z)) + 1.0",
      "sign in the differential equation of Riccati-Bessel functions", "mie_derivatives"),
     ("facet-v", "core/facets.pxi", "d2 * re * c2, d2 * im", "d2 * re * c2, -d2 * im",
