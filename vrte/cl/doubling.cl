@@ -134,33 +134,23 @@ __kernel void extend(SIZES, int stokes, int n_col, IN columns, IN rate_OO, INTS 
         to[p + i] = 0.0;
 }
 
-// The sum over a column's |elements|, or the largest of them, of a part with `rows` rows; sizes (item, columns), a lane a
-// column. Pieces: columns / LANES, items.
+// The largest |element| of a part with `rows` rows, of each item, or with `sums` the largest sum over a column of it.
+// Pieces: items.
 SHARED
-__kernel void column_sizes(int rows, int columns, int sum, ALONE(M), OUT sizes, INTS items)
-{
-    const int j = get_global_id(0);
-    const long item = items[get_group_id(1)];
-    if (j >= columns)
-        return;
-    real total = 0.0, largest = 0.0;
-    for (int i = 0; i < rows; i++) {
-        const real size = fabs(OF_ITEM(M)[(long)j * M_ld + i]);
-        total += size;
-        largest = larger(largest, size);
-    }
-    sizes[item * columns + j] = sum ? total : largest;
-}
-
-// The largest of n sizes. Pieces: items.
-SHARED
-__kernel void largest_size(int n, IN sizes, OUT largest, INTS items)
+__kernel void largest_size(int rows, int columns, int sums, ALONE(M), OUT largest, INTS items)
 {
     __local real shelf[LANES];
     const long item = items[get_group_id(0)];
     real found = 0.0;
-    SPREAD(j, 0, n)
-        found = larger(found, sizes[item * n + j]);
+    SPREAD(j, 0, columns) {
+        real total = 0.0, most = 0.0;
+        for (int i = 0; i < rows; i++) {
+            const real size = fabs(OF_ITEM(M)[(long)j * M_ld + i]);
+            total += size;
+            most = larger(most, size);
+        }
+        found = larger(found, sums ? total : most);
+    }
     found = largest_of_lanes(found, shelf);
     if (LANE == 0)
         largest[item] = found;

@@ -211,10 +211,8 @@ class Algebra:
 
     def largest(self, chosen: BoolArray, a: Stack, sums: bool = False) -> Any:
         """Of a's elements, or of the sums over its columns, (item,) on the device."""
-        sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
-        pieces = self.count_pieces(a.columns)
-        self.launch("column_sizes", chosen, a.rows, a.columns, sums, a, sizes, columns=pieces)
-        self.launch("largest_size", chosen, a.columns, sizes, found)
+        found = self.session.zeros((self.items,))
+        self.launch("largest_size", chosen, a.rows, a.columns, sums, a, found)
         return found
 
     def replace(self, chosen: BoolArray, old: Extended, new: Extended) -> tuple[Extended, Extended]:
