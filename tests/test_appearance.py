@@ -181,7 +181,7 @@ def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:
 def test_an_appearance_has_the_gloss_and_the_hiding_of_its_panel() -> None:
     look = vrte.appearance({"layer": [SURFACE, CLOUDY]}, VISIBLE, ["45:0"], "A", 2, nodes=6)
     assert look.panel is not None
-    assert look.gloss(20.0) == find_gloss(look.panel, 20.0)
+    assert look.gloss(np.array(20.0)) == find_gloss(look.panel, 20.0)  # type: ignore[arg-type]
     hiding, seen = look.hiding(white=0.7), Conditions("45:0", "A", 2, white=0.7)
     assert hiding.conditions == seen
     assert hiding.contrast_ratio == close_to(find_contrast(look.panel, seen), rtol=1e-6, atol=0.0)

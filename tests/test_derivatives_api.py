@@ -147,7 +147,7 @@ def test_fields_of_several_beams_and_of_fluxes_alone_have_derivatives():
     names, depths = [DEPTH, BASE], [0.0, 0.2, 0.5]
     found = vrte.radiance(HAZE, [0.4, 0.8], mu=[-0.5, 0.5], tau=depths, nodes=4, derivatives=names)
     assert not found.direct_jacobian[BASE].any()
-    one = found.beam(1)
+    one = found.beam(1.0)  # type: ignore[arg-type]  # a whole number
     assert (one.jacobian[DEPTH] == found.jacobian[DEPTH][1]).all()
     assert "2 derivatives" in repr(one)
     fluxes = vrte.radiance(HAZE, 0.8, mu=[], tau=depths, nodes=4, derivatives=names)

@@ -180,7 +180,7 @@ def test_a_fit_that_is_saved_comes_back_and_can_still_be_asked(tmp_path: Path) -
     (tmp_path / "other.json").write_text("{}")
     for wrong, words in (
         (lambda: vrte.Fit.load(tmp_path / "scene.json").scene(), "does not hold its scene"),
-        (lambda: found.scene(0.5), "wavelength_um must be one of the fit's, only the scene's own, not 0.5"),
+        (lambda: found.scene(np.array(0.5)), "wavelength_um must be one of the fit's, only the scene's own, not 0.5"),
         (lambda: of_scene.write_scene(tmp_path / "none.toml"), "no scene file"),
         (lambda: found.write_scene(tmp_path / "none.csv"), "must end in .toml"),
         (lambda: found.save(tmp_path / "none.csv"), "must end in .json"),

@@ -113,7 +113,7 @@ class Appearance:
 
     def gloss(self, angle_deg: float = 60.0) -> float:
         """Specular gloss at 20, 60 or 85 degrees [gloss units]; a black glass of n = 1.567 has 100."""
-        return find_gloss(self._panel("gloss is read off"), angle_deg)
+        return find_gloss(self._panel("gloss is read off"), float(angle_deg))
 
     def hiding(
         self,

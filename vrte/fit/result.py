@@ -182,7 +182,7 @@ class Fit:
     def scene(self, wavelength_um: float | None = None) -> Scene:
         """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first."""
         families = self.find_problem().model.families
-        wanted = next(iter(families)) if wavelength_um is None else wavelength_um
+        wanted = next(iter(families)) if wavelength_um is None else float(wavelength_um)
         if wanted not in families:
             known = ", ".join(f"{one:g}" for one in families if one is not None) or "only the scene's own"
             raise SceneError.of("wavelength_um", f"must be one of the fit's, {known}, not {wavelength_um}")

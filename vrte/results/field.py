@@ -127,6 +127,7 @@ class Field(Result):
             raise SceneError("this is the field of one beam: there are no others to choose from")
         if not -self.mu0.size <= place < self.mu0.size:
             raise SceneError.of("place", f"must be one of {self.mu0.size} beams, from 0 on, not {place}")
+        place = int(place)  # 1.0 is a whole number, too
         names = ("stokes", "flux_up", "flux_down", "direct", *(("direct_up",) if self.direct_up is not None else ()))
         shares: dict[str, Any] = {name: getattr(self, name)[place] for name in names}
         for name in FIELD_DERIVATIVES:
