@@ -296,15 +296,6 @@ def test_every_field_of_a_request_is_told_or_known_not_to_matter() -> None:
     assert {each.name for each in fields(Request)} == {*TOLD, *BY_NUMBERS, *OF_THE_ANSWER, *OF_THE_RUN, *NO_PLAN}
 
 
-def test_the_same_request_is_planned_once(planned: list[Request]) -> None:
-    scene = make_scene()
-    first, second = (vrte.radiance(scene, 0.6, mu=[0.5], nodes=4) for _ in range(2))
-    assert len(planned) == 1
-    np.testing.assert_array_equal(first.stokes, second.stokes)
-    vrte.radiance(make_scene(), 0.6, mu=[0.5], nodes=4)
-    assert len(planned) == 2, "another scene, though with the same numbers"
-
-
 @pytest.mark.parametrize(
     "other",
     [
@@ -363,15 +354,18 @@ def test_the_plan_not_asked_for_the_longest_goes(planned: list[Request]) -> None
     assert len(planned) == MOST_PLANS + 2
 
 
-def test_a_scene_lit_from_below_is_planned_once(planned: list[Request]) -> None:
+@pytest.mark.parametrize("illuminate", ["top", "bottom"])
+def test_the_same_request_is_planned_once(planned: list[Request], illuminate: Any) -> None:
     layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)]
-    scene = vrte.Scene(layers)
+    scene, other = vrte.Scene(layers), "bottom" if illuminate == "top" else "top"
     asked: dict[str, Any] = {"mu_i": 0.6, "mu_o": 0.5, "nodes": 4}
-    first, second = (vrte.brdf(scene, **asked, illuminate="bottom").mueller for _ in range(2))
+    first, second = (vrte.brdf(scene, **asked, illuminate=illuminate).mueller for _ in range(2))
     assert len(planned) == 1
     np.testing.assert_array_equal(first, second)
-    assert (vrte.brdf(scene, **asked).mueller != first).any(), "the plan of the other side is not taken"
+    assert (vrte.brdf(scene, **asked, illuminate=other).mueller != first).any(), "the plan of the other side"
     assert len(planned) == 2
+    vrte.brdf(vrte.Scene(layers), **asked, illuminate=illuminate)
+    assert len(planned) == 3, "another scene, though with the same numbers"
 
 
 def test_threads_that_call_at_once_get_their_own_answers(planned: list[Request]) -> None:
