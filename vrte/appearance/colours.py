@@ -52,8 +52,7 @@ def spread_weights(wavelengths_um: Array, fine_um: Array, combined: Array) -> Ar
     order = 3 if wavelengths_um.size > 3 else min(1, wavelengths_um.size - 1)
     within = np.clip(fine_um, wavelengths_um[0], wavelengths_um[-1])
     cardinal = make_interp_spline(wavelengths_um, np.eye(wavelengths_um.size), k=order)(within)
-    found: Array = combined.T @ cardinal / combined[:, 1].sum()
-    return found
+    return combined.T @ cardinal / combined[:, 1].sum()
 
 
 def weigh_wavelengths(wavelengths_um: Any, illuminant: str = "D65", observer: int = 10) -> Array:
@@ -264,8 +263,7 @@ def find_difference(one: Colour, other: Colour) -> float:
 
 def encode_srgb(linear: Array) -> Array:
     """sRGB (..., 3) from linear values, cut to 0 .. 1."""
-    found: Array = import_colour_science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))
-    return found
+    return import_colour_science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))
 
 
 def convert_to_hex(srgb: Array) -> str:

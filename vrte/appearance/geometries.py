@@ -155,8 +155,7 @@ def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 
     known = read_geometry(geometry)
     if known.angle_o is None:
         raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
-    found: Array = np.pi * np.stack([pick_matrix(one, known) for one in spectrum]) @ np.asarray(stokes, float)
-    return found
+    return np.pi * np.stack([pick_matrix(one, known) for one in spectrum]) @ np.asarray(stokes, float)
 
 
 def find_reflectance(
@@ -171,8 +170,7 @@ def find_reflectance(
     incident = [find_place("mu_i", spectrum.mu_i, mu, known.words) for mu in mu_i]
     total = spectrum.total_reflectance[:, incident]
     if known.angle_i is None:
-        found: Array = 2.0 * total @ (hemisphere(NODES)[1] * mu_i)
-        return found
+        return 2.0 * total @ (hemisphere(NODES)[1] * mu_i)
     if not known.excluded:
         return total[:, 0]
     pairs = zip(spectrum, surface or [None] * len(spectrum), strict=True)
@@ -209,8 +207,7 @@ def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:
     mu_i, mu_o, phi = (float(values[0]) for values in geometry.directions)
     i, o = (find_place(name, getattr(brdf, name), mu, geometry.words) for name, mu in (("mu_i", mu_i), ("mu_o", mu_o)))
     turned = find_place("phi", brdf.phi, phi, geometry.words) if mu_o < 1.0 else 0
-    found: Array = brdf.mueller[i, o, turned]
-    return found
+    return brdf.mueller[i, o, turned]
 
 
 def find_place(name: str, values: Array, wanted: float, reading: str) -> int:

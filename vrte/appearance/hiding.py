@@ -53,8 +53,7 @@ class OverLambertian:
     def reflect(self, albedo: float) -> Array:
         """The reflectance factor (n,) over a base of that albedo. Raises SceneError."""
         albedo = check_number("albedo", albedo, 0.0, 1.0, "between 0 and 1")
-        found: Array = self.bare + albedo * self.u / (1.0 - albedo * self.r)
-        return found
+        return self.bare + albedo * self.u / (1.0 - albedo * self.r)
 
 
 def fit_lambertian_bases(black: Array, grey: Array, white: Array) -> OverLambertian:
@@ -193,8 +192,7 @@ def find_hiding_times(contrast: Callable[[float], float], target: float, limit: 
 def stretch_contrast(contrast: Any) -> Array:
     """log(-log(1 - C)) of contrast ratios: over the logarithm of the thickness its slope is 1 to 2 where films
     are thin, about 1 where they absorb, and falls slowly where thick ones do not."""
-    found: Array = np.log(-np.log1p(-np.clip(contrast, LEAST_RATIO, 1.0 - LEAST_GAP)))
-    return found
+    return np.log(-np.log1p(-np.clip(contrast, LEAST_RATIO, 1.0 - LEAST_GAP)))
 
 
 def divide_luminances(black: Any, white: Any) -> Array:
@@ -311,8 +309,7 @@ class Hiding:
 
     def plot(self) -> Figure:
         """A figure of the hiding curve, and of Y over both cards."""
-        figure: Figure = view(self, "plot")
-        return figure
+        return view(self, "plot")
 
 
 def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> float:

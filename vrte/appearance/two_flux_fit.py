@@ -146,8 +146,7 @@ class KubelkaMunk:
     def plot(self, lengths: Any = None, progress: Progress | None = None) -> Figure:
         """A figure of `compare`: reflectances and their errors against thickness, also as colours, and K and S beside
         those of diffusion; ``lengths``: by default from an eighth of the film's own to eight times."""
-        figure: Figure = view(self, "plot", lengths, progress)
-        return figure
+        return view(self, "plot", lengths, progress)
 
     def __str__(self) -> str:
         """A line a wavelength: K, S, both over what diffusion says, and what the surface mirrors and sends back."""

@@ -42,8 +42,7 @@ def find_net_fluxes(request: Request, solution: Solution) -> Array:
         beam = beams[:, :, 1] - beams[:, :, 0]
     else:
         beam = np.exp(-tau[:, None] / mu0)[..., None] * columns[:, 0]
-    found: Array = (net / mu0[:, None] + beam) / max(float(columns[0, 0]), NO_LIGHT)
-    return found
+    return (net / mu0[:, None] + beam) / max(float(columns[0, 0]), NO_LIGHT)
 
 
 def list_notes(request: Request, net: Array) -> list[str]:

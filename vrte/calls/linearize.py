@@ -65,8 +65,7 @@ class Linearized:
         variations = read_derivatives(self.request.scene, [variation])
         run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
         (found,) = run_interruptible(run, lambda: differentiate(self.plan, variations, run, orders=orders))
-        values: Array = found.solution.parts[0][0]
-        return values
+        return found.solution.parts[0][0]
 
     def vjp(self, cotangent: Any) -> Gradient:
         """The gradient of a sum of the BRDF's elements, weighted by ``cotangent`` (n_in, n_out, n_phi, 4, 4), with all

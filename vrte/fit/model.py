@@ -235,8 +235,7 @@ def read_instrument(made: Instrument, seen: Seen) -> Array:
     own = make_scene_jet(
         lambda scene: find_own_light(scene.interfaces[0], mu_i, PORT_DEG), seen.scene, seen.variations, mu_i
     )
-    found: Array = subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
-    return found
+    return subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
 
 
 def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str]) -> SceneFamily:

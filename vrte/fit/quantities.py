@@ -105,8 +105,7 @@ def make_matrix_rows(letter: str, through: bool) -> dict[str, MeasuredQuantity]:
 
 def add_shares(shares: BeamShares, parts: tuple[str, ...]) -> Array:
     """The sum (1 + n, rows) of the shares of these names."""
-    found: Array = sum(getattr(shares, name) for name in parts)
-    return found
+    return sum(getattr(shares, name) for name in parts)
 
 
 def read_lightness(light: Array, white: Array, weights: tuple[float, float, float], at_black: float = 0.0) -> Array:

@@ -119,8 +119,7 @@ class Fit:
     @property
     def measured(self) -> Array:
         """The values that were measured, (rows,)."""
-        found: Array = self.measurement.value
-        return found
+        return self.measurement.value
 
     @property
     def residuals(self) -> Array:
@@ -157,8 +156,7 @@ class Fit:
     def plot(self) -> Figure:
         """A column of two panels for each quantity, up to four, with measured and fitted values and residuals in
         sigmas; and how the residuals are spread."""
-        figure: Figure = view(self, "plot")
-        return figure
+        return view(self, "plot")
 
     def page(self, path: str | os.PathLike[str]) -> None:
         """Writes all of it as a page (.html), one file that opens without a network."""

@@ -141,8 +141,7 @@ def read_base(reading: Reading) -> Boundary | None:
         if key != "kind" and key not in row.keys:
             owners = [f'"{owner}"' for owner, other in BASES.items() if key in other.keys]
             raise table.wrong(key, f"goes with kind = {' or '.join(owners)} only")
-    base: Boundary | None = make_of_keys(row, table, reading)
-    return base
+    return make_of_keys(row, table, reading)
 
 
 INTERFACE: dict[str, Key] = {**FACETS, "roughness": replace(FACETS["roughness"], needed=False)}

@@ -189,8 +189,7 @@ def make_layer(
     """The layer or the interface of a table that was read; one of particles is added to those that are ``filled``.
     Raises SceneError."""
     if kind == "interface":
-        interface: Interface = values["interface"]
-        return interface
+        return values["interface"]
     host: Any = values.get("host_index")
     if kind in FILLINGS[:2]:
         fractions, by_volume = [*values[kind].values()], kind == "volume_fractions"

@@ -89,8 +89,7 @@ PHASES: dict[str, Row] = {
 def make_once(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, Any], ...]) -> PhaseMatrix:
     """The phase matrix of a row and the values of its keys, remembered for each ``layer``: one whose matrix is shared
     with another adds up its light in another order."""
-    found: PhaseMatrix = PHASES[name].make(**dict(values))
-    return found
+    return PHASES[name].make(**dict(values))
 
 
 class Phase(FilePath):

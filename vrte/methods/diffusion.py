@@ -78,5 +78,4 @@ def integrate_scattered_across(problem: Problem) -> Array:
     share = problem.albedo * list_asymmetries(problem)  # of the light that goes on across
     strength = 3.0 / (8.0 * np.pi) * share**2 / (1.0 - share)
     sines = np.sqrt((1.0 - problem.mu0[:, None] ** 2) * (1.0 - mu**2))
-    found: Array = np.einsum("k,ktio->tio", strength, paths) * sines
-    return found
+    return np.einsum("k,ktio->tio", strength, paths) * sines

@@ -83,8 +83,7 @@ def compute_flux_down(problem: Problem, tables: Array) -> Array:
     functions = _core.generalized_spherical_functions(0, tables.shape[2], problem.mu0.copy())  # (term, n_in, P -R T)
     of_I = np.einsum("l,til,li->ti", share, tables[..., 0], functions[..., 0])
     of_Q = -np.einsum("l,til,li->ti", share, tables[..., 4], functions[..., 1])
-    found: Array = 0.5 * (of_I[..., None] * problem.columns[:, 0] + of_Q[..., None] * problem.columns[:, 1])
-    return found
+    return 0.5 * (of_I[..., None] * problem.columns[:, 0] + of_Q[..., None] * problem.columns[:, 1])
 
 
 def integrate_legendre(terms: int) -> Array:

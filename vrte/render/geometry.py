@@ -83,8 +83,7 @@ def place_lens(camera: Camera, bodies: Sequence[Any], height: int) -> Lens:
 
 def normalize(vectors: Array) -> Array:
     """Vectors (n, 3) of length 1; those without a length stay so."""
-    found: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return found
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
 def compute_normals(camera: Camera, theta: Array, psi: Array) -> Array:

@@ -200,8 +200,7 @@ def describe_wavelengths(chosen: Sequence[float]) -> str:
 
 def put_over_grey(rgba: Array) -> Array:
     """A picture (..., 4) over the grey background, (..., 3)."""
-    found: Array = rgba[..., 3:] * rgba[..., :3] + (1.0 - rgba[..., 3:]) * BEHIND
-    return found
+    return rgba[..., 3:] * rgba[..., :3] + (1.0 - rgba[..., 3:]) * BEHIND
 
 
 def colour_angles(stokes: Array, cover: Array) -> Array:

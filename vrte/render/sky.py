@@ -57,12 +57,11 @@ def compute_optical_thickness(wavelength_um: Any) -> Array:
     """Of the molecules above sea level, 1013.25 hPa, 45 degrees latitude: Bodhaine, Wood, Dutton and Slusser, Journal
     of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30, good to 0.01 % from 0.25 to 0.85 um."""
     square = np.asarray(wavelength_um, dtype=float) ** 2
-    found: Array = (
+    return (
         0.0021520
         * (1.0455996 - 341.29061 / square - 0.90230850 * square)
         / (1.0 + 0.0027059889 / square - 85.968563 * square)
     )
-    return found
 
 
 def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, ground_albedo: float) -> Sky:
@@ -88,8 +87,7 @@ def make_sky(kind: str, wavelengths_um: Sequence[float], elevation_deg: float, g
 def make_horizon_angles(count: int, steepest: float) -> Array:
     """Angles (count,) [rad] from 0 to arccos(steepest), closer to each other toward the horizon."""
     steps = np.linspace(0.0, 1.0, count)
-    found: Array = np.arccos(steepest) * (0.33 * steps + 0.67 * np.sin(0.5 * np.pi * steps))
-    return found
+    return np.arccos(steepest) * (0.33 * steps + 0.67 * np.sin(0.5 * np.pi * steps))
 
 
 def solve_rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> tuple[Array, float, float]:

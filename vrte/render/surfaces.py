@@ -169,8 +169,7 @@ class SceneLight:
         assert self.ground is not None
         light = self.sky.find(self.ground.travel)[..., 0] * self.ground.weights[:, None]
         total = light.sum(axis=0)
-        found: Array = self.ground.seen.astype(np.float32) @ light / np.where(total > 0.0, total, 1.0)
-        return found
+        return self.ground.seen.astype(np.float32) @ light / np.where(total > 0.0, total, 1.0)
 
     @cached_property
     def at_places(self) -> Array:
@@ -183,8 +182,7 @@ class SceneLight:
         if self.ground is None:
             return np.broadcast_to(self.sky.ground, (len(travel), self.sky.ground.size))
         start = position - travel * (position[:, 2] / np.maximum(travel[:, 2], 1e-9))[:, None]
-        found: Array = self.ground.rows(start[:, 0], start[:, 1]) @ self.at_places
-        return found
+        return self.ground.rows(start[:, 0], start[:, 1]) @ self.at_places
 
     def find(self, position: Array, travel: Array, edge: Any = None) -> Array:
         """Stokes radiance (n, wavelength, 3) along ``travel`` at these places, where no object is in its way; ``edge``,

@@ -73,8 +73,7 @@ def incident_for(name: str, stokes: Any) -> Array:
     given = check_stokes_vector(stokes)
     if not given[0] > 0.0:
         raise SceneError(f"stokes must have an intensity I above 0, not {given[0]:g}")
-    unit: Array = np.eye(4)[int(name[2])] if name in MUELLER else given / given[0]
-    return unit
+    return np.eye(4)[int(name[2])] if name in MUELLER else given / given[0]
 
 
 def of_light(light: Array, name: str) -> Array:

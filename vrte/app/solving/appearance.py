@@ -168,8 +168,7 @@ class AppearanceAnswerer:
 
     def _compute(self, source: str, given: dict[str, Any]) -> Particles:
         """Particles as `make_particles` makes them, or as they were made before."""
-        found: Particles = self.kinds.find((source, given), lambda: make_particles(source, given))
-        return found
+        return self.kinds.find((source, given), lambda: make_particles(source, given))
 
     def _solve(
         self, panel: Panel, white: float, nodes: dict[str, Any], progress: Progress | None = None

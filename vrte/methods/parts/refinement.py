@@ -145,5 +145,4 @@ def sum_fluxes(request: Request, solution: Solution) -> Array:
     """Fluxes over pi up and down, (2, n_tau, n_in), as the result scales them: of all of a beam's columns, or of the
     first, unpolarized light, where each has a place of its own."""
     both, wanted = np.stack([solution.flux_up, solution.flux_down]) / np.pi, request.wanted
-    found: Array = both.sum(axis=-1) if wanted is None else both[..., 0] * wanted.scale
-    return found
+    return both.sum(axis=-1) if wanted is None else both[..., 0] * wanted.scale

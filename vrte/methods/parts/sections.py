@@ -60,8 +60,7 @@ def divide_into_panels(thickness: float, scale: float, levels: int | None) -> Ar
     depths[0], depths[-1] = 0.0, thickness
     count = steps - steps[0] + depths  # of panels above a depth
     panels = math.ceil(DENSITY * count[-1] if levels is None else levels / POINTS)
-    edges: Array = np.interp(np.linspace(0.0, count[-1], min(panels, MOST_LEVELS // POINTS) + 1), count, depths)
-    return edges
+    return np.interp(np.linspace(0.0, count[-1], min(panels, MOST_LEVELS // POINTS) + 1), count, depths)
 
 
 def find_panel_scale(problems: Iterable[Problem]) -> float:

@@ -266,8 +266,7 @@ def integrate_once_back(z: Array, beam: Array) -> Array:
 
 def integrate_once_ahead(z: Array, beam: Array) -> Array:
     """The integral of exp(-z (1 - s) - beam s) ds over (0, 1)."""
-    found: Array = divide_exp_once(-z + 0.0 * beam, -beam + 0.0 * z)
-    return found
+    return divide_exp_once(-z + 0.0 * beam, -beam + 0.0 * z)
 
 
 def scatter_again(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> tuple[Array, Array]:
@@ -386,8 +385,7 @@ def project_highest_degree(points: int) -> Array:
     """The part of values at the Gauss points that only a polynomial of the highest degree has, (points, points)."""
     x, weights = np.polynomial.legendre.leggauss(points)
     legendre = np.polynomial.legendre.legvander(x, points - 1)[:, -1]
-    found: Array = np.outer(legendre, legendre * weights) * (points - 0.5)
-    return found
+    return np.outer(legendre, legendre * weights) * (points - 0.5)
 
 
 def reflect_semi_infinite(on_nodes: OnNodes, scattered: Scattered, conserves: bool) -> tuple[Slab, int]:
@@ -419,8 +417,7 @@ def reflect_semi_infinite(on_nodes: OnNodes, scattered: Scattered, conserves: bo
 def solve_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
     """x_k of (matrix + shift_k) x_k = given_k, one column each, (n, k)."""
     shifted = matrix + shifts[:, None, None] * np.eye(matrix.shape[0])
-    found: Array = np.asarray(np.linalg.solve(shifted, given.T[..., None])[..., 0].T, np.float64)
-    return found
+    return np.asarray(np.linalg.solve(shifted, given.T[..., None])[..., 0].T, np.float64)
 
 
 def solve_riccati(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, int]:

@@ -88,8 +88,7 @@ def list_asymmetries(problem: Problem) -> Array:
     """g of each layer, (layer,), as it was cut."""
     if problem.coefficients.shape[1] < CARRIED:
         return np.zeros(problem.albedo.size)
-    found: Array = problem.coefficients[:, 1, 0] / 3.0
-    return found
+    return problem.coefficients[:, 1, 0] / 3.0
 
 
 def convert_to_kernels(problem: Problem, orders: Sequence[Array]) -> Array:

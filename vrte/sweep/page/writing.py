@@ -78,8 +78,7 @@ def unpack_matrices(packed: Mapping[str, Any]) -> Array:
     elements = STEP * steps.astype(np.float64)
     elements[0] = 1.0
     elements *= np.exp(packed["middle"] + packed["step"] * steps[0])
-    found: Array = np.moveaxis(elements, 0, -1).reshape(*packed["shape"][1:], 4, 4)
-    return found
+    return np.moveaxis(elements, 0, -1).reshape(*packed["shape"][1:], 4, 4)
 
 
 def list_packed_axes(dimensions: int) -> list[Any]:
