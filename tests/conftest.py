@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,14 @@ def opencl(request: pytest.FixtureRequest) -> Any:
     opened = working_session()
     request.config.stash[DEVICE] = f"{opened.device.name} ({opened.device.platform.name.strip()})"
     return opened
+
+
+@cache
+def open_width(handle: Any, lanes: int) -> Any:
+    """A session on a device with so many work-items for a piece of work."""
+    from vrte.cl.session import open_session
+
+    return open_session(handle, lanes)
 
 
 def skip_without_device() -> None:
@@ -75,7 +84,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 @pytest.fixture(params=[1, pytest.param(64, marks=pytest.mark.slow)])  # compiles for long
 def either_width(request: pytest.FixtureRequest, opencl: Any) -> Any:
     """Sessions on that device with one work-item for a piece of work, as on a processor, and with 64, as on a GPU."""
-    return opencl.with_lanes(request.param)
+    return open_width(opencl.device, request.param)
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

@@ -22,6 +22,7 @@ from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
+from .conftest import open_width
 from .helpers import assert_close
 from .opencl_scenes import SCENES
 from .samples import spheroids
@@ -127,7 +128,7 @@ def play(stages: Any, stage: str, given: dict[str, Any], stopped: bool = False) 
 def lanes(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sessions with as many work-items for a piece of work as a test asks for."""
     if wanted := getattr(request, "param", None):
-        monkeypatch.setattr(device, "open_session", lambda: opencl.with_lanes(wanted))
+        monkeypatch.setattr(device, "open_session", lambda: open_width(opencl.device, wanted))
 
 
 @pytest.mark.parametrize("lanes", [1, pytest.param(64, marks=pytest.mark.slow)], indirect=True)

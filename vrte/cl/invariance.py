@@ -82,7 +82,7 @@ def reflect_semi_infinite(
     for rows in (nodes, off):
         R, HC = session.empty((what.room, n, rows.H.ld)), stack_like(session, what, rows.H)
         if stop is None or not stop[0]:
-            sizes = session.units, _core.MOST_STEPS, rows.H.ld // STRIP, rows is nodes, n
+            sizes = session.device.max_compute_units, _core.MOST_STEPS, rows.H.ld // STRIP, rows is nodes, n
             arrays = phi.counts, rows.signed_mu, nodes.signed_mu, rows.phi, nodes.H, R, *room, rows.H, HC.columns
             judged = rate, tolerance, residual, steps
             session.launch("invariance_converge", (items.size,), what, *sizes, *arrays, HC.data, *judged, items)

@@ -113,7 +113,7 @@ class Session:
     ``lock``: held during a solve, because a kernel's arguments belong to it. ``lanes``: work-items of a work-group,
     which share a piece of work. ``precision``: "double" or "single"; numbers with a fraction go up as what the kernels
     compute with, and come down as doubles; ``room``: bytes that matrices take at most, though there be more;
-    ``beside``: sessions on the same queue and memory, by lanes and precision."""
+    ``beside``: sessions on the same queue and memory, by precision."""
 
     context: Any
     queue: Any
@@ -126,7 +126,7 @@ class Session:
     precision: str = "double"
     traffic: Traffic = field(default_factory=Traffic)
     room: float = math.inf
-    beside: "dict[tuple[int, str], Session]" = field(default_factory=dict)
+    beside: "dict[str, Session]" = field(default_factory=dict)
 
     @property
     def real(self) -> Any:
@@ -141,19 +141,11 @@ class Session:
     def in_precision(self, precision: str) -> "Session":
         """This session, or that on the same queue and memory whose kernels compute in another precision; they are
         compiled when it is first asked for."""
-        return self._open_beside(self.lanes, precision)
-
-    def with_lanes(self, lanes: int) -> "Session":
-        """The same with another number of work-items for a piece of work."""
-        return self._open_beside(lanes, self.precision)
-
-    def _open_beside(self, lanes: int, precision: str) -> "Session":
-        self.beside.setdefault((self.lanes, self.precision), self)
-        wanted = lanes, precision
-        if wanted not in self.beside:
-            kernels = build_for(self.context, *wanted)
-            self.beside[wanted] = replace(self, kernels=kernels, constants={}, lanes=lanes, precision=precision)
-        return self.beside[wanted]
+        self.beside.setdefault(self.precision, self)
+        if precision not in self.beside:
+            kernels = build_for(self.context, self.lanes, precision)
+            self.beside[precision] = replace(self, kernels=kernels, constants={}, precision=precision)
+        return self.beside[precision]
 
     def narrow(self, values: Any) -> Any:
         """An array as it goes up, row by row: doubles as what the kernels compute with."""
@@ -167,11 +159,6 @@ class Session:
     def device(self) -> Any:
         """The pyopencl device."""
         return self.queue.device
-
-    @property
-    def units(self) -> int:
-        """Compute units of the device."""
-        return int(self.device.max_compute_units)
 
     @property
     def on_host(self) -> bool:
@@ -248,18 +235,14 @@ class Session:
         coming = [pyopencl.enqueue_copy(self.queue, copy, each.data, is_blocking=False) for copy, each in full]
         if coming:
             coming[-1].wait()
-            self.count_read(sum(copy.nbytes for copy, _ in full))
+            self.traffic.reads += 1
+            self.traffic.bytes_down += sum(copy.nbytes for copy, _ in full)
         return [copy.astype(np.float64) if copy.dtype == np.float32 else copy for copy in found]
 
     def read(self, readings: Sequence[Reading]) -> list[Any]:
         """What each makes of its arrays; the host waits once for all of them."""
         found = iter(self.download_all([array for reading in readings for array in reading.arrays]))
         return [reading.made(*(next(found) for _ in reading.arrays)) for reading in readings]
-
-    def count_read(self, size: int) -> None:
-        """Puts down that the host has waited for so many bytes."""
-        self.traffic.reads += 1
-        self.traffic.bytes_down += size
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:
