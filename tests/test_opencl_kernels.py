@@ -16,7 +16,7 @@ from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import assembly, invariance
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
-from vrte.cl.session import Reading, Session, Traffic
+from vrte.cl.session import Session, Traffic
 from vrte.discrete_ordinates.execution.engines import device_sums
 from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
@@ -267,11 +267,3 @@ def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
     for whole, chunk, (one, _) in zip(together, in_chunks, alone, strict=True):
         np.testing.assert_array_equal(whole, one[0])
         np.testing.assert_array_equal(chunk, one[0])
-
-
-def test_arrays_are_read_in_one_wait(opencl: Any) -> None:
-    before = Traffic(**vars(opencl.traffic))
-    halves = Reading([opencl.upload(np.arange(3.0)), opencl.upload(np.arange(5.0))], lambda a, b: a.sum() + b.sum())
-    nothing = Reading([opencl.empty((0,))], lambda a: a.size)
-    assert opencl.read([halves, nothing, Reading((), lambda: "none")]) == [13.0, 0, "none"]
-    assert opencl.traffic.since(before).reads == 1
