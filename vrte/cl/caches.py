@@ -59,8 +59,7 @@ def own_folder() -> Path:
     with _lock:
         if not _own:
             _own["folder"] = _prepare(find_kept_folder())
-        found: Path = _own["folder"]
-        return found
+        return _own["folder"]
 
 
 def _prepare(kept: Path) -> Path:

@@ -68,8 +68,7 @@ def devices() -> tuple[Device, ...]:
     with _lock:
         if _state["devices"] is None:
             _state["devices"] = _find_devices()
-        found: tuple[Device, ...] = _state["devices"]
-        return found
+        return _state["devices"]
 
 
 def _find_devices() -> tuple[Device, ...]:

@@ -56,8 +56,7 @@ class Frame:
     @property
     def flux(self) -> Array:
         """sqrt(weight mu), (N,)."""
-        found: Array = np.sqrt(self.weights * self.nodes)
-        return found
+        return np.sqrt(self.weights * self.nodes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +153,7 @@ class Doubling:
         """The largest rate of each item, (item,): 1/mu, or the root of the 1-norm of F E."""
         self.algebra.product(self.doubled, 1.0, self.f, self.e, self.a)
         norms = self.session.download(self.algebra.largest(self.doubled, self.a.N, sums=True))
-        found: Array = np.maximum(self.frame.steepest, np.sqrt(norms))
-        return found
+        return np.maximum(self.frame.steepest, np.sqrt(norms))
 
     def run(self, stop: NDArray[np.int32]) -> Slabs:
         """R and T of every item."""

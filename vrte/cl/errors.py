@@ -28,8 +28,7 @@ def name_of(error: Any) -> str:
     import pyopencl
 
     code: int = error.code
-    name: str = pyopencl.status_code.to_string(code, "code %d")
-    return name
+    return pyopencl.status_code.to_string(code, "code %d")
 
 
 def make_device_error(error: BaseException) -> DeviceError | None:
