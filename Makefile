@@ -129,8 +129,9 @@ report: $(VENV)/report.stamp
 
 # Two at a time, a file to each: many tests wait for processes, browsers and disks. Where no bytecode may be written, each
 # process that they start would compile vrte anew, 0.3 s each.
+# Two workers on two processors: threads that wait sleep, and BLAS has one, but where a test says otherwise.
 test: lint
-	env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest -q -n 2 --dist loadfile
+	env -u PYTHONDONTWRITEBYTECODE OMP_WAIT_POLICY=passive OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 test-all: lint
 	$(BIN)/python -m pytest -q -m "slow or not slow"

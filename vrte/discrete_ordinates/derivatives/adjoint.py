@@ -260,8 +260,7 @@ def weigh_kernels(
     add(Share(part, 0, 1))
     factors = part.values[0, 0, 0][:, list(stokes)][..., wanted.place[list(columns)]]  # (n_phi, S, n_col)
     given = cotangent[..., list(stokes), :][..., wanted.place[list(columns)]]
-    found: Array = np.einsum("iopac,pac,i->oaic", given, factors, wanted.scale)
-    return found
+    return np.einsum("iopac,pac,i->oaic", given, factors, wanted.scale)
 
 
 def weigh_sent(route: Differentiating, weights: Array) -> tuple[Array, Array]:
@@ -376,8 +375,7 @@ TURNED = {"N": "N", "NI": "ON", "ON": "NI", "OI": "OI"}
 
 def scatter_aside(aside: Aside, values: Array) -> Array:
     """The transpose of `Aside.gather`: columns (..., count) dealt out, (..., k)."""
-    found: Array = values[..., aside.of] * aside.share
-    return found
+    return values[..., aside.of] * aside.share
 
 
 def pull_side(side: Side, of: Blocks, into: Aside, out: Aside) -> Blocks:

@@ -45,14 +45,12 @@ class Decay:
     def find_g(self, lam: Array) -> Array:
         """g at lam (n,)."""
         root = np.sqrt(lam)
-        found: Array = root if self.is_semi_infinite else root * np.tanh(self.half * root)
-        return found
+        return root if self.is_semi_infinite else root * np.tanh(self.half * root)
 
     def find_c(self, lam: Array) -> Array:
         """c at lam (n,), sech(h sqrt(lam))^2, to the last digits however small."""
         decay = np.exp(-2.0 * self.half * np.sqrt(lam))
-        found: Array = 4.0 * decay / (1.0 + decay) ** 2
-        return found
+        return 4.0 * decay / (1.0 + decay) ** 2
 
     def divide_c(self, points: Array) -> Array:
         """c[a, b] of all pairs of points (n,), (n, n), each to its last digits: with x, y = sqrt(a), sqrt(b) and
@@ -64,8 +62,7 @@ class Decay:
         near, far = (
             np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (difference, x + y)
         )
-        found: Array = -((4.0 * self.half / (more[:, None] * more)) ** 2) * near * far * np.exp(-2.0 * low)
-        return found
+        return -((4.0 * self.half / (more[:, None] * more)) ** 2) * near * far * np.exp(-2.0 * low)
 
     def divide(self, points: Array) -> tuple[Array, Array]:
         """f[a, b] and g[a, b] of all pairs of points (n,), each (n, n)."""
@@ -104,5 +101,4 @@ class Decay:
         """f' away from 0."""
         root = np.sqrt(lam)
         e = np.exp(-2.0 * self.half * root)
-        slope: Array = (4.0 * self.half * e / (1.0 + e) ** 2 - (1.0 - e) / (1.0 + e) / root) / (2.0 * lam)
-        return slope
+        return (4.0 * self.half * e / (1.0 + e) ** 2 - (1.0 - e) / (1.0 + e) / root) / (2.0 * lam)

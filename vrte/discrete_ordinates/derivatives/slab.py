@@ -68,8 +68,7 @@ class Aside:
         first = np.flatnonzero(np.diff(self.of, prepend=-1))
         if first.size == self.of.size:
             return values
-        found: Array = np.add.reduceat(values * self.share, first, axis=-1)
-        return found
+        return np.add.reduceat(values * self.share, first, axis=-1)
 
 
 def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> Aside:
@@ -94,8 +93,7 @@ def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> As
 
 def measure_gaps(rate: Array, lam: Array) -> Array:
     """The least distance of each rate's square (k,) from the eigenvalues, relative."""
-    found: Array = np.abs(lam / rate[:, None] ** 2 - 1.0).min(axis=1)
-    return found
+    return np.abs(lam / rate[:, None] ** 2 - 1.0).min(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +143,7 @@ class Pairs:
 
     def scale_columns(self, values: Array, factors: Array) -> Array:
         """Real modes' columns times a function of the eigenvalues."""
-        found: Array = np.ascontiguousarray(self.join_columns(self.part_columns(values) * factors).real)
-        return found
+        return np.ascontiguousarray(self.join_columns(self.part_columns(values) * factors).real)
 
 
 class SlabModes:

@@ -67,8 +67,7 @@ class BeamPaths:
         """Power of beams at a interface, (n_in, S, n_col), coming up below it or down above it."""
         members, part = np.ix_(self.problem.stokes, self.problem.stokes), self.beams
         light = (part.rising if way == RISING else part.arriving)[index]
-        found: Array = self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
-        return found
+        return self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
 
     def of_medium(self, index: float, place: int) -> Problem:
         """The problem as one medium has it: its nodes, and the directions off them that go there (others point along

@@ -94,8 +94,7 @@ class Problem:
     @cached_property
     def depth(self) -> Array:
         """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
-        found: Array = self.above[self.level_layer] + self.level
-        return found
+        return self.above[self.level_layer] + self.level
 
     @property
     def size(self) -> int:

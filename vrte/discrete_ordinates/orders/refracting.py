@@ -266,8 +266,7 @@ class Factors:
 
     def solve(self, right: Array) -> Array:
         """The solution for right-hand sides (n, r)."""
-        found: Array = lu_solve(self.lu, right, check_finite=False)
-        return found
+        return lu_solve(self.lu, right, check_finite=False)
 
     def residual(self, right: Array, found: Array) -> float:
         """What is left of the right-hand sides, relative."""

@@ -87,8 +87,7 @@ def make_flux_axis(problem: Problem) -> Array:
     v = np.zeros(problem.size)
     v[:: len(problem.stokes)] = np.sqrt(problem.weights * problem.nodes)
     v[problem.size - len(problem.stokes)] += np.linalg.norm(v)
-    found: Array = v / np.linalg.norm(v)
-    return found
+    return v / np.linalg.norm(v)
 
 
 def shape_response(

@@ -115,8 +115,7 @@ class ScalarSpreading:
 
     def function(self, values: Callable[[Any], Any]) -> Array:
         """``values``(S_l)."""
-        found: Array = values(self.mean)
-        return found
+        return values(self.mean)
 
     def coefficients(self, values: Array, first: int) -> Array:
         """Columns a1 .. b2 (..., l, 6), all but the first zero."""

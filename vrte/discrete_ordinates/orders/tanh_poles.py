@@ -79,8 +79,7 @@ def place_poles(largest: float) -> Array:
     exact, after = (np.arange(LOW) + 0.5) * np.pi, (LOW + 0.5) * np.pi
     rungs = round(math.asinh(largest / after) / LADDER)
     step = math.asinh(largest / after) / max(rungs, 1)
-    found: Array = np.concatenate([exact, largest / np.sinh(step * np.arange(rungs, 0, -1))]) ** 2
-    return found
+    return np.concatenate([exact, largest / np.sinh(step * np.arange(rungs, 0, -1))]) ** 2
 
 
 def fit_depths(largest: float, depths: Array) -> tuple[Tangent, Array]:
@@ -112,8 +111,7 @@ class Columns:
     def solve(self, wanted: Array) -> Array:
         """Shares, (column, n), of functions (place, n): no inverse, whose rounding the columns would not cancel."""
         shares = scipy.linalg.solve_triangular(self.triangle, self.orthogonal.T @ (self.weights * wanted))
-        found: Array = shares / self.lengths[:, None]
-        return found
+        return shares / self.lengths[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +156,7 @@ class Faces:
 
 def find_depths(problem: Problem) -> Array:
     """Levels in half thicknesses below the middle of their layer, (n_tau,)."""
-    found: Array = 2.0 * problem.level / problem.thickness[problem.level_layer] - 1.0
-    return found
+    return 2.0 * problem.level / problem.thickness[problem.level_layer] - 1.0
 
 
 def find_steepest(problem: Problem) -> float:

@@ -93,8 +93,7 @@ def find_spread_directions(truncation: Truncation, problem: Problem, mu: Array) 
     """Whether the beam spreads by small angles before it scatters into the directions mu (n_mu,), signed."""
     if truncation.spread == "none" or not problem.fraction.any():
         return np.zeros(mu.size, bool)
-    towards: BoolArray = np.ones(mu.size, bool) if truncation.spread == "all" else mu < 0.0
-    return towards
+    return np.ones(mu.size, bool) if truncation.spread == "all" else mu < 0.0
 
 
 def truncate_layers(scene: Scene, peaks: str, nodes: int, whole: bool = False) -> list[Truncated]:

@@ -93,8 +93,7 @@ class Alike:
     @property
     def directions(self) -> Array:
         """Nodes, then outgoing, then incident cosines."""
-        found: Array = np.concatenate([self.nodes, np.abs(self.mu), self.request.mu0])
-        return found
+        return np.concatenate([self.nodes, np.abs(self.mu), self.request.mu0])
 
     def integrate_paths(self, levels: IntArray, mu: Array, strength: Array) -> Array:
         """``strength`` (scene, layer) over 4 pi, times the path integrals of what scatters once, (scene, layer,
@@ -302,8 +301,7 @@ def is_seen_to_the_base(alike: Alike) -> BoolArray:
     """Whether light of every order comes back from the base of a scene, (scene,): see `count_layers_reached`."""
     if alike.request.tau.size > 1:  # the bottom is where the light is wanted
         return np.ones(alike.size, bool)
-    found: BoolArray = DECAY * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * alike.request.accuracy)
-    return found
+    return DECAY * alike.thickness.sum(axis=1) < -0.5 * math.log(SHARE * alike.request.accuracy)
 
 
 def choose_by_time(alike: Alike) -> dict[int, BoolArray]:

@@ -180,8 +180,7 @@ def count_operations_of_invariance(problem: Problem, strength: Array, accuracy: 
 def predict_iterations(strength: Array, accuracy: float) -> Array:
     """What accelerated fixed points of the invariance equation need, like those of conjugate gradients."""
     root = np.sqrt(1.0 - np.clip(strength, 1e-3, 1.0 - 1e-6))
-    steps: Array = 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
-    return steps
+    return 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
 
 
 def count_doubling_steps(thickness: Array, lowest: float) -> Array:

@@ -113,8 +113,7 @@ def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
     error = np.maximum(error, estimate_unseen_share(scene, nodes, 2))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
-    found: Array = error
-    return found
+    return error
 
 
 def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array) -> Array:
@@ -131,24 +130,21 @@ def estimate_unseen_share(scene: Scene, nodes: Array, grading: int) -> Array:
     """`find_unseen_share` of all layers as one in air: the lowest of N of Gauss's x is 1.446/(N + 1/2)^2."""
     way = sum(layer.thickness for layer in scene.layers if layer.albedo > 0.0)
     sent = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers)
-    found: Array = np.where((1.446 / (nodes + 0.5) ** 2) ** grading > way, sent, 0.0)
-    return found
+    return np.where((1.446 / (nodes + 0.5) ** 2) ** grading > way, sent, 0.0)
 
 
 def estimate_grazing_error(nodes: Array, lowest: float) -> Array:
     """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
-    error: Array = pole + logarithm
-    return error
+    return pole + logarithm
 
 
 def estimate_thin_error(nodes: Array, length: float, lowest: float) -> Array:
     """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
     way = nodes * math.sqrt(length)
     fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
-    error: Array = length * (2.0 * np.exp(-2.5 * way) + fall)
-    return error
+    return length * (2.0 * np.exp(-2.5 * way) + fall)
 
 
 def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
@@ -163,8 +159,7 @@ def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
     for key, matrix in matrices.items():
         terms = find_strongest_terms(matrix.coefficients[None], np.array([min(weight[key], 1.0)]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
-    left: Array = strength[np.minimum(count_terms_carried(scene, 1) * nodes, strength.size - 1).astype(int)]
-    return left
+    return strength[np.minimum(count_terms_carried(scene, 1) * nodes, strength.size - 1).astype(int)]
 
 
 def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
@@ -174,8 +169,7 @@ def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
     norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
     degree = np.arange(norm.shape[1])
     strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
-    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
-    return kept
+    return np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
 
 
 def list_short_ways(scene: Scene, tau: Array) -> list[float]:

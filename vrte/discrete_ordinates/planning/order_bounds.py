@@ -107,8 +107,7 @@ def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: 
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
     for table, path in find_scatterers(scene.layers, problem, levels, out, whole):
         add_brightness(light, table, path, (into, out, angles), replace_unchecked(run, threads=1))
-    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
-    return brightest
+    return light[..., 0, 0].max(axis=(2, 3), initial=0.0)
 
 
 def add_brightness(

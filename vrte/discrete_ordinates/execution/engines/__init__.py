@@ -30,8 +30,7 @@ def choose_engine(backend: Backend, refracts: bool = False, precision: str = "au
             raise SceneError(f"precision {precision!r} {words}", "precision")
         return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
     reported = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
-    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine(**reported)
-    return engine
+    return import_module(f"{__name__}.{kernels}").open_engine(**reported)
 
 
 def find_usual_accuracy(accuracy: float) -> float:

@@ -168,8 +168,7 @@ def find_entries(opened: Session, target: Target, light: Light, n_place: int, mo
         return sums.upload_entries(opened, stokes, kind, index, n_place, *waves)
 
     tables = stokes, kind, index, distinct
-    found: sums.Entries = opened.remembered(("entries", n_place, most, *(a.tobytes() for a in tables)), make)
-    return found
+    return opened.remembered(("entries", n_place, most, *(a.tobytes() for a in tables)), make)
 
 
 def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
@@ -179,8 +178,7 @@ def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
     def make() -> sums.Azimuths:
         return sums.upload_azimuths(opened, of.angle, of.sign, of.distinct.size)
 
-    found: sums.Azimuths = opened.remembered(("azimuths", of.angle.tobytes(), of.sign.tobytes()), make)
-    return found
+    return opened.remembered(("azimuths", of.angle.tobytes(), of.sign.tobytes()), make)
 
 
 def add_scattering(opened: Session, chunk: Chunk, table: sums.Table) -> None:

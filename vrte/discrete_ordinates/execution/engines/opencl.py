@@ -422,8 +422,7 @@ def list_slab_items(batch: Batch) -> Items:
     """Every slab of every order."""
 
     def each(make: Callable[[SlabStack], Array]) -> Array:
-        found: Array = batch.joined(lambda piece, slab_stack: np.tile(make(slab_stack), piece.orders.size))
-        return found
+        return batch.joined(lambda piece, slab_stack: np.tile(make(slab_stack), piece.orders.size))
 
     albedo = each(lambda slab_stack: slab_stack.problem.albedo[slab_stack.material])
     orders = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.thickness.size))
