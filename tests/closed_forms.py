@@ -45,8 +45,7 @@ def mueller_of(fraction: np.ndarray) -> np.ndarray:
 def bare_base(n: float, albedo: float, mu_i: list[float], mu_o: list[float]) -> np.ndarray:
     """f_00 (in, out) of a Lambertian base under a smooth surface, diffuse."""
     through = [mueller_of(shares(n, np.array(mu))[1])[:, 0, 0] for mu in (mu_i, mu_o)]
-    found: np.ndarray = np.outer(*through) * albedo / (np.pi * n**2 * (1 - albedo * walsh(n)[1]))
-    return found
+    return np.outer(*through) * albedo / (np.pi * n**2 * (1 - albedo * walsh(n)[1]))
 
 
 def airy_sum(

@@ -515,8 +515,7 @@ def find_order(f: np.ndarray, m: int) -> np.ndarray:
 def split_beam(matrices: np.ndarray, stokes: Sequence[float]) -> np.ndarray:
     """What (I, Q) and (U, V) of an incident beam make of Mueller matrices (..., 4, 4) each: (2, ..., 4)."""
     parts = np.array([[*stokes[:2], 0.0, 0.0], [0.0, 0.0, *stokes[2:]]])
-    found: np.ndarray = np.moveaxis(matrices @ parts.T, -1, 0)
-    return found
+    return np.moveaxis(matrices @ parts.T, -1, 0)
 
 
 def find_field_order(stokes: np.ndarray, m: int) -> np.ndarray:

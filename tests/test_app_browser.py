@@ -186,8 +186,7 @@ class Tab:
         self.waits_for(f"value => {fields}.map(one => one.value).join() == value", arg=value)
 
     def value(self, label: str) -> str:
-        found: str = self.label(label).first.input_value()
-        return found
+        return self.label(label).first.input_value()
 
     def rest(self, milliseconds: int) -> None:
         self.page.wait_for_timeout(milliseconds)

@@ -120,8 +120,7 @@ def rough_sea(tmp_path_factory: pytest.TempPathFactory) -> Function:
     """The function of the example, without what the example does with it."""
     script = tmp_path_factory.mktemp("sea") / "rough_sea.py"
     script.write_text((EXAMPLES / "rough_sea.py").read_text().split("\nfolder = ")[0])
-    found: Function = runpy.run_path(str(script))["rough_sea"]
-    return found
+    return runpy.run_path(str(script))["rough_sea"]
 
 
 def hapke(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:

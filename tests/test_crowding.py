@@ -59,8 +59,7 @@ def structure_matrix_by_integration(q: float, radii: np.ndarray, shares: np.ndar
         inside = (0.5 * a[i] * (t**2 - high**2) + b[i] * (t - high)) * np.exp(1j * q * t)
         integral = 0.5 * (high - low) * (weights @ inside)
         factor[i, j] -= 2.0 * math.pi * math.sqrt(densities[i] * densities[j]) * integral
-    found: np.ndarray = np.linalg.inv(factor.conj().T @ factor)
-    return found
+    return np.linalg.inv(factor.conj().T @ factor)
 
 
 @pytest.mark.parametrize("fraction", [1e-6, 0.05, 0.2, 0.4, 0.6])

@@ -54,8 +54,7 @@ def jones(surface: RoughSurface, mu_i: float, mu_o: float, phi: float, through: 
     s = s / np.linalg.norm(s) if np.linalg.norm(s) > 1e-12 else frame_i[1]
     p_i, p_o = np.cross(s, k_i), np.cross(s, k_o)
     to = [[parallel * (o @ p_o) * (p_i @ i) + across * (o @ s) * (s @ i) for i in frame_i] for o in frame_o]
-    found: Array = factor * 0.5 * np.einsum("iab,bc,jcd,ad->ij", PAULI, to, PAULI, np.conj(to)).real
-    return found
+    return factor * 0.5 * np.einsum("iab,bc,jcd,ad->ij", PAULI, to, PAULI, np.conj(to)).real
 
 
 def sample(surface: RoughSurface, through: bool, *directions: Array) -> Array:

@@ -138,8 +138,7 @@ def see_sky(scene: vrte.Scene, mu_o: list[float], phi: list[float], through: boo
     lobes = lobes[..., 0].reshape(mu.size, len(mu_o), *turns.shape, 4)
     lit = (weights / 2 * mu)[:, None] * shine(mu[:, None], heading) * (2 * np.pi / heading.size)
     straight = sent[:, None, :, 0] * shine(np.array(mu_o)[:, None], np.array(phi))[..., None]
-    found: np.ndarray = np.einsum("ih,iophs->ops", lit, lobes) + straight
-    return found
+    return np.einsum("ih,iophs->ops", lit, lobes) + straight
 
 
 @pytest.mark.parametrize("place", ["film", pytest.param("plate", marks=pytest.mark.slow)])

@@ -30,8 +30,7 @@ def solve(*sphere: Any) -> np.ndarray:
     indices, sizes = np.split(np.array(sphere, complex), 2)
     kernel: Any = sphere_coefficients if indices.size == 1 else coated_sphere_coefficients
     numbers = *indices[:, None], *sizes.real[:, None], np.array([count_orders(sizes[-1].real)], np.int32)
-    found: np.ndarray = kernel(*numbers)[0]
-    return found
+    return kernel(*numbers)[0]
 
 
 # ---- refractive indices

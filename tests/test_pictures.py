@@ -431,8 +431,7 @@ def test_the_suffix_says_what_a_picture_is_and_the_bytes_are_the_same_again(tmp_
 
 def decode_picture(text: str) -> np.ndarray:
     (encoded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
-    pixels: np.ndarray = matplotlib.image.imread(io.BytesIO(base64.b64decode(encoded)), format="png")
-    return pixels
+    return matplotlib.image.imread(io.BytesIO(base64.b64decode(encoded)), format="png")
 
 
 @pytest.mark.parametrize(

@@ -203,8 +203,7 @@ def tab(chromium: Any, page: Path) -> Iterator[Any]:
 def look(tab: Any) -> str:
     """The picture as it is now."""
     tab.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    drawn: str = tab.evaluate("document.getElementById('lobe').toDataURL()")
-    return drawn
+    return tab.evaluate("document.getElementById('lobe').toDataURL()")
 
 
 @pytest.mark.slow
