@@ -17,6 +17,7 @@ SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"Creati
 SHARP_DPI, DPI = 160, 100  # of a picture by itself or what is made of pixels in a drawing, and of a small one
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
 GRID: dict[str, Any] = {"color": FAINT, "linewidth": 0.5, "alpha": 0.7}
+POLAR_PAD = 0.25  # inches beside polar panels, whose angles of 90 degrees the layout overlooks
 
 
 def require_pictures() -> None:
@@ -35,7 +36,8 @@ def make_figure(width: float, height: float) -> Figure:
 def draw_picture(picture: Picture) -> Figure:
     """The figure of a description. Raises MissingExtraError without matplotlib."""
     figure = make_figure(picture.width, picture.height)
-    figure.set_layout_engine("constrained")
+    polar = any(panel is not None and panel.polar for row in picture.rows for panel in row)
+    figure.set_layout_engine("constrained", w_pad=POLAR_PAD if polar else None)
     ratios = {"height_ratios": picture.heights, "width_ratios": picture.widths}
     grid = figure.add_gridspec(len(picture.rows), max(map(len, picture.rows)), **ratios)
     for row, panels in enumerate(picture.rows):
