@@ -187,7 +187,7 @@ def show_plan(plan: Plan) -> str:
 
 
 def write_html_table(facts: Mapping[str, str]) -> str:
-    """Two columns, escaped."""
+    """An HTML table of names and texts, a row each, both escaped."""
     rows = (
         f"<tr><th {CELL}>{html.escape(name)}</th><td {CELL}>{html.escape(put_in_one_line(value, 160))}</td></tr>"
         for name, value in facts.items()

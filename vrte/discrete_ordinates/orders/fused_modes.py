@@ -83,7 +83,7 @@ def solve_fused_modes(problem: Problem, orders: IntArray, base: Base, quick: boo
 
 
 def note_stages(run: Run, wall: float, busy: list[float]) -> None:
-    """Books the wall time of all stages together in the shares of what each kept a thread busy with."""
+    """Records the wall time of all stages together, divided as the seconds ``busy`` that threads spent in each."""
     total = max(sum(busy), 1e-300)
     for name, seconds in zip(STAGES, busy, strict=True):
         run.record(name, wall * seconds / total, seconds)
