@@ -11,11 +11,12 @@ from vrte.basics.arrays import replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.doubling import Doubling
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import Doubling, Scatterings
 from vrte.discrete_ordinates.orders.tanh_poles import (
     STEEPEST,
     STEEPEST_INSIDE,
+    Scatterings,
     find_tangent,
     fit_depths,
     scatter_by_fractions,

@@ -16,7 +16,7 @@ from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
-from vrte.discrete_ordinates.orders.routes import Modes
+from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close

@@ -13,8 +13,8 @@ from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target, prepare_closed_form
 from vrte.discrete_ordinates.orders.base import Base, make_base_operators
 from vrte.discrete_ordinates.orders.fused_modes import run_fused_modes
+from vrte.discrete_ordinates.orders.modes import Modes, is_quick_on
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.routes import Modes, is_quick_on
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.batch_plan import Alike, make_frame
 

@@ -1,27 +1,23 @@
 """Route 2, impedance doubling: reflection and transmission of homogeneous slabs without an eigenproblem."""
 
-from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
+from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.modes import count_repeats
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.slabs import Slabs, cut_layers, join_stack
+from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.scene.boundary import Boundary
 
-
-@dataclass(frozen=True, eq=False)
-class Slabs:
-    """R, T (order, slab, blocks), see core/doubling.pxi; lost (order, slab, n); residual (order, slab, 2) of
-    R and of T; doublings (order, slab)."""
-
-    R: Array
-    T: Array
-    lost: Array
-    residual: Array
-    doublings: IntArray
+OPAQUE = 80.0  # optical thickness whose half transmits less than the rounding of 1
 
 
 def double_slabs(
@@ -80,3 +76,58 @@ def find_asymmetry(problem: Problem) -> Array:
     """g of every material, (material,)."""
     several = problem.coefficients.shape[1] > 1
     return np.ascontiguousarray(problem.coefficients[:, 1, 0] / 3.0) if several else np.zeros_like(problem.albedo)
+
+
+class Doubling:
+    """Impedance doubling of homogeneous slabs, joined by the star product."""
+
+    name, other = "doubling", "modes"
+    allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_adding": 1e-9}
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem, self.slab_stack = problem, cut_layers(problem)
+        self.base = expand_base(base, self.slab_stack.problem, n_order, accuracy)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return count_orders_at_once(self.count_doubles(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        slab_stack = self.slab_stack
+        matrices = assemble(slab_stack.problem, orders, run)
+        slabs = double_slabs(slab_stack.problem, slab_stack.material, slab_stack.thickness, orders, matrices, run)
+        kernels, up, down, residual = join_stack(slab_stack, orders, slabs, self.base, run)
+        worst = slabs.residual.max(axis=1)
+        residuals = {
+            "residual_of_reflection": worst[:, 0],
+            "residual_of_transmission": worst[:, 1],
+            "residual_of_adding": residual,
+        }
+        return Orders(kernels, up, down, residuals)
+
+    @staticmethod
+    def count_doubles(problem: Problem) -> tuple[float, float]:
+        """Doubles of an order's arrays, and of a thread's scratch memory."""
+        slab_stack = cut_layers(problem)
+        problem = slab_stack.problem
+        n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
+        per_order = (
+            2.0 * problem.albedo.size * n * (n + out + into)
+            + 2.0 * max(1, slab_stack.material.size) * _core.extended_size(n, n_rhs, out)
+            + 2.0 * slab_stack.interface.size * n_rhs * out
+        )
+        scratch = (
+            _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+            _core.doubling_work(n, n_rhs, out),
+            _core.joining_work(n, slab_stack.slabs.size, n_rhs, out),
+        )
+        return per_order, float(max(scratch))
+
+    @staticmethod
+    def list_left_out(problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+        """See `Way`."""
+        slab_stack = cut_layers(problem)
+        thick = ((slab_stack.thickness > OPAQUE) & np.isfinite(slab_stack.thickness)).any()
+        squared = [("doublings", "its transmission alone is squared")] * bool(thick)
+        return squared + count_repeats(slab_stack.slabs.size - slab_stack.material.size, "slab")

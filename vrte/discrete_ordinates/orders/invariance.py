@@ -4,9 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.scene.boundary import Boundary
+
+TIGHTER = 0.5  # iterations stop at this fraction of the requested accuracy
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +69,42 @@ def find_flux_up(problem: Problem, on_nodes: Array) -> Array:
         return np.zeros((1, n_in, n_col))
     flux: Array = on_nodes[:, :: len(problem.stokes)] @ np.sqrt(problem.weights * problem.nodes)
     return flux.reshape(1, n_in, n_col)
+
+
+def find_allowed_residuals(accuracy: float) -> dict[str, float]:
+    """Residuals up to which the answer of invariance counts."""
+    return {"residual_of_invariance": max(1e-9, 2.0 * TIGHTER * accuracy)}
+
+
+class Invariance:
+    """Fixed points of the invariance equation: the top of a semi-infinite layer alone."""
+
+    name, other = "invariance", "doubling"
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem, self.tolerance = problem, TIGHTER * accuracy
+        self.allowed = find_allowed_residuals(accuracy)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once: all, their matrices are scratch memory."""
+        return 1 << 20
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        found = reflect_semi_infinite(self.problem, orders, self.tolerance, run)
+        up = find_flux_up(self.problem, found.on_nodes[0])
+        up = np.broadcast_to(up, (self.problem.level.size, *up.shape[1:]))
+        kernels = np.broadcast_to(found.kernels, (orders.size, self.problem.level.size, *found.kernels.shape[2:]))
+        return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
+
+    @staticmethod
+    def count_doubles(problem: Problem) -> tuple[float, float]:
+        """Doubles of an order's arrays, and of a thread's scratch memory."""
+        directions = problem.off_nodes[0].size
+        work = _core.invariance_work(problem.nodes.size, directions, len(problem.stokes), int(problem.terms.max()))
+        return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
+
+    @staticmethod
+    def list_left_out(problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+        """See `Way`."""
+        return [("halves", "the other is its mirror image")]

@@ -13,13 +13,13 @@ from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
+from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.slabs import merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.discrete_ordinates.orders.storage import count_doubles_of_modes
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
 
@@ -77,7 +77,7 @@ class SingleInterface:
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        return count_orders_at_once(count_doubles_of_modes(self.inside)[0], threads)
+        return count_orders_at_once(Modes.count_doubles(self.inside)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""

@@ -10,8 +10,19 @@ from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
-from vrte.discrete_ordinates.orders.doubling import Slabs
 from vrte.discrete_ordinates.orders.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Slabs:
+    """R, T (order, slab, blocks), see core/doubling.pxi; lost (order, slab, n); residual (order, slab, 2) of
+    R and of T; doublings (order, slab)."""
+
+    R: Array
+    T: Array
+    lost: Array
+    residual: Array
+    doublings: IntArray
 
 
 @dataclass(frozen=True, eq=False)

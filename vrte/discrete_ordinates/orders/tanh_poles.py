@@ -4,6 +4,7 @@ poles of tanh(x)/x, inside by sums of cosh(z x)/cosh(x) and sinh(z x)/cosh(x).""
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -11,8 +12,13 @@ import scipy.linalg
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
+from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.scene.boundary import Boundary
+
+MOST_POLES = 35  # of the steepest slabs, at whose faces there are at most 26, and inside which at most 35
 
 STEEPEST = 8192.0  # largest half thickness over the lowest cosine for which fractions reach FINEST in doubles
 STEEPEST_INSIDE = 1024.0  # the same limit for light inside: little of a grazing beam reaches the depths
@@ -229,3 +235,44 @@ def find_fluxes(problem: Problem, orders: IntArray, faces: Faces) -> tuple[Array
     found = gather_levels(problem, faces.on_nodes[:1], faces.on_nodes_inside[:1])[0]
     flux = found[..., :: len(problem.stokes)] @ np.sqrt(problem.weights * problem.nodes)
     return flux[:, 0].reshape(shape), flux[:, 1].reshape(shape)
+
+
+class Scatterings:
+    """One slab over a black base, under a few beams, by successive scatterings (GMRES)."""
+
+    name, other = "scatterings", "modes"
+    allowed: ClassVar = {"residual_of_scatterings": 1e-9}
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem, self.accuracy = problem, accuracy
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return count_orders_at_once(self.count_doubles(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        problem = self.problem
+        faces = scatter_by_fractions(problem, orders, self.accuracy, run)
+        residuals = {"residual_of_scatterings": faces.residual.max(axis=1)}
+        return Orders(find_kernels(problem, faces), *find_fluxes(problem, orders, faces), residuals)
+
+    @staticmethod
+    def count_doubles(problem: Problem) -> tuple[float, float]:
+        """Doubles of an order's arrays, and of a thread's scratch memory."""
+        work = _core.scatterings_work(
+            problem.size,
+            problem.mu_out.size,
+            problem.mu0.size,
+            problem.directions.size,
+            problem.coefficients.shape[1],
+            len(problem.stokes),
+            MOST_POLES,
+            problem.level.size,
+        )
+        return 2.0 * (1 + problem.level.size) * problem.n_rhs * (problem.size + problem.rows_out), float(work)
+
+    @staticmethod
+    def list_left_out(problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+        """See `Way`."""
+        return []

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from vrte.basics.memory import BYTES, PIECE_BYTES, TILE_DOUBLES, check_bytes, count_orders_at_once
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.storage import count_doubles_of_route
+from vrte.discrete_ordinates.orders.routes import ROUTES
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.optics.facet_integrals import DOUBLES_AT_ONCE
@@ -38,7 +38,7 @@ def count_doubles_of_kernels(block: Block) -> float:
 def count_doubles_of_block(block: Block, threads: int) -> float:
     """Doubles of the matrices of the orders done at once."""
     problem, n_order = block.problem, float(block.orders.size)
-    per_order, per_thread = count_doubles_of_route(block.choice.name, problem)
+    per_order, per_thread = ROUTES[block.choice.name].count_doubles(problem)
     base = 0.0
     if block.base.is_uneven:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)

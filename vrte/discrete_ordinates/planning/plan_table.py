@@ -10,7 +10,7 @@ import numpy as np
 
 from vrte.basics.memory import BYTES
 from vrte.discrete_ordinates.orders.problem import ALL
-from vrte.discrete_ordinates.orders.routes import OTHER, list_left_out
+from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES
 from vrte.discrete_ordinates.orders.skip_flags import SkipFlags
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
@@ -221,7 +221,7 @@ def explain_left_out(plan: "Plan") -> dict[str, str]:
     """What is not done, by the name of its switch, and why: as the plan, its blocks and their algorithms say."""
     of_blocks: dict[str, dict[str, set[int]]] = {}
     for block in plan.blocks:
-        for name, reason in [*block.left_out, *list_left_out(block.choice.name, block.problem, plan.accuracy)]:
+        for name, reason in [*block.left_out, *ROUTES[block.choice.name].list_left_out(block.problem, plan.accuracy)]:
             of_blocks.setdefault(name, {}).setdefault(reason, set()).update(block.orders.tolist())
     found = {}
     for name, reasons in of_blocks.items():

@@ -28,10 +28,9 @@ from vrte.discrete_ordinates.execution.engines.device_sums import add_up
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import Light, Sum
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.doubling import find_asymmetry
-from vrte.discrete_ordinates.orders.invariance import find_flux_up
+from vrte.discrete_ordinates.orders.doubling import Doubling, find_asymmetry
+from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_allowed_residuals, find_flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, find_allowed_residuals
 from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
 from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan

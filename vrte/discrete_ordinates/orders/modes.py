@@ -1,0 +1,93 @@
+"""The way by modes: section 2.C of Collin, Pattanaik and Bouatouch, all stages for some Fourier orders."""
+
+from typing import ClassVar
+
+from vrte import _core
+from vrte.basics.arrays import IntArray
+from vrte.basics.memory import count_orders_at_once
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.boundary import solve_boundary
+from vrte.discrete_ordinates.orders.fused_modes import solve_fused_modes
+from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
+from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.scene.boundary import Boundary
+
+QUICK = 3e-12  # accuracy of the symmetric eigensolver on 16 nodes: ten times the largest error measured
+
+
+def is_quick(problem: Problem, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
+    return problem.skip_flags.symmetric and is_quick_on(problem.nodes.size, accuracy)
+
+
+def is_quick_on(nodes: int, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough on so many nodes."""
+    return accuracy >= QUICK * max(1.0, nodes / 16.0) ** 3.3
+
+
+def count_repeats(twice: int, kind: str) -> list[tuple[str, str]]:
+    """What a way says of so many layers or slabs that are solved once with others."""
+    return [("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else []
+
+
+class Modes:
+    """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
+
+    name, other = "modes", "doubling"
+    # residuals up to which the answer counts
+    allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
+
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
+        self.distinct, self.kinds = merge_materials(problem)
+        self.quick = is_quick(problem, accuracy)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return count_orders_at_once(self.count_doubles(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        if run.threads == 1 and run.kernels is _core and self.kinds is None and self.problem.is_exact:
+            return solve_fused_modes(self.problem, orders, self.base, self.quick, run)
+        matrices = assemble(self.distinct, orders, run)
+        modes = find_modes(self.distinct, orders, matrices, run, self.quick)
+        beam = find_beam_field(self.distinct, matrices, modes, run)
+        if self.kinds is not None:
+            matrices, modes, beam = copy_to_layers(self.kinds, matrices, modes, beam)
+        amplitudes = solve_boundary(self.problem, orders, modes, beam, self.base, run)
+        kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
+        residuals = {
+            "residual_of_modes": modes.residual.max(axis=1),
+            "residual_of_boundary": amplitudes.residual.max(axis=1),
+        }
+        return Orders(kernels, *find_nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
+
+    @staticmethod
+    def count_doubles(problem: Problem) -> tuple[float, float]:
+        """Doubles of an order's arrays, and of a thread's scratch memory."""
+        n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
+        out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
+        materials, kinds = merge_materials(problem)
+        per_order = float(materials.albedo.size) * n * (5 * n + 2 * out + 2 * into + 2 * n_rhs)
+        per_order += n_layer * n * (2.0 * n_rhs if kinds is None else 2.0 * n + 2.0 * out + 4.0 * n_rhs)
+        scratch = (
+            _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+            _core.homogeneous_work(n),
+            _core.boundary_work(n, n_layer, n_rhs),
+            _core.reconstruction_work(n, problem.rows_out, n_rhs, n_layer),
+        )
+        return per_order, float(max(scratch))
+
+    @staticmethod
+    def list_left_out(problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+        """See `Way`."""
+        materials, kinds = find_materials(problem)
+        quick = problem.is_symmetric and is_quick(problem, accuracy)
+        return [("symmetric", "{orders}")] * quick + count_repeats(kinds.size - len(materials), "layer")
