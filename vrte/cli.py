@@ -145,9 +145,9 @@ def _catch_signals() -> Iterator[list[signal.Signals]]:
         yield came
     finally:
         for number, handler in before.items():
-            # the command has said why it ends: no second line while the interpreter does
-            said = bool(came) and handler is end
-            signal.signal(number, (lambda *_: os._exit(128 + came[0])) if said else handler)
+            # the command has reported why it ends: no second line while the interpreter does
+            reported = bool(came) and handler is end
+            signal.signal(number, (lambda *_: os._exit(128 + came[0])) if reported else handler)
 
 
 @contextmanager

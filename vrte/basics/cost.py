@@ -74,15 +74,15 @@ STEPS_A_DEPTH, LEAST_STEPS, SWEEPS = 3.0, 12.0, 12.0  # imbedding: steps per opt
 OVERHEAD = 3e5  # overhead of a call of NumPy
 
 
-def warn_runtime(seconds: float, limit: float, why: str, change: str, told: bool = False) -> None:
-    """Says what will take long, unless that was ``told``. Raises SceneError beyond the limit in seconds."""
+def warn_runtime(seconds: float, limit: float, why: str, change: str, warned: bool = False) -> None:
+    """Says what will take long, unless the user was ``warned``. Raises SceneError beyond the limit in seconds."""
     if seconds <= min(LONG, limit):
         return
-    said = f"this will take about {say_time(seconds)}{why}; {change}"
+    words = f"this will take about {say_time(seconds)}{why}; {change}"
     if seconds > limit:
-        raise SceneError(f"{said}, or go on with time_limit_s above its {say_time(limit)} (math.inf for no limit)")
-    if not told:
-        warn_user(said, LongSolveWarning)
+        raise SceneError(f"{words}, or go on with time_limit_s above its {say_time(limit)} (math.inf for no limit)")
+    if not warned:
+        warn_user(words, LongSolveWarning)
 
 
 def say_time(seconds: float) -> str:

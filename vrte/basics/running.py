@@ -131,25 +131,25 @@ def is_left_working() -> bool:
 
 
 def run_jobs(
-    run: Run, jobs: Sequence[Callable[[Run], Result]], told: Callable[[int], None] = lambda done: None
+    run: Run, jobs: Sequence[Callable[[Run], Result]], report: Callable[[int], None] = lambda done: None
 ) -> list[Result]:
     """What each job finds: done side by side by the threads of a run, each of them on one, the first ones first.
-    told(k) is called in this thread when k jobs are done."""
+    report(k) is called in this thread when k jobs are done."""
     workers = min(run.threads, len(jobs))
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}
-    indices, done, said = iter(range(len(jobs))), [], 0
+    indices, done, reported = iter(range(len(jobs))), [], 0
     runs = [replace_unchecked(run, threads=1, stages={}) for _ in range(workers)]
 
     def work(own: Run) -> None:
-        nonlocal said
+        nonlocal reported
         for index in indices:
             try:
                 found[index] = jobs[index](own)
                 done.append(index)
                 if own is runs[0]:
-                    said = len(done)
-                    told(said)
+                    reported = len(done)
+                    report(reported)
             except BaseException as error:
                 failed[index] = error
                 for _ in indices:  # nobody begins another
@@ -159,8 +159,8 @@ def run_jobs(
     work(runs[0])
     for each in others:
         each.result()
-    if not failed and said < len(jobs):  # the last one was another thread's
-        told(len(jobs))
+    if not failed and reported < len(jobs):  # the last one was another thread's
+        report(len(jobs))
     for own in runs:
         for name, clock in own.stages.items():
             run.record(name, clock["wall_seconds"] / workers, clock["thread_seconds"])
@@ -179,7 +179,7 @@ def wait_for(done: threading.Event, seconds: float) -> bool:
 
 
 def share_progress(progress: Progress | None, index: int, count: int, steps: int = 100) -> Progress | None:
-    """Progress of one of ``count`` equal parts of the work, told in ``steps`` of each, whatever the part itself
+    """Progress of one of ``count`` equal parts of the work, reported in ``steps`` of each, whatever the part itself
     counts."""
     if progress is None:
         return None

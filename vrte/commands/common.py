@@ -38,21 +38,21 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
 
     def format_help(self) -> str:
-        lines = [f"  {line}\n      {told}\n" for line, told in self.examples]
+        lines = [f"  {line}\n      {purpose}\n" for line, purpose in self.examples]
         more = f"\nmore: {locate_page(self.page)}\n" if self.page else ""
         return f"{super().format_help()}\n{self.heading}{self.tell_files()}:\n{''.join(lines)}{more}"
 
     def tell_files(self) -> str:
         """Where the scene files of the examples come from."""
         words = [word for line, _ in self.examples for word in line.split() if "vrte init" not in line]
-        told = [f"`vrte init {kind}` writes {kind}.toml" for kind in STARTERS if f"{kind}.toml" in words]
-        told += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
-        return f" ({', '.join(told)})" if told and self.page else ""
+        notes = [f"`vrte init {kind}` writes {kind}.toml" for kind in STARTERS if f"{kind}.toml" in words]
+        notes += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
+        return f" ({', '.join(notes)})" if notes and self.page else ""
 
     def take(
         self,
         typed: str,
-        told: str | None,
+        help_text: str | None,
         limits: tuple[int, int] | None = None,
         suffixes: Sequence[str] | None = None,
         group: Any = None,
@@ -71,11 +71,11 @@ class Parser(argparse.ArgumentParser):
         *names, word = typed.split()
         if word.startswith("-"):
             more = more if "choices" in more else {"action": "store_true"} | more
-            (group or self).add_argument(*names, word, help=told, **more)
+            (group or self).add_argument(*names, word, help=help_text, **more)
             return
         reads = make_whole_number_reader(*limits) if limits else find_reader(word)
         metavar = {} if word in names else {"metavar": word}
-        dest = (group or self).add_argument(*names, help=told, **{"type": reads} | metavar | more).dest
+        dest = (group or self).add_argument(*names, help=help_text, **{"type": reads} | metavar | more).dest
         if word.startswith("OUT"):
             self.outputs[dest] = (Path(word).suffix,) if suffixes is None else tuple(suffixes)
         elif reads is Path and not names[0].startswith("-") and more.get("nargs") != "+":

@@ -18,9 +18,9 @@ NOTHING: Mapping[Any, Any] = MappingProxyType({})
 def add(command: Parser) -> None:
     """The arguments of `vrte devices`."""
     command.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
-    told = "whether a device of the list, by default the one that is taken, computes what the processor does: two "
-    told += "minutes at most, a table to send in a report"
-    command.add_argument("--verify", metavar="INDEX", nargs="?", const=-1, type=int, help=told)
+    help_text = "whether a device of the list, by default the one that is taken, computes what the processor does: two "
+    help_text += "minutes at most, a table to send in a report"
+    command.add_argument("--verify", metavar="INDEX", nargs="?", const=-1, type=int, help=help_text)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -32,8 +32,8 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> None:
     if options.kind is None:
-        for kind, (_, told) in STARTERS.items():
-            print(f"{kind:8}{told}")
+        for kind, (_, purpose) in STARTERS.items():
+            print(f"{kind:8}{purpose}")
         print("next: vrte init powder")
         return
     starter = (FOLDER / f"{options.kind}.toml").read_text("utf-8")

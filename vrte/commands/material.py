@@ -34,13 +34,13 @@ Groups = Sequence[tuple[str, tuple[str, ...]]]  # of columns that are drawn toge
 
 def add(command: Parser) -> None:
     """The arguments of `vrte material`."""
-    told = 'a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k); '
-    command.take("name NAME", f"{told}or a ready material (`vrte materials`), or a .toml of your own", nargs="?")
+    help_text = 'a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k); '
+    command.take("name NAME", f"{help_text}or a ready material (`vrte materials`), or a .toml of your own", nargs="?")
     where = command.add_mutually_exclusive_group()
     command.take("--wavelength-um UM", "wavelength in vacuum [micrometres]", group=where)
     command.take("--wavelengths-um UM,UM,...", "ascending: a table", group=where)
-    told = "so many, evenly from LOW to HIGH: a table"
-    command.take("--range-um LOW:HIGH:COUNT", told, type=read_range, group=where)
+    help_text = "so many, evenly from LOW to HIGH: a table"
+    command.take("--range-um LOW:HIGH:COUNT", help_text, type=read_range, group=where)
     command.take("--radius-um UM", "of spheres: albedo, g, cross sections too")
     command.take("--host-index X", "around the spheres; default: 1")
     command.take("-o --output OUT.csv", "the table, every digit")

@@ -11,8 +11,8 @@ from vrte.render.colour import FEWEST, MOST
 def add(command: Parser) -> None:
     """The arguments of `vrte materials`."""
     command.take("-o --output OUT.png", "a card of each; .svg and .pdf too", suffixes=PICTURES)
-    told = f"from 0.4 to 0.7 um; default: {FEWEST}"
-    command.take("--wavelengths N", told, limits=(FEWEST, MOST), default=FEWEST)
+    help_text = f"from 0.4 to 0.7 um; default: {FEWEST}"
+    command.take("--wavelengths N", help_text, limits=(FEWEST, MOST), default=FEWEST)
 
 
 def check(options: argparse.Namespace) -> None:

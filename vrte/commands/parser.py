@@ -30,7 +30,7 @@ def make_parser(arguments: Sequence[str] | None = None) -> Parser:
     if arguments and arguments[0] in STUDIES:
         parser.error(f"{typed} is a study of vrte itself: run `make {typed}` in its source tree")
     for name, row in COMMANDS.items():
-        command = commands.add_parser(name, help=row["told"], description=f"{row['told'][0].upper()}{row['told'][1:]}.")
+        command = commands.add_parser(name, help=row["help"], description=f"{row['help'][0].upper()}{row['help'][1:]}.")
         if arguments is None or name == typed:
             command.examples, command.page = row["examples"], row["page"]
             module = import_module(f"vrte.commands.{row['module']}")

@@ -15,8 +15,8 @@ def add(command: Parser) -> None:
     """The arguments of `vrte render`."""
     command.take("scenes SCENE.toml", "a picture each", nargs="+")
     command.take("-o --output OUT.png", "the picture", required=True)
-    told = f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
-    command.take("--object NAME|FILE,...", f"{told}default: what each file says, or {SPHERE}")
+    help_text = f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
+    command.take("--object NAME|FILE,...", f"{help_text}default: what each file says, or {SPHERE}")
     command.take("--size PIXELS", "of a picture's side", limits=(SMALLEST_SIZE, LARGEST_SIZE))
     command.take("--wavelengths N", f"from 0.4 to 0.7 um; default: {FEWEST}", limits=(FEWEST, MOST))
     command.take("--together", "one picture, all objects beside each other, above its polarization")

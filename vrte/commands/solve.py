@@ -38,26 +38,28 @@ def add(command: Parser) -> None:
     command.epilog = "What is said here wins over the scene file."
     command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
     command.take("scene SCENE.toml", "what light meets, and what is asked")
-    told = ".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr"
-    command.take("-o --output OUT", told, suffixes=tuple(result_file.FORMATS))
+    help_text = ".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr"
+    command.take("-o --output OUT", help_text, suffixes=tuple(result_file.FORMATS))
     command.take("--csv OUT.csv", "beside -o or alone: one row a direction")
     command.take("--plot OUT.png", "a picture; .svg and .pdf too", suffixes=PICTURES)
     command.take_options(*HOW)
-    told = "also how all changes with this number of the scene, such as layer[1].thickness; any number of times"
-    command.take("--derivative NAME", told, dest="derivatives", action="append", default=[])
-    told = "a setting of the method, any number of times"
-    command.take("--set NAME=VALUE", told, type=read_setting, action="append", default=[])
+    help_text = "also how all changes with this number of the scene, such as layer[1].thickness; any number of times"
+    command.take("--derivative NAME", help_text, dest="derivatives", action="append", default=[])
+    help_text = "a setting of the method, any number of times"
+    command.take("--set NAME=VALUE", help_text, type=read_setting, action="append", default=[])
     if kind == "field":
-        told = "of an interface, for depths tau at one; default: above, so that 0 is outside"
-        command.take("--side", told, choices=SIDES)
+        help_text = "of an interface, for depths tau at one; default: above, so that 0 is outside"
+        command.take("--side", help_text, choices=SIDES)
         return
-    told = "ascending; they win over the scene file, and particles are worked out anew at each"
-    command.take("--wavelengths-um UM,UM,...", told)
+    help_text = "ascending; they win over the scene file, and particles are worked out anew at each"
+    command.take("--wavelengths-um UM,UM,...", help_text)
     command.take("--mitsuba OUT.bsdf", "a table for Mitsuba 3, measured_polarized, of exactly five wavelengths")
-    told = f"step of its angles theta; default: {mitsuba.STEP:g}"
-    command.take("--mitsuba-step-deg DEG", told, default=mitsuba.STEP)
-    told = "the table of what lies below the smooth surface on top, and OUT.xml with Mitsuba's own surface above it"
-    command.take("--mitsuba-nested", told)
+    help_text = f"step of its angles theta; default: {mitsuba.STEP:g}"
+    command.take("--mitsuba-step-deg DEG", help_text, default=mitsuba.STEP)
+    help_text = (
+        "the table of what lies below the smooth surface on top, and OUT.xml with Mitsuba's own surface above it"
+    )
+    command.take("--mitsuba-nested", help_text)
 
 
 def read_setting(text: str) -> tuple[str, Any]:

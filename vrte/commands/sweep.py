@@ -27,18 +27,18 @@ HOW = ("engine", "scheduler", "workers", "chunk", "time_limit_s", "precision")
 def add(command: Parser) -> None:
     """The arguments of `vrte sweep`."""
     command.take("file SWEEP.toml", "a scene file with a table [axes]")
-    told = ".zarr for large tables, or .nc"
-    command.take("-o --output OUT.zarr", told, suffixes=SUFFIXES, required=True)
+    help_text = ".zarr for large tables, or .nc"
+    command.take("-o --output OUT.zarr", help_text, suffixes=SUFFIXES, required=True)
     command.take("--engine", "what computes; default: threads", choices=ENGINES, default="threads")
     command.take("--scheduler ADDRESS", "of a Dask cluster; default: one on this machine")
-    told = "cores, or Dask worker processes; default: all that may be used"
-    command.take("--workers N", told, limits=(1, MOST_WORKERS))
+    help_text = "cores, or Dask worker processes; default: all that may be used"
+    command.take("--workers N", help_text, limits=(1, MOST_WORKERS))
     command.take("--chunk N", "scenes that are computed and written together", limits=(1, 10**6))
-    told = "refuse what is predicted to take longer in all; default: none"
-    command.take("--time-limit-s X", told, type=make_option_reader("time_limit_s"))
+    help_text = "refuse what is predicted to take longer in all; default: none"
+    command.take("--time-limit-s X", help_text, type=make_option_reader("time_limit_s"))
     command.take_options("precision")
-    told = "also a page with the lobes to turn around in any browser: one file that needs no network"
-    command.take("--page OUT.html", told, suffixes=(PAGE_SUFFIX,))
+    help_text = "also a page with the lobes to turn around in any browser: one file that needs no network"
+    command.take("--page OUT.html", help_text, suffixes=(PAGE_SUFFIX,))
     command.take("--strict", "a failure (exit code 1) where any scene has no result")
 
 

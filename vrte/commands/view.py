@@ -61,8 +61,8 @@ def make_first_sessions(path: Path | None) -> Any:
         return TabSessions()
     if path.suffix.lower() == ".toml":
         content = read_content(path)
-        content, told = adopt_with_notes(content, path.parent, frozenset(find_named_tables(content).values()))
-        for text in told:
+        content, notes = adopt_with_notes(content, path.parent, frozenset(find_named_tables(content).values()))
+        for text in notes:
             print(f"vrte view: {text}", file=sys.stderr)
         return TabSessions(content, path.parent)
     outcome = make_outcome(load(path))

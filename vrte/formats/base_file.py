@@ -82,8 +82,8 @@ def read_base(
 
 def read_base_once(path: Path, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
     """The same, from memory where the file is as it was: the scenes of a sweep have one base."""
-    told = os.stat(path)
-    return _read_as_it_was(path, told.st_mtime_ns, told.st_size, wavelength_um, average_mirrored)
+    status = os.stat(path)
+    return _read_as_it_was(path, status.st_mtime_ns, status.st_size, wavelength_um, average_mirrored)
 
 
 @lru_cache(maxsize=KEPT)

@@ -136,12 +136,12 @@ def write_mitsuba(
     check_directions(spectrum)
     table = tabulate_spectrum(spectrum, axes)
     errors = None if exact is None else measure_errors(table, axes, exact)
-    told = describe_result(spectrum) | {"note": NOTE}
+    described = describe_result(spectrum) | {"note": NOTE}
     if spectrum.specular is not None:
-        told["mirrored"] = describe_beam(spectrum)
+        described["mirrored"] = describe_beam(spectrum)
     if errors is not None:
-        told["interpolation"] = str(errors)
-    text = "\n".join(f"{name}: {value}" for name, value in told.items())
+        described["interpolation"] = str(errors)
+    text = "\n".join(f"{name}: {value}" for name, value in described.items())
     fields: dict[str, NDArray[Any]] = {name: axes[k][None].astype(np.float32) for k, name in enumerate(AXES)}
     fields |= {"wvls": nanometres, "M": table, "description": np.frombuffer(text.encode("utf-8"), np.uint8)}
     write_tensors(fields, path)

@@ -214,12 +214,12 @@ def take_wavelength(
     mean = weights.sum() / extinguished.sum()
     single = None if albedo is None else float(shares @ albedo[near] if extinction is None else mean)
     worst = max(matrices, key=lambda matrix: matrix.expansion.largest_error if matrix.expansion else 0.0)
-    told = worst.expansion
-    if told is not None:
+    expansion = worst.expansion
+    if expansion is not None:
         between = " and ".join(f"{known[k]:g}" for k in near)
-        told = replace(told, way=f"{told.way}, of {between} um", albedo=single)
+        expansion = replace(expansion, way=f"{expansion.way}, of {between} um", albedo=single)
     mixed = mix(list(zip(matrices, weights.tolist(), strict=True)))
-    matrix = PhaseMatrix(*mixed.coefficients.T, tolerance=worst.tolerance, expansion=told)
+    matrix = PhaseMatrix(*mixed.coefficients.T, tolerance=worst.tolerance, expansion=expansion)
     if density is None:
         return matrix
     if not data.per_mass or single is None or extinction is None:

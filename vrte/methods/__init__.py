@@ -120,8 +120,8 @@ def compare_counts(request: Request, method: Method, settings: Settings, run: Ru
     notes = [] if achieved <= request.accuracy else [f"{more} nodes differ by {achieved:.1g} from the {given} given"]
     if unseen > request.accuracy:
         notes.append(describe_unseen(unseen))
-    told = {"achieved": achieved, "promised": not notes, "notes": notes}
-    return replace(found, diagnostics=found.diagnostics | told)
+    report = {"achieved": achieved, "promised": not notes, "notes": notes}
+    return replace(found, diagnostics=found.diagnostics | report)
 
 
 def find_usual_nodes(request: Request) -> int:

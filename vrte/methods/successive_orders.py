@@ -100,9 +100,9 @@ class Convergence:
             f"about {self.remainder:.1e} of the light, and energy is not conserved to better than that; ask for more "
             f"by its setting 'orders', or for {EXACT!r}"
         )
-        told = {"scattering_orders": self.used, "scatterings": self.total, "last_ratio": self.last}
-        told |= {"remainder": self.remainder, "converged": converged, "promised": converged}
-        return told | {"notes": [] if converged else [note]}
+        report = {"scattering_orders": self.used, "scatterings": self.total, "last_ratio": self.last}
+        report |= {"remainder": self.remainder, "converged": converged, "promised": converged}
+        return report | {"notes": [] if converged else [note]}
 
 
 def estimate_remainder(added: list[float]) -> float:

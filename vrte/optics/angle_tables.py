@@ -236,8 +236,8 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
         end = extend_to_end(theta, elements if name == FORWARD else elements[:, ::-1], forward=name == FORWARD)
         angles = np.append(0.0, angles) if name == FORWARD else np.append(angles, 180.0)
         elements = np.hstack([end, elements] if name == FORWARD else [elements, end])
-    said = " and ".join(f"{name} of {angles[1 if name == FORWARD else -2]:g} degrees" for name in missing)
-    return angles, elements, f"{way}, extrapolated {said}"
+    names = " and ".join(f"{name} of {angles[1 if name == FORWARD else -2]:g} degrees" for name in missing)
+    return angles, elements, f"{way}, extrapolated {names}"
 
 
 def extend_to_end(theta: Array, elements: Array, forward: bool) -> Array:

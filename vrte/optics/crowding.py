@@ -206,13 +206,13 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
         more = f'up to {model.most:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
         _warn(f'packing="{packing}" is {model.meant} is {found:.3g} here, and {more}')
     if volume_fraction > model.up_to:
-        said = f"a volume_fraction of {volume_fraction:g} is above {model.up_to}"
+        words = f"a volume_fraction of {volume_fraction:g} is above {model.up_to}"
         if packing == INDEPENDENT:
             others = " or ".join(f'packing="{name}"' for name in PACKINGS if name != INDEPENDENT)
-            said += f": independent scattering, which is assumed here, is doubtful; {others} accounts for neighbours"
-            _warn(said, IndependentScatteringWarning)
+            words += f": independent scattering, which is assumed here, is doubtful; {others} accounts for neighbours"
+            _warn(words, IndependentScatteringWarning)
         else:
-            _warn(f'{said}, where packing="{packing}" ends')
+            _warn(f'{words}, where packing="{packing}" ends')
     if particles.stands_in or packing == INDEPENDENT:
         return particles
     return _scatter_remembered(_Crowd(particles.balls, particles.host_absorption, particles), volume_fraction, packing)

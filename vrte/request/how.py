@@ -64,9 +64,9 @@ def check_settings(name: str, value: Any) -> dict[str, Any]:
     return dict(value)
 
 
-def make_option(default: Any, *told: Any) -> Any:
+def make_option(default: Any, *words: Any) -> Any:
     """A field of `How` with its `Option`."""
-    return field(default=None, metadata={"option": Option(default, *told)})
+    return field(default=None, metadata={"option": Option(default, *words)})
 
 
 def make_choice_option(default: str, choices: tuple[str, ...], short: str, more: str = "") -> Any:
@@ -163,7 +163,7 @@ class How:
         lambda name, value: check_number(name, value, 0.0, math.inf, "seconds"),
         "seconds above 0, inf for no limit",
         f"what is predicted to take longer is refused; default: {cost.TIME_LIMIT_S:g}, inf for none",
-        ". The prediction is good to a factor of about 3; above 20 s it is told at once in a LongSolveWarning",
+        ". The prediction is good to a factor of about 3; above 20 s it is reported at once in a LongSolveWarning",
     )
     precision: str = make_choice_option(
         "auto",
@@ -188,22 +188,22 @@ class How:
 
     def __post_init__(self) -> None:
         left_out = {name for name in OPTIONS if (value := getattr(self, name)) is None or value is False}
-        told: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
+        found: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
         for name, known in OPTIONS.items():
             value = getattr(self, name)
             value = known.default if value is None else value
-            told[name] = None if value is None else known.check(name, value)
+            found[name] = None if value is None else known.check(name, value)
         if self.accuracy is None:
             usual = WITHOUT_NODES if self.nodes is None else WITH_NODES
-            told["accuracy"] = OF_SINGLE if told["precision"] == "single" else usual
-        for name, value in told.items():
+            found["accuracy"] = OF_SINGLE if found["precision"] == "single" else usual
+        for name, value in found.items():
             object.__setattr__(self, name, value)
         self.check_together()
 
     def check_together(self) -> None:
         """Whether the options go together, whatever the scene. Raises SceneError."""
         if self.settings and self.method == EXACT:
-            words = "has no settings: it is told by nodes, accuracy, algorithm and truncation"
+            words = "has no settings: it is set by nodes, accuracy, algorithm and truncation"
             raise SceneError(f"method {EXACT!r} {words}", "method")
         if self.method == AUTO and (self.settings or self.nodes is not None or self.grading is not None):
             name = "settings" if self.settings else "grading" if self.nodes is None else "nodes"
@@ -275,8 +275,8 @@ def complete_docstring(call: Call) -> Call:
     several = {"all": names, "options": tuple(name for name in names if name in OPTIONS)}
 
     def write(found: re.Match[str]) -> str:
-        told = [one for name in found[1].split(", ") for one in several.get(name, (name,))]
-        entries = [OPTIONS[name].described(name) if name in OPTIONS else describe(*WORDS[name]) for name in told]
+        names = [one for name in found[1].split(", ") for one in several.get(name, (name,))]
+        entries = [OPTIONS[name].described(name) if name in OPTIONS else describe(*WORDS[name]) for name in names]
         return indent("\n".join(entries), "    ")
 
     if call.__doc__:  # nothing is left of it where Python runs with -OO

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def find_finest_nodes(found: Iterable[Any]) -> dict[str, int]:
     """The options nodes and grading of the result on the most nodes, as its diagnostics have them; none of methods
     without nodes."""
-    finest = max((one.diagnostics for one in found), key=lambda told: told.get("nodes", 0))
+    finest = max((one.diagnostics for one in found), key=lambda one: one.get("nodes", 0))
     return {name: int(finest[name]) for name in ("nodes", "grading") if finest.get(name)}
 
 

@@ -265,8 +265,8 @@ class MuellerBase(SampledBase):
         try:
             given = self.function(*(values.copy() for values in directions))  # which it may change as it likes
         except Exception as reason:
-            said = put_in_one_line(f"{type(reason).__name__}: {reason}", 200)
-            words = f"called with arrays that broadcast to {shape}, failed with {said}"
+            error = put_in_one_line(f"{type(reason).__name__}: {reason}", 200)
+            words = f"called with arrays that broadcast to {shape}, failed with {error}"
             raise SceneError(f"base: the function, {words}") from reason
         values = check_numbers("base: what the function returns", given)
         try:
@@ -286,6 +286,6 @@ class MuellerBase(SampledBase):
         try:
             pickle.dumps(self.function)
         except Exception as reason:
-            name, said = getattr(self.function, "__qualname__", repr(self.function)), put_in_one_line(str(reason), 200)
-            raise SceneError(f"base: the MuellerBase function {name} cannot be pickled: {said}") from reason
+            name, error = getattr(self.function, "__qualname__", repr(self.function)), put_in_one_line(str(reason), 200)
+            raise SceneError(f"base: the MuellerBase function {name} cannot be pickled: {error}") from reason
         return (MuellerBase, (self.function,))

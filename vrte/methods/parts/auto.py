@@ -55,12 +55,12 @@ RULES = (
 def choose_by_rule(request: Request) -> Request:
     """The request with the method that the table takes, its nodes where the rule finds them, and the rule in words."""
     index, rule = find_rule(request)
-    told = f"auto, rule {index + 1} ({rule.name}): {rule.why}"
+    rule_text = f"auto, rule {index + 1} ({rule.name}): {rule.why}"
     if rule.method != EXACT:
         nodes_rule = "of the quadrature of fluxes"
-        found = replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
+        found = replace(request, method=rule.method, method_rule=rule_text, nodes=NODES, nodes_rule=nodes_rule)
         return replace(found, given=frozenset())  # the rules have used them
-    return replace(request, method=rule.method, method_rule=told)
+    return replace(request, method=rule.method, method_rule=rule_text)
 
 
 def find_rule(request: Request) -> tuple[int, Rule]:

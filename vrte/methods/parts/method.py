@@ -112,28 +112,30 @@ class Task:
             lights = [Light(orders, np.array(ALL, np.int32), columns, kernels)]
         return fill_parts(self.target_of(problem, spread), lights, PROCESSOR, self.run)
 
-    def answer(self, parts: list[Array], fluxes: Fluxes, problem: Problem, **told: Any) -> Answer:
-        """The result: radiance of every part wanted, diffuse fluxes, and what is ``told`` of how they were
+    def answer(self, parts: list[Array], fluxes: Fluxes, problem: Problem, **diagnostics: Any) -> Answer:
+        """The result: radiance of every part wanted, diffuse fluxes, and ``diagnostics`` of how they were
         made."""
         diagnostics = {
             "method": self.request.method,
             "nodes": int(problem.nodes.size),
             "terms_cut": problem.terms_cut,
             "threads": self.run.threads,
-            **told,
+            **diagnostics,
             "stages": self.run.stages,
             "wall_seconds": time.perf_counter() - self.begin,
         }
         return self.mu, Solution(parts, *fluxes, diagnostics)
 
-    def answer_on_nodes(self, kernels: Array, fluxes: Fluxes, **told: Any) -> Answer:
+    def answer_on_nodes(self, kernels: Array, fluxes: Fluxes, **diagnostics: Any) -> Answer:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
         choice = take_given_nodes(self.request, self.problem.nodes.size)
         if "accuracy" in self.request.given:
-            told = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []} | told
+            promise = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []}
+            diagnostics = promise | diagnostics
         if choice.notes:
-            told |= {"promised": False, "notes": [*told.get("notes", ()), *choice.notes]}
-        return self.answer(self.sum_orders(self.problem, kernels), fluxes, self.problem, orders=len(kernels), **told)
+            diagnostics |= {"promised": False, "notes": [*diagnostics.get("notes", ()), *choice.notes]}
+        parts = self.sum_orders(self.problem, kernels)
+        return self.answer(parts, fluxes, self.problem, orders=len(kernels), **diagnostics)
 
 
 @dataclass(frozen=True)
@@ -221,9 +223,9 @@ class Method:
 
     def instead(self) -> str:
         """What it goes by in place of the options that it does not take."""
-        told = " and ".join(name for name in ("nodes", "accuracy", "truncation") if name in self.options)
+        options = " and ".join(name for name in ("nodes", "accuracy", "truncation") if name in self.options)
         own = f", and its settings {', '.join(self.settings)}" if self.settings else ""
-        return f"it goes by {told}{own}; leave that out, or ask for {EXACT!r} or 'auto'"
+        return f"it goes by {options}{own}; leave that out, or ask for {EXACT!r} or 'auto'"
 
     def obstacles(self, request: Request) -> list[str]:
         """What the request has and the method does not take, in words."""

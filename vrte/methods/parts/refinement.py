@@ -71,9 +71,9 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
     elif unseen > accuracy:
         notes.append(describe_unseen(unseen))
     rule = f"{first.nodes} nodes{graded}; difference to the count before, {', '.join(steps)}"
-    told = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
-    told |= {"notes": notes, "choosing_seconds": sum(spent[:-1])}
-    return mu, replace(found, diagnostics=found.diagnostics | told)
+    report = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
+    report |= {"notes": notes, "choosing_seconds": sum(spent[:-1])}
+    return mu, replace(found, diagnostics=found.diagnostics | report)
 
 
 def has_converged(differences: dict[int, float], unseen: float, accuracy: float) -> bool:
