@@ -113,8 +113,7 @@ class Task:
         return fill_parts(self.target_of(problem, spread), lights, PROCESSOR, self.run)
 
     def answer(self, parts: list[Array], fluxes: Fluxes, problem: Problem, **diagnostics: Any) -> Answer:
-        """The result: radiance of every part wanted, diffuse fluxes, and ``diagnostics`` of how they were
-        made."""
+        """The result: radiance of every part wanted, diffuse fluxes, and ``diagnostics`` of how they were made."""
         diagnostics = {
             "method": self.request.method,
             "nodes": int(problem.nodes.size),
