@@ -125,16 +125,20 @@ class Task:
         }
         return self.mu, Solution(parts, *fluxes, diagnostics)
 
-    def answer_on_nodes(self, kernels: Array, fluxes: Fluxes, **diagnostics: Any) -> Answer:
+    def answer_on_nodes(self, kernels: Array, fluxes: Fluxes, **facts: Any) -> Answer:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
         choice = take_given_nodes(self.request, self.problem.nodes.size)
         if "accuracy" in self.request.given:
-            promise = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []}
-            diagnostics = promise | diagnostics
+            facts = {
+                "accuracy": self.request.accuracy,
+                "nodes_rule": choice.rule,
+                "promised": True,
+                "notes": [],
+            } | facts
         if choice.notes:
-            diagnostics |= {"promised": False, "notes": [*diagnostics.get("notes", ()), *choice.notes]}
+            facts |= {"promised": False, "notes": [*facts.get("notes", ()), *choice.notes]}
         parts = self.sum_orders(self.problem, kernels)
-        return self.answer(parts, fluxes, self.problem, orders=len(kernels), **diagnostics)
+        return self.answer(parts, fluxes, self.problem, orders=len(kernels), **facts)
 
 
 @dataclass(frozen=True)
