@@ -129,16 +129,11 @@ class Task:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
         choice = take_given_nodes(self.request, self.problem.nodes.size)
         if "accuracy" in self.request.given:
-            facts = {
-                "accuracy": self.request.accuracy,
-                "nodes_rule": choice.rule,
-                "promised": True,
-                "notes": [],
-            } | facts
+            promise = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True}
+            facts = promise | {"notes": []} | facts
         if choice.notes:
             facts |= {"promised": False, "notes": [*facts.get("notes", ()), *choice.notes]}
-        parts = self.sum_orders(self.problem, kernels)
-        return self.answer(parts, fluxes, self.problem, orders=len(kernels), **facts)
+        return self.answer(self.sum_orders(self.problem, kernels), fluxes, self.problem, orders=len(kernels), **facts)
 
 
 @dataclass(frozen=True)
