@@ -4,20 +4,17 @@ import itertools
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.spherical_functions import find_gauss_legendre
 
-kept = lru_cache(maxsize=16)(find_gauss_legendre)
-
 
 def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:
     """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15); graded ones, mu =
     x^grading of Gauss's x, crowd at the horizon, where light varies as e^(-tau/mu) and mu log(mu)."""
-    x, weights = kept(nodes)
+    x, weights = find_gauss_legendre(nodes)
     x, weights = 0.5 * (x + 1.0), 0.5 * weights
     return (x, weights) if grading == 1 else (x**grading, weights * grading * x ** (grading - 1))
 

@@ -6,13 +6,15 @@ forward and backward scattering, where the textbook form loses l^2 of them.
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, make_readonly
 
 DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
+KEPT = 40_000  # doubles of functions that are kept for the next time, 16 times at most
 
 
 def compute_wigner_functions(
@@ -21,7 +23,26 @@ def compute_wigner_functions(
     """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees.
     ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). Pairs: (0, n), or (m, m) and (m, -m).
     Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
-    difference, behind = 1.0 - np.abs(cosine) if difference is None else difference, int(np.searchsorted(cosine, 0.0))
+    if terms > DEGREES_AT_ONCE or len(pairs) * terms * cosine.size > KEPT:
+        yield from _compute_blocks(pairs, terms, cosine, 1.0 - np.abs(cosine) if difference is None else difference)
+        return
+    gap = None if difference is None else difference.tobytes()
+    yield 0, _find_kept(tuple(pairs), terms, cosine.tobytes(), gap)
+
+
+@lru_cache(maxsize=16)
+def _find_kept(pairs: tuple[tuple[int, int], ...], terms: int, cosine: bytes, gap: bytes | None) -> Array:
+    """The one block of few terms and angles, which are often asked for again: at other wavelengths, say."""
+    at = np.frombuffer(cosine)
+    ((_, block),) = _compute_blocks(pairs, terms, at, 1.0 - np.abs(at) if gap is None else np.frombuffer(gap))
+    return make_readonly(block)
+
+
+def _compute_blocks(
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array
+) -> Iterator[tuple[int, Array]]:
+    """All blocks of degrees, worked out."""
+    behind = int(np.searchsorted(cosine, 0.0))
     gain, shift, memory = _find_recurrence(pairs, terms)
     step, change = np.zeros((2, len(pairs), cosine.size))
     now = np.zeros_like(step)
@@ -80,6 +101,7 @@ def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[
     np.multiply(sign, block[:, partners], out=block)
 
 
+@lru_cache(maxsize=32)
 def find_gauss_legendre(count: int) -> tuple[Array, Array]:
     """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit: Newton's method
     in the angle; general-purpose routines lose up to 1e-9 of the outermost weights, where a forward peak sits. Source:
@@ -99,7 +121,8 @@ def find_gauss_legendre(count: int) -> tuple[Array, Array]:
     if count % 2:
         nodes[-1] = 0.0
     inner = half - count % 2
-    return np.concatenate([0.0 - nodes, nodes[:inner][::-1]]), np.concatenate([weights, weights[:inner][::-1]])
+    both = np.concatenate([0.0 - nodes, nodes[:inner][::-1]]), np.concatenate([weights, weights[:inner][::-1]])
+    return make_readonly(both[0]), make_readonly(both[1])
 
 
 def _evaluate_legendre(degree: int, angle: Array) -> tuple[Array, Array]:

@@ -65,10 +65,12 @@ cdef void match_outside(
 def sphere_coefficients(const cplx[::1] relative_indices, const double[::1] sizes, const int[::1] orders):
     """a_n and b_n, (sizes, 2, orders) from n = 1, of spheres of size parameters `sizes`, 0 beyond the `orders` (sizes,)
     of each; Bohren and Huffman (4.88)."""
-    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, np.max(orders)), np.complex128)
-    cdef int k
+    cdef int k, most = np.max(orders)
+    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, most), np.complex128)
+    cdef cplx[:, ::1] slopes = np.empty((1, most + 1), np.complex128), gain = np.empty((0, most), np.complex128)
+    cdef double[::1] ratio = np.empty(most + 1)
     for k in range(<int>sizes.shape[0]):
-        find_sphere_coefficients(relative_indices[k], sizes[k], orders[k], found[k])
+        find_sphere_coefficients(relative_indices[k], sizes[k], orders[k], found[k], slopes[0], ratio, gain)
     return np.asarray(found)[:, 0]
 
 
@@ -76,17 +78,17 @@ def sphere_slopes(cplx relative_index, double size, int orders):
     """The same of one sphere and their derivatives with the relative index and with the size parameter,
     (3, 2, orders)."""
     cdef cplx[:, :, ::1] found = np.empty((3, 2, orders), np.complex128)
-    find_sphere_coefficients(relative_index, size, orders, found)
+    cdef cplx[:, ::1] slopes = np.empty((1, orders + 1), np.complex128), gain = np.empty((2, orders), np.complex128)
+    find_sphere_coefficients(relative_index, size, orders, found, slopes[0], np.empty(orders + 1), gain)
     return np.asarray(found)
 
 
-cdef void find_sphere_coefficients(cplx relative_index, double size, int orders, cplx[:, :, ::1] found):
-    """found (1 or 3, 2, orders or more). D' = n(n + 1)/z^2 - 1 - D^2, and what is the same on both sides of the surface
-    is left out of the difference."""
+cdef void find_sphere_coefficients(cplx relative_index, double size, int orders, cplx[:, :, ::1] found,
+                                   cplx[::1] slope, double[::1] ratio, cplx[:, ::1] gain):
+    """found (1 or 3, 2, orders or more); scratch slope and ratio (orders + 1 or more,), gain (0, or 2 for slopes,
+    orders or more). D' = n(n + 1)/z^2 - 1 - D^2, and what is the same on both sides of the surface is left out of the
+    difference."""
     cdef bint with_slopes = found.shape[0] > 1
-    cdef cplx[::1] slope = np.empty(orders + 1, np.complex128)
-    cdef double[::1] ratio = np.empty(orders + 1)
-    cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
     cdef cplx z = times(relative_index, make(size, 0.0)), square = times(relative_index, relative_index), d, dz
     cdef double bend
     cdef int n
@@ -131,10 +133,13 @@ def coated_sphere_coefficients(const cplx[::1] core_indices, const cplx[::1] she
                                const double[::1] core_sizes, const double[::1] sizes, const int[::1] orders):
     """a_n and b_n, (sizes, 2, orders) from n = 1, of cores in shells, `sizes` the size parameters of the whole and both
     indices relative to the host's, 0 beyond the `orders` (sizes,) of each; Bohren and Huffman (8.2)."""
-    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, np.max(orders)), np.complex128)
-    cdef int k
+    cdef int k, most = np.max(orders)
+    cdef cplx[:, :, :, ::1] found = np.zeros((sizes.shape[0], 1, 2, most), np.complex128)
+    cdef cplx[:, ::1] slopes = np.empty((3, most + 1), np.complex128), gain = np.empty((0, most), np.complex128)
+    cdef double[::1] ratio = np.empty(most + 1)
     for k in range(<int>sizes.shape[0]):
-        find_coated_coefficients(core_indices[k], shell_indices[k], core_sizes[k], sizes[k], orders[k], found[k])
+        find_coated_coefficients(core_indices[k], shell_indices[k], core_sizes[k], sizes[k], orders[k], found[k],
+                                 slopes, ratio, gain)
     return np.asarray(found)[:, 0]
 
 
@@ -142,7 +147,9 @@ def coated_sphere_slopes(cplx core_index, cplx shell_index, double core_size, do
     """The same of one sphere and their derivatives with the core's index, the shell's, the core's size and the whole
     one, (5, 2, orders)."""
     cdef cplx[:, :, ::1] found = np.empty((5, 2, orders), np.complex128)
-    find_coated_coefficients(core_index, shell_index, core_size, size, orders, found)
+    cdef cplx[:, ::1] slopes = np.empty((3, orders + 1), np.complex128), gain = np.empty((2, orders), np.complex128)
+    find_coated_coefficients(core_index, shell_index, core_size, size, orders, found, slopes, np.empty(orders + 1),
+                             gain)
     return np.asarray(found)
 
 
@@ -152,9 +159,11 @@ cdef inline cplx bend_slope(int n, cplx z, cplx slope) noexcept nogil:
 
 
 cdef void find_coated_coefficients(
-    cplx core_index, cplx shell_index, double core_size, double size, int orders, cplx[:, :, ::1] found
+    cplx core_index, cplx shell_index, double core_size, double size, int orders, cplx[:, :, ::1] found,
+    cplx[:, ::1] slopes, double[::1] ratio, cplx[:, ::1] gain
 ):
-    """found (1 or 5, 2, orders or more).
+    """found (1 or 5, 2, orders or more); scratch as for `find_sphere_coefficients`: slopes of the core, of the shell
+    inside and outside.
 
     In the shell the field is u = A psi_n + B xi_n; A and B are Wronskians of u at the core with xi_n and psi_n there,
     which lose nothing where a function has a zero or the shell is thin. Both are kept without the exponential growth
@@ -162,9 +171,6 @@ cdef void find_coated_coefficients(
     core, and u'/u outside changes by 1/u^2 times what it changes by there.
     """
     cdef bint with_slopes = found.shape[0] > 1
-    cdef cplx[:, ::1] slopes = np.empty((3, orders + 1), np.complex128)   # core; shell inside, outside
-    cdef double[::1] ratio = np.empty(orders + 1)
-    cdef cplx[:, ::1] gain = np.empty((2 if with_slopes else 0, orders), np.complex128)
     cdef cplx core = times(core_index, make(core_size, 0.0))
     cdef Waves inside = begin_waves(times(shell_index, make(core_size, 0.0)))
     cdef Waves outside = begin_waves(times(shell_index, make(size, 0.0)))

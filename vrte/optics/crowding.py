@@ -23,6 +23,7 @@ from vrte.optics.populations import (
     expand_elements,
     find_amplitudes,
     make_phase_matrix,
+    stack_rows,
     sum_amplitudes,
     sum_bulk,
 )
@@ -113,14 +114,12 @@ def _expand_until_converged(population: Population, volume_fraction: float) -> t
 
 def _join_populations(populations: Sequence[Population], shares: Sequence[float]) -> Population:
     """Spheres of several kinds as one population; the sum of shares is 1."""
-    orders = max(one.a.shape[1] for one in populations)
     weights = np.concatenate([share * one.weights for one, share in zip(populations, shares, strict=True)])
     radii, sizes = (np.concatenate([getattr(one, name) for one in populations]) for name in ("radii", "sizes"))
-    a, b = (
-        np.concatenate([np.pad(table, ((0, 0), (0, orders - table.shape[1]))) for table in tables])
-        for tables in ([one.a for one in populations], [one.b for one in populations])
+    names = "a", "b", "cross_sections"
+    return Population(
+        radii, sizes, weights, *(stack_rows([getattr(one, name) for one in populations]) for name in names)
     )
-    return Population(radii, sizes, weights, a, b)
 
 
 def scatter_in_medium(

