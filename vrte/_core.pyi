@@ -44,6 +44,18 @@ def legendre_matrices(functions: Array) -> Array: ...
 def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array: ...
 def series_table(coefficients: Array, apiece: int = ...) -> Array: ...
 def sum_elements(table: Array, cosine: Array) -> Array: ...
+def balance_flux(
+    *,
+    stokes: int,
+    coefficients: Array,
+    albedo: Array,
+    directions: Array,
+    weights: Array,
+    n_out: int,
+    E: Array,
+    G_E: Array,
+    source_d: Array,
+) -> None: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
 def facet_orders(
     crew: ThreadTeam,
@@ -111,8 +123,10 @@ def fused_modes(
     crew: ThreadTeam,
     *,
     slab_stack: IntArray,
+    twin: IntArray,
     n_up: int,
     conserving: bool,
+    balanced: bool,
     quick: bool,
     clear: bool,
     clear_layers: IntArray,
@@ -121,9 +135,13 @@ def fused_modes(
     base: Array,
     base_source: Array,
     base_out: Array,
+    top_row: IntArray,
+    top: Array,
+    sent: Array,
     flip: Array,
     level: Array,
     level_layer: IntArray,
+    rising: Array,
     spent: Array,
     flux: Array,
     missed: IntArray,
@@ -181,8 +199,9 @@ class Stages(Protocol):
         zeta: Array) -> None: ...
     def boundary(self, crew: ThreadTeam, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
         clear: IntArray, thickness: Array, mu0: Array, above: Array, base_row: IntArray, base: Array,
-        base_source: Array, top: Array, even: Array, odd: Array, base_down: Array, decaying: IntArray, residual: Array,
-        info: IntArray, slab_stack: IntArray | None = ...) -> None: ...
+        base_source: Array, top_row: IntArray, top: Array, sent: Array, even: Array, odd: Array, base_down: Array,
+        rising: Array, decaying: IntArray, residual: Array, info: IntArray,
+        slab_stack: IntArray | None = ...) -> None: ...
     def reconstruct(self, crew: ThreadTeam, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
         c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, decaying: IntArray, base_row: IntArray,
         base_out: Array, thickness: Array, above: Array, mu0: Array, mu_out: Array, n_up: int, level: Array,

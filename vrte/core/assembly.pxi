@@ -81,3 +81,61 @@ cdef int assemble_one(const void* task, int item, Workspace desk) noexcept nogil
         E[j] += 1.0 / directions[i // stokes]
         F[j] += 1.0 / directions[i // stokes]
     return 0
+
+
+def balance_flux(*, int stokes, const double[:, :, ::1] coefficients, const double[::1] albedo,
+                 const double[::1] directions, const double[::1] weights, int n_out, double[:, :, ::1] E,
+                 double[:, :, ::1] G_E, double[:, :, ::1] source_d):
+    """What `balance_one` does to every layer of order 0, (layer, ...) as of `assemble`."""
+    cdef int n_layer = <int>E.shape[0], n_node = <int>weights.shape[0], layer
+    cdef int n_in = <int>directions.shape[0] - n_node - n_out
+    cdef double[::1] work = np.empty(3 * stokes * n_node)
+    cdef Assembly task = Assembly(
+        n_layer, <int>coefficients.shape[1], n_node, n_out, n_in, stokes, NULL, NULL, NULL, NULL,
+        &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0], NULL, &G_E[0, 0, 0], NULL, NULL,
+        &source_d[0, 0, 0])
+    for layer in range(n_layer):
+        balance_one(&task, layer, layer, &work[0])
+
+
+cdef void balance_one(const Assembly* a, int item, int layer, doubles work) noexcept nogil:
+    """On nodes that are not Gauss's, order 0 as if Legendre functions of even degree were what these integrate exactly
+    (`find_even_shifts` of orders/phase_assembly.py): the rows and columns of I lose what the nodes get wrong of the
+    flux of light scattered once."""
+    cdef int n = a.n_node * a.stokes, out = a.stokes * a.n_out, into = a.stokes * a.n_in, s = a.stokes, i, j
+    cdef doubles E = a.E + <size_t>item * n * n, G = a.G_E + <size_t>item * n * out
+    cdef doubles source = a.source_d + <size_t>item * into * n
+    # the flux, what even light sends out, what E gets wrong
+    cdef doubles null = work, unit = null + n, wrong = unit + n
+    cdef double total = 0.0, largest = 0.0, lost, each
+    cdef double albedo = a.albedo[layer] * a.coefficients[<size_t>6 * a.n_term * layer]      # a1[0]: 1 but of changes
+    for i in range(a.n_node):
+        total += a.weights[i]
+    each = 1.0 / total
+    set_zero(2 * n, null)                                                       # and unit
+    for i in range(a.n_node):
+        null[i * s], unit[i * s] = sqrt(a.weights[i] * a.directions[i]), sqrt(a.weights[i] / a.directions[i]) / total
+    for j in range(n):
+        wrong[j] = null[j] / a.directions[j // s] - albedo * total * unit[j]
+        for i in range(a.n_node):
+            wrong[j] -= E[<size_t>j * n + i * s] * null[i * s]
+        largest += wrong[j] * null[j]
+    for j in range(n):
+        for i in range(n):
+            E[<size_t>j * n + i] += wrong[j] * unit[i] + unit[j] * (wrong[i] - largest * unit[i])
+    for j in range(out):
+        lost = -albedo if j % s == 0 else 0.0
+        for i in range(a.n_node):
+            lost += null[i * s] * G[<size_t>i * s * out + j]
+        for i in range(n):
+            G[<size_t>i * out + j] -= unit[i] * lost
+            if j % s == 0:
+                G[<size_t>i * out + j] -= each * (wrong[i] - largest * unit[i])
+    for j in range(into):
+        lost = -albedo if j % s == 0 else 0.0
+        for i in range(a.n_node):
+            lost += null[i * s] * source[<size_t>j * n + i * s]
+        for i in range(n):
+            source[<size_t>j * n + i] -= lost * unit[i]
+            if j % s == 0:
+                source[<size_t>j * n + i] -= each * (wrong[i] - largest * unit[i])

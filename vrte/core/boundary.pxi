@@ -63,10 +63,11 @@ cdef struct Boundary:
     given_ints clear, slab_stack
     given thickness, mu0, above
     given_ints base_row
-    given base, base_source, top
-    int stokes
-    bint topped
-    doubles even, odd, base_down
+    given base, base_source
+    given_ints top_row
+    given top, sent
+    int block
+    doubles even, odd, base_down, rising
     ints decaying
     doubles residual
 
@@ -75,17 +76,21 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
              const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
              const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
              const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-             const double[:, :, ::1] top, double[:, :, :, ::1] even, double[:, :, :, ::1] odd,
-             double[:, :, ::1] base_down, int[:, ::1] decaying, double[:, ::1] residual, int[::1] info,
+             const int[::1] top_row, const double[:, :, :, ::1] top, const double[:, :, ::1] sent,
+             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down,
+             double[:, :, ::1] rising, int[:, ::1] decaying, double[:, ::1] residual, int[::1] info,
              const int[::1] slab_stack=None):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
     depth of each layer's top; base_row (order,): the row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of
     that order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped.
-    top (N, S, S): what an interface above the layers sends back down along each node, of no nodes where there is none.
-    even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base;
-    decaying (order, layer): whether every mode of a layer decays, which is decided here and says what its amplitudes
+    top_row (order,): the row of `top` (row, block, b, b), what an interface above the layers reflects back down, or -1
+    for none: blocks of n elements together, row by row each, S x S along each node or one n x n; sent (order, n_rhs,
+    n): what it sends down of beams that no layer then meets, of no orders where beams go through.
+    even, odd (order, layer, n_rhs, n); base_down, rising (order, n_rhs, n): the scaled diffuse field that falls on the
+    base and, of no orders but with `sent`, that comes up to the top; decaying (order, layer): whether every mode of a
+    layer decays, which is decided here and says what its amplitudes
     are of; residual (order, layer): of the linear systems, relative. stack: as of `assemble`.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
@@ -93,11 +98,10 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
         n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
         &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], NULL,
         &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
-        &base_source[0, 0, 0], NULL, <int>top.shape[2], top.shape[0] > 0,
-        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &decaying[0, 0],
-        &residual[0, 0])
-    if task.topped:
-        task.top = &top[0, 0, 0]
+        &base_source[0, 0, 0], &top_row[0], &top[0, 0, 0, 0], NULL, <int>top.shape[3],
+        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], NULL, &decaying[0, 0], &residual[0, 0])
+    if sent.shape[0] > 0:
+        task.sent, task.rising = &sent[0, 0, 0], &rising[0, 0, 0]
     if slab_stack is not None:
         task.slab_stack = &slab_stack[0]
     run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n,
@@ -134,7 +138,7 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
     cdef int first = first_layer(t.slab_stack, n_layer, item), last = first + n_layer - 1
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
-    cdef bint joined = n_layer > 1 or row >= 0 or t.topped
+    cdef bint topped = t.top_row[item] >= 0, joined = n_layer > 1 or row >= 0 or topped
     cdef double missing = 0.0
     cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n
     cdef doubles below = scratch + 3 * nn + 8 * n, up = below + nn
@@ -154,7 +158,7 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     set_zero(nn + nr, below)                                                    # and up
     if row >= 0:
         copy(nn, t.base + row * nn, below)
-        for i in range(nr):
+        for i in range(nr if t.sent == NULL else 0):
             up[i] = t.base_source[row * nr + i] * exp(
                 -(t.above[last] + t.thickness[last]) / t.mu0[i // (slab.per_beam * <size_t>n)])
     for layer in range(n_layer - 1 if joined else -1, -1, -1):
@@ -166,10 +170,16 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
         if info != 0:
             return info
     set_zero(nr, down)
-    if t.topped:
-        info = send_back(t, below, up, down, pivots_below, scratch, spare, &missing)
+    if topped:
+        if t.sent != NULL:
+            copy(nr, t.sent + item * nr, down)
+        info = send_back(t, t.top + t.top_row[item] * <size_t>n * t.block, below, up, down, pivots_below, scratch,
+                         spare, &missing)
         if info != 0:
             return info
+        if t.sent != NULL:
+            copy(nr, up, t.rising + item * nr)
+            multiply(n, n_rhs, n, 1.0, below, down, 1.0, t.rising + item * nr)
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
         if joined:          # up = G (T down + emitted) + g at the layer's bottom
@@ -193,32 +203,20 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     return 0
 
 
-cdef int send_back(const Boundary* t, given below, given up, doubles down, ints pivots, doubles scratch, doubles spare,
-                   double* missing) noexcept nogil:
-    """down = (1 - top below)^-1 top up: what the interface above sends back of the light that comes out; missing: the
-    relative residual."""
-    cdef int n = t.n, stokes = t.stokes, i, j, a, b, info
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, k
+cdef int send_back(const Boundary* t, given top, given below, given up, doubles down, ints pivots, doubles scratch,
+                   doubles spare, double* missing) noexcept nogil:
+    """down <- (1 - top below)^-1 (top up + down): what the interface above sends down beside what it sends back of the
+    light that comes out; missing: the relative residual."""
+    cdef int n = t.n, b = t.block, i, k, info
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs
     cdef doubles kept = scratch + nn
-    cdef given block
     cdef double largest
-    for j in range(n):
-        for i in range(n // stokes):
-            block = t.top + i * stokes * stokes
-            for a in range(stokes):
-                k = <size_t>j * n + i * stokes + a
-                scratch[k] = 0.0
-                for b in range(stokes):
-                    scratch[k] -= block[a * stokes + b] * below[<size_t>j * n + i * stokes + b]
-        scratch[<size_t>j * n + j] += 1.0
-    for j in range(t.n_rhs):
-        for i in range(n // stokes):
-            block = t.top + i * stokes * stokes
-            for a in range(stokes):
-                k = <size_t>j * n + i * stokes + a
-                down[k] = 0.0
-                for b in range(stokes):
-                    down[k] += block[a * stokes + b] * up[<size_t>j * n + i * stokes + b]
+    for k in range(n // b):
+        i = k * b
+        product(b"T", b"N", b, n, b, -1.0, top + <size_t>i * b, b, below + i, n, 0.0, scratch + i, n)
+        product(b"T", b"N", b, t.n_rhs, b, 1.0, top + <size_t>i * b, b, up + i, n, 1.0, down + i, n)
+    for i in range(n):
+        scratch[<size_t>i * n + i] += 1.0
     copy(nn, scratch, kept)
     copy(nr, down, spare)
     info = factorise(n, scratch, n, pivots)

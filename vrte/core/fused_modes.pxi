@@ -8,7 +8,8 @@ cdef struct FusedModes:
     Boundary boundary
     Reconstruction reconstruction
     given flip
-    given_ints slab_stack
+    given_ints slab_stack, twin
+    bint balanced
     doubles spent, flux, light
     ints missed
 
@@ -17,24 +18,28 @@ def fused_modes_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
     """Doubles of one thread of `fused_modes`: an order's matrices, modes and amplitudes, then the scratch memory of any
     stage."""
     each = n_layer * n * (5 * n + 2 * rows + 2 * into + 2 + 4 * n_rhs) + n_rhs * n
-    return each + max(assembly_work(n_all, n_term, stokes), homogeneous_work(n), 2 * n * into + 4 * n,
+    return each + max(3 * n, assembly_work(n_all, n_term, stokes), homogeneous_work(n), 2 * n * into + 4 * n,
                       boundary_work(n, n_layer, n_rhs), reconstruction_work(n, rows, n_rhs, n_layer),
                       flux_work(n, n_rhs))
 
 
-def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const int[::1] members,
+def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const int[::1] twin, const int[::1] members,
                   const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
                   const double[::1] directions, const double[::1] weights, int n_up, int n_out,
-                  const double[:, ::1] columns, bint conserving, bint quick, bint clear,
+                  const double[:, ::1] columns, bint conserving, bint balanced, bint quick, bint clear,
                   const int[::1] clear_layers, const double[::1] thickness, const double[::1] above,
                   const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-                  const double[:, :, ::1] base_out, const double[::1] flip, const double[::1] level,
-                  const int[::1] level_layer, double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed,
-                  double[:, :, :, ::1] flux, double[:, :, :, ::1] out):
+                  const double[:, :, ::1] base_out, const int[::1] top_row,
+                  const double[:, :, :, ::1] top, const double[:, :, ::1] sent, const double[::1] flip,
+                  const double[::1] level, const int[::1] level_layer, double[:, :, ::1] rising,
+                  double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed, double[:, :, :, ::1] flux,
+                  double[:, :, :, ::1] out):
     """`assemble`, `homogeneous`, `particular`, `boundary`, `reconstruct` and `nodal_fluxes` of every order of one or
     more scenes, one order of one scene an item.
 
-    Arguments are those of the stages; slab_stack (item,): the scene of each of `orders`; flip (S,): D of (1:11).
+    Arguments are those of the stages; slab_stack (item,): the scene of each of `orders`; twin (layer,): of each layer
+    of a scene the first that is made of the same; balanced: whether order 0 is balanced on nodes that are not Gauss's;
+    sent, rising (item, n_rhs, n), of no items where beams go through what lies above; flip (S,): D of (1:11).
     residual (2, item, layer): of the modes, of the boundary; spent (item, 5): seconds of each stage; missed (item, 2):
     the stage that failed, 1 or 3, 0 for none, and its layer; flux (item, 2, n_tau, n_rhs): up and down, of order 0
     alone where it is conserved; out (item, n_tau, n_rhs, S n_out): radiance for a unit beam in the public frame.
@@ -44,9 +49,9 @@ def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const
     cdef int n_rhs = n_in * <int>columns.shape[0], n_term = <int>coefficients.shape[1], rows = stokes * n_out
     cdef FusedModes t
     cdef given mu0 = &directions[0] + n_node + n_out
-    t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in, stokes, &orders[0], &members[0], &terms[0],
-                          &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], NULL, NULL,
-                          NULL, NULL, NULL, NULL)
+    t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in if sent.shape[0] == 0 else 0, stokes, &orders[0],
+                          &members[0], &terms[0], &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0],
+                          &weights[0], NULL, NULL, NULL, NULL, NULL, NULL)
     t.homogeneous = Homogeneous(Nodes(n, stokes, &directions[0], &weights[0]), n_layer, conserving, quick, clear,
                                 &orders[0], &slab_stack[0], &albedo[0], NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL,
                                 &residual[0, 0, 0])
@@ -54,13 +59,16 @@ def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const
                               NULL, NULL, NULL, NULL, NULL, NULL)
     t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0],
                           &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0],
-                          &base_source[0, 0, 0], NULL, stokes, False, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
+                          &base_source[0, 0, 0], &top_row[0], &top[0, 0, 0, 0], NULL,
+                          <int>top.shape[3], NULL, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
+    if sent.shape[0] > 0:
+        t.boundary.sent, t.boundary.rising = &sent[0, 0, 0], &rising[0, 0, 0]
     t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level_layer.shape[0], NULL,
                                       NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
                                       &slab_stack[0], &base_out[0, 0, 0], &thickness[0], &above[0], mu0,
                                       &directions[0] + n_node, &level[0], &level_layer[0], NULL)
     t.light, t.flux, t.spent, t.missed = &out[0, 0, 0, 0], &flux[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
-    t.flip, t.slab_stack = &flip[0], &slab_stack[0]
+    t.flip, t.slab_stack, t.twin, t.balanced = &flip[0], &slab_stack[0], &twin[0], balanced
     run_items(crew, fused_modes_one, &t, <int>orders.shape[0],
               fused_modes_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes),
               (n_layer + 6) * n + 8 + (2 * n_layer + 1) * n + n_layer, NULL)
@@ -74,8 +82,8 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     cdef Particular p = t.particular
     cdef Boundary b = t.boundary
     cdef Reconstruction r = t.reconstruction
-    cdef int n = b.n, n_layer = b.n_layer, layer, stage, k, o, s, info, up = r.n_up
-    cdef size_t L = n_layer, nn = <size_t>n * n, rows = <size_t>r.stokes * r.n_out, into = <size_t>r.stokes * r.n_in
+    cdef int n = b.n, n_layer = b.n_layer, layer, stage, o, s, up = r.n_up
+    cdef size_t L = n_layer, nn = <size_t>n * n, rows = <size_t>r.stokes * r.n_out, into = <size_t>r.stokes * a.n_in
     cdef size_t nr = <size_t>n * b.n_rhs, light = <size_t>r.n_level * b.n_rhs * rows, i
     cdef size_t fluxes = <size_t>2 * r.n_level * b.n_rhs
     cdef doubles memory = desk.work
@@ -103,7 +111,10 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     p.F, p.source_s, p.source_d, p.X_lu, p.X_pivots = a.F, a.source_s, a.source_d, h.X_lu, h.X_pivots
     p.lam_re, p.lam_im, p.X, p.Y = h.lam_re, h.lam_im, h.X, h.Y
     b.lam_re, b.lam_im, b.X, b.Y, b.c, b.zeta = h.lam_re, h.lam_im, h.X, h.Y, p.c, p.zeta
-    b.base_row, b.residual = b.base_row + item, b.residual + item * n_layer
+    b.base_row, b.top_row, b.residual = b.base_row + item, b.top_row + item, b.residual + item * n_layer
+    if b.sent != NULL:
+        b.sent, b.rising = b.sent + item * nr, b.rising + item * nr
+        set_zero(2 * L * nr, p.c)                                               # and zeta
     r.G_E, r.G_F, r.lam_re, r.lam_im, r.X, r.Y = a.G_E, a.G_F, h.lam_re, h.lam_im, h.X, h.Y
     r.c, r.zeta, r.even, r.odd, r.base_down, r.decaying = p.c, p.zeta, b.even, b.odd, b.base_down, b.decaying
     r.base_row, r.out = b.base_row, to
@@ -113,13 +124,20 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
             if boundary_one(&b, 0, own) != 0:
                 missed[0] = 3
         elif stage == 4:
-            reconstruct_one(&r, 0, own)
+            if rows > 0:
+                reconstruct_one(&r, 0, own)
         else:
             for layer in range(n_layer):
-                if stage == 0:
+                if t.twin[layer] < layer:
+                    if stage == 2:
+                        copy_twin(t.twin[layer], layer, n, nr, n * rows, &a, &h, &p)
+                elif stage == 0:
                     assemble_one(&a, layer, own)
+                    if t.balanced and h.conserving and h.orders[0] == 0:
+                        balance_one(&a, layer, first_layer(h.slab_stack, n_layer, 0) + layer, own.work)
                 elif stage == 2:
-                    particular_one(&p, layer, own)
+                    if b.sent == NULL:
+                        particular_one(&p, layer, own)
                 elif homogeneous_one(&h, layer, own) != 0:
                     missed[0], missed[1] = 1, layer
                     break
@@ -136,3 +154,17 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
                 to[0] = to[0] * (t.flip[s] if o < up else 1.0) / (2.0 * PI)
                 to += 1
     return 0
+
+
+cdef void copy_twin(int first, int layer, int n, size_t nr, size_t room, const Assembly* a, const Homogeneous* h,
+                    const Particular* p) noexcept nogil:
+    """What the stages before `boundary` found of a layer, for a later one that is made of the same."""
+    cdef size_t nn = <size_t>n * n
+    copy(room, a.G_E + first * room, a.G_E + layer * room)
+    copy(room, a.G_F + first * room, a.G_F + layer * room)
+    copy(n, h.lam_re + <size_t>first * n, h.lam_re + <size_t>layer * n)
+    copy(n, h.lam_im + <size_t>first * n, h.lam_im + <size_t>layer * n)
+    copy(nn, h.X + first * nn, h.X + layer * nn)
+    copy(nn, h.Y + first * nn, h.Y + layer * nn)
+    copy(nr, p.c + first * nr, p.c + layer * nr)
+    copy(nr, p.zeta + first * nr, p.zeta + layer * nr)

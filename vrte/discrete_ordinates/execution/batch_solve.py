@@ -73,7 +73,8 @@ def solve_stokes(alike: Alike, stokes: tuple[int, ...], wanted: BoolArray, found
     seen = (orders == 0) & (alike.even[slab_stack] > 0.0) & problem.conserves
     rows = np.where(seen, slab_stack, -1).astype(np.int32)
     quick = is_quick_on(alike.nodes.size, alike.request.accuracy)
-    here = run_fused_modes(problem, orders, slab_stack, make_base(alike, problem), rows, quick, run)
+    alone = np.arange(alike.albedo.shape[1], dtype=np.int32)
+    here = run_fused_modes(problem, orders, slab_stack, make_base(alike, problem), rows, quick, run, alone)
     for name, residual in zip(("residual_of_modes", "residual_of_boundary"), here.residual, strict=True):
         np.maximum.at(found.residuals[name], slab_stack, residual.max(axis=1))
     found.right[slab_stack[here.missed[:, 0] != 0]] = False

@@ -15,30 +15,52 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); decaying (order, layer): every mode decays,
-    and amplitudes are of what decays from the top and from the bottom; residual (order, layer)."""
+    """even, odd (order, layer, n_rhs, n); base_down, rising (order, n_rhs, n): light that falls on the base, and, where
+    a top sends light down, that comes up to it; decaying (order, layer): every mode decays, and amplitudes are of what
+    decays from the top and from the bottom; residual (order, layer)."""
 
     even: Array
     odd: Array
     base_down: Array
+    rising: Array
     decaying: IntArray
     residual: Array
 
 
-NO_SURFACE = np.zeros((0, 1, 1))
+@dataclass(frozen=True, eq=False)
+class Top:
+    """An interface above the layers, in the scaled and flipped frame: row (order,), of `reflection` (row, block, b, b),
+    which light coming up goes down again by, S x S along each node or n x n; sent (order, n_rhs, n): light on the nodes
+    that it makes of beams, which then meet no layer; of no orders where they go through. Rows and orders by number."""
+
+    row: IntArray
+    reflection: Array
+    sent: Array
+
+    def rows_of(self, orders: IntArray) -> IntArray:
+        """The row of each of the orders (order,), -1 where nothing lies above."""
+        return self.row[orders] if self.row.size else np.full(orders.size, -1, np.int32)
+
+    def sent_in(self, orders: IntArray) -> Array:
+        """The light sent down in each of the orders."""
+        return self.sent[orders] if self.sent.size else self.sent
+
+
+OPEN = Top(np.zeros(0, np.int32), np.zeros((1, 1, 1, 1)), np.zeros((0, 1, 1)))  # nothing above the layers
 
 
 def solve_boundary(
-    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run, top: Array = NO_SURFACE
+    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run, top: Top = OPEN
 ) -> Amplitudes:
-    """Solves the boundary systems of every order; ``top`` (N, S, S): what an interface above sends back down along each
-    node. Raises AccuracyError where one is singular."""
+    """Solves the boundary systems of every order, ``top`` above the layers. Raises AccuracyError where one is
+    singular."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
-    shape = (orders.size, n_layer, n_rhs, n)
+    shape, sent = (orders.size, n_layer, n_rhs, n), top.sent_in(orders)
     result = Amplitudes(
         even=np.empty(shape),
         odd=np.empty(shape),
         base_down=np.empty((orders.size, n_rhs, n)),
+        rising=np.empty(sent.shape),
         decaying=np.empty((orders.size, n_layer), np.int32),
         residual=np.zeros((orders.size, n_layer)),
     )
@@ -59,10 +81,13 @@ def solve_boundary(
             base_row=base.row[orders],
             base=base.matrix,
             base_source=base.source,
-            top=top,
+            top_row=top.rows_of(orders),
+            top=top.reflection,
+            sent=sent,
             even=result.even,
             odd=result.odd,
             base_down=result.base_down,
+            rising=result.rising,
             decaying=result.decaying,
             residual=result.residual,
             info=info,

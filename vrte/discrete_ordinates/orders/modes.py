@@ -7,13 +7,8 @@ from vrte.basics.arrays import IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.boundary import solve_boundary
-from vrte.discrete_ordinates.orders.fused_modes import solve_fused_modes
-from vrte.discrete_ordinates.orders.homogeneous import find_modes
-from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
-from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.boundary import Boundary
@@ -45,7 +40,6 @@ class Modes:
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
-        self.distinct, self.kinds = merge_materials(problem)
         self.quick = is_quick(problem, accuracy)
 
     def chunk(self, threads: int) -> int:
@@ -54,20 +48,7 @@ class Modes:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        if run.threads == 1 and run.kernels is _core and self.kinds is None and self.problem.is_exact:
-            return solve_fused_modes(self.problem, orders, self.base, self.quick, run)
-        matrices = assemble(self.distinct, orders, run)
-        modes = find_modes(self.distinct, orders, matrices, run, self.quick)
-        beam = find_beam_field(self.distinct, matrices, modes, run)
-        if self.kinds is not None:
-            matrices, modes, beam = copy_to_layers(self.kinds, matrices, modes, beam)
-        amplitudes = solve_boundary(self.problem, orders, modes, beam, self.base, run)
-        kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
-        residuals = {
-            "residual_of_modes": modes.residual.max(axis=1),
-            "residual_of_boundary": amplitudes.residual.max(axis=1),
-        }
-        return Orders(kernels, *find_nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
+        return solve_by_modes(self.problem, orders, self.base, self.quick, run)[0]
 
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:

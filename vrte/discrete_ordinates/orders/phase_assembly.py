@@ -61,24 +61,14 @@ def find_even_shifts(problem: Problem, terms: int) -> Array:
 def balance_flux(problem: Problem, matrices: Assembled, order: int) -> None:
     """Puts the shifts of `find_even_shifts` into order 0: the rows and columns of I lose what the nodes get wrong of
     the flux of light scattered once."""
-    stokes = len(problem.stokes)
-    root = np.sqrt(problem.weights / problem.nodes)
-    null, unit = np.zeros(problem.size), np.zeros(problem.size)
-    null[::stokes], unit[::stokes] = np.sqrt(problem.weights * problem.nodes), root
-    total = float(problem.weights.sum())
-    unit /= total
-    out, into = np.zeros(problem.rows_out), np.zeros(stokes * problem.mu0.size)
-    out[::stokes] = into[::stokes] = 1.0 / total
-    for layer, albedo in enumerate(
-        (problem.albedo * problem.coefficients[:, 0, 0]).tolist()
-    ):  # a1[0] is 1 but of changes
-        E, G, source = matrices.E[order, layer], matrices.G_E[order, layer], matrices.source_d[order, layer]
-        scattered = -E
-        scattered[np.arange(problem.size), np.arange(problem.size)] += np.repeat(1.0 / problem.nodes, stokes)
-        wrong = scattered @ null - albedo * total * unit
-        largest = float(wrong @ null)
-        E += np.outer(wrong, unit) + np.outer(unit, wrong) - largest * np.outer(unit, unit)
-        wrong_out = null @ G - albedo * total * out
-        G -= np.outer(unit, wrong_out) + np.outer(wrong, out) - largest * np.outer(unit, out)
-        wrong_in = source @ null - albedo * total * into
-        source -= np.outer(wrong_in, unit) + np.outer(into, wrong) - largest * np.outer(into, unit)
+    _core.balance_flux(
+        stokes=len(problem.stokes),
+        coefficients=problem.coefficients,
+        albedo=problem.albedo,
+        directions=problem.directions,
+        weights=problem.weights,
+        n_out=problem.mu_out.size,
+        E=matrices.E[order],
+        G_E=matrices.G_E[order],
+        source_d=matrices.source_d[order],
+    )

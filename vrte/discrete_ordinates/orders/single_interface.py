@@ -10,15 +10,11 @@ from vrte.basics.memory import count_orders_at_once
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
-from vrte.discrete_ordinates.orders.boundary import solve_boundary
-from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.boundary import OPEN, Top
+from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.modes import Modes
-from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
-from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
-from vrte.discrete_ordinates.orders.slabs import merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
@@ -71,9 +67,9 @@ class SingleInterface:
         self.back = FLIP[:, None] * along.below[0]
         self.back = self.back[:, members[0], members[1]]
         back = (FLIP[:, None] * on_nodes.below[0])[-nodes.size :, members[0], members[1]]
-        self.top = np.ascontiguousarray(back * problem.flip)
+        back = np.ascontiguousarray(back * problem.flip)[None]
+        self.top = Top(np.zeros(n_order, np.int32), back, OPEN.sent)
         self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
-        self.distinct, self.kinds = merge_materials(self.inside)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -81,23 +77,12 @@ class SingleInterface:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        inside = self.inside
-        matrices = assemble(self.distinct, orders, run)
-        modes = find_modes(self.distinct, orders, matrices, run, self.quick)
-        beam = find_beam_field(self.distinct, matrices, modes, run)
-        if self.kinds is not None:
-            matrices, modes, beam = copy_to_layers(self.kinds, matrices, modes, beam)
-        amplitudes = solve_boundary(inside, orders, modes, beam, self.base, run, self.top)
-        kernels = reconstruct(inside, orders, matrices, modes, beam, amplitudes, self.base, run)
-        fluxes = np.stack(find_nodal_fluxes(inside, orders, modes, beam, amplitudes))  # (2, n_tau, n_in, S)
+        inside, _ = solve_by_modes(self.inside, orders, self.base, self.quick, run, self.top)
+        fluxes = np.stack([inside.flux_up, inside.flux_down])  # (2, n_tau, n_in, S)
         fluxes = np.einsum("wtia,iac->wtic", fluxes[:, int(self.within.any()) :], self.flux)
         outside = ~self.within  # the surface keeps nothing of what passes it
         fluxes[:, outside] = np.stack([fluxes[0, outside] - fluxes[1, outside], np.zeros_like(fluxes[0, outside])])
-        residuals = {
-            "residual_of_modes": modes.residual.max(axis=1),
-            "residual_of_boundary": amplitudes.residual.max(axis=1),
-        }
-        return Orders(self.see(kernels), fluxes[0], fluxes[1], residuals)
+        return Orders(self.see(inside.kernels), fluxes[0], fluxes[1], inside.residuals)
 
     def see(self, kernels: Array) -> Array:
         """Along the outgoing directions, (order, n_tau, n_in, n_col, n_out, S), from what sets out inside."""
