@@ -3,6 +3,8 @@
 Whether a stage is right is tested by its light, in tests/test_every_way.py.
 """
 
+from typing import Any
+
 import flint
 import numpy as np
 import pytest
@@ -14,9 +16,12 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.boundary import OPEN
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
+from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order, solve_by_modes, solve_by_stages
 from vrte.discrete_ordinates.orders.modes import Modes
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
@@ -27,18 +32,37 @@ CLEAR = vrte.Layer(vrte.isotropic(), 0.0, 0.3)
 MIXING = vrte.Layer(vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64).phase_matrix, 0.9, np.inf)
 
 
-def route_of(layers: list[vrte.Layer], base: Boundary | None = None) -> Modes:
+GLOSS = vrte.Interface(1.0, 1.5)
+
+
+def problem_of(layers: list[Any], grading: int = 1) -> Problem:
     directions = np.array([0.3, 0.8]), np.eye(4), np.array([0.2, 0.9, -0.5]), np.array([0.0, 0.5])
-    return Modes(discretise_scene(vrte.Scene(layers, base), *directions, 6), base or BLACK, 4, 1e-8)
+    return discretise_scene(vrte.Scene(layers), *directions, 6, grading=grading)
+
+
+def route_of(layers: list[vrte.Layer], base: Boundary | None = None) -> Modes:
+    return Modes(problem_of(layers), base or BLACK, 4, 1e-8)
 
 
 @pytest.mark.parametrize(
-    ("layers", "base"), [([HAZE, CLEAR, AIR], vrte.Lambertian(0.3)), ([AIR, HAZE], None), ([MIXING], None)]
+    ("layers", "base", "grading"),
+    [
+        ([HAZE, CLEAR, AIR], vrte.Lambertian(0.3), 1),
+        ([AIR, HAZE, AIR, CLEAR, HAZE], None, 1),
+        ([MIXING], None, 1),
+        ([HAZE, AIR], vrte.Lambertian(0.8), 3),
+        ([GLOSS, AIR, HAZE, AIR], vrte.Lambertian(0.3), 1),
+    ],
 )
-def test_one_call_finds_what_five_find(layers: list[vrte.Layer], base: Boundary | None) -> None:
-    """All stages of modes in one call, as one thread takes them, and one after another, as two do: to the last bit."""
-    route, orders, alone, together = route_of(layers, base), np.arange(4, dtype=np.int32), Run(1), Run(2)
-    one, other = route.solve(orders, alone), route.solve(orders, together)
+def test_one_call_finds_what_five_find(layers: list[Any], base: Boundary | None, grading: int) -> None:
+    """All stages of modes in one call, and one after another: to the last bit, also of equal layers, on nodes that are
+    not Gauss's, and under a surface."""
+    problem, orders, alone, together = problem_of(layers, grading), np.arange(4, dtype=np.int32), Run(1), Run(2)
+    made = make_route("modes", problem, base or BLACK, 4, 1e-8)
+    assert isinstance(made, Modes | SingleInterface)
+    under = isinstance(made, SingleInterface)
+    given = (made.inside if under else problem, orders, made.base, made.quick), (made.top if under else OPEN,)
+    (one, _), (other, _) = solve_by_modes(*given[0], alone, *given[1]), solve_by_stages(*given[0], together, *given[1])
     for name in ("kernels", "flux_up", "flux_down"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name, values in other.residuals.items():
