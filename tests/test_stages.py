@@ -22,6 +22,7 @@ from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import make_route
+from vrte.discrete_ordinates.orders.single_interface import SingleInterface
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
@@ -30,8 +31,6 @@ HAZE = vrte.Layer(vrte.henyey_greenstein(0.6, 24), 0.95, 0.7)
 AIR = vrte.Layer(vrte.rayleigh(), 1.0, 0.4)
 CLEAR = vrte.Layer(vrte.isotropic(), 0.0, 0.3)
 MIXING = vrte.Layer(vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64).phase_matrix, 0.9, np.inf)
-
-
 GLOSS = vrte.Interface(1.0, 1.5)
 
 
