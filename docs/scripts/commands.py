@@ -30,8 +30,8 @@ CODES = (
 EXIT = """## Exit codes
 
 {codes}
-Where the code is not 0, one line on standard error says what is wrong, what was given and what is allowed; about a key
-of a scene file it ends with the page that says more:
+Where the code is not 0, one line on standard error says what is wrong, what was given and what is allowed. About a key
+of a scene file, the line ends with the page that says more:
 
 ```text
 vrte: error: scene.toml: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: ... (docs/how_to/bases.md)
@@ -40,15 +40,16 @@ vrte: error: scene.toml: base.albdo = 0.3: unknown key; did you mean 'albedo'? A
 ## Bug reports
 
 `vrte --version` is one line. With `--verbose` beside it come Python and the platform, the processor with its cores and
-instructions, the compiled core with its compiler, every BLAS of the process, the edition of the refractive index
-database, OpenCL devices, versions of what is installed, names of extras' packages that are not, and environment
-variables that set threads or devices. The home folder is written as ~. `vrte.show_versions()` prints the same.
+instructions, the compiled core with its compiler, and every BLAS of the process. The edition of the refractive index
+database, OpenCL devices, and versions of what is installed follow. So do names of extras' packages that are not
+installed, and environment variables that set threads or devices. The home folder is written as ~.
+`vrte.show_versions()` prints the same.
 
 ## Completion
 
-Shells complete commands, options, their choices, file names by suffix and names of materials from a script that is
-printed once and kept in a file; nothing of vrte runs while one types. It needs the extra `completion`:
-`pip install 'vrte[completion]'`.
+Shells complete commands, options, their choices, file names by suffix and names of materials. They do so from a
+script that is printed once and kept in a file: nothing of vrte runs while one types. It needs the extra
+`completion`: `pip install 'vrte[completion]'`.
 
 ```sh
 # bash (with the package bash-completion)
@@ -76,7 +77,7 @@ NOTES = {  # what options alone do not say
 
 {LIST_OF_STARTERS}
 
-Every line of the file says in which unit a number is and what else could stand there; the last two lines that the
+Every line of the file says in which unit a number is and what else could stand there. The last two lines that the
 command prints are commands to type next.""",
     "brdf": SOLVING,
     "field": "Algorithms and methods are those of [vrte brdf](#vrte-brdf).",

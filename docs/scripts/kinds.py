@@ -16,7 +16,7 @@ from vrte.optics.crowding import PACKINGS
 INTRODUCTION = """# What a scene file knows by name
 
 All kinds of particles, sizes, phase functions, bases, pigments and readings, for whoever writes a scene file and looks
-for a name; every key with its unit and default is on [the page of scene files](scene_files.md).
+for a name. Every key with its unit and default is on [the page of scene files](scene_files.md).
 
 Made from the registries that scene files, sweeps and the viewer's form read, by `python -m docs.scripts.kinds`.
 Keys in brackets may be left out. How to add a row: [extending.md](../how_to/extending.md).
