@@ -5,16 +5,21 @@ Numbers are powers through a horizontal plane, or radiances over the square of t
 transmitted power acts upon, the same on both sides.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray, make_readonly
 from vrte.basics.polarization import FLIP
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
+from vrte.scene.boundary import BLACK, Boundary
+from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
+KEPT = 512  # cosines of directions, up to which matrices of interfaces are kept: 64 times 260 kB at most
 LOWEST = 1e-8  # cosines below are along the surface: they lead nowhere
 
 
@@ -51,11 +56,37 @@ def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
 
 def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
     """The interfaces of a scene along directions, cosines (medium, n) of `find_cosines`; rough ones and scattering
-    bases send no beam on."""
-    media, count = scene.media, cosines.shape[1]
-    shape = len(media) - 1, count, 4, 4
-    found = Interfaces(*(np.zeros(shape) for _ in range(4)))
-    for k, interface in enumerate(scene.interfaces):
+    bases send no beam on. Read-only: those along few directions are kept, and other scenes may have the same."""
+    ends = None if scene.base is None else -1
+    thin = tuple([layer.thickness == 0.0 for layer in scene.layers[:ends]])
+    if cosines.size > KEPT or scene.below.keeps_beams:
+        return _find_interfaces(scene.media, scene.interfaces, thin, scene.base, cosines)
+    return _keep_interfaces(scene.media, tuple(scene.interfaces), thin, scene.base is None, cosines.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _keep_interfaces(
+    media: tuple[float, ...],
+    interfaces: Sequence[Interface | None],
+    thin: tuple[bool, ...],
+    is_open: bool,
+    along: bytes,
+) -> Interfaces:
+    """The same of a scene without a base (``is_open``), or with one that sends no beam up."""
+    cosines = np.frombuffer(along).reshape(len(media), -1)
+    return _find_interfaces(media, interfaces, thin, None if is_open else BLACK, cosines)
+
+
+def _find_interfaces(
+    media: tuple[float, ...],
+    interfaces: Sequence[Interface | None],
+    thin: tuple[bool, ...],
+    base: Boundary | None,
+    cosines: Array,
+) -> Interfaces:
+    """The same, worked out; ``thin``: which layers, but for the last over a base, have no thickness."""
+    found = Interfaces(*(np.zeros((len(media) - 1, cosines.shape[1], 4, 4)) for _ in range(4)))
+    for k, interface in enumerate(interfaces):
         if interface is None:
             found.down[k] = found.up[k] = np.eye(4)
         elif interface.is_smooth:
@@ -69,14 +100,15 @@ def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
                 passed[k, through] = transmit_smooth(*both)
                 reflected[k, through] = FLIP[:, None] * reflect_smooth(*both)
                 reflected[k, turned] = FLIP[:, None] * reflect_smooth(behind / index, here[turned])
-    if scene.base is not None:
+    if base is not None:
         lit = cosines[-1] > 0.0
         found.down[-1] = found.up[-1] = 0.0
-        found.above[-1, lit] = FLIP[:, None] * scene.below.reflect_beam(media[-1], cosines[-1, lit])
-    for k, layer in enumerate(scene.layers[: None if scene.base is None else -1]):
-        if layer.thickness == 0.0:  # what nothing leads into or out of, and nothing absorbs, is dark
-            trapped = ~(found.down[k] + found.up[k] + found.down[k + 1] + found.up[k + 1]).any(axis=(1, 2))
-            found.below[k, trapped] = 0.0
+        found.above[-1, lit] = FLIP[:, None] * base.reflect_beam(media[-1], cosines[-1, lit])
+    for k in np.flatnonzero(thin).tolist():  # what nothing leads into or out of, and nothing absorbs, is dark
+        trapped = ~(found.down[k] + found.up[k] + found.down[k + 1] + found.up[k + 1]).any(axis=(1, 2))
+        found.below[k, trapped] = 0.0
+    for part in vars(found).values():
+        make_readonly(part)
     return found
 
 
@@ -163,12 +195,18 @@ def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
     return Depths(interface.astype(np.int32), under, layer.astype(np.int32), np.where(interface < 0, share, 0.0))
 
 
+@lru_cache(maxsize=4)  # of a result are asked: the beams, the balance of light, the forward peak
+def _follow_into(scene: Scene, mu0: bytes) -> tuple[Array, Array, Passing]:
+    """Cosines (medium, n_in) of beams that come in along mu0, the thicknesses (layer,), and the beams."""
+    cosines = find_cosines(scene.media, scene.index_above, np.frombuffer(mu0))
+    thickness = np.array([layer.thickness for layer in scene.layers])
+    return cosines, thickness, follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, cosines))
+
+
 def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
     """What goes up and down as a beam, over the power of the beam that comes in, (n_tau, n_in, 2, 4, 4), public
     frame."""
-    cosines = find_cosines(scene.media, scene.index_above, mu0)
-    thickness = np.array([layer.thickness for layer in scene.layers])
-    passing = follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, cosines))
+    cosines, thickness, passing = _follow_into(scene, mu0.tobytes())
     found = np.empty((depths.interface.size, mu0.size, 2, 4, 4))
     for t, k in enumerate(depths.interface.tolist()):
         if k >= 0:
