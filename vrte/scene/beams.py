@@ -117,6 +117,10 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
     first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
     last = interfaces.above.shape[0] - 1
     one = np.eye(interfaces.above.shape[-1])
+    every = (1, 2, 3)
+    acts = interfaces.above.any(every) | interfaces.below.any(every)
+    acts |= (interfaces.down != one).any(every) | (interfaces.up != one).any(every)
+    has_source = {name: part.any(every) for name, part in vars(sources).items()}
     back: list[Array] = [np.zeros_like(interfaces.above[0])] * (
         last + 1
     )  # of what lies below a interface: its reflection
@@ -126,23 +130,34 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
     for k in range(last, -1, -1):
         if k < last:
             f = decay[k][:, None, None]
-            own = f * (own + seen @ sources.arriving[k + 1]) + sources.rising[k]
+            own = f * (own + seen @ sources.arriving[k + 1] if has_source["arriving"][k + 1] else own)
+            own = own + sources.rising[k] if has_source["rising"][k] else own
             seen = f * f * seen
         back[k], sent[k] = seen, own
-        inverse[k] = np.linalg.inv(one - seen @ interfaces.below[k])
-        up = interfaces.up[k] @ inverse[k]
-        own = up @ (seen @ sources.entering[k] + own) + sources.leaving[k]
-        seen = interfaces.above[k] + up @ seen @ interfaces.down[k]
-    found = Passing(*(np.zeros_like(part) for part in vars(sources).values()))
+        own = seen @ sources.entering[k] + own if has_source["entering"][k] else own
+        if acts[k]:
+            inverse[k] = np.linalg.inv(one - seen @ interfaces.below[k])
+            up = interfaces.up[k] @ inverse[k]
+            own = up @ own
+            seen = interfaces.above[k] + up @ seen @ interfaces.down[k]
+        own = own + sources.leaving[k] if has_source["leaving"][k] else own
+    found = Passing(*(np.empty_like(part) for part in vars(sources).values()))
     arriving = sources.arriving[0]
     for k in range(last + 1):
         found.arriving[k] = arriving
-        through = interfaces.down[k] @ arriving + sources.entering[k]
-        found.rising[k] = inverse[k] @ (back[k] @ through + sent[k])
-        found.leaving[k] = interfaces.above[k] @ arriving + interfaces.up[k] @ found.rising[k] + sources.leaving[k]
-        found.entering[k] = through + interfaces.below[k] @ found.rising[k]
+        through = interfaces.down[k] @ arriving if acts[k] else arriving
+        through = through + sources.entering[k] if has_source["entering"][k] else through
+        rising = back[k] @ through + sent[k]
+        if acts[k]:
+            rising = inverse[k] @ rising
+            found.leaving[k] = interfaces.above[k] @ arriving + interfaces.up[k] @ rising + sources.leaving[k]
+            through = through + interfaces.below[k] @ rising
+        else:
+            found.leaving[k] = rising + sources.leaving[k]
+        found.rising[k], found.entering[k] = rising, through
         if k < last:
-            arriving = decay[k][:, None, None] * found.entering[k] + sources.arriving[k + 1]
+            arriving = decay[k][:, None, None] * through
+            arriving = arriving + sources.arriving[k + 1] if has_source["arriving"][k + 1] else arriving
     return found
 
 

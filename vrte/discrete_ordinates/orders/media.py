@@ -1,7 +1,9 @@
 """Directions of a problem whose layers lie in several media, linked by Snell's law in this one place."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +21,8 @@ from vrte.scene.beams import (
 )
 from vrte.scene.scene import Scene
 
+Found = TypeVar("Found")
+
 
 @dataclass(frozen=True, eq=False)
 class Media:
@@ -28,14 +32,22 @@ class Media:
     scene: Scene
     nodes: RefractedNodes
     depths: Depths
-    _known: dict[bytes, Interfaces] = field(default_factory=dict)
+    _known: dict[tuple[str | bytes, ...], Any] = field(default_factory=dict)
+
+    def find_once(self, find: Callable[[], Found], name: str, *given: Array | IntArray) -> Found:
+        """What ``find`` finds of the arrays given, found once: all blocks of orders ask for the same. Of complex ones,
+        as derivatives take them, anew."""
+        if any(np.iscomplexobj(each) for each in given):
+            return find()
+        key = name, *(each.tobytes() for each in given)
+        if key not in self._known:
+            self._known[key] = find()
+        found: Found = self._known[key]
+        return found
 
     def interfaces_along(self, cosines: Array) -> Interfaces:
-        """The scene's interfaces along directions (medium, n), found once: all blocks of orders ask for the same."""
-        key = cosines.tobytes()
-        if key not in self._known:
-            self._known[key] = make_interfaces(self.scene, cosines)
-        return self._known[key]
+        """The scene's interfaces along directions (medium, n)."""
+        return self.find_once(lambda: make_interfaces(self.scene, cosines), "interfaces", cosines)
 
     @cached_property
     def cosines(self) -> Array:
@@ -129,8 +141,12 @@ def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
 def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
     """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at interfaces of the pieces."""
     cosines = find_cosines(media.scene.media, media.scene.index_above, mu0)
-    interfaces = join_pieces(media.interfaces_along(cosines), cut)
-    return cosines, follow_beams(interfaces, find_decaying_of_pieces(cut, cosines))
+
+    def follow() -> Passing:
+        interfaces = join_pieces(media.interfaces_along(cosines), cut)
+        return follow_beams(interfaces, find_decaying_of_pieces(cut, cosines))
+
+    return cosines, media.find_once(follow, "beams", cosines, cut.thickness, cut.interface)
 
 
 def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: list[int], sources: Array) -> Array:
@@ -138,23 +154,33 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
 
     sources (source, 2): at which interface, and on which way: 0 coming up below it, 1 coming down above it, 2 going up
     above it, 3 going down below it; the first n_up outgoing directions see light going up."""
-    interfaces = join_pieces(media.interfaces_along(sights.cosines), cut)
-    chosen = np.ix_(members, members)
-    interfaces = Interfaces(*(part[..., chosen[0], chosen[1]] for part in vars(interfaces).values()))
-    n_interface, n_sight, size = cut.interface.size, sights.cosines.shape[1], len(members)
-    kind = cut.thickness.dtype
-    parts = [np.zeros((n_interface, n_sight, size, len(sources), size), kind) for _ in range(4)]
-    for source, (interface, way) in enumerate(sources.tolist()):
-        parts[way][interface, :, :, source] = np.eye(size)
-    rising, arriving, leaving, entering = (part.reshape(n_interface, n_sight, size, -1) for part in parts)
-    found = pass_along(
-        interfaces, find_decaying_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising)
-    )
-    shape = (n_interface, n_sight, size, len(sources), size)
-    n_out = sights.place.shape[1]
-    seen = np.empty((cut.at.size, n_out, *shape[2:]), kind)
+
+    def trace() -> Array:
+        return trace_sights(media, cut, sights.cosines)
+
+    traced = media.find_once(trace, "escapes", sights.cosines, cut.thickness, cut.interface, cut.at)
+    interface, way = sources.T
+    found = []
+    for t, place in enumerate(sights.place):
+        direction = (np.arange(place.size) >= n_up).astype(np.int32)
+        one = traced[t, direction[:, None], way, interface, place[:, None]]  # (n_out, source, S sent, S seen)
+        found.append(one[..., members, :][..., members].transpose(0, 3, 1, 2))
+    return np.stack(found)
+
+
+def trace_sights(media: Media, cut: Cut, cosines: Array) -> Array:
+    """What is seen at every depth, going up and down, of light that sets out on any way at any interface along the
+    sights, (n_tau, 2, 4, interface, n_sight, S sent, S seen): light seen is followed backwards, where an interface's
+    matrices are transposed, and transmit up what they transmitted down."""
+    ways = join_pieces(media.interfaces_along(cosines), cut)
+    above, below, down, up = (part.swapaxes(-1, -2) for part in vars(ways).values())
+    shape = cut.interface.size, cosines.shape[1], 4, cut.at.size, 2, 4
+    rising, arriving, leaving, entering = (np.zeros(shape, cut.thickness.dtype) for _ in range(4))
     for t, (interface, under) in enumerate(zip(cut.at.tolist(), media.depths.under.tolist(), strict=True)):
-        up, down = (found.rising, found.entering) if under else (found.leaving, found.arriving)
-        seen[t, :n_up] = up.reshape(shape)[interface, sights.place[t, :n_up]]
-        seen[t, n_up:] = down.reshape(shape)[interface, sights.place[t, n_up:]]
-    return seen
+        ends = (entering, rising) if under else (arriving, leaving)
+        for end, part in enumerate(ends):  # what was seen coming up goes down again, and the other way round
+            part[interface, :, :, t, end] = np.eye(4)
+    flat = (part.reshape(*shape[:3], -1) for part in (arriving, leaving, entering, rising))
+    back = pass_along(Interfaces(above, below, up, down), find_decaying_of_pieces(cut, cosines), Passing(*flat))
+    parts = np.stack([back.entering, back.leaving, back.arriving, back.rising])
+    return parts.reshape(4, *shape).transpose(4, 5, 0, 1, 2, 3, 6)
