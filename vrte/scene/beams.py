@@ -115,49 +115,43 @@ def _find_interfaces(
 def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passing:
     """Light everywhere, from ``sources`` on either side of every interface, those from outside ``arriving`` at the
     first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
-    last = interfaces.above.shape[0] - 1
+    last, every = interfaces.above.shape[0] - 1, (1, 2, 3)
     one = np.eye(interfaces.above.shape[-1])
-    every = (1, 2, 3)
-    acts = interfaces.above.any(every) | interfaces.below.any(every)
-    acts |= (interfaces.down != one).any(every) | (interfaces.up != one).any(every)
-    has_source = {name: part.any(every) for name, part in vars(sources).items()}
-    back: list[Array] = [np.zeros_like(interfaces.above[0])] * (
-        last + 1
-    )  # of what lies below a interface: its reflection
+    acts = (np.stack([interfaces.down, interfaces.up]) != one).any(axis=(0, 2, 3, 4))
+    acts |= np.stack([interfaces.above, interfaces.below]).any(axis=(0, 2, 3, 4))
+    lit = {name: part.any(every) for name, part in vars(sources).items()}
+
+    def add(light: Array, name: str, k: int) -> Array:
+        return light + getattr(sources, name)[k] if lit[name][k] else light
+
+    back: list[Array] = [np.zeros_like(interfaces.above[0])] * (last + 1)  # reflection of what lies below an interface
     sent = [sources.rising[last]] * (last + 1)  # and its own light, as they rise to the interface
     inverse: list[Array] = [one] * (last + 1)
     seen, own = back[last], sources.rising[last]
     for k in range(last, -1, -1):
         if k < last:
             f = decay[k][:, None, None]
-            own = f * (own + seen @ sources.arriving[k + 1] if has_source["arriving"][k + 1] else own)
-            own = own + sources.rising[k] if has_source["rising"][k] else own
+            own = add(f * (own + seen @ sources.arriving[k + 1] if lit["arriving"][k + 1] else own), "rising", k)
             seen = f * f * seen
         back[k], sent[k] = seen, own
-        own = seen @ sources.entering[k] + own if has_source["entering"][k] else own
+        own = seen @ sources.entering[k] + own if lit["entering"][k] else own
         if acts[k]:
             inverse[k] = np.linalg.inv(one - seen @ interfaces.below[k])
             up = interfaces.up[k] @ inverse[k]
-            own = up @ own
-            seen = interfaces.above[k] + up @ seen @ interfaces.down[k]
-        own = own + sources.leaving[k] if has_source["leaving"][k] else own
+            own, seen = up @ own, interfaces.above[k] + up @ seen @ interfaces.down[k]
+        own = add(own, "leaving", k)
     found = Passing(*(np.empty_like(part) for part in vars(sources).values()))
     arriving = sources.arriving[0]
     for k in range(last + 1):
-        found.arriving[k] = arriving
-        through = interfaces.down[k] @ arriving if acts[k] else arriving
-        through = through + sources.entering[k] if has_source["entering"][k] else through
-        rising = back[k] @ through + sent[k]
+        through = add(interfaces.down[k] @ arriving if acts[k] else arriving, "entering", k)
+        rising = leaving = back[k] @ through + sent[k]
         if acts[k]:
             rising = inverse[k] @ rising
-            found.leaving[k] = interfaces.above[k] @ arriving + interfaces.up[k] @ rising + sources.leaving[k]
+            leaving = interfaces.above[k] @ arriving + interfaces.up[k] @ rising
             through = through + interfaces.below[k] @ rising
-        else:
-            found.leaving[k] = rising + sources.leaving[k]
+        found.arriving[k], found.leaving[k] = arriving, add(leaving, "leaving", k)
         found.rising[k], found.entering[k] = rising, through
-        if k < last:
-            arriving = decay[k][:, None, None] * through
-            arriving = arriving + sources.arriving[k + 1] if has_source["arriving"][k + 1] else arriving
+        arriving = add(decay[k][:, None, None] * through, "arriving", k + 1) if k < last else arriving
     return found
 
 
