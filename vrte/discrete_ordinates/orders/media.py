@@ -39,7 +39,7 @@ class Media:
         as derivatives take them, anew."""
         if any(np.iscomplexobj(each) for each in given):
             return find()
-        key = name, *(each.tobytes() for each in given)
+        key: tuple[str | bytes, ...] = (name, *[each.tobytes() for each in given])
         if key not in self._known:
             self._known[key] = find()
         found: Found = self._known[key]
