@@ -67,7 +67,7 @@ DEVICE = list_faults(
 ORDINATES = list_faults(
     ("share", "discrete_ordinates/planning/order_bounds.py", "\nSHARE = 0.1", "\nSHARE = 10.0",
      "layers that matter are left out", "plan"),
-    ("kappa", "discrete_ordinates/planning/order_bounds.py", "0.8 * (1.0 - q), 0.0)", "1.8 * (1.0 - q), 0.0)",
+    ("kappa", "discrete_ordinates/planning/order_bounds.py", "DECAY * (1.0 - q), 0.0)", "1.8 * (1.0 - q), 0.0)",
      "light of an order decays faster than it can", "plan"),
     ("strongest", "discrete_ordinates/planning/choice.py", "STRONGEST = 0.98", "STRONGEST = 2.0",
      "invariance is given orders whose iterations converge slowly", "iterations"),

@@ -244,19 +244,19 @@ def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 
 def test_bounds_are_lowered_when_two_orders_are_known_and_make_no_arithmetic_go_wrong() -> None:
     def make_known(count: int) -> order_bounds.OrderBounds:
-        return order_bounds.OrderBounds(np.full((1, count), 0.1), np.full(count, 0.1), np.ones(count))
+        return order_bounds.OrderBounds(np.full((1, count), 0.1), np.full((1, count), 0.1), np.ones((1, count)))
 
     found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
-    bounds = 0.1 ** np.arange(5.0)[:, None, None]
+    bounds = 0.1 ** np.arange(5.0)[None, :, None, None]
     assert np.array_equal(order_bounds.calibrate_bounds(make_known(5), bounds, found), bounds)
     lowered = order_bounds.calibrate_bounds(make_known(5), bounds, found | {2: np.full((1, 1), 1e-10)})
-    assert (lowered[3:] < bounds[3:]).all()
-    assert np.array_equal(lowered[:3], bounds[:3])
-    bounds = np.full((6, 1, 1), 1e308)
-    bounds[1], bounds[4] = np.inf, 1e-310
+    assert (lowered[:, 3:] < bounds[:, 3:]).all()
+    assert np.array_equal(lowered[:, :3], bounds[:, :3])
+    bounds = np.full((1, 6, 1, 1), 1e308)
+    bounds[0, 1], bounds[0, 4] = np.inf, 1e-310
     found = {order: np.full((1, 1), size) for order, size in enumerate((1.0, 1e-320, 1e-10, 0.0))}
     with np.errstate(all="raise", under="ignore"):
-        assert order_bounds.count_orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
-        assert np.isfinite(order_bounds.calibrate_bounds(make_known(6), bounds, found)[2:]).all()
+        assert order_bounds.count_orders_that_matter(bounds, np.ones((1, 1, 1)), 1e-3).tolist() == [6]
+        assert np.isfinite(order_bounds.calibrate_bounds(make_known(6), bounds, found)[:, 2:]).all()
         few = {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)}
-        order_bounds.calibrate_bounds(make_known(6), bounds[:4], few)
+        order_bounds.calibrate_bounds(make_known(6), bounds[:, :4], few)

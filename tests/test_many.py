@@ -91,7 +91,7 @@ def test_peaks_are_cut_as_by_itself(truncation):
 def test_an_interruption_stops_them(monkeypatch):
     calls = []
 
-    def interrupt(requests, likeness, places, run):
+    def interrupt(requests, places, run):
         calls.append(places)
         raise KeyboardInterrupt
 

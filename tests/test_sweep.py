@@ -540,7 +540,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
         return solve(*given)
 
     for module, name, pick in (
-        (alike, "solve_batch", lambda requests, likeness, places, run: [requests[index] for index in places]),
+        (alike, "solve_batch", lambda requests, places, run: [requests[index] for index in places]),
         (chunks, "solve_request", lambda request, run: [request]),
         (chunks, "solve_together", lambda requests, *rest: requests),
     ):

@@ -150,7 +150,7 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
     wanted, azimuths = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2)), fold_azimuths(np.array(PHI))
     for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool)):
-        target = Target(wanted, scene, problem, MU, azimuths, spreads)
+        target = Target(wanted, [scene], problem, MU, azimuths, spreads)
         parts.append(fill_parts(target, [], PROCESSOR, start_run(1))[0])
     assert_close(parts[1], parts[0], rtol=0.0, atol=1e-13 * np.abs(parts[0]).max())
 

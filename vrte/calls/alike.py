@@ -1,26 +1,23 @@
 """Scenes that are alike, solved together on the processor, as many at a time as fit into the caches."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import make_readonly, replace_unchecked
+from vrte.basics.arrays import Array, make_readonly, replace_unchecked
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
 from vrte.calls.energy import ROUNDING
-from vrte.discrete_ordinates.execution.batch_solve import Together, solve_together
-from vrte.discrete_ordinates.planning.batch_plan import (
-    Alike,
-    BatchKey,
-    estimate_bytes,
-    find_batch_key,
-    is_shared_request,
-    plan_batch,
-)
-from vrte.discrete_ordinates.planning.plan import plan_request
+from vrte.discrete_ordinates.execution.carry_out import carry_out
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.orders.modes import Modes
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried
+from vrte.discrete_ordinates.planning.batch_plan import BatchKey, estimate_bytes, find_batch_key, is_shared_request
+from vrte.discrete_ordinates.planning.blocks import Block
+from vrte.discrete_ordinates.planning.plan import plan_request, plan_scenes
 from vrte.methods import make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.request import Request
@@ -45,14 +42,14 @@ def solve_alike_ones(requests: Sequence[Request], warned: bool, progress: Progre
     batches = sort_into_batches(requests)
     if not batches:
         return {}
-    run = make_run(requests[0], sum(len(indices) for _, indices in batches))
+    run = make_run(requests[0], sum(map(len, batches)))
     run.runtime_warned = warned
     return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
 
 
 def solve_batches(
     requests: Sequence[Request],
-    batches: Sequence[tuple[BatchKey, list[int]]],
+    batches: Sequence[list[int]],
     run: Run,
     progress: Progress | None = None,
 ) -> dict[int, Brdf]:
@@ -63,8 +60,8 @@ def solve_batches(
         if progress is not None:
             progress(100 * len(found), 100 * len(requests))
 
-    def solve_one(batch: tuple[BatchKey, list[int]], own: Run) -> None:
-        found.update(solve_batch(requests, *batch, own))
+    def solve_one(batch: list[int], own: Run) -> None:
+        found.update(solve_batch(requests, batch, own))
 
     try:
         with keep_to_one_thread():
@@ -74,7 +71,7 @@ def solve_batches(
     return found
 
 
-def sort_into_batches(requests: Sequence[Request]) -> list[tuple[BatchKey, list[int]]]:
+def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
     """Places of scenes of one key, so many that they fit into the caches; those with most orders first."""
     if len(requests) < FEWEST or not is_shared_request(first := requests[0]):
         return []
@@ -88,47 +85,51 @@ def sort_into_batches(requests: Sequence[Request]) -> list[tuple[BatchKey, list[
         terms = max(layer.phase_matrix.terms for index in indices for layer in requests[index].scene.layers)
         step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, min(terms, 2 * first.nodes))))
         if len(indices) >= FEWEST:
-            batches += [(key, indices[k : k + step]) for k in range(0, len(indices), step)]
+            batches += [indices[k : k + step] for k in range(0, len(indices), step)]
     return batches
 
 
-def solve_batch(requests: Sequence[Request], key: BatchKey, indices: list[int], run: Run) -> dict[int, Brdf]:
+def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Brdf]:
     """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
     why."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
-    scenes = [requests[index].scene for index in indices]
-    alike, fits = plan_batch(requests[indices[0]], key, scenes, own)
-    if not fits.any():
+    asked, scenes = requests[indices[0]], [requests[index].scene for index in indices]
+    plan, fits = plan_scenes(asked, scenes, own)
+    if not plan.blocks:
         return {}
-    found, asked = solve_together(alike, own), alike.request
+    (found,) = carry_out([plan], PROCESSOR, own)
     for name, clock in own.stages.items():
         run.record(name, clock["wall_seconds"], clock["thread_seconds"])
-    reflectance = make_readonly(found.flux / asked.mu0)
-    white = (alike.albedo == 1.0).all(axis=1) & (alike.even == 1.0)
+    count, levels, parts = len(scenes), asked.tau.size, [make_readonly(values) for values in found.parts]
+    reflectance = make_readonly(found.flux_up[::levels, :, 0] / asked.mu0)
+    white = np.array([scene.below.even_albedo == 1.0 for scene in scenes])
+    white &= (plan.problem.albedo.reshape(count, -1) == 1.0).all(axis=1)
     lost = np.where(white[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
-    solved = fits & found.right & (lost <= max(asked.accuracy, ROUNDING))
-    for k in np.flatnonzero(alike.cut & solved).tolist():
-        warn_of_negative(asked, found.parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": alike.nodes.size})
-    shared = {  # each scene's fraction of the seconds of all
-        "solved_together": alike.size,
-        "stages": {
-            name: {clock: seconds / alike.size for clock, seconds in clocks.items()}
-            for name, clocks in own.stages.items()
-        },
-        "wall_seconds": (time.perf_counter() - begin) / alike.size,
-    }
-    thickness = np.array([scene.thickness for scene in scenes])
-    through = make_readonly(np.exp(-thickness[:, None] / asked.mu0))
-    mu_o = make_readonly(alike.mu[alike.mu > 0.0])
+    solved = fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
+    residuals = {name: found.diagnostics[name] for name in sorted(Modes.allowed)}
+    for name, values in residuals.items():
+        solved &= values <= Modes.allowed[name]
+    for values in (*parts, reflectance):
+        solved &= np.isfinite(values.reshape(count, -1).sum(axis=1))
+    carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
+    for k in np.flatnonzero(solved).tolist():
+        if max(layer.phase_matrix.terms for layer in scenes[k].layers) > carried:
+            warn_of_negative(asked, parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": plan.problem.nodes.size})
+    # each scene's fraction of the seconds of all
+    spent = {name: {clock: all_of / count for clock, all_of in each.items()} for name, each in own.stages.items()}
+    wall = (time.perf_counter() - begin) / count
+    shared = {"solved_together": count, "stages": spent, "wall_seconds": wall}
+    through = make_readonly(np.exp(-np.array([[scene.thickness] for scene in scenes]) / asked.mu0))
+    mu_o = make_readonly(plan.mu[plan.mu > 0.0])
     return {
         indices[k]: make_readonly_brdf(
-            partial(describe_solve, requests[indices[k]], alike, found, k, shared),
-            mueller=found.parts[0][k],
+            partial(describe_solve, requests[indices[k]], plan.blocks, residuals, k, shared),
+            mueller=parts[0][k],
             reflectance=reflectance[k],
             mu_i=asked.mu0,
             mu_o=mu_o,
             phi=asked.phi,
-            transmission=found.parts[1][k] if len(found.parts) > 1 else None,
+            transmission=parts[1][k] if levels > 1 else None,
             direct_transmittance=through[k],
         )
         for k in np.flatnonzero(solved).tolist()
@@ -136,18 +137,19 @@ def solve_batch(requests: Sequence[Request], key: BatchKey, indices: list[int], 
 
 
 def describe_solve(
-    request: Request, alike: Alike, found: Together, index: int, shared: dict[str, Any]
+    request: Request, blocks: Sequence[Block], residuals: Mapping[str, Array], index: int, shared: dict[str, Any]
 ) -> dict[str, Any]:
     """The diagnostics of one scene of a batch; its own plan is made for that."""
+    own = [(block, block.orders[block.wanted[:, index]]) for block in blocks if block.wanted is not None]
     return {
         **plan_request(request, Run(1)).diagnostics(),
         "threads": 1,
         "openmp": True,
-        "orders": int(found.orders[index]),
-        "unknowns": int(found.unknowns[index]),
-        "orders_by": {"modes": sum(int(wanted[:, index].sum()) for wanted in alike.wanted.values())},
+        "orders": len({order for _, orders in own for order in orders.tolist()}),
+        "unknowns": sum(block.problem.size * orders.size for block, orders in own),
+        "orders_by": {"modes": sum(orders.size for _, orders in own)},
         "orders_repeated": None,
-        **{name: float(values[index]) for name, values in found.residuals.items()},
+        **{name: float(values[index]) for name, values in residuals.items()},
         **shared,
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,

@@ -9,7 +9,7 @@ from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.differences import FARTHEST, STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, share_progress
-from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
+from vrte.discrete_ordinates.orders.discretise import place_levels
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.request import Request
@@ -112,7 +112,7 @@ def place_request(request: Request, scene: Scene) -> Request:
 def find_faces(request: Request) -> tuple[IntArray, BoolArray, BoolArray]:
     """The layer that each depth lies in, and whether it lies at its upper face, and at its lower one, (n_tau,)."""
     thickness = np.array([layer.thickness for layer in request.scene.layers])
-    level, at = place_levels(request.tau, find_layer_tops(thickness), thickness, request.scene.thickness)
+    (level,), at = place_levels(request.tau[None], [request.scene])
     return at, level == 0.0, level == thickness[at]
 
 

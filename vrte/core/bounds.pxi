@@ -79,26 +79,53 @@ cdef int order_bound(const void* task, int m, Workspace desk) noexcept nogil:
     return 0
 
 
-def bounds_at(*, const double[::1] strength, const double[::1] bounds, const double[::1] depth,
+def bounds_at(*, const double[:, ::1] strength, const double[:, ::1] bounds, const double[:, ::1] depth,
               const double[::1] decays):
-    """What multiple scattering of each order adds at most at each depth, (order, n_tau).
+    """What multiple scattering of each order of each scene adds at most at each depth, (scene, order, n_tau).
 
-    An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
-    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = decays (1 - q).
+    strength, bounds (scene, order); depth (scene, n_tau). An order decays with depth at least as fast as
+    e^(-kappa tau), kappa < 1 - q: its bound there is bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least
+    of it for kappa = decays (1 - q).
     """
-    cdef int n_order = <int>strength.shape[0], n_tau = <int>depth.shape[0], m, t, d
-    cdef double[:, ::1] out = np.zeros((n_order, n_tau))
+    cdef int n_scene = <int>strength.shape[0], n_order = <int>strength.shape[1], n_tau = <int>depth.shape[1]
+    cdef int scene, m, t, d
+    cdef double[:, :, ::1] out = np.zeros((n_scene, n_order, n_tau))
     cdef double q, kappa, rest, least
-    for m in range(n_order):
-        if not bounds[m] > 0.0:
-            continue
-        q = min(strength[m], 1.0)
+    for scene in range(n_scene):
+        for m in range(n_order):
+            if not bounds[scene, m] > 0.0:
+                continue
+            q = min(strength[scene, m], 1.0)
+            for t in range(n_tau):
+                least = INFINITY
+                for d in range(<int>decays.shape[0]):
+                    kappa = decays[d] * (1.0 - q)
+                    rest = 1.0 - kappa - q
+                    if rest > 0.0:
+                        least = min(least, exp(-kappa * depth[scene, t]) / rest)
+                out[scene, m, t] = bounds[scene, m] * least
+    return np.asarray(out)
+
+
+def orders_that_matter(*, const double[:, :, :, ::1] bounds, const double[:, :, ::1] brightest, double allowed,
+                       double largest):
+    """How many orders of each scene: all others together add, at every depth, no more than `allowed` times the light
+    there; at least 1, (scene,).
+
+    bounds (scene, order, n_tau, n_in or 1), of which `largest` counts at most; brightest (scene, n_tau, n_in).
+    """
+    cdef int n_scene = <int>bounds.shape[0], n_order = <int>bounds.shape[1], n_tau = <int>bounds.shape[2]
+    cdef int n_in = <int>brightest.shape[2], scene, t, i, m
+    cdef bint apiece = bounds.shape[3] > 1
+    cdef int[::1] out = np.ones(n_scene, np.int32)
+    cdef double tail
+    for scene in range(n_scene):
         for t in range(n_tau):
-            least = INFINITY
-            for d in range(<int>decays.shape[0]):
-                kappa = decays[d] * (1.0 - q)
-                rest = 1.0 - kappa - q
-                if rest > 0.0:
-                    least = min(least, exp(-kappa * depth[t]) / rest)
-            out[m, t] = bounds[m] * least
+            for i in range(n_in):
+                tail = 0.0
+                for m in range(n_order - 1, out[scene] - 1, -1):
+                    tail += min(bounds[scene, m, t, i if apiece else 0], largest)
+                    if not 2.0 * tail <= allowed * brightest[scene, t, i]:
+                        out[scene] = m + 1
+                        break
     return np.asarray(out)

@@ -253,9 +253,8 @@ def weigh_kernels(
     kernels = np.ones((1, 1, 1, len(columns), 1, len(stokes)))
     light = Light(np.array([order], np.int32), np.array(stokes, np.int32), np.array(columns, np.int32), kernels)
     one, zero = replace(wanted, scale=np.ones(1)), np.zeros(1, np.int32)
-    part = Part(
-        zero, zero, np.ones(1), np.zeros(1, bool), np.zeros((1, 1, 1, azimuths.phi.size, 4, cotangent.shape[-1]))
-    )
+    values = np.zeros((1, 1, 1, azimuths.phi.size, 4, cotangent.shape[-1]))
+    part = Part(zero, zero, zero, np.ones(1), np.zeros(1, bool), values)
     add = PROCESSOR.prepare_orders(replace(target, wanted=one), [light], Run(1))
     add(Share(part, 0, 1))
     factors = part.values[0, 0, 0][:, list(stokes)][..., wanted.place[list(columns)]]  # (n_phi, S, n_col)

@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, 
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.discrete_ordinates.planning.order_bounds import calibrate_bounds, count_orders_that_matter
-from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.discrete_ordinates.planning.plan import Plan, stack_depths
 from vrte.results.solution import Solution
 
 
@@ -43,10 +43,11 @@ class Steps:
 class Task:
     """A plan on its way.
 
-    brightest (n_tau, n_in): light that orders are compared with; left: how many of them matter; flux (2, n_tau, n_in,
-    n_col), up and down; blocks and steps: how far it is; found: the largest radiance of each order that is solved,
-    (n_tau, n_in); lights: theirs; by: how many orders each algorithm solved; repeated: which were solved again, by
-    which; residuals: the largest, by name; unknowns: of a hemisphere, of all orders together.
+    brightest (n_tau, n_in): light that orders are compared with; left: how many of them matter; flux (2, scene n_tau,
+    n_in, n_col), up and down; blocks and steps: how far it is; found: the largest radiance of each order that is
+    solved, (n_tau, n_in), where orders are counted again; lights: theirs; by: how many orders each algorithm solved;
+    repeated: which were solved again, by which; residuals: the largest, by name, of each scene where there are several;
+    unknowns: of a hemisphere, of all orders together.
     """
 
     plan: Plan
@@ -55,11 +56,11 @@ class Task:
     flux: Array
     blocks: int = 0
     steps: int = 0
-    found: dict[int, Array] = field(default_factory=dict)
+    found: dict[int, Array | None] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
     by: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, set[int]] = field(default_factory=dict)
-    residuals: dict[str, float] = field(default_factory=dict)
+    residuals: dict[str, Any] = field(default_factory=dict)
     unknowns: int = 0
     agreement: Agreement | None = None
 
@@ -83,19 +84,23 @@ class Task:
         """Puts down what was found for a piece."""
         block, orders = piece.block, answer.light.orders.tolist()
         self.lights.append(answer.light)
-        for order, largest in zip(orders, answer.largest, strict=True):
-            self.found[order] = np.maximum(self.found[order], largest) if order in self.found else largest
+        if answer.largest is None:
+            self.found.update(dict.fromkeys(orders))
+        else:
+            for order, largest in zip(orders, answer.largest, strict=True):
+                known = self.found.get(order)
+                self.found[order] = largest if known is None else np.maximum(known, largest)
         if orders[0] == 0:
-            for index, column in enumerate(block.columns):
-                self.flux[..., column] += answer.flux[..., index]
-            if block.stokes[0] == 0:
+            self.flux[..., list(block.columns)] += answer.flux
+            if block.stokes[0] == 0 and answer.brightest is not None:
                 self.brightest = np.maximum(self.brightest, answer.brightest)
         self.unknowns += len(orders) * block.problem.size
         self.by[piece.name] = self.by.get(piece.name, 0) + len(orders)
         if piece.tried:
             self.repeated.setdefault(piece.name, set()).update(orders)
         for name, values in answer.residuals.items():
-            self.residuals[name] = max(self.residuals.get(name, 0.0), float(values.max()))
+            worst = values if self.plan.others else float(values.max())
+            self.residuals[name] = np.maximum(self.residuals.get(name, 0.0), worst)
 
 
 def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progress | None = None) -> list[Solution]:
@@ -143,21 +148,21 @@ def carry_out_batch(plans: Sequence[Plan], engine: Engine, run: Run, steps: Step
 def make_task(plan: Plan) -> Task:
     """A plan not begun."""
     request = plan.request
-    flux = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
-    return Task(plan, plan.brightest, plan.orders, flux, agreement=Agreement() if request.verify else None)
+    flux = np.zeros((2, plan.problem.level.size, request.mu0.size, request.columns.shape[0]))
+    return Task(plan, plan.brightest[0], plan.orders, flux, agreement=Agreement() if request.verify else None)
 
 
 def make_target(plan: Plan) -> Target:
     """What the light of a plan is added up into."""
-    return Target(plan.wanted, plan.request.scene, plan.problem, plan.mu, plan.azimuths, plan.spreads)
+    return Target(plan.wanted, plan.scenes, plan.problem, plan.mu, plan.azimuths, plan.spreads)
 
 
-def count_orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
+def count_orders_left(plan: Plan, brightest: Array, found: dict[int, Any], left: int) -> int:
     """How many orders matter, now that some are solved."""
-    if not plan.counts_again:
+    if plan.is_solved_at_once:
         return left
     bounds = calibrate_bounds(plan.needs, plan.bounds, found)
-    return min(left, count_orders_that_matter(bounds, brightest, plan.accuracy))
+    return min(left, int(count_orders_that_matter(bounds, brightest[None], plan.accuracy)[0]))
 
 
 def solve_group(
@@ -199,7 +204,8 @@ def advise_user(problem: Problem) -> str:
 def finish_task(task: Task, target: Target, parts: list[Array], engine: Engine, run: Run, start: float) -> Solution:
     """All light of a plan added up, and how it was found."""
     plan = task.plan
-    task.flux += find_peak_flux(plan.problem, plan.request.tau)
+    if plan.problem.fraction.any():
+        task.flux += find_peak_flux(plan.problem, stack_depths(plan.request, plan.scenes).ravel())
     diagnostics = {
         **plan.diagnostics(),
         "threads": run.threads,

@@ -41,18 +41,23 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What light is added up into: the parts ``wanted`` of the radiance in a scene, and its discrete problem.
+    """What light is added up into: the parts ``wanted`` of the radiance in scenes, and their discrete problem.
 
     mu (n_mu,): signed cosines in the order of the result; spreads (n_mu,): for which of them light of the forward
     peak stands for single scattering.
     """
 
     wanted: Wanted
-    scene: Scene
+    scenes: Sequence[Scene]
     problem: Problem
     mu: Array
     azimuths: Azimuths
     spreads: BoolArray
+
+    @property
+    def scene(self) -> Scene:
+        """The only scene, or the first."""
+        return self.scenes[0]
 
     @cached_property
     def kind(self) -> IntArray:
@@ -62,13 +67,15 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One array of the result, values (n_level, n_in, n_mu, n_phi, 4, n_place).
+    """One array of the result, values (scene n_level, n_in, n_mu, n_phi, 4, n_place).
 
-    levels (n_level,): indices of depths; rows (n_mu,): places of its directions among the problem's; mu (n_mu,):
-    signed cosines; spreads (n_mu,): whether small angles are separated there.
+    levels (n_level,): indices of depths; places (scene n_level,): those among the depths of all scenes; rows (n_mu,):
+    places of its directions among the problem's; mu (n_mu,): signed cosines; spreads (n_mu,): whether small angles are
+    separated there.
     """
 
     levels: IntArray
+    places: IntArray
     rows: IntArray
     mu: Array
     spreads: BoolArray
@@ -181,17 +188,19 @@ def make_parts(target: Target, overwritten: bool = False) -> list[Part]:
     """Zeros, or whatever is there if it will be ``overwritten``; the problem has light going up first, in the order of
     the request otherwise."""
     make = np.empty if overwritten else np.zeros
-    mu, wanted = target.mu, target.wanted
+    mu, wanted, count = target.mu, target.wanted, target.problem.scenes
     row = np.empty(mu.size, np.int32)
     row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
     tail = target.azimuths.phi.size, 4, int(wanted.place.max()) + 1
+    before = np.arange(count, dtype=np.int32)[:, None] * target.problem.level_layer.size
     return [
         Part(
             levels,
+            (before + levels).ravel(),
             row[directions],
             mu[directions],
             target.spreads[directions],
-            make((levels.size, wanted.scale.size, directions.size, *tail)),
+            make((count * levels.size, wanted.scale.size, directions.size, *tail)),
         )
         for levels, directions in wanted.parts
     ]
@@ -216,12 +225,12 @@ def split_into_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterato
 
 
 def weigh_scatterers(target: Target, part: Part) -> list[tuple[Array, Array]]:
-    """The table of every phase matrix and what multiplies it, (n_level, n_in, n_mu): 0 where small angles are
+    """The tables of every phase matrix and what multiplies it, (scene n_level, n_in, n_mu): 0 where small angles are
     separated."""
-    scale = target.wanted.scale[:, None]
+    scale, spreading = target.wanted.scale[:, None], part.spreads.any()
     return [
-        (table, np.where(part.spreads, 0.0, scale * path))
-        for table, path in find_scatterers(target.scene.layers, target.problem, part.levels, part.mu)
+        (table, np.where(part.spreads, 0.0, scale * path) if spreading else scale * path)
+        for table, path in find_scatterers(target.scenes, target.problem, part.levels, part.mu)
     ]
 
 
@@ -236,7 +245,8 @@ def find_single_scattering(target: Target, run: Run) -> Light:
 def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
     """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
     cosine, sine = compute_cos_sin(target.azimuths.distinct)
-    columns, azimuths = target.problem.columns, target.azimuths
+    columns, azimuths, stacks = target.problem.columns, target.azimuths, target.problem.scenes
+    several: dict[str, Any] = {"slab_stacks": stacks} if stacks > 1 else {}
     kind, index = target.kind, target.wanted.place
 
     def add(
@@ -268,6 +278,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
                 first=first,
                 last=last,
                 out=values,
+                **several,
                 **more,
             )
 
@@ -313,12 +324,12 @@ def list_runs(indices: IntArray) -> Iterator[tuple[int, int, int]]:
 
 def prepare_base(target: Target, run: Run) -> Adder:
     """What adds the beam that the base reflects."""
-    wanted, base = target.wanted, target.scene.below
+    wanted, bases = target.wanted, [scene.below for scene in target.scenes]
 
     def add(share: Share, own: Run = run) -> None:
         part, index = share.part, (wanted.place, wanted.scale, share.first, share.last)
         with own.timed("single scattering"):
-            add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *index, part.values)
+            add_base_reflected(bases, target.problem, part.levels, part.mu, target.azimuths.phi, *index, part.values)
 
     return add
 

@@ -35,6 +35,29 @@ class Base:
     out: Array
     azimuths: int = 0
 
+    def find_rows(self, orders: IntArray, slab_stack: IntArray) -> IntArray:
+        """The row of each item (item,): of ``orders`` of the scenes ``slab_stack``."""
+        return self.row[orders]
+
+
+class BaseOfScenes(Base):
+    """The same of the even bases of many scenes: row (scene,): that of each scene in order 0."""
+
+    def find_rows(self, orders: IntArray, slab_stack: IntArray) -> IntArray:
+        return np.where(orders == 0, self.row[slab_stack], -1).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class EvenBases(Boundary):
+    """What bounds many scenes below, evenly each of them."""
+
+    members: tuple[Boundary, ...] = ()
+
+    @property
+    def albedos(self) -> Array:
+        """Of each scene, (scene,)."""
+        return np.array([member.even_albedo for member in self.members])
+
 
 def make_black_base(problem: Problem, n_order: int) -> Base:
     """No reflection at any order."""
@@ -50,6 +73,8 @@ def count_base_rows(problem: Problem, n_order: int) -> int:
 
 def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = DEFAULT_ACCURACY) -> Base:
     """The base's operators for the orders 0 .. n_order - 1; ``accuracy``: relative, of the light they lead to."""
+    if isinstance(boundary, EvenBases):
+        return expand_even_bases(boundary.albedos, problem)
     if not boundary.orders_reflected or not (boundary.mixes_stokes or problem.conserves):
         return make_black_base(problem, n_order)
     orders, azimuths = find_reflected_orders(boundary, problem, n_order, accuracy)
@@ -59,6 +84,17 @@ def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: fl
     members = list(problem.stokes)
     orders = (FLIP[:, None] * orders)[..., members, :][..., members]
     return Base(row, *make_base_operators(problem, orders), azimuths)
+
+
+def expand_even_bases(albedo: Array, problem: Problem) -> BaseOfScenes:
+    """What each scene's even base (scene,) does in order 0, a row each; one row where nothing comes back."""
+    seen = problem.conserves and bool(albedo.any())
+    into, out, stokes = problem.nodes.size + problem.mu0.size, problem.nodes.size + problem.mu_out.size, problem.stokes
+    orders = np.zeros((albedo.size if seen else 1, into, out, len(stokes), len(stokes)))
+    if seen:
+        orders[..., 0, 0] = FLIP[0] * (2.0 * albedo[:, None, None])
+    row = np.where((albedo > 0.0) & problem.conserves, np.arange(albedo.size), -1).astype(np.int32)
+    return BaseOfScenes(row, *make_base_operators(problem, orders))
 
 
 def make_base_operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:

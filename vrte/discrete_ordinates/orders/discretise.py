@@ -1,6 +1,8 @@
 """From a scene and a request to the arrays that every stage works on."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,80 +21,97 @@ LAST_PLACES = 4.0  # rounding errors of a sum of thicknesses, in units in the la
 
 
 def discretise_scene(
-    scene: Scene,
+    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none", **more: Any
+) -> Problem:
+    """One scene, with depths tau (n_tau,); see `discretise_scenes`."""
+    return discretise_scenes([scene], mu0, columns, mu, tau[None], nodes, [peaks], **more)
+
+
+def discretise_scenes(
+    scenes: Sequence[Scene],
     mu0: Array,
     columns: Array,
     mu: Array,
     tau: Array,
     nodes: int,
-    peaks: str = "none",
+    peaks: Sequence[str],
     under: BoolArray | None = None,
     grading: int = 1,
     whole: bool = False,
 ) -> Problem:
-    """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
+    """Nodes, truncated layers and the one every depth lies in, the same in all scenes; tau (scene, n_tau); ``mu``
+    signed, light going up first.
 
-    ``peaks`` and ``whole``: which layers lose theirs, and what of the rest is kept, as of a `Truncation`; all depths of
-    the problem are those of the truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on its lower
-    side, None: nowhere.
+    ``peaks`` (scene,) and ``whole``: which layers lose theirs, and what of the rest is kept, as of a `Truncation`; all
+    depths of the problem are those of the truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on
+    its lower side, None: nowhere. Of more than one scene none refracts.
     """
+    scene, count = scenes[0], len(scenes)
     media = None
     if scene.keeps_beams:
         shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         points, weights = shared.carried(max(scene.media))
-        media = Media(scene, shared, locate_depths(scene, tau, np.zeros(tau.size, bool) if under is None else under))
+        sides = np.zeros(tau.size, bool) if under is None else under
+        media = Media(scene, shared, locate_depths(scene, tau[0], sides))
     else:
         points, weights = make_double_gauss(nodes, grading)
-    layers = truncate_layers(scene, peaks, nodes, whole)
-    terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
-    coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene, nodes)), 6))
-    for k, layer in enumerate(layers):
-        coefficients[k, : terms[k]] = layer.coefficients
-    given = np.array([layer.thickness for layer in scene.layers])
-    level, at = place_levels(tau, find_layer_tops(given), given, scene.thickness)
-    level = level * np.array([layer.stretch for layer in layers])[at]
-    thickness = np.array([layer.thickness for layer in layers])
+    layers = [one for each, of in zip(scenes, peaks, strict=True) for one in truncate_layers(each, of, nodes, whole)]
+    of_layers = [(one.albedo, one.thickness, one.gain, one.fraction, one.stretch) for one in layers]
+    albedo, thickness, gain, fraction, stretch = np.array(of_layers).T.copy()
+    sizes = [one.coefficients.shape[0] for one in layers]
+    coefficients = np.zeros((len(layers), max(*sizes, count_surface_orders(scene, nodes)), 6))
+    for k, one in enumerate(layers):
+        coefficients[k, : sizes[k]] = one.coefficients
+    level, at = place_levels(tau, scenes)
+    level *= stretch.reshape(count, -1)[:, at]
+    longest = max(layer.phase_matrix.terms for each in scenes for layer in each.layers)
     return Problem(
         coefficients=coefficients,
-        terms=terms,
-        albedo=np.array([layer.albedo for layer in layers]),
+        terms=np.array(sizes, np.int32),
+        albedo=albedo,
         thickness=thickness,
-        above=find_layer_tops(thickness),
-        gain=np.array([layer.gain for layer in layers]),
-        fraction=np.array([layer.fraction for layer in layers]),
+        above=find_layer_tops(thickness.reshape(count, -1)).ravel(),
+        gain=gain,
+        fraction=fraction,
         nodes=points,
         weights=weights,
         mu_out=np.abs(mu),
         n_up=int(np.count_nonzero(mu > 0.0)),
         mu0=np.ascontiguousarray(mu0),
         columns=np.ascontiguousarray(columns),
-        level=level,
+        level=level.ravel(),
         level_layer=at,
-        terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - count_terms_carried(scene, nodes)),
+        terms_cut=max(0, longest - count_terms_carried(scene, nodes)),
         media=media,
         grading=grading,
+        scenes=count,
     )
 
 
 def find_layer_tops(thickness: Array) -> Array:
-    """Optical depth of the top of each layer."""
-    return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
+    """Optical depth of the top of each layer; (scene, layer) both."""
+    tops = np.zeros_like(thickness)
+    np.cumsum(thickness[:, :-1], axis=1, out=tops[:, 1:])
+    return tops
 
 
-def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tuple[Array, IntArray]:
-    """The depth of each tau below the top of its layer, and the layer.
+def place_levels(tau: Array, scenes: Sequence[Scene]) -> tuple[Array, IntArray]:
+    """The depth of each tau (scene, n_tau) below the top of its layer, and the layer (n_tau,), that of all scenes.
 
     What lies within rounding of an interface lies on it: along a cosine of 1e-8 the last place of 1 is a path of 2e-8.
     """
-    if thickness[0] > 0.0 and not tau.any():
-        return np.zeros(tau.size), np.zeros(tau.size, np.int32)
-    at = np.clip(np.searchsorted(above, tau, side="right") - 1, 0, None).astype(np.int32)
-    at[tau >= total] = above.size - 1
-    level = np.clip(tau - above[at], 0.0, thickness[at])
+    thickness = np.array([[layer.thickness for layer in scene.layers] for scene in scenes])
+    if thickness[:, 0].all() and not tau.any():
+        return np.zeros(tau.shape), np.zeros(tau.shape[1], np.int32)
+    above, total = find_layer_tops(thickness), np.array([scene.thickness for scene in scenes])[:, None]
+    at = np.clip((above[:, None] <= tau[..., None]).sum(axis=2) - 1, 0, None)
+    at[tau >= total] = above.shape[1] - 1
+    own = np.take_along_axis(thickness, at, axis=1)
+    level = np.clip(tau - np.take_along_axis(above, at, axis=1), 0.0, own)
     rounding = LAST_PLACES * np.finfo(float).eps * tau
     level = np.where(level <= rounding, 0.0, level)
-    level = np.where(thickness[at] - level <= rounding, thickness[at], level)
-    return np.where(tau >= total, thickness[-1], level), at
+    level = np.where(own - level <= rounding, own, level)
+    return np.where(tau >= total, thickness[:, -1:], level), at[0].astype(np.int32)
 
 
 def count_surface_orders(scene: Scene, nodes: int) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run, ThreadTeam
 from vrte.discrete_ordinates.orders.base import Base
@@ -137,6 +137,28 @@ def solve_by_stages(
 def name_residuals(of_modes: Array, of_boundary: Array) -> dict[str, Array]:
     """The largest of each order, by name; (order, layer) each."""
     return {"residual_of_modes": of_modes.max(axis=1), "residual_of_boundary": of_boundary.max(axis=1)}
+
+
+def solve_fused_scenes(
+    problem: Problem, orders: IntArray, wanted: BoolArray, base: Base, quick: bool, run: Run
+) -> Orders:
+    """The ``orders`` that are ``wanted`` (order, scene) of many scenes, nothing of the others; residuals (scene,), no
+    numbers where a stage failed."""
+    row, slab_stack = (each.astype(np.int32) for each in np.nonzero(wanted))
+    numbers, twin = orders[row], np.arange(problem.layers, dtype=np.int32)
+    found = run_fused_modes(problem, numbers, slab_stack, base, base.find_rows(numbers, slab_stack), quick, run, twin)
+    kernels = np.zeros((*wanted.shape, *found.radiance.shape[1:]))
+    kernels[row, slab_stack] = found.radiance
+    flux = np.zeros((wanted.shape[1], *found.flux.shape[1:]))
+    first = numbers == 0
+    flux[slab_stack[first]] = found.flux[first]
+    residuals = {}
+    for name, residual in zip(("residual_of_modes", "residual_of_boundary"), found.residual, strict=True):
+        residuals[name] = np.zeros(wanted.shape[1])
+        worst = np.where(found.missed[:, 0] != 0, np.nan, residual.max(axis=1))
+        np.maximum.at(residuals[name], slab_stack, worst)
+    up, down = (each.reshape(-1, *each.shape[2:]) for each in (flux[:, 0], flux[:, 1]))
+    return Orders(kernels.reshape(orders.size, -1, *kernels.shape[3:]), up, down, residuals)
 
 
 def note_stages(run: Run, wall: float, busy: list[float]) -> None:

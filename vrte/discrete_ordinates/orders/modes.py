@@ -3,11 +3,11 @@
 from typing import ClassVar
 
 from vrte import _core
-from vrte.basics.arrays import IntArray
+from vrte.basics.arrays import BoolArray, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
+from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes, solve_fused_scenes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
@@ -49,6 +49,10 @@ class Modes:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         return solve_by_modes(self.problem, orders, self.base, self.quick, run)[0]
+
+    def solve_scenes(self, orders: IntArray, wanted: BoolArray, run: Run) -> Orders:
+        """Those of the orders that are ``wanted`` (order, scene) of many scenes."""
+        return solve_fused_scenes(self.problem, orders, wanted, self.base, self.quick, run)
 
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:

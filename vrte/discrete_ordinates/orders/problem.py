@@ -6,7 +6,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
@@ -37,7 +37,8 @@ class Problem:
     phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; skip_flags: what
     need not be done. ``media``: where light is refracted or mirrored between the layers, None where it goes straight
     on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in. ``grading``:
-    of the nodes, see `make_double_gauss`."""
+    of the nodes, see `make_double_gauss`. Layers and levels of several ``scenes``, with as many of them each, lie one
+    behind another; level_layer (n_tau,) is that of all."""
 
     coefficients: Array
     terms: IntArray
@@ -59,6 +60,7 @@ class Problem:
     skip_flags: SkipFlags = EVERYTHING
     media: Media | None = None
     grading: int = 1
+    scenes: int = 1
 
     @property
     def is_exact(self) -> bool:
@@ -93,8 +95,23 @@ class Problem:
 
     @cached_property
     def depth(self) -> Array:
-        """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
-        return self.above[self.level_layer] + self.level
+        """Optical depths of the levels below the top, (scene n_tau,), as the truncated layers have them."""
+        top = self.above.reshape(self.scenes, -1)[:, self.level_layer]
+        return (top + self.level.reshape(self.scenes, -1)).ravel()
+
+    def select_scene(self, index: int) -> "Problem":
+        """The problem of one of its scenes."""
+        if self.scenes == 1:
+            return self
+        layers, levels = (slice(index * k, (index + 1) * k) for k in (self.layers, self.level_layer.size))
+        names = "coefficients", "terms", "albedo", "thickness", "above", "gain", "fraction"
+        own = {name: getattr(self, name)[layers] for name in names}
+        return replace_unchecked(self, scenes=1, level=self.level[levels], **own)
+
+    @property
+    def layers(self) -> int:
+        """Layers of each scene."""
+        return self.albedo.size // self.scenes
 
     @property
     def size(self) -> int:

@@ -10,34 +10,53 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.scene.boundary import Boundary
 from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 
 def find_scatterers(
-    layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
+    scenes: Sequence[Scene], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
 ) -> list[tuple[Array, Array]]:
-    """What scatters once: the table of every phase matrix, as the kernel takes it, and what multiplies it.
+    """What scatters once: the tables of every phase matrix, as the kernel takes them, a scene's behind another's, and
+    what multiplies it.
 
-    That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
-    ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in the TMS method;
-    otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
+    That is omega/(4 pi) times the path integral, (scene n_level, n_in, n_mu), summed over the layers that share it, the
+    same in all scenes. ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in
+    the TMS method; otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
     """
-    paths = integrate_paths(problem, levels, mu)
+    paths, count = integrate_paths(problem, levels, mu), problem.scenes
     strength = problem.gain if whole else problem.albedo
-    found: dict[int, tuple[Array, Array]] = {}
-    for k, layer in enumerate(layers):
+    paths *= (strength / (4.0 * np.pi))[:, None, None, None]
+    by_scene = paths.reshape(count, -1, *paths.shape[1:])
+    first: dict[int, int] = {}
+    for k, layer in enumerate(scenes[0].layers):
         if strength[k] > 0.0:
-            key = id(layer.phase_matrix)
-            weighted = strength[k] / (4.0 * np.pi) * paths[k]
-            if key in found:
-                found[key][1][:] += weighted
-            else:
-                table = layer.phase_matrix.series if whole else _core.series_table(problem.coefficients[k])
-                found[key] = (table, weighted)
-    return list(found.values())
+            of = first.setdefault(id(layer.phase_matrix), k)
+            if of != k:
+                by_scene[:, of] += by_scene[:, k]
+    return [
+        (stack_tables(scenes, problem, k, whole), np.ascontiguousarray(by_scene[:, k].reshape(-1, *paths.shape[2:])))
+        for k in first.values()
+    ]
+
+
+def stack_tables(scenes: Sequence[Scene], problem: Problem, k: int, whole: bool) -> Array:
+    """The series of layer ``k`` of all scenes, (scene row, SERIES), all with as many rows; not ``whole``: of what is
+    left of those that have lost a forward peak."""
+    every, cut = [scene.layers[k].phase_matrix for scene in scenes], problem.fraction.reshape(problem.scenes, -1)
+    tables = [
+        matrix.series if whole or not cut[i].any() else _core.series_table(problem.coefficients[i * problem.layers + k])
+        for i, matrix in enumerate(every)
+    ]
+    if len(tables) == 1:
+        return tables[0]
+    found = np.zeros((len(tables), max(table.shape[0] for table in tables), _core.SERIES))
+    for own, table in zip(found, tables, strict=True):
+        own[: table.shape[0]] = table
+    return found.reshape(-1, _core.SERIES)
 
 
 def integrate_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
-    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up."""
+    """Optical path integrals of one scattering in each layer, (scene layer, n_level, n_in, n_mu); mu signed, > 0 up."""
     return _core.path_integrals(
         above=problem.above,
         thickness=problem.thickness,
@@ -46,6 +65,7 @@ def integrate_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
         chosen=levels,
         mu0=problem.mu0,
         mu=mu,
+        slab_stacks=problem.scenes,
     )
 
 
@@ -84,21 +104,23 @@ def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     return kernels
 
 
-def measure_distance(problem: Problem, t: int, k: int) -> float:
-    """Optical depth between level t and the nearer face of layer k (number of layers: of the base); 0 inside the layer.
+def measure_distance(problem: Problem, t: int, k: int, scene: int = 0) -> float:
+    """Optical depth between level t and the nearer face of layer k (number of layers: of the base) of a scene; 0 inside
+    the layer.
 
     A sum of thicknesses, never a difference of depths: along a cosine of 1e-8 its last place would be seen.
     """
-    at, level = problem.level_layer[t], problem.level[t]
+    at, level = problem.level_layer[t], problem.level[scene * problem.level_layer.size + t]
+    thickness = problem.thickness[scene * problem.layers : (scene + 1) * problem.layers]
     if k == at:
         return 0.0
     if k > at:
-        return float(problem.thickness[at] - level) + math.fsum(problem.thickness[at + 1 : k])
-    return float(level) + math.fsum(problem.thickness[k + 1 : at])
+        return float(thickness[at] - level) + math.fsum(thickness[at + 1 : k])
+    return float(level) + math.fsum(thickness[k + 1 : at])
 
 
 def add_base_reflected(
-    below: Boundary,
+    bases: Sequence[Boundary],
     problem: Problem,
     levels: IntArray,
     mu: Array,
@@ -109,22 +131,27 @@ def add_base_reflected(
     last: int,
     out: Array,
 ) -> None:
-    """Adds the beam, reflected by what lies below and decaying on both ways, for the beams first .. last - 1.
+    """Adds beams, reflected by what lies below each scene and decaying on both ways: the beams first .. last - 1.
 
-    levels (n_level,), mu (n_mu,): depths and signed cosines of out (n_level, n_in, n_mu, n_phi, 4, n_place); place
-    (n_col,): where the columns go; scale (n_in,): factor of each incident direction.
+    levels (n_level,), mu (n_mu,): depths and signed cosines of out (scene n_level, n_in, n_mu, n_phi, 4, n_place);
+    index (n_col,): where the columns go; scale (n_in,): factor of each incident direction. Bases of several scenes are
+    even.
     """
-    total = problem.above[-1] + problem.thickness[-1]
-    up = mu > 0.0
-    if not below.orders_reflected or not np.isfinite(total) or not up.any():
+    up, count, below = mu > 0.0, problem.scenes, bases[0]
+    total = (problem.above + problem.thickness).reshape(count, -1)[:, -1:]
+    if not any(base.orders_reflected for base in bases) or not np.isfinite(total).all() or not up.any():
         return
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)
-    left = np.array([measure_distance(problem, int(t), problem.albedo.size) for t in levels])
-    decay = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
-    f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
+    left = [[measure_distance(problem, t, problem.layers, k) for t in levels.tolist()] for k in range(count)]
+    decay = strength[:, None, :, None] * np.exp(-np.array(left)[:, :, None, None] / np.abs(mu))
+    decay = np.where(up, decay, 0.0)[..., None]
+    values = out.reshape(count, -1, *out.shape[1:])[:, :, first:last]
+    if below.is_uneven:
+        f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
+    else:
+        f = (np.array([base.even_albedo for base in bases]) / np.pi).reshape(-1, 1, 1, 1, 1, 1, 1)
     seen = f.shape[-1]
-    for column, at in zip(problem.columns, index, strict=True):
-        light = f @ column[:seen]
-        for values, fraction in zip(out, decay, strict=True):
-            values[first:last, ..., :seen, at] += fraction[..., None, None] * light
+    for column, at in zip(problem.columns, index.tolist(), strict=True):
+        if column[:seen].any():
+            values[..., :seen, at] += decay[..., None] * (f @ column[:seen])

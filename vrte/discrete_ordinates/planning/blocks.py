@@ -1,15 +1,32 @@
 """Fourier orders that are solved alike: the same Stokes parameters, layers and algorithm."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
+from vrte.discrete_ordinates.orders.base import EvenBases
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
-from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
-from vrte.discrete_ordinates.planning.order_bounds import OrderBounds, count_layers_reached, list_stokes_sets
+from vrte.discrete_ordinates.planning.choice import (
+    Choice,
+    DoublingSteps,
+    choose_algorithms,
+    count_all_doubling_steps,
+    find_scenes_for_modes,
+)
+from vrte.discrete_ordinates.planning.order_bounds import (
+    OrderBounds,
+    Sets,
+    count_layers_reached,
+    find_bottoms_seen,
+    list_stokes_sets,
+)
+from vrte.request.how import BY_RULE
 from vrte.scene.boundary import BLACK, Boundary
 
 TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light returned from a depth
@@ -19,7 +36,8 @@ TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light ret
 class Block:
     """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
     reduced problem and its base, which algorithm takes it, and what is left out of it: the name of a switch and
-    the reason, with {orders} in the place of the block's."""
+    the reason, with {orders} in the place of the block's. Of several scenes ``wanted`` (k, scene) says which orders
+    each of them needs."""
 
     orders: IntArray
     stokes: tuple[int, ...]
@@ -27,7 +45,8 @@ class Block:
     problem: Problem
     base: Boundary
     choice: Choice
-    left_out: tuple[tuple[str, str], ...]
+    left_out: tuple[tuple[str, str], ...] = ()
+    wanted: BoolArray | None = None
 
 
 class Part(NamedTuple):
@@ -41,20 +60,46 @@ class Part(NamedTuple):
     has_end: bool
 
 
+@lru_cache(maxsize=1024)
+def sort_orders(
+    sets: Sets, stages: tuple[int, ...], along_normal: bool, reached: tuple[tuple[int, bool], ...]
+) -> tuple[tuple[Part, tuple[int, ...]], ...]:
+    """The orders, of which ``sets`` and ``reached`` tell what is solved of each, that are alike; ascending, and I
+    before V."""
+    parts: dict[Part, list[int]] = {}
+    for order, (found, depth) in enumerate(zip(sets, reached, strict=True)):
+        stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
+        for stokes in found:
+            parts.setdefault(Part(stage, stokes, straight, *depth), []).append(order)
+    ordered = sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes))
+    return tuple((part, tuple(members)) for part, members in ordered)
+
+
+@lru_cache(maxsize=1024)
+def are_solved_at_once(orders: tuple[tuple[int, ...], ...]) -> bool:
+    """Whether the orders of all blocks are solved without a second look at how many are left: where no block begins
+    beyond the orders of those before it.
+
+    >>> are_solved_at_once(((0,), (0, 1), (1, 2))), are_solved_at_once(((0, 1), (2, 3)))
+    (True, False)
+    """
+    return all(then[0] <= before[-1] for before, then in itertools.pairwise(orders))
+
+
 def make_blocks(
     problem: Problem,
     base: Boundary,
-    orders: IntArray,
+    count: int,
     stages: tuple[int, ...],
     needs: OrderBounds,
     accuracy: float,
     algorithm: str,
     eigensolver: bool = True,
 ) -> list[Block]:
-    """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
+    """So many orders of one scene, sorted into blocks. No block goes across the orders in ``stages``."""
     rough = problem.media is not None and problem.media.scene.is_rough
     base_couples_orders, mixed, skip_flags = base.is_uneven or rough, base.mixes_stokes or rough, problem.skip_flags
-    sets = list_stokes_sets(problem) if skip_flags.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
+    sets = list_stokes_sets(problem)[0][:count] if skip_flags.stokes and not mixed else ((ALL,),) * count
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
@@ -62,15 +107,12 @@ def make_blocks(
         has_end = [end or not semi_infinite or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
         layers = [problem.albedo.size] * len(layers)
     along_normal = skip_flags.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
-    to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
-    parts: dict[Part, list[int]] = {}
-    for order in orders.tolist():
-        reached = (layers[order], has_end[order]) if skip_flags.depth and not base_couples_orders else to_the_end
-        stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
-        for stokes in sets[order]:
-            parts.setdefault(Part(stage, stokes, straight, *reached), []).append(order)
+    reached = ((problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))),) * count
+    if skip_flags.depth and not base_couples_orders:
+        reached = tuple(zip(layers[:count], has_end[:count], strict=True))
+    steps: dict[tuple[int, bool], DoublingSteps] = {}
     blocks = []
-    for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
+    for part, members in sort_orders(sets, stages, along_normal, reached):
         columns = find_lit_columns(problem, part)
         if not columns:
             continue
@@ -79,13 +121,50 @@ def make_blocks(
         below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
-        strength = needs.strength[chosen]
+        strength = needs.strength[0, chosen]
         if members[0] == 0 and not problem.is_exact:  # whose flux invariance would not conserve to rounding
             strength = np.concatenate([[1.0], strength[1:]])
-        alone = chosen if below is BLACK else None
-        for indices, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver, alone):
+        alone, depth = chosen if below is BLACK else None, (part.layers, part.has_end)
+        asked = algorithm, reduced, strength, accuracy, eigensolver, alone
+        if depth not in steps and eigensolver and algorithm in BY_RULE:
+            steps[depth] = count_all_doubling_steps(reduced)
+        for indices, choice in choose_algorithms(*asked, steps.get(depth)):
             blocks.append(Block(chosen[indices], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
+
+
+def make_shared_blocks(
+    problem: Problem, bases: Sequence[Boundary], counts: IntArray, accuracy: float, algorithm: str
+) -> tuple[list[Block], BoolArray]:
+    """The orders of many scenes by modes, so many of each, in blocks that are alike; and which scenes they stand for,
+    (scene,): for others, by themselves, another algorithm is chosen, fewer layers, or several looks at how many orders
+    are left."""
+    fits, steps, sets = (
+        find_bottoms_seen(problem, accuracy),
+        count_all_doubling_steps(problem),
+        list_stokes_sets(problem),
+    )
+    n_order, reached = problem.coefficients.shape[1], (problem.layers, True)
+    blocks: list[Block] = []
+    wanted: dict[Part, BoolArray] = {}
+    for index, count in enumerate(counts.tolist()):
+        parts = sort_orders(sets[index][:count], (), False, (reached,) * count)
+        fits[index] &= are_solved_at_once(tuple(members for _, members in parts))
+        for part, members in parts if fits[index] else ():
+            if part not in wanted:
+                wanted[part] = np.zeros((n_order, problem.scenes), bool)
+            wanted[part][list(members), index] = True
+    lit = {part: find_lit_columns(problem, part) for part in wanted}
+    reduced = {part: reduce_problem(problem, part, columns) for part, columns in lit.items()}
+    for part, which in wanted.items():
+        fits &= find_scenes_for_modes(reduced[part], steps, algorithm, accuracy) | ~which.any(axis=0)
+    shared = EvenBases(tuple(bases)), Choice("modes", "many scenes that are alike")
+    for part, which in wanted.items():
+        orders = np.flatnonzero((which & fits).any(axis=1)).astype(np.int32)
+        if orders.size:
+            own = reduced[part], *shared, (), (which & fits)[orders]
+            blocks.append(Block(orders, part.stokes, lit[part], *own))
+    return sorted(blocks, key=lambda block: (int(block.orders[0]), block.stokes)), fits
 
 
 def explain_part(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
@@ -128,11 +207,13 @@ def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem of the part's layers and Stokes parameters."""
+    incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
+    if part.layers == problem.layers and (part.has_end or np.isinf(problem.thickness[-1])):
+        return replace_unchecked(problem, columns=incident, stokes=part.stokes)
     thickness = problem.thickness[: part.layers]
     if not part.has_end:
         thickness = thickness.copy()
         thickness[-1] = np.inf
-    incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
     return replace_unchecked(
         problem,
         coefficients=problem.coefficients[: part.layers],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_MOMENTS
@@ -37,9 +37,11 @@ def choose_algorithms(
     accuracy: float,
     eigensolver: bool = True,
     orders: IntArray | None = None,
+    doubling: "DoublingSteps | None" = None,
 ) -> list[tuple[slice, Choice]]:
     """The route asked for, or for "auto" and "direct" those that the rule takes, each for some of the orders;
-    ``strength`` (order,): their q, which falls. ``orders``: their numbers, given over black ground alone.
+    ``strength`` (order,): their q, which falls. ``orders``: their numbers, given over black ground alone; ``doubling``:
+    the steps that it would take, where they are counted already.
 
     Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
     doubling where there is no ``eigensolver``.
@@ -68,7 +70,7 @@ def choose_algorithms(
         fraction = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((fraction >= 1.0) | (strength > STRONGEST)))
     given = orders if algorithm == "auto" else None
-    parts = split_at_scatterings(problem, given, first, accuracy) if first else []
+    parts = split_at_scatterings(problem, given, first, accuracy, doubling) if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {fraction[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
@@ -76,11 +78,11 @@ def choose_algorithms(
 
 
 def split_at_scatterings(
-    problem: Problem, orders: IntArray | None, count: int, accuracy: float
+    problem: Problem, orders: IntArray | None, count: int, accuracy: float, doubling: "DoublingSteps | None" = None
 ) -> list[tuple[slice, Choice]]:
     """The first so many orders: successive scatterings from where on they are quicker than eigenproblems, since the
     terms that are left get fewer with every order."""
-    other = choose_modes_or_doubling(problem)
+    other = choose_modes_or_doubling(problem, doubling or count_all_doubling_steps(problem))
     first = count
     if orders is not None and is_for_scatterings(problem, accuracy):
         fraction = count_operations_of_scatterings(problem, orders[:count]) / count_operations_of_modes(problem)
@@ -106,19 +108,61 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
     return parts
 
 
-def choose_modes_or_doubling(problem: Problem) -> Choice:
+@dataclass(frozen=True, eq=False)
+class DoublingSteps:
+    """What doubling would take of each scene (scene,): ``steps`` in all distinct slabs, and ``slabs`` that are joined;
+    thin: where modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
+
+    thin: BoolArray
+    thick: BoolArray
+    steps: Array
+    slabs: Array
+
+
+def count_all_doubling_steps(problem: Problem) -> DoublingSteps:
+    """Of all scenes of a problem, whatever the Stokes parameters."""
+    lowest, thickness = float(problem.directions.min()), problem.thickness.reshape(problem.scenes, -1)
+    thin = np.where(problem.albedo.reshape(problem.scenes, -1) > 0.0, thickness, 0.0).sum(axis=1) < THIN
+    top_only = problem.level_layer.size == 1 and not problem.level.any()
+    if problem.layers == 1 and top_only and problem.thickness.all():  # one slab each
+        thick, steps = thickness[:, 0] > ONE_LAYER * float(problem.nodes[0]), count_doubling_steps(thickness, lowest)
+        return DoublingSteps(thin, thick, steps[:, 0], np.ones(problem.scenes))
+    thick = (thickness[:, 0] > ONE_LAYER * float(problem.nodes[0])) & (problem.layers == 1)
+    found = [list_slabs(problem.select_scene(index)) for index in range(problem.scenes)]
+    steps = np.array([count_doubling_steps(np.array(distinct), lowest).sum() for distinct, _ in found])
+    return DoublingSteps(thin, thick, steps, np.array([float(slabs) for _, slabs in found]))
+
+
+def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[BoolArray, Array]:
+    """Whether doubling is taken in the place of modes, (scene,), and its predicted time over theirs."""
+    ratio = predict_doubling_time(doubling.steps, problem.size, doubling.slabs) / problem.layers
+    return doubling.thin | (~doubling.thick & (ratio < cost.WORTH_DOUBLING)), ratio
+
+
+def choose_modes_or_doubling(problem: Problem, doubling: DoublingSteps) -> Choice:
     """Which of the two is right, and predicted to be faster."""
-    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
+    if doubling.thin[0]:
         return Choice(
             "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         )
-    if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
+    if doubling.thick[0]:
         return Choice("modes", "auto: one layer, one eigenproblem")
-    distinct, slabs = list_slabs(problem)
-    steps = count_doubling_steps(np.array(distinct), float(problem.directions.min())).sum()
-    ratio = float(predict_doubling_time(steps, problem.size, slabs)) / problem.albedo.size
-    name = "doubling" if ratio < cost.WORTH_DOUBLING else "modes"
-    return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
+    (doubles,), (ratio,) = compare_with_doubling(problem, doubling)
+    words = f"auto: doubling is predicted to take {ratio:.2g} times the time of modes"
+    return Choice("doubling" if doubles else "modes", words)
+
+
+def find_scenes_for_modes(problem: Problem, doubling: DoublingSteps, algorithm: str, accuracy: float) -> BoolArray:
+    """Whether all orders of a scene with a base are solved by modes, (scene,), as `choose_algorithms` has it."""
+    if algorithm == "modes":
+        return np.ones(problem.scenes, bool)
+    found = ~compare_with_doubling(problem, doubling)[0]
+    if algorithm == "auto" and problem.layers == 1 and is_worth_scatterings(problem):
+        orders = np.arange(problem.coefficients.shape[1], dtype=np.int32)
+        for index in np.flatnonzero(found).tolist():
+            parts = split_at_scatterings(problem.select_scene(index), orders, orders.size, accuracy)
+            found[index] = all(choice.name != "scatterings" for _, choice in parts)
+    return found
 
 
 def is_top_only(problem: Problem) -> bool:
@@ -137,12 +181,15 @@ def is_for_scatterings(problem: Problem, accuracy: float) -> bool:
     """Whether light of one slab that is not too thick is asked for, and a scattering of nothing would be quicker."""
     if problem.albedo.size != 1 or problem.media is not None or not problem.is_exact or accuracy < FINEST_MOMENTS:
         return False
-    least = 2.0 * cost.SCATTERINGS * problem.n_rhs * cost.A_SCATTERING
-    if least >= cost.WORTH_SCATTERINGS * count_operations_of_modes(problem):
-        return False
-    if not 0.0 < float(problem.thickness[0]) <= THICKEST:
+    if not is_worth_scatterings(problem) or not 0.0 < float(problem.thickness[0]) <= THICKEST:
         return False
     return find_steepest(problem) <= (STEEPEST_INSIDE if count_depths(problem) else STEEPEST)
+
+
+def is_worth_scatterings(problem: Problem) -> bool:
+    """Whether a scattering of nothing would be quicker than modes of a layer."""
+    least = 2.0 * cost.SCATTERINGS * problem.n_rhs * cost.A_SCATTERING
+    return least < cost.WORTH_SCATTERINGS * count_operations_of_modes(problem) / problem.scenes
 
 
 def count_depths(problem: Problem) -> int:
@@ -189,7 +236,7 @@ def count_doubling_steps(thickness: Array, lowest: float) -> Array:
     return np.where(np.isinf(thickness), cost.STEPS_ENDLESS, steps)
 
 
-def predict_doubling_time(steps: Array, size: int, slabs: int) -> Array:
+def predict_doubling_time(steps: Array, size: int, slabs: Array) -> Array:
     """Predicted time of an order, in units of one layer's modes: of so many ``steps`` (...,) in all distinct slabs,
     with ``size`` unknowns, and ``slabs`` that are joined."""
     return steps * (cost.DOUBLING_AT_ONCE + size / cost.DOUBLING_SIZE) + cost.JOINT * slabs

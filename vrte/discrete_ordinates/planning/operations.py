@@ -77,7 +77,7 @@ def count_operations_of_plan(plan: "Plan") -> float:
     """Of all blocks of a plan, or of those of its parts, and of what adds them up."""
     if plan.parts:
         return sum(count_operations_of_plan(part) for part in plan.parts)
-    strengths = [plan.needs.strength[block.orders] for block in plan.blocks]
+    strengths = [plan.needs.strength[0, block.orders] for block in plan.blocks]
     blocks = zip(plan.blocks, strengths, strict=True)
     return count_operations_of_sums(plan) + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
 

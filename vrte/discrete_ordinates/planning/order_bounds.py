@@ -1,14 +1,16 @@
 """What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
@@ -16,6 +18,7 @@ from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 ORDERS = 0.4  # fraction of the requested accuracy for Fourier orders left out
+DECAY = 0.8  # decay rate of an order's light on its way down and up, at least, as a fraction of 1 - q
 SHARE = 0.1  # fraction of the requested accuracy for layers left out
 SAMPLES = 5  # directions of each kind in which single scattering is evaluated for the bounds
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # trial decay rates of an order's light, as fractions of 1 - q
@@ -26,12 +29,18 @@ SAFETY = 3.0  # bounds of later orders are at least this many times the orders f
 STEEPER = 5.0  # a bound may not fall faster, order to order, than this many times the fall observed
 LARGEST_BOUND = 1e150  # upper limit of bounds, so that their products and sums stay finite
 LOOKED_AT = 3  # orders, from order 1 on, that bounds are compared with
+UNPOLARIZED: dict[str, Any] = {  # incident light of I alone, as the core takes it
+    "columns": np.array([[1.0, 0.0, 0.0, 0.0]]),
+    "kind": np.zeros(1, np.int32),
+    "place": np.zeros(1, np.int32),
+}
+Sets = tuple[tuple[tuple[int, ...], ...], ...]  # of Stokes parameters that each order keeps apart
 
 
 @dataclass(frozen=True, eq=False)
 class OrderBounds:
-    """by_layer (layer, order), its largest, strength (order,), bounds (order,): see `order_bounds` in
-    core/bounds.pxi."""
+    """by_layer (scene layer, order), its largest in each scene, strength (scene, order), bounds (scene, order): see
+    `order_bounds` in core/bounds.pxi."""
 
     by_layer: Array
     strength: Array
@@ -60,81 +69,55 @@ def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Arra
 
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
     """Strength of each order, and a bound on what it adds."""
-    directions, terms = problem.directions, problem.coefficients.shape[1]
+    directions, (rows, terms, _) = problem.directions, problem.coefficients.shape
     if directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
-    layers = problem.coefficients, problem.terms, problem.albedo
-    by_layer, bounds = bound_orders(*layers, directions, problem.nodes.size, problem.mu_out.size, run)
-    return OrderBounds(by_layer, by_layer.max(axis=0), bounds[0])
-
-
-def bound_orders(
-    coefficients: Array,
-    terms: IntArray,
-    albedo: Array,
-    directions: Array,
-    n_node: int,
-    n_out: int,
-    run: Run,
-    scenes: int = 1,
-) -> tuple[Array, Array]:
-    """Strength (layer, order) and bounds (scene, order), of scenes whose layers lie one behind the other; arguments as
-    in core/bounds.pxi."""
-    by_layer, bounds = np.empty(coefficients.shape[:2]), np.empty((scenes, coefficients.shape[1]))
+    by_layer, bounds = np.empty((rows, terms)), np.empty((problem.scenes, terms))
     with run.timed("planning") as crew:
         _core.order_bounds(
             crew,
-            coefficients=coefficients,
-            terms=terms,
-            albedo=albedo,
+            coefficients=problem.coefficients,
+            terms=problem.terms,
+            albedo=problem.albedo,
             directions=directions,
-            n_node=n_node,
-            n_out=n_out,
+            n_node=problem.nodes.size,
+            n_out=problem.mu_out.size,
             strength=by_layer,
             bounds=bounds.ravel(),
-            slab_stacks=scenes,
+            slab_stacks=problem.scenes,
         )
-    return by_layer, bounds
+    return OrderBounds(by_layer, by_layer.reshape(problem.scenes, -1, terms).max(axis=1), bounds)
 
 
-def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
+def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
-    (degrees): the brightest at each depth for each beam, (n_tau, n_in). Never more than the light there is, so without
-    forward peaks where they are taken off: their light goes on being scattered."""
+    (degrees): the brightest at each depth for each beam, (scene, n_tau, n_in). Never more than the light there is, so
+    without forward peaks where they are taken off: their light goes on being scattered."""
     out, into, angles = mu[spread_places(mu.size)], problem.mu0, np.radians(phi[spread_places(phi.size)])
-    whole = not problem.fraction.any()
-    levels = np.arange(problem.level.size, dtype=np.int32)
-    light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
-    for table, path in find_scatterers(scene.layers, problem, levels, out, whole):
-        add_brightness(light, table, path, (into, out, angles), replace_unchecked(run, threads=1))
-    return light[..., 0, 0].max(axis=(2, 3), initial=0.0)
-
-
-def add_brightness(
-    light: Array, table: Array, path: Array, seen: tuple[Array, Array, Array], run: Run, scenes: int = 1
-) -> None:
-    """Adds unpolarized light scattered once to ``light`` (level, n_in, n_mu, n_phi, 4, 1), in place, along mu0, mu and
-    azimuths [rad] of what is ``seen``."""
-    mu0, mu, angles = seen
-    with run.timed("planning") as crew:
-        _core.add_single_scattering(
-            crew,
-            table=table,
-            path=path,
-            mu0=mu0,
-            mu=mu,
-            cos_phi=np.cos(angles),
-            sin_phi=np.sin(angles),
-            angle=np.arange(angles.size, dtype=np.int32),
-            sign=np.ones(angles.size),
-            columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
-            kind=np.zeros(1, np.int32),
-            place=np.zeros(1, np.int32),
-            first=0,
-            last=mu0.size,
-            out=light,
-            slab_stacks=scenes,
-        )
+    levels = np.arange(problem.level_layer.size, dtype=np.int32)
+    light = np.zeros((problem.scenes, levels.size, into.size, out.size, angles.size, 4, 1))
+    seen: dict[str, Any] = {
+        "cos_phi": np.cos(angles),
+        "sin_phi": np.sin(angles),
+        "angle": np.arange(angles.size, dtype=np.int32),
+    }
+    for table, path in find_scatterers(scenes, problem, levels, out, whole=not problem.fraction.any()):
+        with replace_unchecked(run, threads=1).timed("planning") as crew:
+            _core.add_single_scattering(
+                crew,
+                table=table,
+                path=path,
+                mu0=into,
+                mu=out,
+                **seen,
+                sign=np.ones(angles.size),
+                **UNPOLARIZED,
+                first=0,
+                last=into.size,
+                out=light.reshape(-1, *light.shape[2:]),
+                slab_stacks=problem.scenes,
+            )
+    return light[..., 0, 0].max(axis=(3, 4), initial=0.0)
 
 
 @cache
@@ -145,75 +128,85 @@ def spread_places(count: int) -> IntArray:
     return indices
 
 
-def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
-    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
+def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> IntArray:
+    """So many orders of each scene that all others together add less, at every depth, than a share of the accuracy; at
+    least 1, (scene,).
 
-    bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
+    bounds (scene, order, n_tau, n_in or 1), brightest (scene, n_tau, n_in).
     """
-    tail = 2.0 * np.minimum(bounds, LARGEST_BOUND)[::-1].cumsum(axis=0)[::-1]
-    small = (tail <= ORDERS * accuracy * brightest).reshape(bounds.shape[0], -1).all(axis=1)
-    return max(1, bounds.shape[0] - int(np.count_nonzero(small)))
+    return _core.orders_that_matter(
+        bounds=bounds, brightest=brightest, allowed=ORDERS * accuracy, largest=LARGEST_BOUND
+    )
 
 
 def choose_stages(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
-    """Orders before which the bounds are compared with what was found: those that would be the first to be left out, at
-    the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
-    depths = range(brightest.shape[0])
-    found = set()
-    for careful in CAREFUL:
-        counts = [count_orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
-        found |= {min(counts), max(counts)}
-    return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in found}))
+    """Orders before which the bounds of a scene are compared with what was found: those that would be the first to be
+    left out, at the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
+    by_depth = bounds[0].transpose(1, 0, 2)[:, :, None].copy(), brightest[0][:, None].copy()
+    counts = [count_orders_that_matter(*by_depth, careful * accuracy) for careful in CAREFUL]
+    ends = {int(end) for count in counts for end in (count.min(), count.max())}
+    return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in ends}))
 
 
 def find_bounds_at(needs: OrderBounds, depth: Array) -> Array:
-    """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
+    """What multiple scattering of each order adds at most at each depth (scene, n_tau), for any beam, (scene, order,
+    n_tau, 1).
 
     An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
     """
-    bounds: Array = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depth=depth, decays=DECAYS)
-    return bounds[..., None]
+    found: Array = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depth=depth, decays=DECAYS)
+    return found[..., None]
 
 
 def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array]) -> Array:
-    """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
-    showed of them, (order, n_tau, n_in).
+    """The bounds (1, order, n_tau, 1) of a scene; for each beam, (1, order, n_tau, n_in), those of orders to come are
+    lowered to SAFETY times what the last orders showed of them.
 
     found: the largest of each order solved, (n_tau, n_in). The bounds are compared less their factor 1/(1 - q), which
     falls with the order and is the careful part. Nothing is lowered before there are two orders but 0 to look at, nor
     where the bound of the next one falls much more steeply than light did so far: it is careful in another way then.
     """
     orders = sorted(order for order in found if order > 0)[-LOOKED_AT:]
-    if len(orders) < 2 or orders[-1] + 1 >= bounds.shape[0]:
+    if len(orders) < 2 or orders[-1] + 1 >= bounds.shape[1]:
         return bounds
-    alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
+    (known,), (strength,) = bounds, needs.strength
+    alone = known[orders] * (1.0 - np.minimum(strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
     fraction = np.minimum(seen / np.maximum(alone, 1.0 / LARGEST_BOUND), LARGEST_BOUND).max(axis=0)
     fall = (np.minimum(seen[1:], seen[:-1]) / np.maximum(seen[:-1], 1e-300)).max(axis=0)
-    trusted = STEEPER * fraction * np.minimum(bounds[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
-    lowered = np.broadcast_to(bounds, (bounds.shape[0], *fraction.shape)).copy()
+    trusted = STEEPER * fraction * np.minimum(known[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
+    lowered = np.broadcast_to(known, (known.shape[0], *fraction.shape)).copy()
     factor = np.where(trusted, np.minimum(1.0, SAFETY * fraction), 1.0)
-    np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))
-    lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
-    return lowered
+    np.multiply(known, factor, out=lowered, where=np.isfinite(known))
+    lowered[: orders[-1] + 1] = known[: orders[-1] + 1]
+    return lowered[None]
+
+
+def find_bottoms_seen(problem: Problem, accuracy: float) -> BoolArray:
+    """Whether light of every order comes back from the bottom of a scene, (scene,): what lies below the lowest level
+    asked for is too thin for it to decay."""
+    deepest = int(problem.level_layer.max())
+    start = problem.level.reshape(problem.scenes, -1)[:, problem.level_layer == deepest].max(axis=1)
+    way = problem.thickness.reshape(problem.scenes, -1)[:, deepest:].sum(axis=1) - start
+    return DECAY * way < -0.5 * math.log(SHARE * accuracy)
 
 
 def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
     """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
 
-    On its way down from the lowest level asked for, and up again, it decays with kappa = 0.8 (1 - q) at least.
+    On its way down from the lowest level asked for, and up again, it decays with kappa = DECAY (1 - q) at least.
     """
+    if find_bottoms_seen(problem, accuracy).all():
+        return [problem.albedo.size] * strengths.shape[1], [True] * strengths.shape[1]
     deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
     enough = -0.5 * math.log(SHARE * accuracy)
-    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light decays that much on the way
-        return [n_layer] * n_order, [True] * n_order
     layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
     path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
     for layer in range(deepest, n_layer):
         q = np.minimum(strengths[layer], ALMOST_ONE)
-        kappa = np.where(q < ALMOST_ONE, 0.8 * (1.0 - q), 0.0)
+        kappa = np.where(q < ALMOST_ONE, DECAY * (1.0 - q), 0.0)
         gain = np.maximum(gain, (0.2 + 0.8 * q) / (0.2 * (1.0 - q)))
         length = min(float(problem.thickness[layer]), 1e300) - (start if layer == deepest else 0.0)
         path = path + kappa * length
@@ -225,16 +218,26 @@ def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) ->
     return layers.tolist(), has_end.tolist()
 
 
-def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
-    """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+def list_stokes_sets(problem: Problem) -> list[Sets]:
+    """The sets of Stokes parameters that each order of each scene keeps apart, ascending, without those that do not
+    scatter."""
     if problem.media is not None:
-        sets = list_stokes_sets(replace_unchecked(problem, media=None))
-        return [join_stokes_sets(found) for found in sets]
+        (sets,) = list_stokes_sets(replace_unchecked(problem, media=None))
+        return [tuple(join_stokes_sets(found) for found in sets)]
+    n_order = problem.coefficients.shape[1]
     if problem.is_scalar:
-        return [((0,),)] * problem.coefficients.shape[1]
-    present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
-    present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
-    return [find_stokes_sets(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]
+        return [(((0,),),) * n_order] * problem.scenes
+    present = (problem.coefficients[..., 1:] != 0.0) & (problem.albedo > 0.0)[:, None, None]
+    present = present.reshape(problem.scenes, -1, n_order, 5).any(axis=1)
+    present = np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]  # in the degrees l >= m
+    return [name_stokes_sets(rows.tobytes()) for rows in present]
+
+
+@cache
+def name_stokes_sets(present: bytes) -> Sets:
+    """The same of one scene, of whose coefficients a2 .. b2 some are there in the degrees l >= m, (order, 5)."""
+    rows = np.frombuffer(present, bool).reshape(-1, 5).tolist()
+    return tuple(find_stokes_sets(order > 0, *row) for order, row in enumerate(rows))
 
 
 @cache

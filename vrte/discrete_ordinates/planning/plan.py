@@ -1,5 +1,6 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from vrte.basics.arrays import Array, BoolArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
-from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.discretise import discretise_scenes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.orders.truncating import (
@@ -24,7 +25,7 @@ from vrte.discrete_ordinates.orders.truncating import (
     keep_unpolarized_peaks,
 )
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
-from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
+from vrte.discrete_ordinates.planning.blocks import Block, are_solved_at_once, make_blocks, make_shared_blocks
 from vrte.discrete_ordinates.planning.choose_quadrature import (
     DISCRETE,
     NodeChoice,
@@ -54,6 +55,7 @@ from vrte.scene.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+UNCUT = Truncation("none", "auto: the nodes carry all terms", "none", "none")
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 
 
@@ -84,9 +86,9 @@ class Plan:
     needs
         How much of each order is needed.
     bounds
-        Bounds on each Fourier order, (order, n_tau, 1).
+        Bounds on each Fourier order, (scene, order, n_tau, 1).
     brightest
-        The light that they are compared with, (n_tau, n_in).
+        The light that they are compared with, (scene, n_tau, n_in).
     wanted
         What is to be given back.
     orders
@@ -105,6 +107,8 @@ class Plan:
         Plans of light that comes in unpolarized and polarized, where they are carried out instead.
     derivatives
         What is differentiated beside it, and how.
+    others
+        The other scenes that are planned together with that of the request.
 
     Examples
     --------
@@ -130,6 +134,7 @@ class Plan:
     threads: int = 1
     parts: tuple["Plan", ...] = ()
     derivatives: tuple[Differentiated, ...] = ()
+    others: tuple[Scene, ...] = ()
 
     def __str__(self) -> str:
         return write_plan(self)
@@ -206,6 +211,16 @@ class Plan:
     def counts_again(self) -> bool:
         """Whether the orders are counted once more with the light that the first of them found."""
         return self.problem.skip_flags.orders and not self.base_couples_orders
+
+    @cached_property
+    def is_solved_at_once(self) -> bool:
+        """Whether no block comes after such a count."""
+        return not self.counts_again or are_solved_at_once(tuple([tuple(each.orders.tolist()) for each in self.blocks]))
+
+    @property
+    def scenes(self) -> tuple[Scene, ...]:
+        """All scenes that are planned together."""
+        return self.request.scene, *self.others
 
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made.
@@ -329,29 +344,15 @@ def make_plan(
     mu = np.concatenate([points, -points]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
-    truncation = truncation or choose_truncation(
-        request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
-    )
-    problem = discretise_scene(
-        scene,
-        request.mu0,
-        request.columns,
-        mu[rank],
-        request.tau,
-        nodes,
-        truncation.peaks,
-        request.under,
-        grading,
-        truncation.whole,
-    )
+    asked = request.mu0, request.columns, mu
+    truncation = truncation or choose_truncation(request.truncation, scene, *asked, request.tau, nodes, accuracy)
+    into = request.mu0, request.columns, mu[rank], request.tau[None], nodes
+    problem = discretise_scenes([scene], *into, [truncation.peaks], request.under, grading, truncation.whole)
     if skip_flags != EVERYTHING:
         problem = replace_unchecked(problem, skip_flags=skip_flags)
     within, seen = view_from_densest_medium(problem, mu)
-    needs = find_order_bounds(within, run)
-    brightest = find_brightness(scene, within, seen, request.phi, run)
-    # mirrored light decays no more the deeper it is
-    bounds = find_bounds_at(needs, problem.depth if problem.media is None else np.zeros(problem.level.size))
-    base, uneven = scene.below, scene.below.is_uneven or scene.is_rough
+    needs, bounds, brightest = look_at_orders([scene], within, seen, request, run)
+    uneven = scene.below.is_uneven or scene.is_rough
     stages: tuple[int, ...] = ()
     last, left_out = problem.coefficients.shape[1] - 1, {}
     if request.fluxes_only and skip_flags.fluxes and not uneven:
@@ -359,33 +360,62 @@ def make_plan(
     elif uneven or not skip_flags.orders:
         count = last + 1
     else:
-        count = count_orders_that_matter(bounds, brightest, accuracy)
+        count = int(count_orders_that_matter(bounds, brightest, accuracy)[0])
         stages = choose_stages(bounds, brightest, accuracy) if is_worth_stages(problem, count) else ()
         if count <= last:
             left_out["orders"] = (
                 f"multiple scattering of {write_numbers(range(count, last + 1), 'order')}: together they add less than "
                 f"{ORDERS:g} of the accuracy"
             )
-    orders = np.arange(count, dtype=np.int32)
     eigensolver = request.backend.linear_algebra == "lapack"
-    blocks = make_blocks(problem, base, orders, stages, needs, accuracy, request.algorithm, eigensolver)
+    blocks = make_blocks(problem, scene.below, count, stages, needs, accuracy, request.algorithm, eigensolver)
     wanted = request.wanted or want_everything(request, mu)
-    return Plan(
-        request,
-        problem,
-        truncation,
-        mu,
-        needs,
-        bounds,
-        brightest,
-        wanted,
-        count,
-        tuple(blocks),
-        accuracy,
-        choice,
-        left_out,
-        run.threads,
-    )
+    found = needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice, left_out, run.threads
+    return Plan(request, problem, truncation, mu, *found)
+
+
+def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Plan, BoolArray]:
+    """The plan of what is asked of many scenes, the first of them that of the request: each as it would be by itself,
+    by the same rules; and which of them it stands for, (scene,), see `make_shared_blocks`. Scenes and request have a
+    `BatchKey`."""
+    choice, accuracy = converge_on_nodes(request)
+    mu, tau = request.mu, stack_depths(request, scenes)
+    assert mu is not None
+    asked, carried = (request.mu0, request.columns, mu), 2 * choice.nodes
+    cut = [max(layer.phase_matrix.terms for layer in scene.layers) > carried for scene in scenes]
+    truncations = [
+        choose_truncation(request.truncation, scene, *asked, request.tau, choice.nodes, accuracy) if is_cut else UNCUT
+        for scene, is_cut in zip(scenes, cut, strict=True)
+    ]
+    peaks = [truncation.peaks for truncation in truncations]
+    problem = discretise_scenes(scenes, request.mu0, request.columns, mu, tau, choice.nodes, peaks)
+    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
+    counts = count_orders_that_matter(bounds, brightest, accuracy)
+    bases = [scene.below for scene in scenes]
+    blocks, fits = make_shared_blocks(problem, bases, counts, accuracy, request.algorithm)
+    wanted = request.wanted or want_everything(request, mu)
+    most, others = int(counts.max()), tuple(scenes[1:])
+    found = needs, bounds, brightest, wanted, most, tuple(blocks), accuracy, choice
+    return Plan(request, problem, truncations[0], mu, *found, left_out={}, others=others), fits
+
+
+def stack_depths(request: Request, scenes: Sequence[Scene]) -> Array:
+    """The depths asked for, (scene, n_tau): of several scenes the top and, with transmission, the bottom of each."""
+    if len(scenes) == 1:
+        return request.tau[None]
+    return np.array([[0.0, scene.thickness][: request.tau.size] for scene in scenes])
+
+
+def look_at_orders(
+    scenes: Sequence[Scene], problem: Problem, mu: Array, request: Request, run: Run
+) -> tuple[OrderBounds, Array, Array]:
+    """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), and the light
+    there, (scene, n_tau, n_in); along the directions ``mu``."""
+    needs = find_order_bounds(problem, run)
+    # mirrored light decays no more the deeper it is
+    depth = np.zeros(problem.level.size) if request.scene.keeps_beams else problem.depth
+    bounds = find_bounds_at(needs, depth.reshape(problem.scenes, -1))
+    return needs, bounds, find_brightness(scenes, problem, mu, request.phi, run)
 
 
 def is_worth_stages(problem: Problem, orders: int) -> bool:

@@ -155,7 +155,7 @@ def list_block_facts(plan: "Plan", block: Block) -> dict[str, Any]:
         "right_hand_sides": block.problem.n_rhs,
         "algorithm": block.choice.name,
         "reason": block.choice.reason,
-        "operations": count_operations_of_block(block, plan.needs.strength[block.orders], plan.accuracy),
+        "operations": count_operations_of_block(block, plan.needs.strength[0, block.orders], plan.accuracy),
     }
 
 

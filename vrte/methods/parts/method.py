@@ -52,7 +52,7 @@ def discretise_request(request: Request, nodes: int | None = None, peaks: Any = 
         request.tau,
         nodes or request.nodes or NODES,
         peaks,
-        request.under,
+        under=request.under,
     )
 
 
@@ -80,7 +80,7 @@ class Task:
         """What light is added up into."""
         wanted, spreads = self.request.wanted or want_everything(self.request, self.mu), np.asarray(spread)
         spreads = np.broadcast_to(spreads, self.mu.shape)
-        return Target(wanted, self.request.scene, problem, self.mu, fold_azimuths(self.request.phi), spreads)
+        return Target(wanted, [self.request.scene], problem, self.mu, fold_azimuths(self.request.phi), spreads)
 
     def tell(self, done: int, total: int) -> None:
         """Says how many steps are done. Raises KeyboardInterrupt where the user wants no more."""

@@ -31,10 +31,12 @@ from vrte.discrete_ordinates.execution.sums import (
     split_into_pieces,
     weigh_scatterers,
 )
+from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, Route, make_route
 from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
 from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
@@ -59,6 +61,8 @@ class Processor:
     def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
         """Raises SceneError where a plan needs more memory than there is."""
         for plan in plans:
+            if plan.others:  # so many scenes that they fit into the caches
+                continue
             request, problem = plan.request, plan.problem
             result = plan.wanted.doubles(request.phi.size)
             if plan.spreads.any():
@@ -83,6 +87,10 @@ class Processor:
         answers: list[Answer] = []
         before = 0
         for piece in pieces:
+            if piece.block.wanted is not None:
+                of_scenes = solve_scenes(piece.block, piece.plan.accuracy, run)
+                answers.append(make_answer(piece, piece.orders, of_scenes, {}))
+                continue
             own = choose_threads(run, piece.problem, piece.orders)
             asked = piece.problem, piece.block.base, piece.orders, piece.name, own, piece.plan.accuracy
             answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, told, before))))
@@ -117,7 +125,7 @@ class Processor:
                         sine=sine,
                         angle=azimuths.angle,
                         sign=azimuths.sign,
-                        levels=part.levels,
+                        levels=part.places,
                         rows=part.rows,
                         scale=wanted.scale,
                         first=share.first,
@@ -209,7 +217,13 @@ class Job:
 def cut_into_jobs(pieces: Sequence[Piece], run: Run) -> list[Job]:
     """The orders of pieces, a few at a time, for threads that each take the next; none where there are fewer than
     threads, where they are too small for it, or where they share what is refracted."""
-    if run.threads == 1 or run.kernels is not _core or sum(piece.orders.size for piece in pieces) < run.threads:
+    several = any(piece.problem.scenes > 1 for piece in pieces)
+    if (
+        several
+        or run.threads == 1
+        or run.kernels is not _core
+        or sum(piece.orders.size for piece in pieces) < run.threads
+    ):
         return []
     jobs = []
     for piece in pieces:
@@ -245,6 +259,13 @@ def solve_orders(
         found.append(try_orders(route, orders[first : first + step], run))
         told(min(first + step, orders.size))
     return join_found(found)
+
+
+def solve_scenes(block: Block, accuracy: float, run: Run) -> Orders:
+    """A block of orders of many scenes: whoever asks looks at the residuals of each."""
+    assert block.wanted is not None
+    route = Modes(block.problem, block.base, int(block.orders[-1]) + 1, accuracy)
+    return route.solve_scenes(block.orders, block.wanted, run)
 
 
 def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
@@ -305,6 +326,9 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
+    flux = np.array([found.flux_up, found.flux_down])
+    if piece.plan.is_solved_at_once:
+        return Answer(light, flux, None, None, found.residuals, doubts)
     # without the absolute values of all, which would take as much memory again
     ends = kernels.max(axis=(3, 4, 5), initial=0.0), kernels.min(axis=(3, 4, 5), initial=0.0)
     largest = np.maximum(ends[0], -ends[1])
@@ -313,4 +337,4 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
         lit = np.abs(piece.problem.columns).max(axis=1).tolist()
         first = np.abs(kernels[0, :, :, lit.index(max(lit)), :, 0])  # not of incident I, which may be none
         brightest = first.max(axis=2, initial=0.0) / max(*lit, 1e-300)
-    return Answer(light, np.array([found.flux_up, found.flux_down]), largest, brightest, found.residuals, doubts)
+    return Answer(light, flux, largest, brightest, found.residuals, doubts)

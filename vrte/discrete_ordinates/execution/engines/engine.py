@@ -47,14 +47,14 @@ class Answer:
 
     light: of the orders that pass the checks, in the engine's keeping; flux (2, n_tau, n_in, n_col), up and down, of
     order 0 where that is the first; largest (order, n_tau, n_in): the largest radiance of each order; brightest (n_tau,
-    n_in): the brightest I of the first, per unit of incident light; residuals (order,) by name; doubts: what is wrong
-    with each of the other orders.
+    n_in): the brightest I of the first, per unit of incident light, None where no orders are counted again; residuals
+    by name, of each order (order,), of several scenes (scene,); doubts: what is wrong with each of the other orders.
     """
 
     light: Light
     flux: Array
-    largest: Array
-    brightest: Array
+    largest: Array | None
+    brightest: Array | None
     residuals: Mapping[str, Array]
     doubts: Mapping[int, str]
 
