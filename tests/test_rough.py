@@ -1,5 +1,6 @@
 """Rough interfaces: the published rough sea over water, limits, energy."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,12 @@ import pytest
 import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_refracted_nodes
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.refracting import Refracting
 from vrte.discrete_ordinates.orders.rough import expand_interface
+from vrte.discrete_ordinates.orders.routes import make_route
+from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.optics.facets import RoughSurface
 
 from .helpers import assert_close, close_to
@@ -32,6 +38,35 @@ def test_the_rough_sea_over_water_that_is_published() -> None:
             mu0, mu = np.cos(np.radians([30.0, angle]))
             found = np.pi * vrte.brdf(vrte.Scene([SEA, water]), mu0, mu, phi, nodes=24).mueller[0, 0, 0, :3, 0]
             assert_close(found, expected, rtol=0.0, atol=5e-6)
+
+
+HAZE, AIR = vrte.Layer(vrte.henyey_greenstein(0.6, 24), 0.95, 0.7), vrte.Layer(vrte.rayleigh(), 1.0, 0.4)
+GOLD = vrte.Layer(vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64).phase_matrix, 0.9, np.inf)
+
+
+@pytest.mark.parametrize("under", [False, True])
+@pytest.mark.parametrize(
+    ("layers", "base", "tau"),
+    [
+        ([vrte.Interface(1.0, 1.5, 0.2), HAZE], None, [0.0]),
+        ([vrte.Interface(1.0, 1.5, 0.3, "ggx"), AIR, HAZE, AIR], vrte.Lambertian(0.5), [0.0, 0.2, 0.9]),
+        ([vrte.Interface(1.5, 1.0, 0.3), HAZE, AIR], vrte.Lambertian(0.5), [0.0, 0.4, 1.1]),
+        ([vrte.Interface(1.3, 1.5, 0.3, conserving=False), GOLD], None, [0.0, 0.4]),
+        ([SEA, AIR], vrte.Facets(0.2 + 3.0j, 0.4), [0.0]),
+    ],
+)
+def test_a_boundary_condition_is_what_joins_find(layers: list[Any], base: Any, tau: list[float], under: bool) -> None:
+    """Modes under a rough surface, against slabs and interfaces joined by the star product, order by order."""
+    directions = np.array([0.3, 0.8]), np.eye(4), np.array([0.2, 0.9, 1.0, -0.5, -0.9]), np.array(tau)
+    scene, first = vrte.Scene(layers, base), np.arange(len(tau)) < under
+    problem, orders = discretise_scene(scene, *directions, 8, under=first), np.arange(6, dtype=np.int32)
+    slabs = partial(respond, "modes", quick=True)
+    found = make_route("modes", problem, scene.below, 6, 1e-8).solve(orders, Run(1))
+    expected = Refracting(slabs, problem, scene.below, 6, 1e-8).solve(orders, Run(1))
+    assert_close(found.kernels, expected.kernels, rtol=0.0, atol=1e-13 * expected.kernels.max())
+    for name in ("flux_up", "flux_down"):  # by integrals of order 0 alone, to their accuracy
+        assert_close(getattr(found, name), getattr(expected, name), rtol=0.0, atol=1e-10)
+    assert max(float(values.max()) for values in found.residuals.values()) < 1e-13
 
 
 @pytest.mark.parametrize("indices", [(1.0, 1.5), (1.5, 1.0), (1.33, 1.5)])

@@ -94,6 +94,56 @@ def integrate_interface(
     return *found.reflected, *found.transmitted
 
 
+@dataclass(frozen=True, eq=False)
+class TopOrders:
+    """R^m of an interface above layers, as of `RoughOrders`: back (order, node, out, 4, 4) of light from below, out:
+    nodes, then directions seen there; up (order, node, out, 4, 4), to directions seen above; down (order, beam, node,
+    4, 4); I of the power that leaves upwards, of light on each node below (node, 4) and of each beam (beam, 4)."""
+
+    back: Array
+    up: Array
+    down: Array
+    leaving: Array
+    mirrored: Array
+
+
+def expand_top(
+    interface: Interface,
+    nodes: RefractedNodes,
+    beams: Array,
+    seen: tuple[Array, Array],
+    n_order: int,
+    accuracy: float,
+) -> TopOrders:
+    """What matters of a rough interface above layers in the orders 0 .. n_order - 1; beams from above, ``seen`` above
+    and below. It is remembered."""
+    placed = (nodes.highest, nodes.depth, nodes.measure, beams, *seen)
+    key = "top", interface, nodes.panels, tuple(part.tobytes() for part in placed), n_order, accuracy
+
+    def integrate() -> tuple[Array, ...]:
+        above, below, none = interface.facets, interface.turned.facets, np.zeros(0)
+        (mu, weights), (inner, _) = nodes.carried(interface.index_above), nodes.carried(interface.index_below)
+        gain = (interface.index_below / interface.index_above) ** 2
+        back = reflect_off_facets(below, nodes, none, seen[1], n_order, accuracy)
+        through = gather_orders(below, True, nodes, np.concatenate([seen[0], beams]), n_order, accuracy)
+        up, down = through[:, :, : seen[0].size], turn_way(gain * through[:, :, seen[0].size :], TRANSMITTED)
+        # fluxes are of order 0 alone
+        rising, falling = (
+            gather_orders(facets, True, nodes, to, 1, accuracy) for facets, to in ((below, mu), (above, inner))
+        )
+        rising = join_ways(rising, falling / gain, (inner.size, 0, 0), (mu.size, 0, 0), TRANSMITTED)
+        mirrored = turn_way(gather_orders(above, False, nodes, beams, 1, accuracy), REFLECTED)
+        if interface.conserving:
+            add_lost(up, below, True, (inner, none), (none, seen[0]))
+            add_lost(down, above, True, (none, beams), (inner, none))
+            add_lost(rising, below, True, (inner, none), (mu, none))
+            add_lost(mirrored, above, False, (none, beams), (mu, none))
+        power = weights * mu
+        return back, up, down, *(np.einsum("iob,o->ib", part[0, ..., 0, :], power) for part in (rising, mirrored))
+
+    return TopOrders(*_EXPANDED.find(key, integrate))
+
+
 def add_lost(
     found: Array, surface: RoughSurface, transmitted: bool, into: tuple[Array, Array], out: tuple[Array, Array]
 ) -> None:
@@ -124,10 +174,15 @@ def join_ways(
     """R^m (order, into, out, 4, 4) from what both ways gather, (order, node, direction, 4, 4), where directions and
     sizes are those of nodes, of what is asked for, and of beams."""
     (n_into, _, n_beam), (n_out, n_seen, _) = sizes_from, sizes_to
-    returned = (turned @ back @ turned).transpose(0, 2, 1, 4, 3)
+    returned = turn_way(back, turned)
     found = np.zeros((there.shape[0], n_into + n_beam, n_out + n_seen, 4, 4))
     found[:, :n_into] = there[:, :, : n_out + n_seen]
     found[:, :n_into, :n_out] += returned[:, :n_into]
     found[:, :n_into, :n_out] *= 0.5
     found[:, n_into:, :n_out] = returned[:, returned.shape[1] - n_beam :]
     return found
+
+
+def turn_way(back: Array, turned: Array) -> Array:
+    """The other way round by reciprocity: (order, into, out, 4, 4) from (order, out, into, 4, 4)."""
+    return (turned @ back @ turned).transpose(0, 2, 1, 4, 3)

@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.orders.invariance import Invariance
 from vrte.discrete_ordinates.orders.modes import Modes, is_quick
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting
-from vrte.discrete_ordinates.orders.single_interface import SingleInterface, is_under_one_surface
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface, make_single_interface
 from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.tanh_poles import Scatterings
@@ -57,7 +57,7 @@ def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accura
     """The named way through a problem, in one medium or in several."""
     if problem.media is not None:
         if name == "modes" and is_under_one_surface(problem.media):
-            return SingleInterface(problem, base, n_order, accuracy, is_quick(problem, accuracy))
+            return make_single_interface(problem, base, n_order, accuracy, is_quick(problem, accuracy))
         slabs = partial(respond, name, quick=is_quick(problem, accuracy))
         return Refracting(slabs, problem, base, n_order, accuracy)
     return ROUTES[name](problem, base, n_order, accuracy)

@@ -1,5 +1,6 @@
-"""A stack under one smooth surface by its modes: the surface is a boundary condition at the top, and nothing else."""
+"""A stack under one surface by its modes: the surface is a boundary condition at the top, and nothing else."""
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,61 +16,34 @@ from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.rough import expand_top
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
 
 
 def is_under_one_surface(media: Media) -> bool:
-    """Whether all that refracts is a smooth interface on top, and no beam comes up again."""
+    """Whether all that refracts is an interface on top, and no beam comes up again."""
     first, *others = media.scene.interfaces
-    plain = first is not None and first.is_smooth and not any(other is not None for other in others)
-    return plain and not media.scene.below.keeps_beams
+    return first is not None and not any(others) and not media.scene.below.keeps_beams
 
 
-class SingleInterface:
-    """Modes of the layers as beams find them that were refracted once, and a boundary condition at the top."""
+class SingleInterface(ABC):
+    """Modes of layers under one interface, which is a boundary condition at their top."""
 
     allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool) -> None:
         assert problem.media is not None
         self.problem, self.media, self.quick = problem, problem.media, quick
-        scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
-        into = find_cosines(scene.media, scene.index_above, problem.mu0)
-        index = scene.indices[0] / scene.index_above
-        down = self.media.interfaces_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
-        lit = into[1] > 0.0
-        mu_in = np.where(lit, into[1], 1.0)
-        self.flux = down * (lit * problem.mu0 / mu_in)[:, None, None]  # across the refracted beam, (n_in, S, n_col)
         self.sights = list_sights(self.media, problem.mu_out)
-        seen = self.sights.cosines[1]
-        mu_out = np.where(seen > 0.0, seen, 1.0)
-        within = (self.media.depths.interface != 0) | self.media.depths.under  # which depths are below the surface
-        self.within = within
-        both = mu_out if not within.any() else np.concatenate([mu_out, mu_out])
-        nodes, weights = self.media.nodes.carried(scene.indices[0])
-        self.inside = replace(
-            problem,
-            nodes=nodes,
-            weights=weights,
-            mu0=mu_in,
-            mu_out=both,
-            n_up=mu_out.size,
-            columns=np.eye(len(problem.stokes)),
-        )
-        if within.any():  # what comes up at the top goes down again
-            level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
-            self.inside = replace(self.inside, level=level, level_layer=layer.astype(np.int32))
-        # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
-        along, on_nodes = map(self.media.interfaces_along, (self.sights.cosines, self.media.cosines))
-        self.through = along.up[0][:, members[0], members[1]] / index**2
-        self.back = FLIP[:, None] * along.below[0]
-        self.back = self.back[:, members[0], members[1]]
-        back = (FLIP[:, None] * on_nodes.below[0])[-nodes.size :, members[0], members[1]]
-        back = np.ascontiguousarray(back * problem.flip)[None]
-        self.top = Top(np.zeros(n_order, np.int32), back, OPEN.sent)
+        seen = self.sights.cosines
+        self.seen = np.where(seen > 0.0, seen, 1.0)  # light that does not go there is dark
+        self.within = (self.media.depths.interface != 0) | self.media.depths.under  # depths below the surface
+        nodes, weights = self.media.nodes.carried(self.media.scene.indices[0])
+        self.inside = self.enter(replace(problem, nodes=nodes, weights=weights), n_order, accuracy)
         self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
+        self.top = self.close_top(n_order)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -77,28 +51,176 @@ class SingleInterface:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        inside, _ = solve_by_modes(self.inside, orders, self.base, self.quick, run, self.top)
-        fluxes = np.stack([inside.flux_up, inside.flux_down])  # (2, n_tau, n_in, S)
-        fluxes = np.einsum("wtia,iac->wtic", fluxes[:, int(self.within.any()) :], self.flux)
+        inside, rising = solve_by_modes(self.inside, orders, self.base, self.quick, run, self.top)
+        up, down = self.find_fluxes(np.stack([inside.flux_up, inside.flux_down]), orders, rising)
+        return Orders(self.see(inside.kernels, orders, rising), up, down, inside.residuals)
+
+    @abstractmethod
+    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
+        """The problem as the layers meet it: beams, directions and depths."""
+
+    @abstractmethod
+    def close_top(self, n_order: int) -> Top:
+        """What the layers meet at their top."""
+
+    @abstractmethod
+    def find_fluxes(self, inside: Array, orders: IntArray, rising: Array) -> Array:
+        """Up and down at every depth, (2, n_tau, n_in, n_col), from those inside, (2, level, n_in, column), or from
+        light on the nodes that comes up to the surface."""
+
+    @abstractmethod
+    def see(self, kernels: Array, orders: IntArray, rising: Array) -> Array:
+        """Along the outgoing directions, (order, n_tau, n_in, n_col, n_out, S), from what goes along the sights inside,
+        and from light on the nodes that comes up to the surface."""
+
+    def list_depths(self, light: Array) -> tuple[Array, list[tuple[IntArray, IntArray, Array]]]:
+        """Room for what is seen, from light of as many orders; and of every depth which sights its outgoing directions
+        up and down are, and how light going down from the surface is attenuated on its way there."""
+        problem, n_up = self.problem, self.problem.n_up
+        columns = problem.mu0.size, problem.columns.shape[0]
+        found = np.zeros((light.shape[0], problem.level.size, *columns, problem.mu_out.size, len(problem.stokes)))
+        rows = []
+        for t, index in enumerate(self.sights.place):
+            straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, index[n_up:]])[0]
+            rows.append((index[:n_up], index[n_up:], straight[:, None]))
+        return found, rows
+
+
+class UnderSmooth(SingleInterface):
+    """Beams go on refracted, and what comes up along a direction goes on or down along one."""
+
+    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
+        scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
+        into = find_cosines(scene.media, scene.index_above, problem.mu0)
+        down = self.media.interfaces_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
+        lit = into[1] > 0.0
+        mu_in = np.where(lit, into[1], 1.0)
+        self.flux = down * (lit * problem.mu0 / mu_in)[:, None, None]  # across the refracted beam, (n_in, S, n_col)
+        below = self.within.any()
+        mu_out = self.seen[1]
+        problem = replace(
+            problem,
+            mu0=mu_in,
+            mu_out=np.concatenate([mu_out, mu_out]) if below else mu_out,
+            n_up=mu_out.size,
+            columns=np.eye(len(problem.stokes)),
+        )
+        if not below:
+            return problem
+        level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
+        return replace(problem, level=level, level_layer=layer.astype(np.int32))  # what comes up there goes down again
+
+    def close_top(self, n_order: int) -> Top:
+        scene, members = self.media.scene, np.ix_(self.problem.stokes, self.problem.stokes)
+        along, on_nodes = map(self.media.interfaces_along, (self.sights.cosines, self.media.cosines))
+        # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
+        self.through = along.up[0][:, members[0], members[1]] / (scene.indices[0] / scene.index_above) ** 2
+        self.back = (FLIP[:, None] * along.below[0])[:, members[0], members[1]]
+        back = (FLIP[:, None] * on_nodes.below[0])[-self.inside.nodes.size :, members[0], members[1]]
+        back = np.ascontiguousarray(back * self.problem.flip)
+        return Top(np.zeros(n_order, np.int32), back[None], OPEN.sent)
+
+    def find_fluxes(self, inside: Array, orders: IntArray, rising: Array) -> Array:
+        fluxes: Array = np.einsum("wtia,iac->wtic", inside[:, int(self.within.any()) :], self.flux)
         outside = ~self.within  # the surface keeps nothing of what passes it
         fluxes[:, outside] = np.stack([fluxes[0, outside] - fluxes[1, outside], np.zeros_like(fluxes[0, outside])])
-        return Orders(self.see(inside.kernels), fluxes[0], fluxes[1], inside.residuals)
+        return fluxes
 
-    def see(self, kernels: Array) -> Array:
-        """Along the outgoing directions, (order, n_tau, n_in, n_col, n_out, S), from what sets out inside."""
-        problem = self.problem
-        shape = *kernels.shape[:3], problem.columns.shape[0], *kernels.shape[4:]
+    def see(self, kernels: Array, orders: IntArray, rising: Array) -> Array:
+        shape = *kernels.shape[:3], self.problem.columns.shape[0], *kernels.shape[4:]
         power = np.ascontiguousarray(self.flux.swapaxes(1, 2))
         light = (power @ kernels.reshape(*kernels.shape[:4], -1)).reshape(shape)  # public frame
-        n_sight, n_up, first = self.sights.cosines.shape[1], problem.n_up, int(self.within.any())
-        found = np.zeros((light.shape[0], problem.level.size, *light.shape[2:4], problem.mu_out.size, light.shape[5]))
-        for t, index in enumerate(self.sights.place):
-            here, up, down = light[:, t + first], index[:n_up], index[n_up:]
+        n_sight, n_up, first = self.seen.shape[1], self.problem.n_up, int(self.within.any())
+        found, depths = self.list_depths(light)
+        for t, (up, down, straight) in enumerate(depths):
+            here = light[:, t + first]
             if self.within[t]:
-                straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, down])[0]
                 returned = light[:, 0][..., down, None, :] @ self.back[down].swapaxes(1, 2)
                 found[:, t, ..., :n_up, :] = here[..., up, :]
-                found[:, t, ..., n_up:, :] = here[..., n_sight + down, :] + straight[:, None] * returned[..., 0, :]
+                found[:, t, ..., n_up:, :] = here[..., n_sight + down, :] + straight * returned[..., 0, :]
             else:
                 found[:, t, ..., :n_up, :] = (here[..., up, None, :] @ self.through[up].swapaxes(1, 2))[..., 0, :]
         return found
+
+
+class UnderRough(SingleInterface):
+    """Beams end at the facets, which send light to the nodes below, and from these to the nodes and along the sights;
+    scattered by facets alone it is seen in closed form."""
+
+    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
+        interface = self.media.scene.interfaces[0]
+        assert interface is not None
+        below = self.within.any()
+        seen = self.seen[0], self.seen[1] if below else np.zeros(0)
+        self.orders = expand_top(interface, self.media.nodes, problem.mu0, seen, n_order, accuracy)
+        return replace(
+            problem,
+            mu0=np.ones(problem.mu0.size),  # of no beam
+            mu_out=np.concatenate([seen[1], seen[1]]),
+            n_up=seen[1].size,
+            level=problem.level if below else np.zeros(1),
+            level_layer=problem.level_layer if below else np.zeros(1, np.int32),
+        )
+
+    def close_top(self, n_order: int) -> Top:
+        problem, inside, found = self.problem, self.inside, self.orders
+        members = list(problem.stokes)
+        root, n, count = np.sqrt(inside.weights * inside.nodes), inside.size, inside.nodes.size
+
+        def along(orders: Array, cosines: Array) -> Array:
+            """Towards the sights of those ``cosines``, from the scaled field: (order, n_sight, S, n)."""
+            chosen = orders[..., members, :][..., members].transpose(0, 2, 3, 1, 4) * root[:, None]
+            chosen *= (cosines > 0.0)[:, None, None, None]
+            return chosen.reshape(*chosen.shape[:3], n)
+
+        back = FLIP[:, None] * found.back
+        self.up, self.down = along(FLIP[:, None] * found.up, self.sights.cosines[0]), np.zeros(0)
+        if self.within.any():
+            self.down = along(back[:, :, count:], self.sights.cosines[1])
+        back = (back[:, :, :count, members][..., members]).transpose(0, 2, 3, 1, 4)  # (order, out, S, node, S)
+        back = back * root[:, None, None, None] * root[:, None]
+        power = problem.mu0[:, None, None] * problem.columns
+        sent = np.einsum("mioab,icb->micoa", found.down[..., members, :][..., members] * root[:, None, None], power)
+        leaving = found.leaving[:, members] * root[:, None]
+        self.leaving, self.mirrored = leaving.ravel(), np.einsum("ib,icb->ic", found.mirrored[:, members], power)
+        rows = np.arange(n_order, dtype=np.int32)
+        reflection = np.ascontiguousarray(back.reshape(n_order, 1, n, n))
+        return Top(rows, reflection, np.ascontiguousarray(sent.reshape(n_order, problem.n_rhs, n)))
+
+    def find_fluxes(self, inside: Array, orders: IntArray, rising: Array) -> Array:
+        n_tau = self.problem.level.size
+        fluxes = inside if inside.shape[1] == n_tau else np.zeros((2, n_tau, *inside.shape[2:]))
+        up = np.zeros(self.mirrored.shape)
+        if self.problem.conserves and orders[0] == 0:
+            up = (rising[0] @ self.leaving).reshape(up.shape) + self.mirrored
+        fluxes[0, ~self.within], fluxes[1, ~self.within] = up, 0.0
+        return fluxes
+
+    def see(self, kernels: Array, orders: IntArray, rising: Array) -> Array:
+        n_sight, n_up = self.seen.shape[1], self.problem.n_up
+        found, depths = self.list_depths(rising)
+
+        def send(rows: Array, sights: IntArray) -> Array:
+            """Along some sights, (order, n_in, n_col, n_sight, S), of light that comes up."""
+            chosen = rows[orders][:, sights]
+            light = rising @ chosen.reshape(orders.size, -1, rising.shape[2]).swapaxes(1, 2) / (2.0 * np.pi)
+            shape = orders.size, self.problem.mu0.size, -1, sights.size, len(self.problem.stokes)
+            return light.reshape(shape)
+
+        for t, (up, down, straight) in enumerate(depths):
+            if self.within[t]:
+                found[:, t, ..., :n_up, :] = kernels[:, t][..., up, :]
+                entered = straight * send(self.down, down)
+                found[:, t, ..., n_up:, :] = kernels[:, t][..., n_sight + down, :] + entered
+            else:
+                found[:, t, ..., :n_up, :] = send(self.up, up)
+        return found
+
+
+def make_single_interface(
+    problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool
+) -> SingleInterface:
+    """The way through layers under one interface."""
+    assert problem.media is not None and problem.media.scene.interfaces[0] is not None
+    kind = UnderSmooth if problem.media.scene.interfaces[0].is_smooth else UnderRough
+    return kind(problem, base, n_order, accuracy, quick)

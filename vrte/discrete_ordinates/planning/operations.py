@@ -38,12 +38,12 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
 
 def count_operations_of_interfaces(block: Block) -> float:
     """Of all orders of a block, of what is between interfaces: responses of slabs, and integrals over the lobes of
-    facets; nothing where one smooth surface is a boundary condition."""
+    facets; no responses where one surface is a boundary condition."""
     problem, media = block.problem, block.problem.media
-    if media is None or is_under_one_surface(media):
+    if media is None:
         return 0.0
     n, stokes, into, out = float(problem.size), len(problem.stokes), problem.mu0.size, problem.mu_out.size
-    responses = cost.RESPONSE * problem.albedo.size * n * (n + stokes * into) * (n + stokes * out)
+    responses = 0.0 if is_under_one_surface(media) else cost.RESPONSE * problem.albedo.size * n * (n + stokes * into) * (n + stokes * out)
     rough = sum(each is not None and not each.is_smooth for each in media.scene.interfaces)
     return block.orders.size * (responses + cost.LOBES * rough * (problem.nodes.size + into + out))
 
