@@ -43,7 +43,8 @@ def count_operations_of_interfaces(block: Block) -> float:
     if media is None:
         return 0.0
     n, stokes, into, out = float(problem.size), len(problem.stokes), problem.mu0.size, problem.mu_out.size
-    responses = 0.0 if is_under_one_surface(media) else cost.RESPONSE * problem.albedo.size * n * (n + stokes * into) * (n + stokes * out)
+    slabs = 0 if is_under_one_surface(media) else problem.albedo.size
+    responses = cost.RESPONSE * slabs * n * (n + stokes * into) * (n + stokes * out)
     rough = sum(each is not None and not each.is_smooth for each in media.scene.interfaces)
     return block.orders.size * (responses + cost.LOBES * rough * (problem.nodes.size + into + out))
 
