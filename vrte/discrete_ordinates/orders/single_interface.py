@@ -221,6 +221,7 @@ def make_single_interface(
     problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool
 ) -> SingleInterface:
     """The way through layers under one interface."""
-    assert problem.media is not None and problem.media.scene.interfaces[0] is not None
-    kind = UnderSmooth if problem.media.scene.interfaces[0].is_smooth else UnderRough
+    assert problem.media is not None
+    top = problem.media.scene.interfaces[0]
+    kind = UnderSmooth if top is not None and top.is_smooth else UnderRough
     return kind(problem, base, n_order, accuracy, quick)
