@@ -12,6 +12,7 @@ from vrte.appearance.geometries import (
     find_light,
     find_reflectance,
     read_geometry,
+    see_spectrum,
     solve_geometries,
 )
 from vrte.appearance.gloss import find_gloss
@@ -266,6 +267,7 @@ def read_spectrum(
     has directions for. Raises SceneError where it lacks those that were asked for, or has none."""
     if spectrum[0].diagnostics.get("illuminate", "top") != "top":
         raise SceneError("the spectrum must be lit from the top: a panel is looked at from above", "illuminate")
+    seen = see_spectrum(spectrum)
     reflectances: dict[str, Array] = {}
     light: dict[str, Array] = {}
     for one in map(read_geometry, STANDARD_GEOMETRIES if geometries is None else geometries):
@@ -273,13 +275,13 @@ def read_spectrum(
             words = f"{one.name!r} of a rough surface needs the scene, not its spectrum alone"
             raise SceneError.of("geometries", words)
         try:
-            reflectances[one.name] = find_reflectance(spectrum, one, port_deg=port_deg)
+            reflectances[one.name] = find_reflectance(seen, one, port_deg=port_deg)
         except SceneError:
             if geometries is not None:
                 raise
             continue
         if one.angle_o is not None:
-            light[one.name] = find_light(spectrum, one)
+            light[one.name] = find_light(seen, one)
     if not reflectances:
         known = ", ".join(STANDARD_GEOMETRIES)
         raise SceneError(f"the spectrum has the directions of none of {known}: give the scene in its place")

@@ -8,7 +8,7 @@ illumination and collection may be exchanged, for the exact BRDF is reciprocal.
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
-from vrte.results.brdf import Brdf
+from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
@@ -93,6 +93,17 @@ class Geometry:
         return (*sorted((self.angle_i, abs(self.angle_o))), same_side)
 
     @property
+    def collects(self) -> bool:
+        """Whether all light is collected: fluxes tell what is read."""
+        return self.angle_o is None and not self.excluded
+
+    @property
+    def lights(self) -> tuple[Array, Array, Array]:
+        """Cosines of incidence and exit and azimuths [degrees] of `Panel.light`: no exit where fluxes do."""
+        mu_i, mu_o, phi = self.directions
+        return mu_i, mu_o[: 0 if self.collects else None], phi
+
+    @property
     def directions(self) -> tuple[Array, Array, Array]:
         """Cosines of incidence and exit and azimuths [degrees] that `vrte.brdf` has to be asked for."""
         if self.angle_i is None:
@@ -149,42 +160,74 @@ def check_angle(name: Any, angle: float) -> float:
     return angle
 
 
-def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 0.0)) -> Array:
-    """Stokes vectors (wavelength, 4) seen in a bidirectional geometry, pi radiance over irradiance, under light
-    ``stokes`` (4,), I = 1. Raises SceneError for another geometry, and for directions that the spectrum lacks."""
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What becomes of unpolarized light at some wavelengths: Stokes vectors (wavelength, n_in, n_out, n_phi, 4) [1/sr]
+    of diffuse light over the irradiance, from cosines mu_i (n_in,) into mu_o (n_out,) at azimuths phi (n_phi,)
+    [degrees]; the shares of it that go up diffuse and mirrored (wavelength, n_in)."""
+
+    mu_i: Array
+    mu_o: Array
+    phi: Array
+    stokes: Array
+    diffuse: Array
+    mirrored: Array
+
+
+def see_spectrum(spectrum: Spectrum) -> Seen:
+    """What BRDFs make of unpolarized light."""
+    diffuse, mirrored = spectrum.reflectance, spectrum.specular_reflectance
+    mirrored = np.zeros_like(diffuse) if mirrored is None else mirrored
+    stokes = np.stack([one.mueller[..., 0] for one in spectrum])
+    return Seen(spectrum.mu_i, spectrum.mu_o, spectrum.phi, stokes, diffuse, mirrored)
+
+
+def see_fields(fields: Sequence[Field]) -> Seen:
+    """Fields above a panel, of several unpolarized beams each."""
+    first = fields[0]
+    mu_i = np.atleast_1d(first.mu0)
+    stokes = np.stack([one.stokes[:, 0] for one in fields]) / mu_i[:, None, None, None]
+    diffuse = np.stack([one.flux_up[:, 0] for one in fields]) / mu_i
+    mirrored = np.stack([np.zeros_like(mu_i) if one.direct_up is None else one.direct_up[:, 0] for one in fields])
+    return Seen(mu_i, first.mu, first.phi, stokes, diffuse, mirrored / mu_i)
+
+
+def find_light(seen: Seen, geometry: Any) -> Array:
+    """Stokes vectors (wavelength, 4) seen in a bidirectional geometry, pi radiance over irradiance. Raises SceneError
+    for another geometry, and for directions that are not there."""
     known = read_geometry(geometry)
     if known.angle_o is None:
         raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
-    return np.pi * np.stack([pick_matrix(one, known) for one in spectrum]) @ np.asarray(stokes, float)
+    return np.pi * pick_light(seen, known)
 
 
 def find_reflectance(
-    spectrum: Spectrum, geometry: Any, surface: Sequence[Interface | None] = (), port_deg: float = PORT_DEG
+    spectrum: Spectrum | Seen, geometry: Any, surface: Sequence[Interface | None] = (), port_deg: float = PORT_DEG
 ) -> Array:
     """The reflectance factor (wavelength,) that an instrument reads; a port of ``port_deg`` [degrees] needs the panel's
     ``surface`` at each wavelength where it is rough. Raises SceneError for directions that the spectrum lacks."""
-    known = read_geometry(geometry)
+    known, seen = read_geometry(geometry), spectrum if isinstance(spectrum, Seen) else see_spectrum(spectrum)
     if known.angle_o is not None:
-        return find_light(spectrum, known)[:, 0]
+        return find_light(seen, known)[:, 0]
     mu_i = known.directions[0]
-    incident = [find_place("mu_i", spectrum.mu_i, mu, known.words) for mu in mu_i]
-    total = spectrum.total_reflectance[:, incident]
-    if known.angle_i is None:
-        return 2.0 * total @ (hemisphere(NODES)[1] * mu_i)
-    if not known.excluded:
-        return total[:, 0]
-    pairs = zip(spectrum, surface or [None] * len(spectrum), strict=True)
-    return np.array([leave_out_port(one, known, side, port_deg) for one, side in pairs])
+    incident = [find_place("mu_i", seen.mu_i, mu, known.words) for mu in mu_i]
+    if known.excluded:
+        return leave_out_port(seen, known, incident[0], surface, port_deg)
+    total = (seen.diffuse + seen.mirrored)[:, incident]
+    return 2.0 * total @ (hemisphere(NODES)[1] * mu_i) if known.angle_i is None else total[:, 0]
 
 
-def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, port_deg: float) -> float:
-    """The hemispherical reflectance factor without what goes out of a round port around the mirrored beam."""
+def leave_out_port(
+    seen: Seen, geometry: Geometry, index: int, surface: Sequence[Interface | None], port_deg: float
+) -> Array:
+    """Hemispherical reflectance factors (wavelength,) of the incident direction of an ``index`` without what goes out
+    of a round port around the mirrored beam."""
     check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
     assert geometry.angle_i is not None
-    index = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry.words)
-    own = find_own_light(surface, float(brdf.mu_i[index]), port_deg)
-    there = pick_matrix(brdf, geometry)[0, 0]
-    return float(subtract_port(brdf.reflectance[index], there, own, geometry.angle_i, port_deg))
+    mu_i, there = float(seen.mu_i[index]), pick_light(seen, geometry)[:, 0]
+    own = np.array([find_own_light(one, mu_i, port_deg) for one in surface or [None] * there.size])
+    found: Array = subtract_port(seen.diffuse[:, index], there, own, geometry.angle_i, port_deg)
+    return found
 
 
 def find_own_light(surface: Interface | None, mu_i: float, port_deg: float) -> Array:
@@ -202,12 +245,12 @@ def subtract_port(total: Any, there: Any, own: Array, angle_i: float, port_deg: 
     return (total - (there - own[..., 0]) * seen - own[..., 1]) / (1.0 - seen / np.pi)
 
 
-def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:
-    """The Mueller matrix (4, 4) [1/sr] of a geometry's one pair of directions."""
+def pick_light(seen: Seen, geometry: Geometry) -> Array:
+    """The Stokes vectors (wavelength, 4) [1/sr] of a geometry's one pair of directions."""
     mu_i, mu_o, phi = (float(values[0]) for values in geometry.directions)
-    i, o = (find_place(name, getattr(brdf, name), mu, geometry.words) for name, mu in (("mu_i", mu_i), ("mu_o", mu_o)))
-    turned = find_place("phi", brdf.phi, phi, geometry.words) if mu_o < 1.0 else 0
-    return brdf.mueller[i, o, turned]
+    i, o = (find_place(name, getattr(seen, name), mu, geometry.words) for name, mu in (("mu_i", mu_i), ("mu_o", mu_o)))
+    turned = find_place("phi", seen.phi, phi, geometry.words) if mu_o < 1.0 else 0
+    return seen.stokes[:, i, o, turned]
 
 
 def find_place(name: str, values: Array, wanted: float, reading: str) -> int:
@@ -223,25 +266,32 @@ def find_place(name: str, values: Array, wanted: float, reading: str) -> int:
 
 def measure_panel(panel: Panel, geometry: Any, progress: Progress | None = None) -> Array:
     """The reflectance factor (wavelength,) that an instrument reads off a panel, of one solve."""
+    known = choose_way(geometry)
+    return find_reflectance(see_fields(panel.light(*known.lights, progress)), known, panel.surface)
+
+
+def choose_way(geometry: Any) -> Geometry:
+    """The geometry, or that with light and eye exchanged, which reads the same, where the eye looks along the normal:
+    unpolarized light along the normal takes one Fourier order."""
     known = read_geometry(geometry)
-    return find_reflectance(panel.solve(*known.directions, progress), known, panel.surface)
+    return replace(known, angle_i=known.angle_o, angle_o=known.angle_i) if known.angle_o == 0.0 else known
 
 
 def solve_geometries(
     panel: Panel, geometries: Sequence[Any], port_deg: float = PORT_DEG, progress: Progress | None = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Reflectance factors (wavelength,) by geometry, and Stokes vectors (wavelength, 4) of those that look along one
-    direction. Those along the normal, or that collect all, share a solve: they take the first Fourier orders alone."""
+    direction. Those that collect all share a solve, which takes one Fourier order, and those that do not share one."""
     known = {one.name: one for one in map(read_geometry, geometries)}
-    along = [one for one in known.values() if np.all(one.directions[1] == 1.0)]
-    groups = [group for group in (along, [one for one in known.values() if one not in along]) if group]
+    collecting = [one for one in known.values() if one.collects]
+    groups = [group for group in (collecting, [one for one in known.values() if not one.collects]) if group]
     reflectances: dict[str, Array] = {}
     light: dict[str, Array] = {}
     for index, group in enumerate(groups):
-        axes = [np.unique(np.concatenate(values)) for values in zip(*(one.directions for one in group), strict=True)]
-        spectrum = panel.solve(axes[0], axes[1], axes[2], share_progress(progress, index, len(groups)))
+        mu_i, mu_o, phi = (np.unique(np.concatenate(each)) for each in zip(*(one.lights for one in group), strict=True))
+        seen = see_fields(panel.light(mu_i, mu_o, phi, share_progress(progress, index, len(groups))))
         for one in group:
-            reflectances[one.name] = find_reflectance(spectrum, one, panel.surface, port_deg)
+            reflectances[one.name] = find_reflectance(seen, one, panel.surface, port_deg)
             if one.angle_o is not None:
-                light[one.name] = find_light(spectrum, one)
+                light[one.name] = find_light(seen, one)
     return {name: reflectances[name] for name in known}, {name: light[name] for name in known if name in light}

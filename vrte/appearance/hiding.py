@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.colours import weigh_wavelengths
-from vrte.appearance.geometries import measure_panel, read_geometry
+from vrte.appearance.geometries import choose_way, measure_panel, read_geometry
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
@@ -118,7 +118,7 @@ class Drawdown:
         asked = self.panel.asked
         if "nodes" not in asked and asked.get("method", EXACT) == EXACT:  # as many as the film takes over black
             over_black = self.panel.put_over(Lambertian(self.conditions.black))
-            found = over_black.choose_quadrature(*read_geometry(self.conditions.geometry).directions)
+            found = over_black.choose_quadrature(*choose_way(self.conditions.geometry).lights)
             self.panel = replace(self.panel, asked={**asked, **found, "nodes": found["nodes"] + SPARE_NODES})
 
     def read(self, times: float, albedo: float) -> Array:

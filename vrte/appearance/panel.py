@@ -22,6 +22,7 @@ from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
 from vrte.request.request import Request
+from vrte.results.field import Field
 from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.boundary import Boundary
@@ -91,9 +92,9 @@ class Panel:
         return replace(self, wavelength_um=self.wavelength_um[list(indices)], scenes=scenes)
 
     def choose_quadrature(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> dict[str, int]:
-        """The options nodes and grading of `vrte.brdf` that the accuracy takes for some directions: the most of the
-        first, a middle and the last wavelength. Raises SceneError."""
-        return find_finest_nodes(self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi))
+        """The options nodes and grading of `vrte.brdf` that the accuracy takes for unpolarized light along some
+        directions: the most of the first, a middle and the last wavelength. Raises SceneError."""
+        return find_finest_nodes(self.pick(self.ends_and_middle).light(mu_i, mu_o, phi))
 
     def put_over(self, base: Boundary | None) -> "Panel":
         """The same panel over another base; None is black."""
@@ -137,29 +138,37 @@ class Panel:
         return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
-        """The BRDFs at all wavelengths, side by side on the cores; the nodes that the first, the last and a middle one
-        take serve all. ``progress`` gets (wavelengths done, wavelengths)."""
-        directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
+        """The BRDFs at all wavelengths; as `solve_as` solves them."""
+        return Spectrum(self.wavelength_um, self.solve_as("brdf", progress, mu_i=mu_i, mu_o=mu_o, phi=phi))
+
+    def light(self, mu_i: Any, mu_o: Any = (), phi: Any = 0.0, progress: Progress | None = None) -> tuple[Field, ...]:
+        """The field above the panel of unpolarized beams at each wavelength; without mu_o of fluxes alone, which take
+        one Fourier order; as `solve_as` solves them."""
+        return self.solve_as("radiance", progress, mu0=np.atleast_1d(mu_i), mu=list(np.atleast_1d(mu_o)), phi=phi)
+
+    def solve_as(self, kind: str, progress: Progress | None = None, **directions: Any) -> tuple[Any, ...]:
+        """What `vrte.brdf` or `vrte.radiance` finds at all wavelengths, side by side on the cores; the nodes that the
+        first, the last and a middle one take serve all. ``progress`` gets (wavelengths done, wavelengths)."""
         count = len(self)
         looked_at = self.ends_and_middle
         rest = [index for index in range(count) if index not in looked_at]
-        requests = {index: self._ask(index, **directions, **self.asked) for index in looked_at}
+        requests = {index: self._ask(kind, index, **directions, **self.asked) for index in looked_at}
         part = progress and (lambda done, total: progress(done, count))
         found = dict(zip(looked_at, solve_side_by_side(list(requests.values()), part), strict=True))
         if rest:
             fixed = find_finest_nodes(found.values()) if "accuracy" in self.asked else {}
-            others = [self._ask(index, **directions, **{**self.asked, **fixed}) for index in rest]
+            others = [self._ask(kind, index, **directions, **{**self.asked, **fixed}) for index in rest]
             words = f"the other {len(rest)} wavelengths"
             if not is_shared():  # who shares the cores has warned of all of it
                 warn_runtime_of_all(len(rest), lambda index: (others[index], 0.0), words, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))
             found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
-        return Spectrum(self.wavelength_um, tuple(found[index] for index in range(count)))
+        return tuple(found[index] for index in range(count))
 
-    def _ask(self, index: int, **asked: Any) -> Request:
+    def _ask(self, kind: str, index: int, **asked: Any) -> Request:
         """The request at one wavelength, on one thread. Raises SceneError, which names it."""
         with name_wavelength(self.wavelength_um[index]):
-            return make_request("brdf", self.scenes[index], threads=1, **asked)
+            return make_request(kind, self.scenes[index], threads=1, **asked)
 
 
 def make_panel(

@@ -14,9 +14,11 @@ from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.brdf import make_brdf
+from vrte.calls.radiance import make_field
 from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
+from vrte.results.field import Field
 
 Made = TypeVar("Made")
 
@@ -92,15 +94,17 @@ def run_side_by_side(
             raise
 
 
-def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Brdf]:
-    """BRDFs of requests of one thread each, their methods named; how long they take was said."""
+def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
+    """A Brdf or a Field, by their kind, of requests of one thread each, their methods named; how long they take was
+    said."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
 
-    def solve(request: Request) -> Brdf:
+    def solve(request: Request) -> Brdf | Field:
         run = make_run(request)
         run.stop, run.runtime_warned = stop, True
-        return make_brdf(request, solve_request(request, run)[1])
+        mu, solution = solve_request(request, run)
+        return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, mu, solution)
 
     calls = [partial(solve, request) for request in requests]
     return run_side_by_side(calls, progress, stop=None if share else stop)  # a flag of several stops none of the others

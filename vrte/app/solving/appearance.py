@@ -21,7 +21,7 @@ from vrte.appearance.appearance import (
     list_spectrum,
 )
 from vrte.appearance.colours import Colour, find_colour, find_difference, import_colour_science
-from vrte.appearance.geometries import find_reflectance, read_geometry
+from vrte.appearance.geometries import find_reflectance, read_geometry, see_fields
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, Drawdown
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
@@ -175,9 +175,9 @@ class AppearanceAnswerer:
     ) -> dict[str, CardSpectra]:
         """Reflectance factors over black and over white, by geometry."""
         bare = make_panel(panel, **nodes).put_over(None)
-        solved = [bare.solve(MU_I, progress=progress)] * 2
+        solved = [see_fields(bare.light(MU_I, 1.0, progress=progress))] * 2
         if all(scene.base_is_reached for scene in bare.scenes):
-            solved[1] = bare.put_over(Lambertian(white)).solve(MU_I, progress=progress)
+            solved[1] = see_fields(bare.put_over(Lambertian(white)).light(MU_I, 1.0, progress=progress))
         at = panel.wavelength_um
         return {name: CardSpectra(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
