@@ -1,6 +1,7 @@
 """Builds the compiled core; everything else is in pyproject.toml."""
 
 import os
+import runpy
 import shutil
 import sys
 import tempfile
@@ -49,16 +50,19 @@ class BuildCore(build_ext):
         super().build_extensions()
 
 
+ROOT = Path(__file__).parent
+declared = runpy.run_path(str(ROOT / "vrte/core/declare.py"))["declare"](ROOT)
+
 core = Extension(
     "vrte._core",
     ["vrte/_core.pyx"],
-    include_dirs=[numpy.get_include(), "vrte"],
-    depends=sorted(glob("vrte/core/*")),  # its stages: a change of one builds the core anew
+    include_dirs=[numpy.get_include(), "vrte", str(declared)],
+    depends=sorted([*glob("vrte/core/*"), *glob(f"{declared}/*")]),  # its stages: a change of one builds the core anew
     define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
     extra_compile_args=[] if os.name == "nt" else ["-O3", "-fno-math-errno"],
 )
 
 setup(
-    ext_modules=cythonize([core], compiler_directives={"language_level": 3}),
+    ext_modules=cythonize([core], include_path=[str(declared)], compiler_directives={"language_level": 3}),
     cmdclass={"build_ext": BuildCore},
 )

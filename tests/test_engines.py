@@ -91,10 +91,13 @@ class Recorder:
         self.calls: list[tuple[str, dict[str, Any], dict[str, Any]]] = []
 
     def __getattr__(self, name: str) -> Any:
-        def call(crew: ThreadTeam, **given: Any) -> None:
-            before = copied(given)
-            getattr(_core, name)(crew, **given)
-            self.calls.append((name, before, copied(given)))
+        def call(crew: ThreadTeam, **given: Any) -> Any:
+            stage = getattr(_core, name)
+            found = stage.allocate(given) if hasattr(stage, "allocate") else {}
+            before = copied(given | found)
+            stage(crew, **given, **found)
+            self.calls.append((name, before, copied(given | found)))
+            return _core.result_of(found)
 
         return call
 

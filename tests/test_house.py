@@ -85,8 +85,11 @@ def test_the_core_has_a_file_a_stage() -> None:
     files = sorted((PACKAGE / "core").iterdir())
     included = re.findall(r'^include "core/(\w+\.pxi)"$', contents, re.MULTILINE)
     assert sorted(included) == [path.name for path in files if path.suffix == ".pxi"]
-    assert {path.suffix for path in files} == {".pxi", ".h"}
-    assert not [path.name for path in files if any(len(line) > 120 for line in path.read_text().splitlines())]
+    others = {path.name for path in files if path.suffix not in (".pxi", ".h")}
+    assert others - {"__pycache__"} == {"declare.py", "stages.toml"}
+    assert not [
+        path.name for path in files if path.is_file() and any(len(line) > 120 for line in path.read_text().splitlines())
+    ]
 
 
 @pytest.mark.parametrize("row", VIEWS, ids=".".join)

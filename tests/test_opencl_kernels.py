@@ -154,9 +154,10 @@ def test_invariance_takes_the_steps_that_the_core_takes(either_width: Session, t
     coefficients, _, _, directions, weights = (
         either_width.download(each) for each in ask_of_two_materials(either_width)
     )
-    orders, members, out, into = integers([1, 2, 3, 4, 5, 9], range(4), [0], [1])
-    given = {"orders": orders, "members": members, "coefficients": coefficients[0], "terms": 7, "albedo": albedo}
-    given |= {"directions": directions, "weights": weights, "out": out, "into": into, "columns": np.eye(4)}
+    orders, members, out, into, terms = integers([1, 2, 3, 4, 5, 9], range(4), [0], [1], [7])
+    given = {"orders": orders, "members": members, "coefficients": coefficients[:1], "terms": terms}
+    given |= {"albedo": np.array([albedo]), "directions": directions, "weights": weights}
+    given |= {"out_places": out, "in_places": into, "columns": np.eye(4)}
     answers = []
     for kernel in (
         lambda *a, **b: invariance.reflect_semi_infinite_arrays(either_width, *a, **b),

@@ -1,6 +1,6 @@
 """Types of the compiled core; shapes and units are in the docstrings of core/*.pxi."""
 
-from typing import Protocol, TypedDict, Unpack
+from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,23 +56,10 @@ def balance_flux(
     G_E: Array,
     source_d: Array,
 ) -> None: ...
+def result_of(found: dict[str, Any]) -> Any: ...
+def count_scratch(stage: str, **sizes: int) -> int: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
 def orders_that_matter(*, bounds: Array, brightest: Array, allowed: float, largest: float) -> IntArray: ...
-def facet_orders(
-    crew: ThreadTeam,
-    *,
-    index: complex,
-    roughness: float,
-    is_ggx: bool,
-    shadowing: int,
-    transmitted: bool,
-    mu_i: Array,
-    mu_o: Array,
-    points: Array,
-    weights: Array,
-    reach: float,
-    out: Array,
-) -> None: ...
 def path_integrals(
     *,
     above: Array,
@@ -151,25 +138,6 @@ def fused_modes(
 
 # doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions
 def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
-def solve_by_factors(lu: Array, pivots: IntArray, b: Array, from_right: bool = ..., wide: bool = ...) -> Array: ...
-def symmetric_eigenproblem(matrix: Array, wide: bool = True) -> tuple[Array, Array]: ...
-def scatterings_work(
-    n: int, n_out: int, n_in: int, n_all: int, n_term: int, stokes: int, poles: int, depths: int = ...
-) -> int: ...
-def scatter_by_fractions(
-    crew: ThreadTeam,
-    *,
-    place: Array,
-    share: Array,
-    constant: float,
-    inside: Array,
-    tolerance: float,
-    on_nodes: Array,
-    out_inside: Array,
-    on_nodes_inside: Array,
-    info: IntArray,
-    **others: Unpack[Slabs],
-) -> None: ...
 def flux_work(n: int, n_rhs: int) -> int: ...
 def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
@@ -180,9 +148,8 @@ def extended_size(n: int, r: int, o: int) -> int: ...
 def doubling_work(n: int, r: int, o: int) -> int: ...
 def joining_work(n: int, n_slab: int, n_rhs: int, o: int) -> int: ...
 def reconstruction_work(n: int, rows: int, n_rhs: int, n_layer: int) -> int: ...
-def invariance_work(n_node: int, n_off: int, stokes: int, n_term: int) -> int: ...
 
-class Stages(Protocol):
+class OtherStages(Protocol):
     """The loops of a solve: those of the core, or others that stand in for them."""
 
     # fmt: off
@@ -215,9 +182,6 @@ class Stages(Protocol):
         nodes: Array, weights: Array, mu0: Array, n_out: int, R: Array, T: Array, lost: Array, base_row: IntArray,
         base: Array, base_source: Array, base_out: Array, interface: IntArray, up: Array, down: Array, flux: Array,
         residual: Array, info: IntArray) -> None: ...
-    def reflect_semi_infinite(self, crew: ThreadTeam, *, orders: IntArray, members: IntArray, coefficients: Array,
-        terms: int, albedo: float, directions: Array, weights: Array, out: IntArray, into: IntArray, columns: Array,
-        tolerance: float, halves: bool, up: Array, on_nodes: Array, residual: Array, steps: IntArray) -> None: ...
     def azimuthal_sum(self, crew: ThreadTeam, *, kernels: Array, stokes: IntArray, kind: IntArray, place: IntArray,
         cosine: Array, sine: Array, angle: IntArray, sign: Array, levels: IntArray, rows: IntArray, scale: Array,
         first: int, last: int, out: Array) -> None: ...
@@ -226,15 +190,29 @@ class Stages(Protocol):
         first: int, last: int, out: Array, wide: bool = ..., slab_stacks: int = ..., apiece: bool = ...) -> None: ...
     # fmt: on
 
+_others: OtherStages
+order_bounds = _others.order_bounds
+assemble = _others.assemble
+homogeneous = _others.homogeneous
+particular = _others.particular
+boundary = _others.boundary
+reconstruct = _others.reconstruct
+double_slabs = _others.double_slabs
+join_slabs = _others.join_slabs
+azimuthal_sum = _others.azimuthal_sum
+add_single_scattering = _others.add_single_scattering
+
+class Stages(OtherStages, Protocol):
+    """The loops of a solve: those of the core, or others that stand in for them."""
+    def reflect_semi_infinite(self, crew: ThreadTeam, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray, albedo: Array, directions: Array, weights: Array, out_places: IntArray, in_places: IntArray, columns: Array, tolerance: float, halves: bool, up: Array | None = None, on_nodes: Array | None = None, residual: Array | None = None, steps: IntArray | None = None) -> dict[str, Any]: ...
+    def scatter_by_fractions(self, crew: ThreadTeam, *, n_out: int, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray, albedo: Array, thickness: Array, directions: Array, weights: Array, columns: Array, poles: Array, shares: Array, constant: float, inside: Array, tolerance: float, out: Array | None = None, on_nodes: Array | None = None, out_inside: Array | None = None, on_nodes_inside: Array | None = None, residual: Array | None = None, info: IntArray | None = None) -> dict[str, Any]: ...
+    def facet_orders(self, crew: ThreadTeam, *, n_order: int, index: float, absorption: float, roughness: float, is_ggx: bool, shadowing: int, transmitted: bool, mu_i: Array, mu_o: Array, points: Array, point_weights: Array, reach: float, out: Array | None = None) -> Array: ...
+    def solve_by_factors(self, lu: Array, pivots: IntArray, b: Array, from_right: bool = False, wide: bool = True, found: Array | None = None) -> Array: ...
+    def symmetric_eigenproblem(self, matrix: Array, wide: bool = True, values: Array | None = None, vectors: Array | None = None, info: IntArray | None = None) -> dict[str, Any]: ...
+
 _stages: Stages
-order_bounds = _stages.order_bounds
-assemble = _stages.assemble
-homogeneous = _stages.homogeneous
-particular = _stages.particular
-boundary = _stages.boundary
-reconstruct = _stages.reconstruct
-double_slabs = _stages.double_slabs
-join_slabs = _stages.join_slabs
 reflect_semi_infinite = _stages.reflect_semi_infinite
-azimuthal_sum = _stages.azimuthal_sum
-add_single_scattering = _stages.add_single_scattering
+scatter_by_fractions = _stages.scatter_by_fractions
+facet_orders = _stages.facet_orders
+solve_by_factors = _stages.solve_by_factors
+symmetric_eigenproblem = _stages.symmetric_eigenproblem

@@ -14,6 +14,8 @@ Every stage takes a crew, (threads, seconds, stop), and its arrays by name, and 
 (0: fine): see core/running.pxi.
 """
 
+import sys
+
 import numpy as np
 
 from cython.parallel cimport prange, threadid
@@ -56,3 +58,6 @@ include "core/moment_gmres.pxi"
 # The end of a solve: all orders added up, and what is scattered once.
 include "core/sums.pxi"
 include "core/single_scattering.pxi"
+
+# Every stage, by its declaration in core/stages.toml.
+include "stages.pxi"

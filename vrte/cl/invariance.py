@@ -127,12 +127,12 @@ def reflect_semi_infinite_arrays(session: Session, crew: ThreadTeam, given: Any)
         return
     pairs = upload(np.arange(count, dtype=np.int32)), upload(given.orders), upload(np.zeros(count, np.int32))
     scene = {
-        "coefficients": given.coefficients[np.newaxis],
-        "terms": np.array([given.terms], np.int32),
-        "albedo": np.array([given.albedo]),
         "tolerance": np.full(count, given.tolerance),
+        "out": given.out_places,
+        "into": given.in_places,
     }
-    asked = {name: getattr(given, name) for name in ("directions", "weights", "out", "into", "columns")}
+    names = "coefficients", "terms", "albedo", "directions", "weights", "columns"
+    asked = {name: getattr(given, name) for name in names}
     uploaded: dict[str, Any] = {name: upload(values) for name, values in (scene | asked).items()}
     found = reflect_semi_infinite(session, *pairs, given.members.tolist(), **uploaded, stop=crew.stop)
     for name in ("up", "on_nodes", "residual", "steps"):

@@ -5,17 +5,6 @@ cdef enum:
     AZIMUTHS = 128      # of one product of matrices
 
 
-cdef struct Facets:
-    # index: behind over before; steep: alpha squared; reach: beyond these slopes over alpha there are none
-    cplx index
-    double steep, reach
-    # shadowing: 0 none, 1 Smith's factors of both directions, 2 the lesser of them
-    bint is_ggx, transmitted
-    int shadowing, n_point, n_order
-    given mu_i, mu_o, points, weights
-    doubles out
-
-
 cdef struct Samples:
     # some azimuths of a pair: weight times f (azimuth, 8) of the blocks with cos and of those with sin; cos and sin of
     # the azimuth, and of its multiples (order, azimuth); what they add up to (order, 8)
@@ -29,29 +18,21 @@ cdef struct Pair:
     double mu_i, mu_o, sine_i, sine_o, across, vertical, apart, between, common
 
 
-def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, int shadowing, bint transmitted,
-                 const double[::1] mu_i, const double[::1] mu_o, const double[::1] points, const double[::1] weights,
-                 double reach, double[:, :, ::1] out):
-    """R^m of pairs of directions mu_i, mu_o (pair,): out (pair, order, 16), row by row, cos in the blocks (I,Q)-(I,Q)
-    and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V).
-
-    points, weights: Gauss's, of 0 to 1, for each piece of azimuth; reach: slopes over alpha that count (Beckmann's).
-    """
-    cdef int n_pair = <int>mu_i.shape[0]
-    if out.size == 0:
-        return
-    cdef Facets task = Facets(
-        make(index.real, index.imag), roughness * roughness, reach, is_ggx, transmitted, shadowing,
-        <int>points.shape[0], <int>out.shape[1], &mu_i[0], &mu_o[0], &points[0], &weights[0], &out[0, 0, 0])
-    run_items(crew, facet_pair, &task, n_pair, AZIMUTHS * 20 + task.n_order * (2 * AZIMUTHS + 16), 0, NULL)
+cdef Job facet_orders_job(Arrays* t) noexcept nogil:
+    return Job(t.n_pair if t.n_order > 0 else 0, AZIMUTHS * 20 + <size_t>t.n_order * (2 * AZIMUTHS + 16), 0)
 
 
-cdef double shade(const Facets* f, double mu, double sine) noexcept nogil:
+cdef inline double steep_of(const Arrays* f) noexcept nogil:
+    """alpha squared."""
+    return f.roughness * f.roughness
+
+
+cdef double shade(const Arrays* f, double mu, double sine) noexcept nogil:
     """The share of facets turned towards a direction which others do not hide, after Smith."""
     cdef double slope, hidden
     if sine == 0.0:
         return 1.0
-    slope = mu / (sqrt(f.steep) * sine)
+    slope = mu / (sqrt(steep_of(f)) * sine)
     if f.is_ggx:
         hidden = 0.5 / (slope * slope * (1.0 + sqrt(1.0 + 1.0 / (slope * slope))))
     else:
@@ -60,12 +41,12 @@ cdef double shade(const Facets* f, double mu, double sine) noexcept nogil:
     return 1.0 / (1.0 + hidden)
 
 
-cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept nogil:
     """The integral over azimuth in pieces of Gauss's rule: as wide as the facets' lobe where it is, then ever wider, no
     wider than the highest order allows, cut where facets turn away or begin to reflect totally."""
-    cdef const Facets* f = <const Facets*>task
+    cdef const Arrays* f = <const Arrays*>task
     cdef Pair p
-    cdef double n = f.index.real, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
+    cdef double n = f.index, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
     cdef double edge = 0.0, before = 0.0
     cdef double lobe, seen, lit, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
     cdef int piece, m, k
@@ -85,7 +66,7 @@ cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
     p.sine_i, p.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
     sum_of_sines = p.sine_i * mu_o + mu_i * p.sine_o
     p.between = (mu_o - mu_i) * (mu_o + mu_i) / sum_of_sines if sum_of_sines > 0.0 else 0.0
-    p.common = 1.0 / (PI * f.steep * mu_i * mu_o)
+    p.common = 1.0 / (PI * steep_of(f) * mu_i * mu_o)
     if f.shadowing:
         lit, seen = shade(f, mu_i, p.sine_i), shade(f, mu_o, p.sine_o)
         p.common *= lit * seen if f.shadowing == 1 else min(lit, seen)
@@ -106,15 +87,15 @@ cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
     else:
         p.across, p.vertical, p.apart = p.sine_i - p.sine_o, mu_i + mu_o, 4.0 * p.sine_i * p.sine_o
         p.common *= 0.25
-        if f.index.imag == 0.0 and n < 1.0:
+        if f.absorption == 0.0 and n < 1.0:
             cosine, unit = 2.0 * n * n - 1.0 + mu_i * mu_o, p.sine_i * p.sine_o      # where sin^2 of incidence is n^2
             if fabs(cosine) < unit:
                 critical = acos(cosine / unit)
     p.across, p.vertical = p.across * p.across, p.vertical * p.vertical
-    if not f.is_ggx and p.across > f.reach * f.reach * f.steep * p.vertical:
+    if not f.is_ggx and p.across > f.reach * f.reach * steep_of(f) * p.vertical:
         return 0
     # half the azimuth at which the slope is by alpha (GGX: and what it is at least) longer than across
-    lobe = f.steep * p.vertical + (p.across if f.is_ggx else 0.0)
+    lobe = steep_of(f) * p.vertical + (p.across if f.is_ggx else 0.0)
     width = sqrt(lobe / p.apart) if p.apart > lobe else 1.0
     piece = 1
     while edge < last:
@@ -125,7 +106,7 @@ cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
         if edge == critical and next < last and next - edge < 0.5 * (edge - before):
             continue
         if not f.is_ggx and width < 1.0 and (piece - 2) * (piece - 2) * width * width * p.apart > (
-                f.reach * f.reach * f.steep * p.vertical - p.across):
+                f.reach * f.reach * steep_of(f) * p.vertical - p.across):
             break
         next = min(next, last)
         if edge < critical and critical < next + 0.5 * (next - edge):      # no end of a piece near the root
@@ -143,7 +124,7 @@ cdef int facet_pair(const void* task, int item, Workspace desk) noexcept nogil:
     return 0
 
 
-cdef void facet_piece(const Facets* f, const Pair* p, double start, double end, int root_at, double longest,
+cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, int root_at, double longest,
                       Samples* t) noexcept nogil:
     """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
     cdef int pieces = 1 + <int>((end - start) / longest), k, j, r
@@ -174,7 +155,7 @@ cdef void facet_piece(const Facets* f, const Pair* p, double start, double end, 
                 add_samples(f, t)
 
 
-cdef void add_samples(const Facets* f, Samples* t) noexcept nogil:
+cdef void add_samples(const Arrays* f, Samples* t) noexcept nogil:
     """sums += f cos(m phi), f sin(m phi), and begins anew."""
     cdef int m, k, n = t.count
     cdef given c = t.turn
@@ -205,16 +186,16 @@ cdef void multiply_apart(int n, int n_order, given samples, given multiples, dou
           &eight)
 
 
-cdef void facet_mueller(const Facets* f, const Pair* g, double phi, double weight, double (*z)[4]) noexcept nogil:
+cdef void facet_mueller(const Arrays* f, const Pair* g, double phi, double weight, double (*z)[4]) noexcept nogil:
     """z: weight times f, as in vrte/optics/facets.py."""
-    cdef double half = 0.5 * phi, sh = sin(half), ch = cos(half), full = 2.0 * sh * ch, n = f.index.real
+    cdef double half = 0.5 * phi, sh = sin(half), ch = cos(half), full = 2.0 * sh * ch, n = f.index
     cdef double across = g.across + g.apart * sh * sh, tilt = across / g.vertical, strength = weight * g.common
     cdef double size, less, ci, co, a_i, b_i, a_o, b_o, norm, c2, s2, d2, e2, a, b, re, im
-    cdef cplx inside, p, s, low
+    cdef cplx inside, p, s, low, m = make(f.index, f.absorption)
     if f.is_ggx:
-        strength *= ((1.0 + tilt) / (1.0 + tilt / f.steep)) ** 2
+        strength *= ((1.0 + tilt) / (1.0 + tilt / steep_of(f))) ** 2
     else:
-        strength *= exp(-tilt / f.steep) * (1.0 + tilt) * (1.0 + tilt)
+        strength *= exp(-tilt / steep_of(f)) * (1.0 + tilt) * (1.0 + tilt)
     size = across + g.vertical
     a_i, a_o = -g.sine_o * full, -g.sine_i * full
     if f.transmitted:
@@ -230,11 +211,11 @@ cdef void facet_mueller(const Facets* f, const Pair* g, double phi, double weigh
     else:
         ci = 0.5 * sqrt(size)
         # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
-        inside = times(f.index - 1.0, f.index + 1.0)
+        inside = times(m - 1.0, m + 1.0)
         inside = c_sqrt(make(inside.real + ci * ci, inside.imag))
         if inside.imag < 0.0:
             inside = make(-inside.real, -inside.imag)
-        low = times(f.index, f.index)
+        low = times(m, m)
         s = over(make(ci - inside.real, -inside.imag), make(ci + inside.real, inside.imag))
         p = over(make(low.real * ci - inside.real, low.imag * ci - inside.imag),
                  make(low.real * ci + inside.real, low.imag * ci + inside.imag))

@@ -8,16 +8,16 @@ cdef enum:
     MOST_LOOPED = 96     # rows up to which loops are quicker than LAPACK's blocks
 
 
-def symmetric_eigenproblem(const double[:, ::1] matrix, bint wide=True):
-    """Eigenvalues (n,) in no order and vectors (vector, n) of a symmetric matrix (n, n), steep rows first, by the loops
-    that `homogeneous` takes for small ones. Raises ArithmeticError where they do not converge. `wide=False` leaves AVX2
-    unused."""
-    cdef int n = <int>matrix.shape[0]
-    cdef double[:, ::1] spent = np.array(matrix), vectors = np.empty((n, n))
-    cdef double[::1] values = np.empty(n), work = np.empty(3 * n)
-    if vrte_best_eigensolver(wide)(n, &spent[0, 0], &values[0], &vectors[0, 0], &work[0]) != 0:
-        raise ArithmeticError("the eigenvalues do not converge")
-    return np.asarray(values), np.asarray(vectors)
+cdef Job symmetric_eigenproblem_job(Arrays* t) noexcept nogil:
+    return Job(1, <size_t>t.n * (t.n + 3), 0)
+
+
+cdef int symmetric_eigenproblem_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef size_t nn = <size_t>t.n * t.n
+    copy(nn, t.matrix, desk.work)
+    t.info[0] = vrte_best_eigensolver(t.wide)(t.n, desk.work, t.values, t.vectors, desk.work + nn)
+    return t.info[0]
 
 
 def homogeneous_work(n):

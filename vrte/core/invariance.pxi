@@ -4,42 +4,10 @@
 # matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by reciprocity, Q and q the signs of
 # V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
-def invariance_work(n_node, n_off, stokes, n_term):
-    """Doubles of `work` that one thread of `reflect_semi_infinite` needs."""
-    n, u = stokes * n_node, stokes * n_off
-    return (3 * (n_node + n_off) + 12 * (n + u)) * n_term + n_node + n * n + u * n + 2 * u * u + 6 * n * max(n, u)
-
-
-cdef struct SemiInfinite:
-    int stokes, terms, n_all, n_node, n_out, n_in, n_col
-    bint halves
-    double albedo, tolerance
-    given_ints orders, members, out, into
-    given coefficients, directions, weights, columns
-    doubles up, on_nodes, residual
-    ints steps
-
-
-def reflect_semi_infinite(crew, *, const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients,
-                    int terms, double albedo, const double[::1] directions, const double[::1] weights,
-                    const int[::1] out, const int[::1] into, const double[:, ::1] columns, double tolerance,
-                    bint halves, double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual,
-                    int[::1] steps):
-    """The light that a semi-infinite layer sends back, one Fourier order after another, single scattering left out.
-
-    members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
-    out (n_out,), into (n_in,): places among the latter; columns (n_col, S); halves: whether one half of each symmetric
-    product is computed and the other mirrored. up (order, n_in, n_col, S n_out): radiance times 2 pi for a unit beam,
-    flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all of it. residual (order,):
-    what is still missing of R, estimated from the last steps, relative to its largest element; steps (order,).
-    """
-    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
-    cdef SemiInfinite task = SemiInfinite(
-        stokes, terms, n_all, n_node, <int>out.shape[0], <int>into.shape[0], <int>columns.shape[0], halves, albedo,
-        tolerance, &orders[0], &members[0], &out[0], &into[0], &coefficients[0, 0], &directions[0], &weights[0],
-        &columns[0, 0], &up[0, 0, 0, 0], &on_nodes[0, 0, 0], &residual[0], &steps[0])
-    run_items(crew, semi_infinite_one, &task, <int>orders.shape[0],
-              invariance_work(n_node, n_all - n_node, stokes, terms), 0, NULL)
+cdef Job reflect_semi_infinite_job(Arrays* t) noexcept nogil:
+    cdef size_t n = t.n, u = t.stokes * t.n_off
+    return Job(t.n_order, (3 * t.n_placed + 12 * (n + u)) * t.n_term + t.n_node + n * n + u * n + 2 * u * u
+               + 6 * n * max(n, u), 0)
 
 
 cdef struct FactorColumns:
@@ -218,11 +186,11 @@ cdef enum:
     STRIPS = 4     # that a symmetric product is made in
 
 
-cdef int semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const SemiInfinite* t = <const SemiInfinite*>task
-    cdef int m = t.orders[item], terms = t.terms, n_all = t.n_all, n_node = t.n_node, n_off = n_all - n_node
-    cdef int stokes = t.stokes, n = stokes * n_node, u = stokes * n_off, kind, i, j, a, b, c, beam
-    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo, t.coefficients)
+cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int m = t.orders[item], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, n_off = t.n_off
+    cdef int stokes = t.stokes, n = t.n, u = stokes * n_off, kind, i, j, a, b, c, beam
+    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo[0], t.coefficients)
     cdef given directions = t.directions, off = directions + n_node, column
     cdef doubles up = t.up + <size_t>item * t.n_in * t.n_col * stokes * t.n_out, residual = t.residual + item
     cdef doubles on_nodes = t.on_nodes + <size_t>item * t.n_in * t.n_col * n
@@ -235,7 +203,7 @@ cdef int semi_infinite_one(const void* task, int item, Workspace desk) noexcept 
     cdef double total, sign, rate = 0.0
     spherical(m, terms, is_polar(x.p), directions, n_all, prt)
     for i in range(m, terms):
-        rate = max(rate, t.albedo * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
+        rate = max(rate, t.albedo[0] * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
     rate = min(rate, 0.999)
     for i in range(n_node):
         scale[i] = sqrt(t.weights[i] / directions[i])
@@ -265,13 +233,13 @@ cdef int semi_infinite_one(const void* task, int item, Workspace desk) noexcept 
                 for a in range(stokes):
                     total = 0.0
                     for b in range(stokes):
-                        total += Ruu[<size_t>(stokes * t.into[beam] + b) * u + stokes * t.out[i] + a] * column[b]
-                    up[i * stokes + a] = total / off[t.out[i]]
+                        total += Ruu[<size_t>(stokes * t.in_places[beam] + b) * u + stokes * t.out_places[i] + a] * column[b]
+                    up[i * stokes + a] = total / off[t.out_places[i]]
             for j in range(n):                           # R_NI = Q Ru^T Q
                 total = 0.0
                 for b in range(stokes):
                     sign = -1.0 if (b == x.p.place[3]) != (j % stokes == x.p.place[3]) else 1.0
-                    total += sign * Ru[<size_t>j * u + stokes * t.into[beam] + b] * column[b]
+                    total += sign * Ru[<size_t>j * u + stokes * t.in_places[beam] + b] * column[b]
                 on_nodes[j] = total
             up += t.n_out * stokes
             on_nodes += n

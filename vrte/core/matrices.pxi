@@ -134,17 +134,19 @@ cdef inline void exchange(doubles a, doubles b) noexcept nogil:
     b[0] = kept
 
 
-def solve_by_factors(const double[:, ::1] lu, const int[::1] pivots, const double[:, ::1] b, bint from_right=False,
-                     bint wide=True):
-    """M^-1 b or, `from_right`, b M^-1, by the loops and products that all stages take, M (column, row) given by
-    dgetrf's factors and pivots counted from 1; b (column, row). `wide=False` leaves AVX2 unused."""
-    cdef double[:, ::1] found = np.array(b)
-    cdef int n = <int>lu.shape[0], columns = <int>b.shape[0], rows = <int>b.shape[1]
-    if from_right:
-        times_inverse_by_triangles(vrte_best_triangles(wide), rows, n, &lu[0, 0], &pivots[0], &found[0, 0])
+cdef Job solve_by_factors_job(Arrays* t) noexcept nogil:
+    return Job(1, 0, 0)
+
+
+cdef int solve_by_factors_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef const vrte_triangles* loops = vrte_best_triangles(t.wide)
+    copy(<size_t>t.n_column * t.n_row, t.b, t.found)
+    if t.from_right:
+        times_inverse_by_triangles(loops, t.n_row, t.n, t.lu, t.pivots, t.found)
     else:
-        solve_by_triangles(vrte_best_triangles(wide), n, columns, &lu[0, 0], &pivots[0], &found[0, 0], rows)
-    return np.asarray(found)
+        solve_by_triangles(loops, t.n, t.n_column, t.lu, t.pivots, t.found, t.n_row)
+    return 0
 
 
 cdef inline void scale_columns(int n, int rows, given lam_im, const cplx* f, given a, doubles b) noexcept nogil:

@@ -11,51 +11,14 @@
 cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
 
 
-def scatterings_work(n, n_out, n_in, n_all, n_term, stokes, poles, depths=0):
-    """Doubles of scratch memory that one thread of `scatter_by_fractions` needs."""
-    g, o, into, k = 4 * n_term, stokes * n_out, stokes * n_in, poles + 1
-    columns = 3 * n_all * n_term + n_all + g * (4 * n + o + 2 * into)
-    half = g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
-    return columns + half + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (
-        n + o) + depths * (2 * max(n, o) + g)
-
-
-cdef struct Scatterings:
-    int n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, n_depth
-    given_ints orders, members, terms
-    given coefficients, albedo, thickness, directions, weights, columns, place, share, inside
-    double constant, tolerance
-    doubles out, on_nodes, out_inside, on_nodes_inside, residual
-
-
-def scatter_by_fractions(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
-                         const int[::1] terms, const double[::1] albedo, const double[::1] thickness,
-                         const double[::1] directions, const double[::1] weights, int n_out,
-                         const double[:, ::1] columns, const double[::1] place, const double[::1] share,
-                         double constant, const double[:, :, ::1] inside, double tolerance,
-                         double[:, :, :, :, ::1] out, double[:, :, :, :, ::1] on_nodes,
-                         double[:, :, :, :, :, ::1] out_inside, double[:, :, :, :, :, ::1] on_nodes_inside,
-                         double[:, ::1] residual, int[:, ::1] info):
-    """What `reflect_by_fractions` finds, beam by beam and by successive scatterings (GMRES), and light at depths.
-
-    Arguments as there, without matrices; tolerance: of the moments, over those of a beam that is scattered evenly.
-    inside (2, depth, 1 + pole): constant and shares of cosh(z x)/cosh(x), then of sinh(z x)/(x cosh(x)), z = -1 at the
-    top and 1 at the bottom, for the same poles; out_inside (order, scene, depth, 2, n_rhs, S n_out), on_nodes_inside
-    (order, scene, depth, 2, n_rhs, n): light up, then down, at these depths, as out and on_nodes.
-    residual (order, scene): what one more scattering changes them by, in the same unit; info: 1 where it converges not.
-    """
-    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_layer = <int>albedo.shape[0]
-    cdef int n_term = <int>coefficients.shape[1], n_col = <int>columns.shape[0], stokes = <int>members.shape[0]
-    cdef int n_in = n_all - n_node - n_out, poles = <int>place.shape[0]
-    cdef int n_depth = <int>inside.shape[1]
-    cdef Scatterings task = Scatterings(
-        n_layer, n_term, n_node, n_out, n_in, n_col, n_all, stokes, poles, n_depth, &orders[0], &members[0], &terms[0],
-        &coefficients[0, 0, 0], &albedo[0], &thickness[0], &directions[0], &weights[0], &columns[0, 0], &place[0],
-        &share[0], &inside[0, 0, 0], constant, tolerance, &out[0, 0, 0, 0, 0], &on_nodes[0, 0, 0, 0, 0],
-        &out_inside[0, 0, 0, 0, 0, 0], &on_nodes_inside[0, 0, 0, 0, 0, 0], &residual[0, 0])
-    run_items(crew, scatterings_one, &task, <int>orders.shape[0] * n_layer,
-              scatterings_work(stokes * n_node, n_out, n_in, n_all, n_term, stokes, poles, n_depth), 0,
-              &info[0, 0])
+cdef Job scatter_by_fractions_job(Arrays* t) noexcept nogil:
+    cdef size_t g = 4 * t.n_term, n = t.n, o = t.rows, k = t.n_share
+    return Job(
+        <size_t>t.n_order * t.n_layer,
+        3 * t.n_all * t.n_term + t.n_all + g * (4 * n + o + 2 * t.into)
+        + g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
+        + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (n + o)
+        + t.n_depth * (2 * max(n, o) + g), 0)
 
 
 cdef struct Rows:
@@ -298,11 +261,11 @@ cdef inline void add_half(int n, given v, bint is_odd, doubles up, doubles down)
         up[i], down[i] = even - v[i], even + v[i]
 
 
-cdef int scatterings_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Scatterings* t = <const Scatterings*>task
+cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
     cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
-    cdef int n = stokes * t.n_node, o = stokes * t.n_out, r = t.n_in * t.n_col, into = stokes * t.n_in
-    cdef int poles = t.poles, K = poles + 1, i, j, kind, g, gk, count, other, column, beam
+    cdef int n = t.n, o = t.rows, r = t.n_rhs, into = t.into
+    cdef int poles = t.n_pole, K = poles + 1, i, j, kind, g, gk, count, other, column, beam
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
     cdef int depths = t.n_depth
     cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
@@ -346,7 +309,7 @@ cdef int scatterings_one(const void* task, int item, Workspace desk) noexcept no
     g = width[0] + width[1]
     gk = g * K
     half.g, half.poles, half.k, half.depth, half.constant = g, poles, K, h, t.constant
-    half.place, half.weight = t.place, t.share
+    half.place, half.weight = t.poles, t.shares
     memory = place_half(&half, n, o, width[0] * width[1], memory)
     first = memory
     moments = first + gk

@@ -1,6 +1,6 @@
 # One mechanism for every parallel loop: the items of a stage, Fourier orders or orders and layers, done by the threads
 # of a crew, (threads, seconds, stop) of vrte/basics/running.py. No item depends on another, so results do not depend on
-# the number of threads.
+# the number of threads. What a stage takes is declared in stages.toml: `Arrays` holds all of it, sizes first.
 
 ctypedef double* doubles
 ctypedef const double* given
@@ -23,12 +23,63 @@ globals().update(
     STEEPEST_RATIO=STEEPEST_RATIO, MOST_DOUBLINGS=MOST_DOUBLINGS, MOST_STEPS=MOST_STEPS, SERIES=SERIES,
     MOST_COLUMNS=MOST_COLUMNS)
 
+cdef extern from "numpy/arrayobject.h":
+    ctypedef struct PyArrayObject:
+        pass
+    enum: NPY_DOUBLE, NPY_INT, NPY_CDOUBLE
+    int _import_array() except -1
+    bint PyArray_Check(object)
+    int PyArray_NDIM(PyArrayObject*)
+    int PyArray_TYPE(PyArrayObject*)
+    bint PyArray_EquivTypenums(int, int)
+    bint PyArray_ISCARRAY(PyArrayObject*)
+    bint PyArray_ISCARRAY_RO(PyArrayObject*)
+    bint PyArray_ISBEHAVED_RO(PyArrayObject*)
+    void* PyArray_DATA(PyArrayObject*)
+    Py_ssize_t* PyArray_DIMS(PyArrayObject*)
+    const Py_ssize_t* PyArray_STRIDES(PyArrayObject*)
+    object PyArray_EMPTY(int, Py_ssize_t*, int, int)
+    object PyArray_ZEROS(int, Py_ssize_t*, int, int)
+
+_import_array()
+
+include "arrays.pxi"
+
+cdef extern from "arrays.h":
+    enum: VRTE_SIZES, VRTE_EQUATIONS
+    ctypedef struct vrte_argument:
+        # an array, or a number with rank 0; dims: sizes by index, or minus a number
+        const char* name
+        int form, rank, written, open, size, has_preset
+        double preset
+        int dims[6]
+        size_t place
+    ctypedef struct vrte_stage:
+        const char* name
+        int first, count
+        const char* words
+    ctypedef struct vrte_equation:
+        int whole, is_product, count
+        int parts[3]
+    const char* vrte_size_names[]
+    const int vrte_otherwise[]      # sizes where nothing tells them, -1: unknown
+    const vrte_argument vrte_arguments[]
+    const vrte_stage vrte_stages[]
+    const vrte_equation vrte_equations[]
+
+cdef enum Form: REAL, WHOLE, COMPLEX, STRIDED, NUMBER, INTEGER, FLAG     # as FORMS of declare.py
+
 
 cdef struct Workspace:
     # what a thread works with: a row of scratch memory, one of scratch integers, and the flag that stops it
     doubles work
     ints pivots
     given_ints stop
+
+
+cdef struct Job:
+    # items of a stage, doubles and integers of scratch memory that a thread needs
+    size_t items, doubles, integers
 
 
 cdef inline int first_layer(given_ints slab_stack, int n_layer, int item) noexcept nogil:
@@ -42,27 +93,270 @@ cdef inline int layer_of(given_ints slab_stack, int n_layer, int item) noexcept 
 
 
 # one item of a stage's task; LAPACK's verdict, 0: fine
-ctypedef int (*Stage)(const void* task, int item, Workspace desk) noexcept nogil
+ctypedef int (*Kernel)(const void* task, int item, Workspace desk) noexcept nogil
+ctypedef Job (*Plan)(Arrays* t) noexcept nogil
 
 
-cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
+cdef void run_items(crew, Kernel stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
     """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds
     to the crew's. Begins no item once the crew's flag is set. The memory of each thread begins with a cache line, since
     BLAS on some processors adds up in another order what begins elsewhere in it."""
     cdef int item, thread, verdict, threads = crew.threads
     cdef size_t room = (doubles + LINE - 1) // LINE * LINE
-    memory = np.empty(threads * room + LINE)
-    memory = memory[-memory.ctypes.data % (8 * LINE) // 8 :][: threads * room]
-    cdef double[:, ::1] work = memory.reshape(threads, room)
-    cdef int[:, ::1] pivots = np.empty((threads, integers), np.int32)
-    cdef double[::1] seconds = crew.seconds
-    cdef const int[::1] stop = crew.stop
+    memory, numbers = np.empty(threads * room + LINE), np.empty(threads * integers + 1, np.int32)
+    cdef double* seconds = <double*>data_of(crew.seconds, "the crew", "seconds", REAL, True)
+    cdef const int* stop = <const int*>data_of(crew.stop, "the crew", "stop", WHOLE, False)
+    cdef double* work = <double*>data_of(memory, "", "memory", REAL, True)
+    cdef int* pivots = <int*>data_of(numbers, "", "memory", WHOLE, True)
     cdef double start
+    work += (-(<size_t>work // sizeof(double))) % LINE
     for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            verdict = stage(task, item, Workspace(&work[thread, 0], &pivots[thread, 0], &stop[0]))
+            verdict = stage(task, item, Workspace(work + thread * room, pivots + thread * integers, stop))
             if info != NULL:
                 info[item] = verdict
             seconds[thread] += vrte_seconds() - start
+
+
+cdef void* data_of(object values, object owner, str name, int form, bint written) except? NULL:
+    """Where the numbers of an array of an owner are, which are what the form says, one behind the other unless it is STRIDED."""
+    cdef PyArrayObject* array = <PyArrayObject*>values
+    if not PyArray_Check(values):
+        raise TypeError(f"{owner}: {name} must be an array, not {type(values).__name__}")
+    if not PyArray_EquivTypenums(PyArray_TYPE(array), type_of(form)):
+        raise ValueError(f"{owner}: {name} must be of {TYPES[form]}, not {values.dtype}")
+    if form == STRIDED:
+        if not PyArray_ISBEHAVED_RO(array):
+            raise ValueError(f"{owner}: {name} must be aligned")
+    elif not (PyArray_ISCARRAY(array) if written else PyArray_ISCARRAY_RO(array)):
+        raise ValueError(f"{owner}: {name} must be contiguous" + (" and writeable" if written else ""))
+    return PyArray_DATA(array)
+
+
+TYPES = "float64", "int32", "complex128", "float64"     # of the forms
+
+
+cdef inline int type_of(int form) noexcept:
+    return NPY_INT if form == WHOLE else NPY_CDOUBLE if form == COMPLEX else NPY_DOUBLE
+
+
+cdef class Stage:
+    """A stage of a solve: called with a crew and its arrays by name, which are checked. What it writes and nobody gives
+    is allocated and returned, an array or several by name."""
+    cdef const vrte_stage* said
+    cdef const vrte_argument* taken
+    cdef Kernel kernel
+    cdef Plan plan
+    cdef bint alone
+    cdef tuple names
+
+    @property
+    def __name__(self):
+        return self.said.name.decode()
+
+    def __str__(self):
+        return self.__name__
+
+    @property
+    def __doc__(self):
+        return self.said.words.decode()
+
+    @property
+    def __signature__(self):
+        from inspect import Parameter, Signature
+        kind = Parameter.POSITIONAL_OR_KEYWORD if self.alone else Parameter.KEYWORD_ONLY
+        found = [] if self.alone else [Parameter("crew", Parameter.POSITIONAL_ONLY)]
+        for k in range(self.said.count):
+            default = None if self.taken[k].open else Parameter.empty
+            found.append(Parameter(self.names[k], kind, default=default))
+        return Signature(found)
+
+    def __call__(self, *places, **given):
+        cdef Arrays t
+        if self.alone:
+            given.update(zip(self.names, places))
+            places = (ALONE,)
+        if len(places) != 1:
+            raise TypeError(f"{self.__name__} takes a crew, and its arrays by name")
+        found = self.read(given, &t)
+        cdef Job job = self.plan(&t)
+        run_items(places[0], self.kernel, &t, <int>job.items, job.doubles, job.integers, t.info)
+        return result_of(found)
+
+    def allocate(self, given):
+        """What the stage writes and is not given, allocated, by name."""
+        cdef Arrays t
+        return self.read(given, &t)
+
+    cdef dict read(self, dict given, Arrays* t):
+        """Fills t, checks shapes; what is allocated."""
+        cdef int k, d, size, used = 0
+        cdef int* sizes = <int*>t
+        cdef char* place
+        cdef void* memory
+        cdef const vrte_argument* each
+        cdef dict found = {}
+        cdef Py_ssize_t* shape
+        cdef Py_ssize_t wanted[6]
+        memset(t, 0, sizeof(Arrays))
+        for k in range(VRTE_SIZES):
+            sizes[k] = -1
+        for k in range(self.said.count):
+            each, place = self.taken + k, <char*>t + self.taken[k].place
+            values = given.get(self.names[k])
+            if values is None:
+                used += self.names[k] in given
+                if not each.open:
+                    raise TypeError(f"{self.__name__} needs {self.names[k]}")
+                if each.written:
+                    found[self.names[k]] = k
+                    continue
+                if each.form == NUMBER:
+                    (<double*>place)[0] = each.preset
+                elif each.rank == 0:
+                    (<int*>place)[0] = <int>each.preset
+                continue
+            used += 1
+            if each.form == NUMBER:
+                (<double*>place)[0] = values
+            elif each.form == FLAG:
+                (<int*>place)[0] = bool(values)
+            elif each.form == INTEGER:
+                (<int*>place)[0] = values
+            else:
+                memory = data_of(values, self, self.names[k], each.form, each.written)
+                memcpy(place, &memory, sizeof(void*))
+                shape = PyArray_DIMS(<PyArrayObject*>values)
+                if each.form == STRIDED:
+                    memory = <void*>PyArray_STRIDES(<PyArrayObject*>values)
+                    memcpy(place + sizeof(void*), &memory, sizeof(void*))
+                if PyArray_NDIM(<PyArrayObject*>values) != each.rank:
+                    self.complain(each, sizes, values)
+                for d in range(each.rank):
+                    size = each.dims[d]
+                    if size >= 0 and sizes[size] < 0:
+                        sizes[size] = <int>shape[d]
+                    elif shape[d] != (sizes[size] if size >= 0 else -size):
+                        self.complain(each, sizes, values)
+        if used != len(given):
+            raise TypeError(f"{self.__name__} does not take {', '.join(given.keys() - set(self.names))}")
+        if find_sizes(sizes) >= 0:
+            self.complain_of_sizes(sizes)
+        for name, index in found.items():
+            each = self.taken + <int>index
+            for d in range(each.rank):
+                wanted[d] = sizes[each.dims[d]] if each.dims[d] >= 0 else -each.dims[d]
+                if wanted[d] < 0:
+                    raise TypeError(f"{self.__name__} needs {name}: nothing tells how large it is")
+            if each.has_preset:
+                values = PyArray_ZEROS(each.rank, wanted, type_of(each.form), 0)
+            else:
+                values = PyArray_EMPTY(each.rank, wanted, type_of(each.form), 0)
+            memory = PyArray_DATA(<PyArrayObject*>values)
+            memcpy(<char*>t + each.place, &memory, sizeof(void*))
+            found[name] = values
+        for k in range(VRTE_SIZES):
+            sizes[k] = max(sizes[k], 0)
+        return found
+
+    cdef complain(self, const vrte_argument* each, int* sizes, values):
+        """Raises ValueError for an array whose shape does not fit the others'."""
+        wanted = []
+        for d in range(each.rank):
+            name = vrte_size_names[each.dims[d]].decode() if each.dims[d] >= 0 else ""
+            size = sizes[each.dims[d]] if each.dims[d] >= 0 else -each.dims[d]
+            wanted.append(f"{name} {size}".strip() if size >= 0 else name)
+        raise ValueError(f"{self.__name__}: {each.name.decode()} must have the shape ({', '.join(wanted)}), "
+                         f"not {values.shape}")
+
+    cdef complain_of_sizes(self, int* sizes):
+        """Raises ValueError for sizes that do not make each other."""
+        cdef const vrte_equation* e = vrte_equations + solve_equations(sizes)
+        sign = " * " if e.is_product else " + "
+        parts = [e.parts[k] for k in range(e.count)]
+        names = [vrte_size_names[part].decode() if part >= 0 else str(-part) for part in parts]
+        counts = sign.join([str(sizes[part] if part >= 0 else -part) for part in parts])
+        raise ValueError(f"{self.__name__}: {vrte_size_names[e.whole].decode()} must be {sign.join(names)} = {counts}, "
+                         f"not {sizes[e.whole]}")
+
+
+cdef int find_sizes(int* sizes) noexcept nogil:
+    """Sizes that follow from others, or that nothing tells; the first equation that does not hold, -1 for none."""
+    cdef int k, failed = solve_equations(sizes)
+    if failed < 0:
+        for k in range(VRTE_SIZES):
+            if sizes[k] < 0:
+                sizes[k] = vrte_otherwise[k]
+        failed = solve_equations(sizes)
+    return failed
+
+
+cdef int solve_equations(int* sizes) noexcept nogil:
+    """Sizes that follow from others; the first equation that does not hold, -1 for none."""
+    cdef int turn, k, i, part, unknown, open_, known
+    cdef const vrte_equation* e
+    for turn in range(3):
+        for k in range(VRTE_EQUATIONS):
+            e = &vrte_equations[k]
+            known, open_, unknown = 1 if e.is_product else 0, 0, -1
+            for i in range(e.count):
+                part = sizes[e.parts[i]] if e.parts[i] >= 0 else -e.parts[i]
+                if part < 0:
+                    open_, unknown = open_ + 1, e.parts[i]
+                else:
+                    known = known * part if e.is_product else known + part
+            if open_ == 0:
+                if sizes[e.whole] < 0:
+                    sizes[e.whole] = known
+                elif sizes[e.whole] != known:
+                    return k
+            elif open_ == 1 and sizes[e.whole] >= 0:
+                if not e.is_product:
+                    if sizes[e.whole] < known:
+                        return k
+                    sizes[unknown] = sizes[e.whole] - known
+                elif known > 0:
+                    sizes[unknown] = sizes[e.whole] // known
+                    if sizes[unknown] * known != sizes[e.whole]:
+                        return k
+    return -1
+
+
+def result_of(found):
+    """What a stage returns of the arrays that it allocated, by name: one array alone, None for none."""
+    return None if not found else found if len(found) > 1 else next(iter(found.values()))
+
+
+def count_scratch(stage, **sizes):
+    """Doubles of scratch memory that a thread needs for a stage, by name, of sizes by name."""
+    cdef Arrays t
+    cdef Stage one = globals()[stage]
+    cdef int* counts = <int*>&t
+    cdef int k
+    memset(&t, 0, sizeof(Arrays))
+    for k in range(VRTE_SIZES):
+        counts[k] = sizes.pop(vrte_size_names[k].decode(), -1)
+    if sizes:
+        raise TypeError(f"there are no sizes {', '.join(sizes)}")
+    find_sizes(counts)
+    for k in range(VRTE_SIZES):
+        counts[k] = max(counts[k], 0)
+    return one.plan(&t).doubles
+
+
+class Alone:
+    """The crew of a stage that needs none."""
+    threads, seconds, stop = 1, np.zeros(1), np.zeros(1, np.int32)
+
+ALONE = Alone
+
+
+cdef Stage make_stage(int index, Kernel kernel, Plan plan, bint with_crew):
+    """The stage in a row of the declarations."""
+    cdef Stage stage = Stage.__new__(Stage)
+    stage.said, stage.kernel, stage.plan, stage.alone = &vrte_stages[index], kernel, plan, not with_crew
+    stage.taken = vrte_arguments + stage.said.first
+    stage.names = tuple([sys.intern(stage.taken[k].name.decode()) for k in range(stage.said.count)])
+    return stage

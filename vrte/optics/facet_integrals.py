@@ -32,12 +32,13 @@ def integrate_azimuths(
     surface: RoughSurface, transmitted: bool, mu_i: Array, mu_o: Array, n_order: int, accuracy: float, threads: int = 1
 ) -> Array:
     """R^m of pairs of directions (pair,), (pair, order, 16): the integral of f with cos, sin(m phi), as in (1:6)."""
-    found = np.empty((mu_i.size, n_order, 16))
     points, reach = choose_points(accuracy)
     x, weights = make_double_gauss(points)
-    _core.facet_orders(
+    return _core.facet_orders(
         ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
-        index=complex(surface.ratio),
+        n_order=n_order,
+        index=complex(surface.ratio).real,
+        absorption=complex(surface.ratio).imag,
         roughness=surface.roughness,
         is_ggx=surface.distribution == "ggx",
         shadowing=surface.shadows(transmitted),
@@ -45,11 +46,9 @@ def integrate_azimuths(
         mu_i=np.ascontiguousarray(mu_i),
         mu_o=np.ascontiguousarray(mu_o),
         points=np.ascontiguousarray(x),
-        weights=np.ascontiguousarray(weights),
+        point_weights=np.ascontiguousarray(weights),
         reach=reach,
-        out=found,
     )
-    return found
 
 
 def choose_points(accuracy: float) -> tuple[int, float]:

@@ -29,37 +29,26 @@ def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, 
     """What the first layer of a problem, taken as semi-infinite, sends back in each order."""
     off, indices = problem.off_nodes
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
-    stokes, terms = len(problem.stokes), int(problem.terms[0])
-    up = np.empty((orders.size, n_in, n_col, stokes * n_out))
-    found = Reflected(
-        kernels=up.reshape(orders.size, 1, n_in, n_col, n_out, stokes),
-        on_nodes=np.empty((orders.size, n_in * n_col, problem.size)),
-        residual=np.empty(orders.size),
-        steps=np.empty(orders.size, np.int32),
-    )
     with run.timed("invariance") as crew:
-        run.kernels.reflect_semi_infinite(
+        found = run.kernels.reflect_semi_infinite(
             crew,
             orders=orders,
             members=np.array(problem.stokes, np.int32),
-            coefficients=problem.coefficients[0],
-            terms=terms,
-            albedo=float(problem.albedo[0]),
+            coefficients=problem.coefficients[:1],
+            terms=problem.terms[:1],
+            albedo=problem.albedo[:1],
             directions=np.concatenate([problem.nodes, off]),
             weights=problem.weights,
-            out=indices[:n_out],
-            into=indices[n_out:],
+            out_places=indices[:n_out],
+            in_places=indices[n_out:],
             columns=problem.columns,
             tolerance=tolerance,
             halves=problem.skip_flags.halves,
-            up=up,
-            on_nodes=found.on_nodes,
-            residual=found.residual,
-            steps=found.steps,
         )
-    found.kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
-    found.kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
-    return found
+    kernels = found.pop("up").reshape(orders.size, 1, n_in, n_col, n_out, len(problem.stokes))
+    kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
+    kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
+    return Reflected(kernels, **found)
 
 
 def find_flux_up(problem: Problem, on_nodes: Array) -> Array:

@@ -174,37 +174,28 @@ def scatter_by_fractions(problem: Problem, orders: IntArray, accuracy: float, ru
     """Light of every layer, each a scene by itself. Raises AccuracyError where scatterings do not converge."""
     depths = find_depths(problem)
     depths = depths[np.abs(depths) < 1.0]
-    shape, n_rhs = (orders.size, problem.albedo.size), problem.n_rhs
-    faces = Faces(
-        out=np.empty((*shape, 2, n_rhs, problem.rows_out)),
-        on_nodes=np.empty((*shape, 2, n_rhs, problem.size)),
-        residual=np.empty(shape),
-        out_inside=np.empty((*shape, depths.size, 2, n_rhs, problem.rows_out)),
-        on_nodes_inside=np.empty((*shape, depths.size, 2, n_rhs, problem.size)),
-    )
-    info = np.zeros(shape, np.int32)
     if depths.size:
         tangent, inside = fit_depths(find_steepest(problem), depths)
     else:
-        tangent, inside = find_tangent(find_steepest(problem)), np.empty((2, 0, 1))
+        tangent = find_tangent(find_steepest(problem))
+        inside = np.empty((2, 0, 1 + tangent.place.size))
     with run.timed("fractions") as crew:
-        _core.scatter_by_fractions(
+        found = _core.scatter_by_fractions(
             crew,
             orders=orders,
             **problem.phase_arguments,
             thickness=problem.thickness,
             columns=problem.columns,
-            place=tangent.place,
-            share=tangent.share,
+            poles=tangent.place,
+            shares=tangent.share,
             constant=tangent.constant,
             inside=inside,
             tolerance=CONVERGED * accuracy,
-            info=info,
-            **vars(faces),
         )
+    info = found.pop("info")
     if info.any():
         raise AccuracyError(f"scatterings of order {orders[np.argwhere(info)[0][0]]} do not converge")
-    return faces
+    return Faces(**found)
 
 
 def gather_levels(problem: Problem, faces: Array, inside: Array) -> Array:

@@ -53,7 +53,7 @@ def open_stages() -> Any:
     they run is a DeviceError, too.
     """
     opened = open_session()
-    stages: dict[str, Callable[..., None]] = {
+    stages: dict[str, Callable[..., Any]] = {
         "assemble": assembly.assemble_arrays,
         "reconstruct": reconstruction.reconstruct,
         "azimuthal_sum": sums.azimuthal_sum,
@@ -65,10 +65,10 @@ def open_stages() -> Any:
     return SimpleNamespace(**{name: partial(run_alone, stage, opened) for name, stage in stages.items()})
 
 
-def run_alone(stage: Callable[..., None], opened: Session, *arguments: Any, **named: Any) -> None:
+def run_alone(stage: Callable[..., Any], opened: Session, *arguments: Any, **named: Any) -> Any:
     """One call of a stage, no other thread's kernels beside it."""
     with opened.lock, raise_device_errors():
-        stage(opened, *arguments, **named)
+        return stage(opened, *arguments, **named)
 
 
 @dataclass(frozen=True, eq=False)
