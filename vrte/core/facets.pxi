@@ -134,7 +134,7 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
     cdef doubles odd
     for k in range(pieces):
         for j in range(f.n_point):
-            x, weight = f.points[j], 2.0 * f.weights[j] * size
+            x, weight = f.points[j], 2.0 * f.point_weights[j] * size
             if root_at < 0 and k == 0:
                 weight *= 2.0 * x
                 x *= x

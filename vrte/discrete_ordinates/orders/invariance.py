@@ -89,8 +89,8 @@ class Invariance:
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:
         """Doubles of an order's arrays, and of a thread's scratch memory."""
-        directions = problem.off_nodes[0].size
-        work = _core.invariance_work(problem.nodes.size, directions, len(problem.stokes), int(problem.terms.max()))
+        sizes = problem.sizes | {"n_off": problem.off_nodes[0].size, "n_term": int(problem.terms.max())}
+        work = _core.count_scratch("reflect_semi_infinite", **sizes)
         return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
     @staticmethod

@@ -87,6 +87,19 @@ class Problem:
             n_out=self.mu_out.size,
         )
 
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of an order as the core names them."""
+        return {
+            "stokes": len(self.stokes),
+            "n_node": self.nodes.size,
+            "n_out": self.mu_out.size,
+            "n_in": self.mu0.size,
+            "n_col": self.columns.shape[0],
+            "n_layer": self.albedo.size,
+            "n_term": self.coefficients.shape[1],
+        }
+
     @cached_property
     def off_nodes(self) -> tuple[Array, IntArray]:
         """Outgoing and incident cosines, each once and ascending, and the place of every one of them."""

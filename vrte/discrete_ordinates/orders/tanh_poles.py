@@ -251,16 +251,8 @@ class Scatterings:
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:
         """Doubles of an order's arrays, and of a thread's scratch memory."""
-        work = _core.scatterings_work(
-            problem.size,
-            problem.mu_out.size,
-            problem.mu0.size,
-            problem.directions.size,
-            problem.coefficients.shape[1],
-            len(problem.stokes),
-            MOST_POLES,
-            problem.level.size,
-        )
+        sizes = problem.sizes | {"n_pole": MOST_POLES, "n_depth": problem.level.size}
+        work = _core.count_scratch("scatter_by_fractions", **sizes)
         return 2.0 * (1 + problem.level.size) * problem.n_rhs * (problem.size + problem.rows_out), float(work)
 
     @staticmethod
