@@ -233,7 +233,8 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
                 for a in range(stokes):
                     total = 0.0
                     for b in range(stokes):
-                        total += Ruu[<size_t>(stokes * t.in_places[beam] + b) * u + stokes * t.out_places[i] + a] * column[b]
+                        total += Ruu[<size_t>(stokes * t.in_places[beam] + b) * u
+                                     + stokes * t.out_places[i] + a] * column[b]
                     up[i * stokes + a] = total / off[t.out_places[i]]
             for j in range(n):                           # R_NI = Q Ru^T Q
                 total = 0.0

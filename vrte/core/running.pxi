@@ -121,7 +121,7 @@ cdef void run_items(crew, Kernel stage, const void* task, int n_item, size_t dou
 
 
 cdef void* data_of(object values, object owner, str name, int form, bint written) except? NULL:
-    """Where the numbers of an array of an owner are, which are what the form says, one behind the other unless it is STRIDED."""
+    """Where an array of an owner has its numbers, of its form, one behind the other unless it is STRIDED."""
     cdef PyArrayObject* array = <PyArrayObject*>values
     if not PyArray_Check(values):
         raise TypeError(f"{owner}: {name} must be an array, not {type(values).__name__}")
