@@ -113,6 +113,63 @@ def test_small_eigenvalues_of_a_graded_matrix_keep_their_digits() -> None:
         assert_close(np.sort(_core.symmetric_eigenproblem(matrix, wide)["values"]), wanted, rtol=1e-13, atol=0.0)
 
 
+def integrate_mode(k: float, mu: float, thickness: float, depth: float, upward: bool, decaying: bool) -> list[float]:
+    """What the even and the odd mode, and the beam's part, send to a depth from its far face where g_e or g_f is 1 and
+    the other 0, (3, 2): integrals of 200 bits with bounds."""
+    rate, cosine, whole, at = (flint.acb(value) for value in (k, mu, thickness, depth))
+    begin, end, side = (at, whole, 1) if upward else (flint.acb(0), at, -1)
+
+    def integral(profile: Any) -> Any:
+        return flint.acb.integral(lambda x, _: profile(x) * (side * (at - x) / cosine).exp() / cosine, begin, end) / 2
+
+    def over_sinh(x: Any) -> Any:
+        t = x - whole / 2
+        return t * (flint.acb(0, 1) * rate * t).sinc() / (rate * whole / 2).cosh()
+
+    beam = 1 / (1 + rate * cosine) if upward else 1 / (rate * cosine - 1) if abs(k * mu - 1.0) >= 0.02 else flint.acb(0)
+    if decaying:
+        top, bottom = integral(lambda x: (-rate * x).exp()), integral(lambda x: (rate * (x - whole)).exp())
+        found = [top, -side * rate * top, bottom, side * rate * bottom]
+    else:
+        even = integral(lambda x: (rate * (x - whole / 2)).cosh() / (rate * whole / 2).cosh())
+        odd = integral(over_sinh)
+        found = [even, side * rate * rate * odd, odd, side * even]
+    return [float(value.real.mid()) for value in (*found, beam, -side * rate * beam)]
+
+
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize("upward", [False, True])
+@pytest.mark.parametrize(
+    ("thickness", "decaying"), [(1e-3, False), (0.3, False), (5.0, False), (9.0, True), (80.0, True)]
+)
+def test_gains_are_the_integrals_they_stand_for(thickness: float, decaying: bool, upward: bool, wide: bool) -> None:
+    """With AVX2 and without, at every depth, for modes of every rate, in resonance with a direction and not; sinh takes
+    both signs in a layer, and rounding counts from its largest."""
+    mu = np.array([0.004, 0.1, 0.37, 0.5, 0.501, 0.77, 1.0])
+    for k in (0.5, 1.0, 1.99, 2.0, 3.7, 250.0) if decaying else (0.0, 1e-9, 0.02, 0.9, 1.99, 2.0, 9.7, 250.0):
+        for depth in (0.0, 1e-3 * thickness, 0.6 * thickness, thickness):
+            if depth == (thickness if upward else 0.0):
+                continue  # `reconstruct` copies there
+            with flint.ctx.workprec(200):
+                wanted = np.array([integrate_mode(k, each, thickness, depth, upward, decaying) for each in mu])
+            for which in (0, 1):
+                rows = np.array([np.full(mu.size, 1.0 - which), np.full(mu.size, float(which))])
+                found = _core.real_gains(k * k, thickness, depth, mu, rows, upward, decaying, wide)
+                there, largest = wanted[:, which::2].T, np.abs(wanted[:, :1].T) * max(thickness, k * k * thickness)
+                assert (np.abs(found - there) <= 2e-13 * np.abs(there) + 1e-15 * largest + 1e-50).all()
+
+
+def test_gains_of_a_semi_infinite_layer() -> None:
+    """Up from its inside: e^(-k depth)/(1 + k mu); down, the mode from below brings nothing."""
+    k, depth, mu = 0.7, 1.3, np.array([0.05, 0.6, 1.0])
+    rows = np.array([np.ones(3), np.zeros(3)])
+    up = _core.real_gains(k * k, np.inf, depth, mu, rows, True, True)
+    assert_close(up, [0.5 * np.exp(-k * depth) / (1.0 + k * mu), 0.0 * mu, 1.0 / (1.0 + k * mu)], rtol=1e-15, atol=0.0)
+    down = _core.real_gains(k * k, np.inf, depth, mu, rows, False, True)
+    wanted = [0.5 * (np.exp(-k * depth) - np.exp(-depth / mu)) / (1.0 - k * mu), 0.0 * mu, 1.0 / (k * mu - 1.0)]
+    assert_close(down, wanted, rtol=1e-14, atol=0.0)
+
+
 def factorise(matrix: Array) -> tuple[Array, IntArray]:
     """The factors (column, row) of a matrix (row, column), and pivots from 1."""
     factors, pivots, info = scipy.linalg.lapack.dgetrf(matrix)

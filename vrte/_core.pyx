@@ -22,8 +22,8 @@ from cython.parallel cimport prange, threadid
 from libc.math cimport (
     INFINITY, M_PI as PI, acos, asin, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tanh)
 from libc.string cimport memcpy, memset
-from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, dtrmm, dtrsm, idamax
-from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
+from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, idamax
+from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dsyevd
 
 # What the stages stand on.
 include "core/running.pxi"

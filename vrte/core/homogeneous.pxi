@@ -1,8 +1,13 @@
 # Homogeneous solution, (1:40)-(1:45): s' = -F d, d' = -E s; s = X y, d = Y z, so y' = -z, z' = -lambda y.
 
 cdef extern from "core/symmetric.h":
-    ctypedef int vrte_eigensolver(int, double*, double*, double*, double*) noexcept nogil
-    vrte_eigensolver* vrte_best_eigensolver(bint wide) noexcept nogil
+    ctypedef int vrte_eigenproblem_form(int, double*, double*, double*, double*) noexcept nogil
+    ctypedef int vrte_cholesky_form(int, double*) noexcept nogil
+    ctypedef void vrte_invert_form(int, const double*, double*) noexcept nogil
+    vrte_eigenproblem_form* vrte_eigenproblem_best(bint wide) noexcept nogil
+    vrte_cholesky_form* vrte_cholesky_best(bint wide) noexcept nogil
+    vrte_invert_form* vrte_invert_best(bint wide) noexcept nogil
+    void vrte_compare(int, double, const double*, const double*, double*, double*) noexcept nogil
 
 cdef enum:
     MOST_LOOPED = 96     # rows up to which loops are quicker than LAPACK's blocks
@@ -16,7 +21,7 @@ cdef int symmetric_eigenproblem_one(const void* task, int item, Workspace desk) 
     cdef const Arrays* t = <const Arrays*>task
     cdef size_t nn = <size_t>t.n * t.n
     copy(nn, t.matrix, desk.work)
-    t.info[0] = vrte_best_eigensolver(t.wide)(t.n, desk.work, t.values, t.vectors, desk.work + nn)
+    t.info[0] = vrte_eigenproblem_best(t.wide)(t.n, desk.work, t.values, t.vectors, desk.work + nn)
     return t.info[0]
 
 
@@ -241,29 +246,25 @@ cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im
     """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W, Y = F^-1 X = L^-T W unless NULL, so
     X^-1 = Y^T; steep nodes first, where the reduction to tridiagonal form starts. Not 0 where F is not positive; f is
     kept, for a second try."""
-    cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
+    cdef char lower = b"L", yes = b"V"
     cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
-    cdef double one = 1.0
-    cdef doubles matrix = X
-    copy(<size_t>n * n, f, L)
-    dpotrf(&lower, &n, L, &n, &info)
-    if info != 0:
-        return info
+    cdef size_t nn = <size_t>n * n
+    cdef doubles other = spare + nn
+    copy(nn, f, L)
+    if vrte_cholesky_best(True)(n, L) != 0:
+        return 1
+    multiply(n, n, n, 1.0, e, L, 0.0, other)
+    product(b"T", b"N", n, n, n, 1.0, L, n, other, n, 0.0, X, n)
     if n <= MOST_LOOPED:
-        matrix = spare
-    copy(<size_t>n * n, e, matrix)
-    dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, matrix, &n)
-    dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, matrix, &n)
-    if n <= MOST_LOOPED:
-        info = vrte_best_eigensolver(True)(n, matrix, lam_re, X, spare + <size_t>n * n)
+        info = vrte_eigenproblem_best(True)(n, X, lam_re, spare, other)
     else:
         dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
+        copy(nn, X, spare)
     set_zero(n, lam_im)
-    if info == 0:
-        if Y != NULL:
-            copy(<size_t>n * n, X, Y)
-            dtrsm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, Y, &n)
-        dtrmm(&side, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
+    multiply(n, n, n, 1.0, L, spare, 0.0, X)
+    if Y != NULL:
+        vrte_invert_best(True)(n, L, other)
+        multiply(n, n, n, 1.0, other, spare, 0.0, Y)
     return info
 
 
@@ -354,9 +355,7 @@ cdef double mode_residual(const Halved* h, doubles a, doubles b) noexcept nogil:
     while j < n:
         re, im = h.lam_re[j], h.lam_im[j]
         if im == 0.0:
-            for i in range(n):
-                largest = max(largest, fabs(b[j * n + i]))
-                worst = max(worst, fabs(b[j * n + i] - re * X[j * n + i]))
+            vrte_compare(n, re, X + j * n, b + j * n, &largest, &worst)
             j = j + 1
         else:
             for i in range(n):

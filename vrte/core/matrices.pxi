@@ -4,10 +4,10 @@ cdef extern from "core/small.h":
     enum:
         VRTE_SIDE       # rows of a triangle that loops of our own take; between triangles there are products
         VRTE_BROAD      # right-hand sides at a time
-    ctypedef struct vrte_triangles:
-        void (*unmix)(int, int, const double*, size_t, size_t, int, int, double*, int) noexcept nogil
-        void (*unmix_rows)(int, int, const double*, int, int, double*, int) noexcept nogil
-    const vrte_triangles* vrte_best_triangles(bint wide) noexcept nogil
+    ctypedef void vrte_unmix_form(int, int, const double*, size_t, size_t, int, int, double*, int) noexcept nogil
+    ctypedef void vrte_unmix_rows_form(int, int, const double*, int, int, double*, int) noexcept nogil
+    vrte_unmix_form* vrte_unmix_best(bint wide) noexcept nogil
+    vrte_unmix_rows_form* vrte_unmix_rows_best(bint wide) noexcept nogil
 
 cdef enum:
     FEW_COLUMNS = 4     # right-hand sides, from which on turning them over is worth its time
@@ -71,13 +71,14 @@ cdef inline void solve(int n, int columns, given lu, given_ints pivots, doubles 
     if n > 0 and 0 < columns < FEW_COLUMNS:
         dgetrs(&form, &n, &columns, <doubles>lu, &n, <ints>pivots, b, &ldb, &info)
     elif n > 0:
-        solve_by_triangles(vrte_best_triangles(True), n, columns, lu, pivots, b, ldb)
+        solve_by_triangles(True, n, columns, lu, pivots, b, ldb)
 
 
-cdef void solve_by_triangles(const vrte_triangles* loops, int n, int columns, given lu, given_ints pivots, doubles b,
+cdef void solve_by_triangles(bint wide, int n, int columns, given lu, given_ints pivots, doubles b,
                              int ldb) noexcept nogil:
     """The same, block by block of rows: what other blocks mix in by products, the triangles by loops."""
     cdef int blocks = (n + VRTE_SIDE - 1) // VRTE_SIDE, block, i, j, k, width, side, first = 0
+    cdef vrte_unmix_rows_form* unmix = vrte_unmix_rows_best(wide)
     cdef doubles x
     while first < columns:
         x, width = b + <size_t>first * ldb, min(VRTE_BROAD, columns - first)
@@ -90,39 +91,40 @@ cdef void solve_by_triangles(const vrte_triangles* loops, int n, int columns, gi
             side = min(VRTE_SIDE, n - k)
             if k > 0:
                 product(b"N", b"N", side, width, k, -1.0, lu + k, n, x, ldb, 1.0, x + k, ldb)
-            loops.unmix_rows(side, width, lu + <size_t>k * n + k, n, False, x + k, ldb)
+            unmix(side, width, lu + <size_t>k * n + k, n, False, x + k, ldb)
         for block in range(blocks - 1, -1, -1):
             k = block * VRTE_SIDE
             side = min(VRTE_SIDE, n - k)
             if k + side < n:
                 product(b"N", b"N", side, width, n - k - side, -1.0, lu + <size_t>(k + side) * n + k, n,
                         x + k + side, ldb, 1.0, x + k, ldb)
-            loops.unmix_rows(side, width, lu + <size_t>k * n + k, n, True, x + k, ldb)
+            unmix(side, width, lu + <size_t>k * n + k, n, True, x + k, ldb)
 
 
 cdef inline void times_inverse(int n, given lu, given_ints pivots, doubles a) noexcept nogil:
     """a (n, n) <- a M^-1, M given by its factors."""
-    times_inverse_by_triangles(vrte_best_triangles(True), n, n, lu, pivots, a)
+    times_inverse_by_triangles(True, n, n, lu, pivots, a)
 
 
-cdef void times_inverse_by_triangles(const vrte_triangles* loops, int rows, int n, given lu, given_ints pivots,
+cdef void times_inverse_by_triangles(bint wide, int rows, int n, given lu, given_ints pivots,
                                      doubles a) noexcept nogil:
     """a (rows, n) <- a M^-1, block by block of columns."""
     cdef int blocks = (n + VRTE_SIDE - 1) // VRTE_SIDE, block, i, k, side
+    cdef vrte_unmix_form* unmix = vrte_unmix_best(wide)
     cdef doubles x
     for block in range(blocks):
         k = block * VRTE_SIDE
         side, x = min(VRTE_SIDE, n - k), a + <size_t>k * rows
         if k > 0:
             product(b"N", b"N", rows, side, k, -1.0, a, rows, lu + <size_t>k * n, n, 1.0, x, rows)
-        loops.unmix(rows, side, lu + <size_t>k * n + k, 1, n, True, False, x, rows)
+        unmix(rows, side, lu + <size_t>k * n + k, 1, n, True, False, x, rows)
     for block in range(blocks - 1, -1, -1):
         k = block * VRTE_SIDE
         side, x = min(VRTE_SIDE, n - k), a + <size_t>k * rows
         if k + side < n:
             product(b"N", b"N", rows, side, n - k - side, -1.0, x + <size_t>side * rows, rows,
                     lu + <size_t>k * n + k + side, n, 1.0, x, rows)
-        loops.unmix(rows, side, lu + <size_t>k * n + k, 1, n, False, True, x, rows)
+        unmix(rows, side, lu + <size_t>k * n + k, 1, n, False, True, x, rows)
     for k in range(n - 1, -1, -1):
         for i in range(rows if pivots[k] != k + 1 else 0):
             exchange(a + <size_t>k * rows + i, a + <size_t>(pivots[k] - 1) * rows + i)
@@ -140,12 +142,11 @@ cdef Job solve_by_factors_job(Arrays* t) noexcept nogil:
 
 cdef int solve_by_factors_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
-    cdef const vrte_triangles* loops = vrte_best_triangles(t.wide)
     copy(<size_t>t.n_column * t.n_row, t.b, t.found)
     if t.from_right:
-        times_inverse_by_triangles(loops, t.n_row, t.n, t.lu, t.pivots, t.found)
+        times_inverse_by_triangles(t.wide, t.n_row, t.n, t.lu, t.pivots, t.found)
     else:
-        solve_by_triangles(loops, t.n, t.n_column, t.lu, t.pivots, t.found, t.n_row)
+        solve_by_triangles(t.wide, t.n, t.n_column, t.lu, t.pivots, t.found, t.n_row)
     return 0
 
 

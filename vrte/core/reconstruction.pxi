@@ -1,6 +1,16 @@
 # Reconstruction by source-function integration, (1:36)-(1:38), as products of matrices. The beam's direct
 # source is left out: single scattering has a closed form over all orders (single_scattering.pxi).
 
+cdef extern from "core/gains.h":
+    ctypedef struct vrte_arrival:
+        int rows, upward, decaying
+        double left, far, thickness
+        const double *mu, *passed, *decayed, *half, *gone
+    ctypedef void vrte_real_gains_form(const vrte_arrival*, double, const double*, const double*, const double*,
+                                       double*, double*, double*) noexcept nogil
+    vrte_real_gains_form* vrte_real_gains_best(bint wide) noexcept nogil
+
+
 cdef inline void decaying_integrals(cplx k, double mu, double thickness, double depth, cplx* from_top,
                                   cplx* from_bottom) noexcept nogil:
     """int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom."""
@@ -49,7 +59,7 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
 
 def reconstruction_work(n, rows, n_rhs, n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n + rows
+    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n + 6 * rows
 
 
 cdef struct Reconstruction:
@@ -211,7 +221,8 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     cdef doubles first = fed + <size_t>n * n_rhs          # beam_gain c, beam_gain c D, g_f zeta
     cdef doubles second = first + <size_t>used * n_rhs, third = second + <size_t>used * n_rhs
     cdef cplx* response = <cplx*>(third + <size_t>used * n_rhs)
-    cdef doubles decayed = <doubles>(response + n)          # (n_mu,): e^(-left/mu)
+    cdef doubles along = <doubles>(response + n), sine = along + 5 * used      # mu of each row; an integral over sinh
+    cdef vrte_arrival arrival
     if n_mu == 0:
         return
     if left == 0.0:
@@ -221,20 +232,21 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     path.left = left
     # by symmetry about the middle, down at depth is up at thickness - depth
     path.far = depth if upward else thickness - left
-    for mu in range(n_mu):
-        decayed[mu] = exp(-left / mu_out[mu])
+    for i in range(used):
+        along[i] = mu_out[i // stokes]
+    arrival = arrival_of(used, upward, a.decaying, left, path.far, thickness, along)
     while j < n:
         column = <size_t>j * used
         if a.lam_im[j] == 0.0:
-            real_gains(path, j, decayed, even_gain + column, odd_gain + column, beam_gain + column)
+            gains_of_mode(True, &arrival, a.lam_re[j], path.g_e + <size_t>j * rows, path.g_f + <size_t>j * rows, sine,
+                          even_gain + column, odd_gain + column, beam_gain + column)
             j = j + 1
         else:
             pair_gains(path, j, even_gain + column, odd_gain + column, beam_gain + column)
             j = j + 2
     for r in range(n_rhs):
-        for mu in range(n_mu):
-            for i in range(stokes * mu, stokes * (mu + 1)):
-                out[<size_t>r * rows + i] = decayed[mu] * entering[<size_t>r * rows + i]
+        for i in range(used):
+            out[<size_t>r * rows + i] = arrival.decayed[i] * entering[<size_t>r * rows + i]
     product(b"N", b"N", used, n_rhs, n, 1.0, even_gain, used, path.even, n, 1.0, out, rows)
     product(b"N", b"N", used, n_rhs, n, 1.0, odd_gain, used, path.odd, n, 1.0, out, rows)
     multiply(used, n_rhs, n, 0.5, beam_gain, path.c, 0.0, first)
@@ -263,62 +275,50 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
         resonances(path, out)
 
 
-cdef void real_gains(const Path* path, int j, given decayed, doubles even_gain, doubles odd_gain,
-                     doubles beam_gain) noexcept nogil:
-    """Columns of the gains of `through_layer` for one real mode; decayed: e^(-left/mu). The integrals are those of
-    `decaying_integrals`, `hyperbolic_integrals`."""
-    cdef bint upward = path.upward, decaying = path.modes.decaying
-    cdef int stokes = path.stokes
-    cdef double lam = path.modes.lam_re[j], thickness = path.modes.thickness, left = path.left, far = path.far
-    cdef given g_e = path.g_e + <size_t>j * path.rows, g_f = path.g_f + <size_t>j * path.rows
-    cdef double k = sqrt(lam), mode_decayed = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
-    cdef double whole = 1.0 if decaying else 1.0 / (1.0 + exp(-thickness * k)), per_rate = whole / k if k > 0.0 else 0.0
-    cdef double mu, gap, passed, ahead, from_top, from_bottom, cosine, sine, bottom
-    cdef double a, b
-    cdef cplx c_cosine, c_sine
-    cdef int i, m
-    for m in range(path.n_mu):
-        mu = path.mu_out[m]
-        passed = left / mu
-        ahead = 1.0 / (1.0 + mu * k)
-        if left > SEMI_INFINITE:
-            from_top, from_bottom = at_far * ahead, 0.0
-        else:
-            gap = passed + left * k
-            from_top = at_far * (1.0 - mode_decayed * decayed[m] if gap > 1.0 else -expm1(-gap)) * ahead
-            gap = passed - left * k
-            if fabs(gap) > 1.0:
-                from_bottom = passed * ((mode_decayed - decayed[m]) / gap)
-            elif gap == 0.0:
-                from_bottom = passed * mode_decayed
-            else:
-                from_bottom = passed * (max(mode_decayed, decayed[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
-        if decaying and not upward and thickness > SEMI_INFINITE:
-            from_top = 0.0
-        if decaying:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image
-            cosine, sine = (from_top, from_bottom) if upward else (from_bottom, from_top)
-        elif k * thickness > 1.0:
-            cosine, sine = (from_top + from_bottom) * whole, (from_bottom - from_top) * per_rate
-        else:
-            hyperbolic_integrals(make(k, 0.0), mu, thickness, far, &c_cosine, &c_sine)
-            cosine, sine = c_cosine.real, c_sine.real
-        if upward:
-            bottom = ahead
-        else:
-            bottom = mu * k - 1.0
-            bottom = 0.0 if fabs(bottom) < RESONANT else 1.0 / bottom
-        for i in range(stokes * m, stokes * (m + 1)):
-            if decaying:
-                a, b = cosine * (g_e[i] + sign * k * g_f[i]), sine * (g_e[i] - sign * k * g_f[i])
-            else:
-                a, b = cosine * g_e[i] + lam * sine * g_f[i], sine * g_e[i] + cosine * g_f[i]
-                if not upward:
-                    b = -b
-            even_gain[i], odd_gain[i], beam_gain[i] = 0.5 * a, 0.5 * b, bottom * (g_e[i] + sign * k * g_f[i])
+cdef vrte_arrival arrival_of(int rows, bint upward, bint decaying, double left, double far, double thickness,
+                             doubles mu) noexcept nogil:
+    """The rows' mu (rows,) and, behind it, left/mu, e^(-left/mu), its root, and 1 - e^(-left/mu), which are filled."""
+    cdef doubles passed = mu + rows, decayed = passed + rows, half = decayed + rows, gone = half + rows
+    cdef double along
+    cdef int i
+    for i in range(rows):
+        along = left / mu[i]
+        decayed[i], half[i], gone[i] = exp(-along), exp(-0.5 * along), -expm1(-along)
+        passed[i] = along if left < SEMI_INFINITE else 0.0
+    return vrte_arrival(rows, upward, decaying, left, far, thickness, mu, passed, decayed, half, gone)
+
+
+cdef void gains_of_mode(bint wide, const vrte_arrival* arrival, double lam, given g_e, given g_f, doubles sine,
+                        doubles even, doubles odd, doubles beam) noexcept nogil:
+    """Columns of the gains of `through_layer` for one real mode; sine (rows,): scratch memory."""
+    cdef double k = sqrt(lam)
+    cdef bint flat = not arrival.decaying and k * arrival.thickness <= 1.0
+    cdef cplx cosine, integral
+    cdef int i
+    for i in range(arrival.rows if flat else 0):
+        hyperbolic_integrals(make(k, 0.0), arrival.mu[i], arrival.thickness, arrival.far, &cosine, &integral)
+        sine[i] = integral.real
+    vrte_real_gains_best(wide)(arrival, lam, sine if flat else NULL, g_e, g_f, even, odd, beam)
+
+
+cdef Job real_gains_job(Arrays* t) noexcept nogil:
+    return Job(1, 6 * <size_t>t.n_row, 0)
+
+
+cdef int real_gains_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int rows = t.n_row
+    cdef double left = t.whole_layer - t.depth if t.upward else t.depth
+    copy(rows, t.row_mu, desk.work)
+    cdef vrte_arrival arrival = arrival_of(rows, t.upward, t.decays, left,
+                                           t.depth if t.upward else t.whole_layer - left, t.whole_layer, desk.work)
+    gains_of_mode(t.wide, &arrival, t.lam, t.row_g, t.row_g + rows, desk.work + 5 * rows, t.gains, t.gains + rows,
+                  t.gains + 2 * rows)
+    return 0
 
 
 cdef void pair_gains(const Path* path, int j, doubles even_gain, doubles odd_gain, doubles beam_gain) noexcept nogil:
-    """As `real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
+    """As `vrte_real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
     cdef bint upward = path.upward, decaying = path.modes.decaying
     cdef int stokes = path.stokes, rows = path.rows
     cdef size_t used = <size_t>stokes * path.n_mu

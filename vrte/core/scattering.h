@@ -1,14 +1,9 @@
 #include <math.h>
 
 #include "constants.h"
+#include "wide.h"
 
-/* Azimuths are done VRTE_BLOCK at a time, in loops that a compiler turns into vectors of any width. With GNU C on
-   x86-64 the same code is compiled a second time for AVX2 and FMA, and the processor says which one runs. */
-#if defined(__GNUC__)
-#define VRTE_INLINE static inline __attribute__((always_inline))
-#else
-#define VRTE_INLINE static __inline
-#endif
+/* Azimuths are done VRTE_BLOCK at a time. */
 enum { VRTE_BLOCK = 32 };
 
 /* F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x, one a row of f; terms is even. A row of the table: the
@@ -175,46 +170,10 @@ VRTE_INLINE void vrte_elements(int scalar, int terms, const double* table, int c
     }
 }
 
-typedef void vrte_scatterer(int, int, const double*, double, double, int, const double*, const double*, int, const int*,
-                            const double*, double*, size_t);
-typedef void vrte_expander(int, int, const double*, int, const double*, double*, size_t);
-
-static void vrte_scatter_plain(int scalar, int terms, const double* table, double mu0, double mu, int count,
-                               const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
-                               const double* columns, double* z, size_t stride) {
-    vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
-}
-
-static void vrte_elements_plain(int scalar, int terms, const double* table, int count, const double* x, double* f,
-                                size_t stride) {
-    vrte_elements(scalar, terms, table, count, x, f, stride);
-}
-
-#if defined(__GNUC__) && defined(__x86_64__)
-__attribute__((target("avx2,fma")))
-static void vrte_elements_wide(int scalar, int terms, const double* table, int count, const double* x, double* f,
-                               size_t stride) {
-    vrte_elements(scalar, terms, table, count, x, f, stride);
-}
-
-__attribute__((target("avx2,fma")))
-static void vrte_scatter_wide(int scalar, int terms, const double* table, double mu0, double mu, int count,
-                              const double* cos_phi, const double* sin_phi, int n_col, const int* kind,
-                              const double* columns, double* z, size_t stride) {
-    vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
-}
-
-static int vrte_is_wide(void) {
-    __builtin_cpu_init();
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-}
-
-static vrte_scatterer* vrte_best_scatterer(int wide) {
-    return wide && vrte_is_wide() ? vrte_scatter_wide : vrte_scatter_plain;
-}
-
-static vrte_expander* vrte_best_expander(void) { return vrte_is_wide() ? vrte_elements_wide : vrte_elements_plain; }
-#else
-static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
-static vrte_expander* vrte_best_expander(void) { return vrte_elements_plain; }
-#endif
+VRTE_TWICE(void, vrte_scatter,
+           (int scalar, int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+            const double* sin_phi, int n_col, const int* kind, const double* columns, double* z, size_t stride),
+           vrte_scatter(scalar, terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride))
+VRTE_TWICE(void, vrte_elements,
+           (int scalar, int terms, const double* table, int count, const double* x, double* f, size_t stride),
+           vrte_elements(scalar, terms, table, count, x, f, stride))

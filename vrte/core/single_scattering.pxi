@@ -2,15 +2,15 @@
 
 cdef extern from "core/scattering.h":
     const int VRTE_BLOCK
-    ctypedef void vrte_scatterer(bint, int, const double*, double, double, int, const double*, const double*, int,
-                                 const int*, const double*, double*, size_t) noexcept nogil
-    vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
-    ctypedef void vrte_expander(bint, int, const double*, int, const double*, double*, size_t) noexcept nogil
-    vrte_expander* vrte_best_expander() noexcept nogil
+    ctypedef void vrte_scatter_form(bint, int, const double*, double, double, int, const double*, const double*, int,
+                                    const int*, const double*, double*, size_t) noexcept nogil
+    vrte_scatter_form* vrte_scatter_best(bint wide) noexcept nogil
+    ctypedef void vrte_elements_form(bint, int, const double*, int, const double*, double*, size_t) noexcept nogil
+    vrte_elements_form* vrte_elements_best(bint wide) noexcept nogil
 
-# which copies of loops this processor runs; those of single scattering and small symmetric matrices are there twice
-CPU_VARIANT = ("single scattering and small symmetric matrices by AVX2 and FMA"
-               if vrte_best_scatterer(True) != vrte_best_scatterer(False) else "one for all processors")
+# which copies of loops this processor runs; those of wide.h are there twice
+CPU_VARIANT = ("single scattering, small matrices and gains of modes by AVX2 and FMA"
+               if vrte_scatter_best(True) != vrte_scatter_best(False) else "one for all processors")
 
 
 def series_table(const double[:, :] coefficients, int apiece=1):
@@ -47,8 +47,8 @@ def sum_elements(const double[:, ::1] table, const double[::1] cosine):
     cdef int terms = <int>table.shape[0]
     if terms and cosine.shape[0]:
         with nogil:
-            vrte_best_expander()(has_intensity_alone(&table[0, 0], terms), terms, &table[0, 0], <int>cosine.shape[0],
-                                 &cosine[0], &out[0, 0], cosine.shape[0])
+            vrte_elements_best(True)(has_intensity_alone(&table[0, 0], terms), terms, &table[0, 0], 
+                                     <int>cosine.shape[0], &cosine[0], &out[0, 0], cosine.shape[0])
     return np.asarray(out)
 
 
@@ -108,7 +108,7 @@ cdef double path_between(int layer, int at, double depth, given thickness) noexc
 
 
 cdef struct Scattering:
-    vrte_scatterer* scatter
+    vrte_scatter_form* scatter
     bint scalar, apiece
     int terms, n_level, n_in, n_mu, n_angle, n_phi, n_col, n_place, first, n_here
     given_ints angle, kind, place
@@ -138,7 +138,7 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
     if out.size == 0:
         return
     cdef Scattering task = Scattering(
-        vrte_best_scatterer(wide), has_intensity_alone(&table[0, 0], <int>table.shape[0]), apiece,
+        vrte_scatter_best(wide), has_intensity_alone(&table[0, 0], <int>table.shape[0]), apiece,
         <int>table.shape[0] // tables, <int>path.shape[0] // slab_stacks, <int>path.shape[1], n_mu,
         n_angle,
         <int>angle.shape[0], n_col, <int>out.shape[5], first, last - first, &angle[0], &kind[0], &place[0],

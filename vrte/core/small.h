@@ -1,19 +1,12 @@
-#include <stddef.h>
+#pragma once
+#include "wide.h"
 
-/* Triangles of some ten rows, matrices by columns, which BLAS is slow at. All work is on whole columns, four at a time.
-   With GNU C on x86-64 the same code is compiled a second time for AVX2 and FMA, and the processor says which one
-   runs. */
-#if defined(__GNUC__)
-#define VRTE_SMALL static inline __attribute__((always_inline))
-#define VRTE_OWN __restrict__
-#else
-#define VRTE_SMALL static __inline
-#define VRTE_OWN __restrict
-#endif
+/* Triangles of some ten rows, matrices by columns, which BLAS is slow at. All work is on whole columns, four at a
+   time. */
 enum { VRTE_BROAD = 64, VRTE_SIDE = 16 }; /* right-hand sides and rows of a block that is turned over */
 
 /* out -= the columns of a, each a stretch of n rows, times their factors, for `count` of them. */
-VRTE_SMALL void vrte_subtract_columns(int n, int count, const double* VRTE_OWN a, int lda,
+VRTE_INLINE void vrte_subtract_columns(int n, int count, const double* VRTE_OWN a, int lda,
                                       const double* VRTE_OWN factor, size_t step, double* VRTE_OWN out) {
     int k = 0;
     for (; k + 3 < count; k += 4) {
@@ -29,7 +22,7 @@ VRTE_SMALL void vrte_subtract_columns(int n, int count, const double* VRTE_OWN a
 
 /* x <- x T^-1, x (rows, n): column j is freed of the others that T (n, n) mixes into it, those before it if T is upper,
    those after it else, t[i before + j after] of column i, and divided by its own unless that is one. */
-VRTE_SMALL void vrte_unmix(int rows, int n, const double* t, size_t before, size_t after, int upper, int ones,
+VRTE_INLINE void vrte_unmix(int rows, int n, const double* t, size_t before, size_t after, int upper, int ones,
                            double* x, int ldx) {
     for (int step = 0; step < n; step++) {
         int j = upper ? step : n - 1 - step, first = upper ? 0 : j + 1;
@@ -43,7 +36,7 @@ VRTE_SMALL void vrte_unmix(int rows, int n, const double* t, size_t before, size
 }
 
 /* x <- L^-1 x or U^-1 x, x (n, columns), at most VRTE_SIDE x VRTE_BROAD: turned over, columns are what is mixed. */
-VRTE_SMALL void vrte_unmix_rows(int n, int columns, const double* lu, int lda, int upper, double* x, int ldx) {
+VRTE_INLINE void vrte_unmix_rows(int n, int columns, const double* lu, int lda, int upper, double* x, int ldx) {
     double turned[VRTE_SIDE * VRTE_BROAD];
     for (int j = 0; j < columns; j++)
         for (int i = 0; i < n; i++) turned[i * columns + j] = x[(size_t)j * ldx + i];
@@ -52,31 +45,8 @@ VRTE_SMALL void vrte_unmix_rows(int n, int columns, const double* lu, int lda, i
         for (int i = 0; i < n; i++) x[(size_t)j * ldx + i] = turned[i * columns + j];
 }
 
-typedef struct {
-    void (*unmix)(int, int, const double*, size_t, size_t, int, int, double*, int);
-    void (*unmix_rows)(int, int, const double*, int, int, double*, int);
-} vrte_triangles;
-
-#define VRTE_TRIANGLES(NAME, TARGET)                                                                               \
-    TARGET static void vrte_unmix_##NAME(int rows, int n, const double* t, size_t before, size_t after, int upper, \
-                                         int ones, double* x, int ldx) {                                           \
-        vrte_unmix(rows, n, t, before, after, upper, ones, x, ldx);                                                \
-    }                                                                                                              \
-    TARGET static void vrte_unmix_rows_##NAME(int n, int columns, const double* lu, int lda, int upper, double* x, \
-                                              int ldx) {                                                           \
-        vrte_unmix_rows(n, columns, lu, lda, upper, x, ldx);                                                       \
-    }                                                                                                              \
-    static const vrte_triangles vrte_triangles_##NAME = {vrte_unmix_##NAME, vrte_unmix_rows_##NAME};
-
-VRTE_TRIANGLES(plain, )
-#if defined(__GNUC__) && defined(__x86_64__)
-VRTE_TRIANGLES(wide, __attribute__((target("avx2,fma"))))
-
-static const vrte_triangles* vrte_best_triangles(int wide) {
-    __builtin_cpu_init();
-    wide = wide && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-    return wide ? &vrte_triangles_wide : &vrte_triangles_plain;
-}
-#else
-static const vrte_triangles* vrte_best_triangles(int wide) { return &vrte_triangles_plain; }
-#endif
+VRTE_TWICE(void, vrte_unmix,
+           (int rows, int n, const double* t, size_t before, size_t after, int upper, int ones, double* x, int ldx),
+           vrte_unmix(rows, n, t, before, after, upper, ones, x, ldx))
+VRTE_TWICE(void, vrte_unmix_rows, (int n, int columns, const double* lu, int lda, int upper, double* x, int ldx),
+           vrte_unmix_rows(n, columns, lu, lda, upper, x, ldx))
