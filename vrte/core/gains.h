@@ -4,9 +4,9 @@
 #include "wide.h"
 
 typedef struct {
-    /* What arrives at a depth of a layer from its far face, by rows: the Stokes parameters of some directions. left: the
-       optical path's projection; far: depth of its end below the face that e^(-k x) decays from; passed = left/mu,
-       decayed = e^-passed, half its root, gone = 1 - decayed; where left is infinite, passed is 0 and half too. */
+    /* What arrives at a depth of a layer from its far face, by rows: the Stokes parameters of some directions. left:
+       optical depth between them; far: depth of the far end below the face that e^(-k x) decays from; passed = left/mu,
+       decayed = e^-passed, half its root, gone = 1 - decayed; passed is 0 where left is infinite. */
     int rows, upward, decaying;
     double left, far, thickness;
     const double *mu, *passed, *decayed, *half, *gone;
@@ -14,8 +14,8 @@ typedef struct {
 
 /* Columns of the gains of one real mode, lam = k^2: amplitudes of the even and the odd mode to radiance, and
    (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1), 0 near resonance. The integrals are those of `decaying_integrals` and
-   `hyperbolic_integrals`; sine: the latter's, or NULL. (e^-a - e^-b)/(b - a) is e^(-(a + b)/2) sinh(x)/x, x = (b - a)/2,
-   by its series where b - a is small. */
+   `hyperbolic_integrals`; sine: the latter's, or NULL. (e^-a - e^-b)/(b - a) is e^(-(a + b)/2) sinh(x)/x with
+   x = (b - a)/2, by its series where b - a is small. */
 VRTE_INLINE void vrte_real_gains(const vrte_arrival* p, double lam, const double* sine, const double* VRTE_OWN g_e,
                                  const double* VRTE_OWN g_f, double* VRTE_OWN even, double* VRTE_OWN odd,
                                  double* VRTE_OWN beam) {
@@ -40,7 +40,8 @@ VRTE_INLINE void vrte_real_gains(const vrte_arrival* p, double lam, const double
     }
     if (p->decaying) { /* y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image */
         for (int i = 0; i < rows; i++) {
-            double first = upward ? even[i] : odd[i], second = upward ? odd[i] : even[i], g = g_e[i], h = slope * g_f[i];
+            double first = upward ? even[i] : odd[i], second = upward ? odd[i] : even[i];
+            double g = g_e[i], h = slope * g_f[i];
             even[i] = 0.5 * first * (g + h);
             odd[i] = 0.5 * second * (g - h);
             beam[i] *= g + h;

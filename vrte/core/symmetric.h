@@ -82,9 +82,9 @@ VRTE_INLINE void vrte_form_q(int n, const double* VRTE_OWN a, const double* VRTE
         }
 }
 
-/* T to its eigenvalues d; z <- z times T's vectors; sign: (n,). The squares of e go from step to step, after Pal, Walker
-   and Kahan: one division a step, where a turn's cosine and sine would take a root and two. c2 and s2 are their squares,
-   gamma = c pivot, p = pivot^2, side the pivot's sign. Every other turn does two, so columns are loaded half as often.
+/* T to its eigenvalues d; z <- z times T's vectors; sign: (n,). The squares of e go from step to step, after Pal,
+   Walker and Kahan: one division a step, where a turn's cosine and sine would take a root and two. c2 and s2 are their
+   squares, gamma = c pivot, p = pivot^2, side the pivot's sign. Every other turn does two: columns are loaded less.
    Not 0 where it does not converge. */
 VRTE_INLINE int vrte_turn_to_diagonal(int n, double* VRTE_OWN d, double* VRTE_OWN e, double* VRTE_OWN z,
                                      double* VRTE_OWN sign) {
