@@ -45,6 +45,8 @@ CORE = list_faults(
      "sign of a rotation of GMRES", "iterations"),
     ("nodal-flux", "core/reconstruction.pxi", "+ r] = total - difference", "+ r] = total + difference",
      "flux that goes up is what goes down", "every_way"),
+    ("resonant-gain", "core/gains.h", "small = x < 0.25 ? x : 0.25", "small = x < 0.2 ? x : 0.2",
+     "the series of sinh(x)/x ends before the difference of exponentials begins", "stages"),
     ("mie-slope", "core/mie.pxi", "over(make(n + 1, 0.0), z)) - 1.0", "over(make(n + 1, 0.0), z)) + 1.0",
      "sign in the differential equation of Riccati-Bessel functions", "mie_derivatives"),
     ("facet-v", "core/facets.pxi", "d2 * re * c2, d2 * im", "d2 * re * c2, -d2 * im",
