@@ -38,7 +38,7 @@ def test_what_is_declared_is_what_is_compiled() -> None:
 
 def test_stages_say_what_they_take() -> None:
     words = inspect.getdoc(_core.reflect_semi_infinite) or ""
-    assert "up : ndarray (n_order, n_in, n_col, rows), optional\n    radiance times 2 pi" in words
+    assert "up : ndarray (n_order, n_in, n_col, n_out_rows), optional\n    radiance times 2 pi" in words
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def test_divided_differences_of_exp_near_and_far_and_in_the_core(thickness: floa
         assert_close(divide_exp_once(a, b), np.where(a == b, np.exp(b), direct), rtol=within, atol=0.0)
     mu0, mu = np.array([0.02, 0.5, 1.0]), np.array([0.02, 0.3, 0.5, 0.5 * (1.0 + 1e-9), 1.0])
     none, depth = np.zeros(1, np.int32), np.array([thickness])
-    layer = {"above": np.zeros(2), "thickness": depth, "level": depth, "level_layer": none, "chosen": none}
+    layer = {"above": np.zeros(1), "thickness": depth, "level": depth, "level_layer": none, "chosen": none}
     found = _core.path_integrals(**layer, mu0=mu0, mu=-mu)[0, 0]
     expected = thickness / mu * divide_exp_once(-thickness / mu0[:, None], -thickness / mu)
     assert_close(found, expected, rtol=1e-13, atol=0.0)

@@ -238,7 +238,7 @@ def azimuthal_sum(session: Session, crew: ThreadTeam, given: Any) -> None:
     if not given.kernels.size or not out.size or given.last <= given.first:
         return
     kernels, n_angle = np.ascontiguousarray(given.kernels), given.cosine.shape[1]
-    kinds = given.stokes, given.kind, given.place
+    kinds = given.members, given.kind, given.place
     with session.lent(kernels, False) as light, session.lent(out) as result:
         add_orders(
             session,

@@ -10,7 +10,13 @@ ARGUMENT = re.compile(r"(\w+)(\?)?(?:=(\S+))?")
 C_TYPES = {"double": "double*", "int": "int*", "complex": "double*", "strided": "const char*"}
 C_TYPES |= {"number": "double", "whole": "int", "flag": "int"}
 FORMS = list(C_TYPES)
-HINTS = {"double": "Array", "strided": "Array", "int": "IntArray", "complex": "ComplexArray", "number": "float"}
+HINTS = {
+    "double": "Array",
+    "strided": "Array",
+    "int": "IntArray",
+    "complex": "NDArray[np.complex128]",
+    "number": "float",
+}
 HINTS |= {"whole": "int", "flag": "bool"}
 ARRAYS = ("double", "int", "complex", "strided")
 MOST_DIMS = 6
@@ -78,7 +84,7 @@ class Declarations:
             found.append(f"{C_TYPES[form]} {name}")
             if form == "strided":
                 found.append(f"const Py_ssize_t* {name}_strides")
-        return found
+        return [*found, "const char* wrong"]
 
     def write_header(self) -> str:
         order = {name: index for index, name in enumerate(self.sizes)}

@@ -1,46 +1,9 @@
-def doubling_work(n, r, o):
-    """Doubles of `work` that one thread of `double_slabs` needs."""
-    return 8 * extended_size(n, r, o) + 4 * n
+cdef inline Sizes sizes_of(const Arrays* t) noexcept nogil:
+    return Sizes(t.n, t.n_rhs, t.n_out_rows, t.stokes)
 
 
-cdef struct Doubling:
-    int stokes, n_node, n_in, n_col, n_out, n_slab, n_material
-    bint conserving, clear, converged
-    given_ints orders, material
-    given thickness, albedo, asymmetry, nodes, weights, mu0, columns, mu_out
-    given E, F, G_E, G_F, source_s, source_d
-    doubles R, T, lost, residual
-    ints doublings
-
-
-def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bint converged, const int[::1] material,
-                 const double[::1] thickness, const double[::1] albedo, const double[::1] asymmetry,
-                 const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
-                 const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
-                 const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
-                 const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d, double[:, :, ::1] R,
-                 double[:, :, ::1] T, double[:, :, ::1] lost, double[:, :, ::1] residual, int[:, ::1] doublings,
-                 int[:, ::1] info):
-    """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
-
-    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; converged: whether
-    doublings that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry
-    (material,) and in the matrices that `assemble` left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col,
-    S) the incident Stokes vectors, mu_out (n_out,). R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks
-    N, NI, ON, OI, OO, II one behind the other, T with the unscattered light on its diagonal; in order 0 the nodes are
-    turned so that one axis (`flux_axis`) carries the flux. lost (order, slab, n): what the slab absorbs of it, its row
-    of 1 - R - T. residual (order, slab, 2): how well R, and T, satisfy invariance, relative; doublings (order, slab).
-    """
-    cdef int stokes = <int>columns.shape[1], n_slab = <int>material.shape[0]
-    cdef Doubling task = Doubling(
-        stokes, <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0], n_slab,
-        <int>albedo.shape[0], conserving, clear, converged, &orders[0], &material[0], &thickness[0], &albedo[0],
-        &asymmetry[0], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0],
-        &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0], &R[0, 0, 0], &T[0, 0, 0],
-        &lost[0, 0, 0], &residual[0, 0, 0], &doublings[0, 0])
-    cdef int n = stokes * task.n_node
-    run_items(crew, double_one, &task, <int>orders.shape[0] * n_slab,
-              doubling_work(n, task.n_in * task.n_col, stokes * task.n_out), n, &info[0, 0])
+cdef Job double_slabs_job(Arrays* t) noexcept nogil:
+    return Job(<size_t>t.n_order * t.n_slab, 8 * size_extended(sizes_of(t)) + 4 * t.n, t.n)
 
 
 cdef struct Work:
@@ -55,11 +18,11 @@ cdef struct Work:
     Workspace desk
 
 
-cdef int double_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Doubling* d = <const Doubling*>task
+cdef int double_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* d = <const Arrays*>task
     cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info
-    cdef Sizes s = Sizes(stokes * d.n_node, d.n_in * d.n_col, stokes * d.n_out, stokes)
-    cdef size_t each = size_extended(s), at = <size_t>order * d.n_material + material, n = s.n, into = stokes * d.n_in
+    cdef Sizes s = sizes_of(d)
+    cdef size_t each = size_extended(s), at = <size_t>order * d.n_layer + material, n = s.n, into = stokes * d.n_in
     cdef doubles memory = desk.work, lost = d.lost + item * n, residual = d.residual + 2 * <size_t>item
     cdef Work w = Work(
         s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[order] if d.conserving else max(d.orders[order], 1), d.n_in,

@@ -1,46 +1,9 @@
 # Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
 
-def joining_work(n, n_slab, n_rhs, o):
-    """Doubles of `work` that one thread of `join_slabs` needs."""
-    return n_slab * n * (n + n_rhs) + (2 * n_slab + 6) * n * n_rhs + 5 * n * n + 5 * n + 2 * o * (n + n_rhs)
-
-
-cdef struct Joining:
-    Sizes s
-    Nodes nodes
-    int n_slab, n_place, n_in, n_level, residuals
-    bint conserving
-    given_ints orders, slabs
-    given above, mu0, R, T, lost
-    given_ints base_row
-    given base, base_source, base_out
-    given_ints interface
-    doubles up, down, flux, residual
-
-
-def join_slabs(crew, *, const int[::1] orders, bint conserving, const int[::1] slabs, const double[::1] above,
-               const double[::1] nodes, const double[::1] weights, const double[::1] mu0, int n_out,
-               const double[:, :, ::1] R, const double[:, :, ::1] T, const double[:, :, ::1] lost,
-               const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-               const double[:, :, ::1] base_out, const int[::1] interface, double[:, :, :, ::1] up,
-               double[:, :, :, ::1] down, double[:, :, :, ::1] flux, double[:, ::1] residual, int[::1] info):
-    """The multiply scattered field at the interfaces of a stack of slabs, one Fourier order after another.
-
-    conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top
-    first; above (place + 1,): optical depth of each interface, the last below the stack; base_row (order,): row of base
-    (row, n, n), base_source (row, n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where
-    the field is wanted. up, down (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by
-    D; flux (order, level, 2, n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of
-    the interfaces' systems.
-    """
-    cdef int stokes = <int>up.shape[3] // n_out, n = stokes * <int>nodes.shape[0], n_place = <int>slabs.shape[0]
-    cdef Sizes s = Sizes(n, <int>up.shape[2], stokes * n_out, stokes)
-    cdef Joining task = Joining(
-        s, Nodes(n, stokes, &nodes[0], &weights[0]), <int>R.shape[1], n_place, <int>mu0.shape[0],
-        <int>interface.shape[0], <int>residual.shape[1], conserving, &orders[0], &slabs[0], &above[0], &mu0[0],
-        &R[0, 0, 0], &T[0, 0, 0], &lost[0, 0, 0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0],
-        &base_out[0, 0, 0], &interface[0], &up[0, 0, 0, 0], &down[0, 0, 0, 0], &flux[0, 0, 0, 0], &residual[0, 0])
-    run_items(crew, join_one, &task, <int>orders.shape[0], joining_work(n, n_place, s.r, s.o), n, &info[0])
+cdef Job join_slabs_job(Arrays* t) noexcept nogil:
+    cdef size_t n = t.n, r = t.n_rhs
+    return Job(t.n_order, t.n_place * n * (n + r) + (2 * t.n_place + 6) * n * r + 5 * n * n + 5 * n
+               + 2 * t.n_out_rows * (n + r), n)
 
 
 cdef struct SlabStack:
@@ -65,9 +28,10 @@ cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noex
 
 
 # (2:10)-(2:11)
-cdef int join_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Joining* t = <const Joining*>task
-    cdef Sizes s = t.s
+cdef int join_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef Sizes s = sizes_of(t)
+    cdef Nodes nodes = Nodes(s.n, s.stokes, t.nodes, t.weights)
     cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, each = size_extended(s)
     cdef size_t first = <size_t>item * t.n_slab, wanted = <size_t>item * t.n_level, size = <size_t>r * s.o
@@ -75,7 +39,7 @@ cdef int join_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef doubles going_down = going_up + (n_place + 1) * nr, below = going_down + (n_place + 1) * nr
     cdef doubles scratch = below + nn, vectors = scratch + 4 * nn, absorbed = vectors + 4 * nr, v = absorbed + n
     cdef SlabStack p = SlabStack(
-        s, t.nodes, t.conserving and t.orders[item] == 0, n_place, r // t.n_in, t.slabs, t.above, t.mu0,
+        s, nodes, t.conserving and t.orders[item] == 0, n_place, r // t.n_in, t.slabs, t.above, t.mu0,
         t.R + first * each, t.T + first * each, t.lost + first * n, G, g, going_up, going_down, below, scratch, vectors,
         absorbed, v, v + n, v + 4 * n, desk.pivots)
     cdef double size_of_flux = 0.0
@@ -84,14 +48,14 @@ cdef int join_one(const void* task, int item, Workspace desk) noexcept nogil:
     set_zero(2 * (n_place + 1) * nr, going_up)
     absorbed[flux_axis(n, s.stokes)] = 1.0
     if p.conserving:
-        conserving_axis(t.nodes, v)
-        size_of_flux = half_range(t.nodes)
+        conserving_axis(nodes, v)
+        size_of_flux = half_range(nodes)
     if row >= 0:
         put_base(&p, t.base + row * nn, t.base_source + row * nr, t.base_out + <size_t>row * n * s.o)
     for place in range(n_place - 1, -1, -1):
         if desk.stop[0]:
             return 0
-        info = add_below(&p, place, t.residual + <size_t>item * t.residuals + place)
+        info = add_below(&p, place, t.residual + <size_t>item * n_place + place)
         if info != 0:
             return info
     for place in range(n_place):        # falling: T down + emitted, then up = G falling + g, then R up on top of it

@@ -12,10 +12,10 @@ cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and
 
 
 cdef Job scatter_by_fractions_job(Arrays* t) noexcept nogil:
-    cdef size_t g = 4 * t.n_term, n = t.n, o = t.rows, k = t.n_share
+    cdef size_t g = 4 * t.n_term, n = t.n, o = t.n_out_rows, k = t.n_share
     return Job(
         <size_t>t.n_order * t.n_layer,
-        3 * t.n_all * t.n_term + t.n_all + g * (4 * n + o + 2 * t.into)
+        3 * t.n_all * t.n_term + t.n_all + g * (4 * n + o + 2 * t.n_in_rows)
         + g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
         + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (n + o)
         + t.n_depth * (2 * max(n, o) + g), 0)
@@ -264,7 +264,7 @@ cdef inline void add_half(int n, given v, bint is_odd, doubles up, doubles down)
 cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
     cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
-    cdef int n = t.n, o = t.rows, r = t.n_rhs, into = t.into
+    cdef int n = t.n, o = t.n_out_rows, r = t.n_rhs, into = t.n_in_rows
     cdef int poles = t.n_pole, K = poles + 1, i, j, kind, g, gk, count, other, column, beam
     cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
     cdef int depths = t.n_depth

@@ -182,6 +182,8 @@ cdef class Stage:
             raise TypeError(f"{self.__name__} takes a crew, and its arrays by name")
         found = self.read(given, &t)
         cdef Job job = self.plan(&t)
+        if t.wrong != NULL:
+            raise ValueError(f"{self}: {t.wrong.decode()}")
         run_items(places[0], self.kernel, &t, <int>job.items, job.doubles, job.integers, t.info)
         return result_of(found)
 

@@ -116,16 +116,22 @@ def generalized_spherical_functions(int m, int terms, mu):
     >>> _core.generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
     array([ 1.   ,  0.5  , -0.125])
     """
-    cdef double[::1] cosines = np.ascontiguousarray(np.atleast_1d(mu), dtype=float)
+    cosines = np.ascontiguousarray(np.atleast_1d(mu), dtype=float)
     if m < 0 or terms < 1:
         raise ValueError(f"need an order m >= 0 and at least one term, not m = {m} and {terms} terms")
     if cosines.shape[0] and not np.all(np.abs(cosines) <= 1.0):
         raise ValueError("cosines must lie in [-1, 1]")
-    cdef double[:, :, ::1] out = np.zeros((terms, 3, cosines.shape[0]))
-    if cosines.shape[0]:
-        with nogil:
-            spherical(m, terms, True, &cosines[0], <int>cosines.shape[0], &out[0, 0, 0])
-    return np.ascontiguousarray(np.asarray(out).transpose(0, 2, 1))
+    return np.ascontiguousarray(spherical_functions(m, cosines, terms).transpose(0, 2, 1))
+
+
+cdef Job spherical_functions_job(Arrays* t) noexcept nogil:
+    return Job(1 if t.n_mu > 0 else 0, 0, 0)
+
+
+cdef int spherical_functions_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    spherical(t.order, t.n_term, True, t.mu, t.n_mu, t.functions)
+    return 0
 
 
 def phase_matrices(int m, coefficients, mu, mu_from):

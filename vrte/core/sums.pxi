@@ -20,80 +20,54 @@ cdef struct Entries:
     double factor[MOST_ENTRIES]
 
 
-cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1] place, int n_place,
-                       Entries* e) noexcept nogil:
-    """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V)."""
+cdef void list_entries(const Arrays* t, Entries* e) noexcept nogil:
+    """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V); (1:12)."""
     cdef int with_sine, c, s, k
     e.count = 0
     for with_sine in range(2):
-        for c in range(<int>kind.shape[0]):
-            for s in range(<int>stokes.shape[0]):
-                if ((stokes[s] >= 2) != (kind[c] == 1)) == with_sine:
+        for c in range(t.n_col):
+            for s in range(t.stokes):
+                if ((t.members[s] >= 2) != (t.kind[c] == 1)) == with_sine:
                     k = e.count
-                    e.column[k], e.component[k], e.target[k] = c, s, stokes[s] * n_place + place[c]
-                    e.factor[k] = -1.0 if with_sine and stokes[s] < 2 else 1.0
+                    e.column[k], e.component[k], e.target[k] = c, s, t.members[s] * t.n_target + t.place[c]
+                    e.factor[k] = -1.0 if with_sine and t.members[s] < 2 else 1.0
                     e.count += 1
         if not with_sine:
             e.cosines = e.count
 
 
-cdef struct Summing:
-    Entries entries
-    int n_here, n_mu, tile, tiles, first, n_order, n_angle, n_phi, n_place, n_in
-    given_ints angle, levels, rows
-    given cosine, sine, sign, scale
-    const char* kernels
-    Py_ssize_t strides[6]
-    doubles out
+cdef inline int tile_of(const Arrays* t) noexcept nogil:
+    """Outgoing directions of one item."""
+    return max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, t.n_col * t.stokes * t.n_angle)))
 
 
-def azimuthal_sum(crew, *, const double[:, :, :, :, :, :] kernels, const int[::1] stokes, const int[::1] kind,
-                  const int[::1] place, const double[:, ::1] cosine, const double[:, ::1] sine,
-                  const int[::1] angle, const double[::1] sign, const int[::1] levels, const int[::1] rows,
-                  const double[::1] scale, int first, int last, double[:, :, :, :, :, ::1] out):
-    """Adds the sum over Fourier orders of kernels times cos or sin(m phi), (1:6)-(1:8) and (1:12) without its 1/2.
-
-    kernels (order, n_tau, n_in, n_col, n_out, S), in any order in memory, hold the Stokes components `stokes` (S,) for
-    the columns of `kind` (n_col,), which go to `place` (n_col,) of out; cosine, sine (order, n_angle): times 2 for
-    m > 0; levels (n_level,), rows (n_mu,): what of the kernels' n_tau and n_out is wanted; scale (n_in,): factor of
-    each incident direction.
-    """
-    cdef Summing task
-    cdef int n_angle = <int>cosine.shape[1], n_mu = <int>rows.shape[0], k
-    if kind.shape[0] * stokes.shape[0] > MOST_ENTRIES:
-        raise ValueError(f"at most {MOST_ENTRIES} columns times Stokes components")
-    if kernels.size == 0 or out.size == 0:
-        return
-    list_entries(stokes, kind, place, <int>out.shape[5], &task.entries)
-    task.n_here, task.n_mu, task.first, task.n_in = last - first, n_mu, first, <int>out.shape[1]
-    task.tile = max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, task.entries.count * n_angle)))
-    task.tiles = (n_mu + task.tile - 1) // task.tile
-    task.n_order, task.n_angle = <int>kernels.shape[0], n_angle
-    task.n_phi, task.n_place = <int>angle.shape[0], <int>out.shape[5]
-    task.angle, task.levels, task.rows = &angle[0], &levels[0], &rows[0]
-    task.cosine, task.sine, task.sign, task.scale = &cosine[0, 0], &sine[0, 0], &sign[0], &scale[0]
-    task.kernels, task.out = <const char*>&kernels[0, 0, 0, 0, 0, 0], &out[0, 0, 0, 0, 0, 0]
-    for k in range(6):
-        task.strides[k] = kernels.strides[k]
-    run_items(crew, sum_tile, &task, <int>levels.shape[0] * task.n_here * task.tiles,
-              task.tile * task.entries.count * (task.n_order + n_angle), 0, NULL)
+cdef Job azimuthal_sum_job(Arrays* t) noexcept nogil:
+    cdef int tile = tile_of(t)
+    if t.n_col * t.stokes > MOST_ENTRIES:
+        t.wrong = b"there are too many columns times Stokes components"
+    if min(min(t.n_order, t.n_stored), min(t.n_kept, t.n_col)) == 0 or min(min(t.stokes, t.n_target), t.n_phi) == 0:
+        return Job(0, 0, 0)
+    return Job(<size_t>t.n_level * max(t.last - t.first, 0) * ((t.n_mu + tile - 1) // tile),
+               <size_t>tile * t.n_col * t.stokes * (t.n_order + t.n_angle), 0)
 
 
-cdef inline double kernel_at(const Summing* t, const char* here, int order, int column, int row,
+cdef inline double kernel_at(const Arrays* t, const char* here, int order, int column, int row,
                              int component) noexcept nogil:
-    return (<given>(here + order * t.strides[0] + column * t.strides[3] + row * t.strides[4]
-                            + component * t.strides[5]))[0]
+    return (<given>(here + order * t.kernels_strides[0] + column * t.kernels_strides[3] + row * t.kernels_strides[4]
+                            + component * t.kernels_strides[5]))[0]
 
 
-cdef int sum_tile(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int azimuthal_sum_one(const void* task, int item, Workspace desk) noexcept nogil:
     """Some outgoing directions of one incident direction and one level."""
-    cdef const Summing* t = <const Summing*>task
-    cdef const Entries* e = &t.entries
-    cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_place
-    cdef int level = item // (t.n_here * t.tiles), i = t.first + item // t.tiles % t.n_here
-    cdef int begin = item % t.tiles * t.tile, end = min(t.n_mu, begin + t.tile)
+    cdef const Arrays* t = <const Arrays*>task
+    cdef Entries e
+    list_entries(t, &e)
+    cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_target
+    cdef int n_here = t.last - t.first, tile = tile_of(t), tiles = (t.n_mu + tile - 1) // tile
+    cdef int level = item // (n_here * tiles), i = t.first + item // tiles % n_here
+    cdef int begin = item % tiles * tile, end = min(t.n_mu, begin + tile)
     cdef int wide = end - begin, with_cosine = wide * e.cosines, with_sine = wide * (e.count - e.cosines)
-    cdef const char* kernels = t.kernels + t.levels[level] * t.strides[1] + i * t.strides[2]
+    cdef const char* kernels = t.kernels + t.levels[level] * t.kernels_strides[1] + i * t.kernels_strides[2]
     cdef double scale = t.scale[i]
     cdef int m, k, p, f
     cdef doubles a = desk.work                               # (order, wide, entry): cosines

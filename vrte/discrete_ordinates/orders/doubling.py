@@ -27,18 +27,8 @@ def double_slabs(
 
     ``problem``'s layers are the materials; material, thickness (slab,).
     """
-    shape = (orders.size, max(1, material.size))
-    size = _core.extended_size(problem.size, problem.n_rhs, problem.rows_out)
-    slabs = Slabs(
-        R=np.empty((*shape, size)),
-        T=np.empty((*shape, size)),
-        lost=np.empty((*shape, problem.size)),
-        residual=np.zeros((*shape, 2)),
-        doublings=np.zeros(shape, np.int32),
-    )
-    info = np.zeros(shape, np.int32)
     with run.timed("doubling") as crew:
-        run.kernels.double_slabs(
+        found = run.kernels.double_slabs(
             crew,
             orders=orders,
             conserving=problem.conserves,
@@ -59,17 +49,13 @@ def double_slabs(
             G_F=matrices.G_F,
             source_s=matrices.source_s,
             source_d=matrices.source_d,
-            R=slabs.R,
-            T=slabs.T,
-            lost=slabs.lost,
-            residual=slabs.residual,
-            doublings=slabs.doublings,
-            info=info,
+            n_extended=_core.extended_size(problem.size, problem.n_rhs, problem.rows_out),
         )
+    info = found.pop("info")
     if info.any():
         order, slab = np.argwhere(info)[0]
         raise AccuracyError(f"a doubling step of order {orders[order]}, slab {slab + 1} is singular")
-    return slabs
+    return Slabs(**found)
 
 
 def find_asymmetry(problem: Problem) -> Array:
@@ -119,8 +105,8 @@ class Doubling:
         )
         scratch = (
             _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
-            _core.doubling_work(n, n_rhs, out),
-            _core.joining_work(n, slab_stack.slabs.size, n_rhs, out),
+            _core.count_scratch("double_slabs", **problem.sizes),
+            _core.count_scratch("join_slabs", **problem.sizes, n_place=slab_stack.slabs.size),
         )
         return per_order, float(max(scratch))
 

@@ -141,11 +141,8 @@ def join_stack(
     (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a interface is singular."""
     problem = slab_stack.problem
     levels, n_out = slab_stack.interface.size, problem.mu_out.size
-    shape = (orders.size, levels, problem.n_rhs, problem.rows_out)
-    up, down, flux = np.empty(shape), np.empty(shape), np.empty((orders.size, levels, 2, problem.n_rhs))
-    residual, info = np.zeros((orders.size, max(1, slab_stack.slabs.size))), np.zeros(orders.size, np.int32)
     with run.timed("joining") as crew:
-        run.kernels.join_slabs(
+        found = run.kernels.join_slabs(
             crew,
             orders=orders,
             conserving=problem.conserves,
@@ -163,12 +160,8 @@ def join_stack(
             base_source=base.source,
             base_out=base.out,
             interface=slab_stack.interface,
-            up=up,
-            down=down,
-            flux=flux,
-            residual=residual,
-            info=info,
         )
+    info = found["info"]
     if info.any():
         raise AccuracyError(
             f"two slabs cannot be joined at order {orders[np.argmax(info != 0)]}: the system is singular"
@@ -177,11 +170,11 @@ def join_stack(
     directions = (orders.size, levels, *beams, n_out, len(problem.stokes))
     kernels = np.concatenate(
         [
-            up.reshape(directions)[..., slab_stack.out[: problem.n_up], :] * problem.flip,
-            down.reshape(directions)[..., slab_stack.out[problem.n_up :], :],
+            found["up"].reshape(directions)[..., slab_stack.out[: problem.n_up], :] * problem.flip,
+            found["down"].reshape(directions)[..., slab_stack.out[problem.n_up :], :],
         ],
         axis=-2,
     )
     kernels /= 2.0 * np.pi
-    fluxes = flux[0].reshape(levels, 2, *beams)
-    return kernels, fluxes[:, 0], fluxes[:, 1], residual.max(axis=1)
+    fluxes = found["flux"][0].reshape(levels, 2, *beams)
+    return kernels, fluxes[:, 0], fluxes[:, 1], np.max(found["residual"], axis=1, initial=0.0)

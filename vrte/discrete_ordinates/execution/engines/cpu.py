@@ -118,7 +118,7 @@ class Processor:
                     own.kernels.azimuthal_sum(
                         crew,
                         kernels=light.kernels,
-                        stokes=light.stokes,
+                        members=light.stokes,
                         kind=kind[light.columns],
                         place=wanted.place[light.columns],
                         cosine=cosine,
