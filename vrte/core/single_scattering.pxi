@@ -58,8 +58,8 @@ cdef int sum_elements_one(const void* task, int item, Workspace desk) noexcept n
     cdef const Arrays* t = <const Arrays*>task
     cdef int terms = t.n_series
     if terms > 0:
-        vrte_elements_best(True)(has_intensity_alone(t.table, terms), terms, t.table, t.n_angle, t.cosine, t.elements,
-                             t.n_angle)
+        vrte_elements_best(True)(has_intensity_alone(t.table, terms), terms, t.table, t.n_angle, t.cosine,
+                                 t.elements, t.n_angle)
     return 0
 
 
