@@ -173,13 +173,13 @@ def test_fewer_orders_where_order_0_is_bright() -> None:
 def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Block after block, order after order, by the algorithms named; fewer orders only after order 0, as announced."""
     done: list[tuple[Any, ...]] = []
-    original = cpu.solve_orders
+    original = cpu.make_answer
 
-    def watched(problem: Any, base: Any, orders: Any, name: str, *rest: Any) -> Any:
-        done.append((orders.tolist(), problem.stokes, problem.size, problem.albedo.size, problem.n_rhs, name))
-        return original(problem, base, orders, name, *rest)
+    def watched(piece: Any, *found: Any) -> Any:
+        done.append((piece.orders.tolist(), piece.problem, piece.name))
+        return original(piece, *found)
 
-    monkeypatch.setattr(cpu, "solve_orders", watched)
+    monkeypatch.setattr(cpu, "make_answer", watched)
     plan, found = solved(case)
     facts = plan.as_dict()
     reported = [
@@ -187,10 +187,10 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
         for b in facts["blocks"]
     ]
     assert len(done) <= len(reported)
-    for (orders, stokes, *numbers), (planned_orders, letters, *planned_numbers) in zip(done, reported, strict=False):
+    for (orders, of, name), (planned_orders, letters, *planned_numbers) in zip(done, reported, strict=False):
         assert orders == planned_orders[: len(orders)]
-        assert " ".join("IQUV"[k] for k in stokes) == letters
-        assert numbers == planned_numbers
+        assert " ".join("IQUV"[k] for k in of.stokes) == letters
+        assert [of.size, of.albedo.size, of.n_rhs, name] == planned_numbers
     solved_orders = sorted({order for orders, *_ in done for order in orders})
     assert found.diagnostics["orders"] == len(solved_orders)
     if solved_orders != facts["orders"]:

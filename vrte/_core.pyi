@@ -1,5 +1,6 @@
 """Types of the compiled core; shapes and units are in the docstrings of core/*.pxi."""
 
+from collections.abc import Sequence
 from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
@@ -98,30 +99,31 @@ class Slabs(TypedDict):
 def fused_modes(
     crew: ThreadTeam,
     *,
+    parts: Sequence[tuple[Any, ...]],
+    orders: IntArray,
+    part_of: IntArray,
     slab_stack: IntArray,
     twin: IntArray,
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    directions: Array,
+    weights: Array,
     n_up: int,
-    conserving: bool,
+    n_out: int,
     balanced: bool,
     quick: bool,
     clear: bool,
     clear_layers: IntArray,
+    thickness: Array,
     above: Array,
     base_row: IntArray,
-    base: Array,
-    base_source: Array,
-    base_out: Array,
     top_row: IntArray,
-    top: Array,
-    sent: Array,
-    flip: Array,
     level: Array,
     level_layer: IntArray,
-    rising: Array,
+    residual: Array,
     spent: Array,
-    flux: Array,
     missed: IntArray,
-    **others: Unpack[Slabs],
 ) -> None: ...
 
 # doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions

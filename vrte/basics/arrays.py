@@ -16,6 +16,7 @@ IntArray = NDArray[np.int32]
 Record = TypeVar("Record")
 
 MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
+FEW = 32  # numbers of a list that are looked at one by one
 SMALLEST_COSINE = 1e-8  # of light: nearer to the horizon, nothing is solved
 EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
@@ -58,8 +59,11 @@ def check_vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
     if type(values) is float and math.isfinite(values):
         return freeze_copy([values])
-    plain = type(values) is np.ndarray and values.dtype == np.float64 and values.size <= MOST_NUMBERS
-    array = freeze_copy(np.atleast_1d(values if plain else check_numbers(name, values)))
+    if type(values) is list and len(values) <= FEW and all([type(value) is float for value in values]):
+        array = freeze_copy(values)
+    else:
+        plain = type(values) is np.ndarray and values.dtype == np.float64 and values.size <= MOST_NUMBERS
+        array = freeze_copy(np.atleast_1d(values if plain else check_numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.isfinite(array).all():

@@ -5,9 +5,9 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
@@ -57,23 +57,43 @@ class Run:
         if helpers is not None:
             helpers.shutdown()
 
-    @contextmanager
-    def timed(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[ThreadTeam]:
+    def timed(self, name: str, wait: Callable[[], object] | None = None) -> "Timed":
         """Threads for one loop of `_core`; what is done within it is timed under `name`, what ``wait`` waits for at the
         end included. KeyboardInterrupt where it was stopped."""
-        team, start = ThreadTeam(self.threads, np.zeros(self.threads), self.stop), time.perf_counter()
-        yield team
-        wait()
-        wall = time.perf_counter() - start
-        self.record(name, wall, sum(team.seconds.tolist()) or wall)
-        if self.stop[0]:
-            raise KeyboardInterrupt
+        return Timed(self, name, wait)
 
     def record(self, name: str, wall: float, busy: float | None = None) -> None:
         """Adds seconds to a stage."""
-        clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
+        clock = self.stages.get(name)
+        if clock is None:
+            clock = self.stages[name] = {"wall_seconds": 0.0, "thread_seconds": 0.0}
         clock["wall_seconds"] += wall
         clock["thread_seconds"] += wall if busy is None else busy
+
+
+class Timed:
+    """Within it a stage of a run is at work, see `Run.timed`."""
+
+    __slots__ = ("name", "run", "start", "team", "wait")
+
+    def __init__(self, run: Run, name: str, wait: Callable[[], object] | None) -> None:
+        self.run, self.name, self.wait = run, name, wait
+
+    def __enter__(self) -> ThreadTeam:
+        run = self.run
+        self.team = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
+        self.start = time.perf_counter()
+        return self.team
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None:
+            return
+        if self.wait is not None:
+            self.wait()
+        wall = time.perf_counter() - self.start
+        self.run.record(self.name, wall, sum(self.team.seconds.tolist()) or wall)
+        if self.run.stop[0]:
+            raise KeyboardInterrupt
 
 
 def count_usable_cpus() -> int:

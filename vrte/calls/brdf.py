@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, make_readonly
+from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
@@ -14,7 +14,7 @@ from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
-from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
+from vrte.results.brdf import BRDF_DERIVATIVES, Brdf, make_readonly_brdf
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
@@ -92,6 +92,10 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
         arrays["surface"] = mirror_mueller(surface) if is_turned else surface
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
     told = note_energy(request, solution) | found
+    if not derivatives:  # the arrays fit together
+        arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
+        frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}
+        return make_readonly_brdf(lambda: told, **frozen)
     return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=told, **arrays, **jacobians)
 
 

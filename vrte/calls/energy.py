@@ -51,6 +51,8 @@ def list_notes(request: Request, net: Array) -> list[str]:
     notes = list(list_facets_that_make_light(scene, request.mu0, allowed))
     if not np.isfinite(net).all():
         return notes
+    if balances_at_top(request, net, allowed):
+        return notes
     indices, losing = locate_levels(request)
     order = np.argsort(indices)
     edges = [*indices[order].tolist(), float(len(losing))]
@@ -65,6 +67,15 @@ def list_notes(request: Request, net: Array) -> list[str]:
         share = f"{made[link, beam]:.2g} of the light that falls in along mu = {request.mu0[beam]:g}"
         notes.append(f"{ENERGY}{share} {words}")
     return notes
+
+
+def balances_at_top(request: Request, net: Array, allowed: float) -> bool:
+    """Whether all is well where the net flux is known at the top alone: a first look that takes less time. No more is
+    lost than layers absorb, and no column gains."""
+    absorbs = any([layer.albedo < 1.0 and layer.thickness > 0.0 for layer in request.scene.layers])
+    if request.tau.size > 1 or request.tau[0] != 0.0 or not absorbs:
+        return False
+    return bool((np.sqrt((net[..., 1:] ** 2).sum(axis=-1)) - net[..., 0]).max() <= allowed)
 
 
 def locate_levels(request: Request) -> tuple[Array, list[bool]]:
@@ -84,6 +95,8 @@ def locate_levels(request: Request) -> tuple[Array, list[bool]]:
 
 def list_facets_that_make_light(scene: Scene, mu0: Array, allowed: float) -> Iterator[str]:
     """Facets that, without shadowing, send on more than falls on them along beams; a warning where it is much more."""
+    if scene.below.facets is None and not scene.is_rough:
+        return
     there = [(k, one) for k, one in enumerate(scene.interfaces) if one]
     surfaces = [(f"interface {number}", k, one.facets) for number, (k, one) in enumerate(there, 1) if not one.is_smooth]
     for name, index, facets in (*surfaces, ("the base", -1, scene.below.facets)):

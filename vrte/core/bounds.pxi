@@ -21,10 +21,20 @@ def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] t
     these lie one behind another.
     """
     cdef Bounding task = Bounding(
-        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1],
+        not scatters_intensity_alone(coefficients), <int>coefficients.shape[1],
         <int>coefficients.shape[0] // slab_stacks, <int>directions.shape[0], n_node, n_out, slab_stacks,
         &terms[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &strength[0, 0], &bounds[0])
     run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 1) * task.n_term + task.n_all, 0, NULL)
+
+
+cdef bint scatters_intensity_alone(const double[:, :, ::1] coefficients) noexcept nogil:
+    cdef Py_ssize_t layer, l, k
+    for layer in range(coefficients.shape[0]):
+        for l in range(coefficients.shape[1]):
+            for k in range(1, 6):
+                if coefficients[layer, l, k] != 0.0:
+                    return False
+    return True
 
 
 cdef inline double norm_of_coefficients(given c) noexcept nogil:

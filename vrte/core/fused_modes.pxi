@@ -12,6 +12,12 @@ cdef struct FusedModes:
     bint balanced
     doubles spent, flux, light
     ints missed
+    int first                  # of its items
+
+
+cdef struct FusedParts:
+    const FusedModes* sets
+    given_ints part_of
 
 
 def fused_modes_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
@@ -23,60 +29,84 @@ def fused_modes_work(n, n_layer, n_rhs, rows, into, n_all, n_term, stokes):
                       flux_work(n, n_rhs))
 
 
-def fused_modes(crew, *, const int[::1] orders, const int[::1] slab_stack, const int[::1] twin, const int[::1] members,
-                  const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                  const double[::1] directions, const double[::1] weights, int n_up, int n_out,
-                  const double[:, ::1] columns, bint conserving, bint balanced, bint quick, bint clear,
-                  const int[::1] clear_layers, const double[::1] thickness, const double[::1] above,
-                  const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-                  const double[:, :, ::1] base_out, const int[::1] top_row,
-                  const double[:, :, :, ::1] top, const double[:, :, ::1] sent, const double[::1] flip,
-                  const double[::1] level, const int[::1] level_layer, double[:, :, ::1] rising,
-                  double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed, double[:, :, :, ::1] flux,
-                  double[:, :, :, ::1] out):
+def fused_modes(crew, *, parts, const int[::1] orders, const int[::1] part_of, const int[::1] slab_stack,
+                const int[::1] twin, const double[:, :, ::1] coefficients, const int[::1] terms,
+                const double[::1] albedo, const double[::1] directions, const double[::1] weights, int n_up, int n_out,
+                bint balanced, bint quick, bint clear, const int[::1] clear_layers, const double[::1] thickness,
+                const double[::1] above, const int[::1] base_row, const int[::1] top_row, const double[::1] level,
+                const int[::1] level_layer, double[:, :, ::1] residual, double[:, ::1] spent, int[:, ::1] missed):
     """`assemble`, `homogeneous`, `particular`, `boundary`, `reconstruct` and `nodal_fluxes` of every order of one or
-    more scenes, one order of one scene an item.
+    more scenes, for one or more sets of Stokes parameters: one order of one set and scene an item.
 
-    Arguments are those of the stages; slab_stack (item,): the scene of each of `orders`; twin (layer,): of each layer
-    of a scene the first that is made of the same; balanced: whether order 0 is balanced on nodes that are not Gauss's;
-    sent, rising (item, n_rhs, n), of no items where beams go through what lies above; flip (S,): D of (1:11).
-    residual (2, item, layer): of the modes, of the boundary; spent (item, 5): seconds of each stage; missed (item, 2):
-    the stage that failed, 1 or 3, 0 for none, and its layer; flux (item, 2, n_tau, n_rhs): up and down, of order 0
-    alone where it is conserved; out (item, n_tau, n_rhs, S n_out): radiance for a unit beam in the public frame.
+    Arguments are those of the stages; part_of, slab_stack (item,): the set, ascending, and the scene of each of
+    `orders`; twin (layer,): of each layer of a scene the first that is made of the same; balanced: whether order 0 is
+    balanced on nodes that are not Gauss's. residual (2, item, layer): of the modes, of the boundary; spent (item, 5):
+    seconds of each stage; missed (item, 2): the stage that failed, 1 or 3, 0 for none, and its layer.
+
+    parts: of each set whether it is conserving, its members, columns, flip (S,): D of (1:11); its base, base_source and
+    base_out, or None; what lies above, or None: top, sent, rising (item, n_rhs, n), of no items where beams go through
+    it; flux (item, 2, n_tau, n_rhs): up and down, of order 0 alone where it is conserved; out (item, n_tau, n_rhs,
+    S n_out): radiance for a unit beam in the public frame; items of the set alone.
     """
-    cdef int n_layer = <int>residual.shape[2], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
-    cdef int n = stokes * n_node, n_all = <int>directions.shape[0], n_in = n_all - n_node - n_out
-    cdef int n_rhs = n_in * <int>columns.shape[0], n_term = <int>coefficients.shape[1], rows = stokes * n_out
-    cdef FusedModes t
+    cdef int n_layer = <int>residual.shape[2], n_node = <int>weights.shape[0], n_all = <int>directions.shape[0]
+    cdef int n_in = n_all - n_node - n_out, n_term = <int>coefficients.shape[1]
+    cdef int n_rhs, stokes, n, k, first = 0, most = 0
+    cdef size_t room = 0
     cdef given mu0 = &directions[0] + n_node + n_out
-    t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in if sent.shape[0] == 0 else 0, stokes, &orders[0],
-                          &members[0], &terms[0], &slab_stack[0], &coefficients[0, 0, 0], &albedo[0], &directions[0],
-                          &weights[0], NULL, NULL, NULL, NULL, NULL, NULL)
-    t.homogeneous = Homogeneous(Nodes(n, stokes, &directions[0], &weights[0]), n_layer, conserving, quick, clear,
-                                &orders[0], &slab_stack[0], &albedo[0], NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL,
-                                &residual[0, 0, 0])
-    t.particular = Particular(n, stokes, n_in, <int>columns.shape[0], NULL, NULL, NULL, mu0, &columns[0, 0], NULL, NULL,
-                              NULL, NULL, NULL, NULL, NULL, NULL)
-    t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0],
-                          &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], &base[0, 0, 0],
-                          &base_source[0, 0, 0], &top_row[0], &top[0, 0, 0, 0], NULL,
-                          <int>top.shape[3], NULL, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
-    if sent.shape[0] > 0:
-        t.boundary.sent, t.boundary.rising = &sent[0, 0, 0], &rising[0, 0, 0]
-    t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level_layer.shape[0], NULL,
-                                      NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &base_row[0],
-                                      &slab_stack[0], &base_out[0, 0, 0], &thickness[0], &above[0], mu0,
-                                      &directions[0] + n_node, &level[0], &level_layer[0], NULL)
-    t.light, t.flux, t.spent, t.missed = &out[0, 0, 0, 0], &flux[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
-    t.flip, t.slab_stack, t.twin, t.balanced = &flip[0], &slab_stack[0], &twin[0], balanced
-    run_items(crew, fused_modes_one, &t, <int>orders.shape[0],
-              fused_modes_work(n, n_layer, n_rhs, rows, stokes * n_in, n_all, n_term, stokes),
-              (n_layer + 6) * n + 8 + (2 * n_layer + 1) * n + n_layer, NULL)
+    cdef const int[::1] members
+    cdef const double[:, ::1] columns
+    cdef const double[:, :, ::1] base, base_source, base_out, sent
+    cdef const double[:, :, :, ::1] top
+    cdef const double[::1] flip
+    cdef double[:, :, ::1] rising
+    cdef double[:, :, :, ::1] flux, out
+    cdef bint conserving
+    cdef FusedModes* t
+    cdef unsigned char[::1] memory = np.empty(len(parts) * sizeof(FusedModes), np.uint8)
+    cdef FusedModes* sets = <FusedModes*>&memory[0]
+    for k, part in enumerate(parts):                  # whoever calls holds their arrays
+        conserving, members, columns, flip, below, above_it, flux, out = part
+        stokes, t = <int>members.shape[0], &sets[k]
+        n, n_rhs = stokes * n_node, n_in * <int>columns.shape[0]
+        t.assembly = Assembly(n_layer, n_term, n_node, n_out, n_in, stokes, &orders[0],
+                              &members[0], &terms[0], &slab_stack[0], &coefficients[0, 0, 0], &albedo[0],
+                              &directions[0], &weights[0], NULL, NULL, NULL, NULL, NULL, NULL)
+        t.homogeneous = Homogeneous(Nodes(n, stokes, &directions[0], &weights[0]), n_layer, conserving, quick, clear,
+                                    &orders[0], &slab_stack[0], &albedo[0], NULL, NULL, NULL, NULL, NULL, NULL, NULL,
+                                    NULL, &residual[0, 0, 0])
+        t.particular = Particular(n, stokes, n_in, <int>columns.shape[0], NULL, NULL, NULL, mu0, &columns[0, 0], NULL,
+                                  NULL, NULL, NULL, NULL, NULL, NULL, NULL)
+        t.boundary = Boundary(n, n_layer, n_in, n_rhs, NULL, NULL, NULL, NULL, NULL, NULL, &clear_layers[0],
+                              &slab_stack[0], &thickness[0], mu0, &above[0], &base_row[0], NULL, NULL, &top_row[0],
+                              NULL, NULL, 1, NULL, NULL, NULL, NULL, NULL, &residual[1, 0, 0])
+        t.reconstruction = Reconstruction(n, stokes, n_out, n_up, n_layer, n_in, n_rhs, <int>level_layer.shape[0],
+                                          NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL,
+                                          &base_row[0], &slab_stack[0], NULL, &thickness[0], &above[0], mu0,
+                                          &directions[0] + n_node, &level[0], &level_layer[0], NULL)
+        if below is not None:
+            base, base_source, base_out = below
+            t.boundary.base, t.boundary.base_source = &base[0, 0, 0], &base_source[0, 0, 0]
+            t.reconstruction.base_out = &base_out[0, 0, 0]
+        if above_it is not None:
+            top, sent, rising = above_it
+            t.boundary.top, t.boundary.block = &top[0, 0, 0, 0], <int>top.shape[3]
+            if sent.shape[0] > 0:
+                t.assembly.n_in = 0
+                t.boundary.sent, t.boundary.rising = &sent[0, 0, 0], &rising[0, 0, 0]
+        t.light, t.flux, t.spent, t.missed = &out[0, 0, 0, 0], &flux[0, 0, 0, 0], &spent[0, 0], &missed[0, 0]
+        t.flip, t.slab_stack, t.twin, t.balanced = &flip[0], &slab_stack[0], &twin[0], balanced
+        t.first, first, most = first, first + <int>out.shape[0], max(most, n)
+        room = max(room, <size_t>fused_modes_work(n, n_layer, n_rhs, stokes * n_out, stokes * n_in, n_all, n_term,
+                                                  stokes))
+    cdef FusedParts task = FusedParts(sets, &part_of[0])
+    run_items(crew, fused_modes_one, &task, <int>orders.shape[0], room,
+              (n_layer + 6) * most + 8 + (2 * n_layer + 1) * most + n_layer, NULL)
 
 
 cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept nogil:
     """One order; its matrices lie in the desk's memory, before the scratch memory of the stages."""
-    cdef const FusedModes* t = <const FusedModes*>task
+    cdef const FusedParts* parts = <const FusedParts*>task
+    cdef const FusedModes* t = parts.sets + parts.part_of[item]
     cdef Assembly a = t.assembly
     cdef Homogeneous h = t.homogeneous
     cdef Particular p = t.particular
@@ -88,7 +118,8 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     cdef size_t fluxes = <size_t>2 * r.n_level * b.n_rhs
     cdef doubles memory = desk.work
     cdef doubles spent = t.spent + <size_t>5 * item
-    cdef doubles to = t.light + <size_t>item * light
+    cdef size_t place = item - t.first
+    cdef doubles to = t.light + place * light
     cdef double begin = vrte_seconds(), now, factor
     cdef Workspace own = desk
     cdef ints missed = t.missed + 2 * item
@@ -113,7 +144,7 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     b.lam_re, b.lam_im, b.X, b.Y, b.c, b.zeta = h.lam_re, h.lam_im, h.X, h.Y, p.c, p.zeta
     b.base_row, b.top_row, b.residual = b.base_row + item, b.top_row + item, b.residual + item * n_layer
     if b.sent != NULL:
-        b.sent, b.rising = b.sent + item * nr, b.rising + item * nr
+        b.sent, b.rising = b.sent + place * nr, b.rising + place * nr
         set_zero(2 * L * nr, p.c)                                               # and zeta
     r.G_E, r.G_F, r.lam_re, r.lam_im, r.X, r.Y = a.G_E, a.G_F, h.lam_re, h.lam_im, h.X, h.Y
     r.c, r.zeta, r.even, r.odd, r.base_down, r.decaying = p.c, p.zeta, b.even, b.odd, b.base_down, b.decaying
@@ -147,7 +178,7 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
         if missed[0] != 0:
             return 0
     if h.conserving and h.orders[0] == 0:
-        fluxes_one(&r, &h.nodes, t.flux + item * fluxes, own)
+        fluxes_one(&r, &h.nodes, t.flux + place * fluxes, own)
     for i in range(<size_t>r.n_level * b.n_rhs):
         for o in range(r.n_out):
             for s in range(r.stokes):

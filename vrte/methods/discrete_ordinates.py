@@ -69,7 +69,7 @@ def verify_solution(task: Task) -> Answer:
 def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
     """Warns (AccuracyWarning) where light of the exact method is less than nothing, by more than the accuracy of the
     largest for the same beam, axis 0, and terms of phase matrices are cut; or much less, under a rough surface."""
-    if request.method != EXACT or not intensity.size:
+    if request.method != EXACT or not intensity.size or not (request.scene.is_rough or diagnostics["terms_cut"]):
         return
     each = intensity.reshape(intensity.shape[0], -1)
     least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
@@ -80,9 +80,7 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
             AccuracyWarning,
         )
         return
-    if not diagnostics["terms_cut"]:
-        return
-    if least < -request.accuracy:
+    if diagnostics["terms_cut"] and least < -request.accuracy:
         mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
         enough = estimate_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
         warn_user(

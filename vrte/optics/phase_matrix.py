@@ -8,7 +8,7 @@ P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -354,7 +354,12 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     >>> vrte.rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
     """
-    rho = check_number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
+    return make_rayleigh(check_number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7"))
+
+
+@lru_cache(maxsize=64)
+def make_rayleigh(rho: float) -> PhaseMatrix:
+    """The same, made and checked once."""
     r = (1.0 - rho) / (1.0 + rho / 2.0)
     a4 = 3.0 * (1.0 - 2.0 * rho) / (2.0 + rho)
     rows = [1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, a4, 0.0], [r / 2.0, 3.0 * r, 0.0, 0.0, np.sqrt(6.0) * r / 2.0]

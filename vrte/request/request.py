@@ -24,6 +24,7 @@ from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
 SIDES = ("above", "below")  # of an interface
+UNIT_COLUMNS = make_readonly(np.eye(4))  # light in each of the Stokes parameters
 ROWS = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])  # (I, Q) and (U, V)
 
 
@@ -168,7 +169,7 @@ def make_brdf_request(
         kind="brdf",
         scene=scene,
         mu0=into,
-        columns=np.eye(4),
+        columns=UNIT_COLUMNS,
         mu=directions,
         phi=azimuths,
         tau=levels,

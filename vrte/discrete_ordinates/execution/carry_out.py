@@ -90,17 +90,18 @@ class Task:
             for order, largest in zip(orders, answer.largest, strict=True):
                 known = self.found.get(order)
                 self.found[order] = largest if known is None else np.maximum(known, largest)
-        if orders[0] == 0:
+        if orders[0] == 0 and block.stokes[0] == 0:
             self.flux[..., list(block.columns)] += answer.flux
-            if block.stokes[0] == 0 and answer.brightest is not None:
+            if answer.brightest is not None:
                 self.brightest = np.maximum(self.brightest, answer.brightest)
         self.unknowns += len(orders) * block.problem.size
         self.by[piece.name] = self.by.get(piece.name, 0) + len(orders)
         if piece.tried:
             self.repeated.setdefault(piece.name, set()).update(orders)
         for name, values in answer.residuals.items():
-            worst = values if self.plan.others else float(values.max())
-            self.residuals[name] = np.maximum(self.residuals.get(name, 0.0), worst)
+            known = self.residuals.get(name, 0.0)
+            several = self.plan.others
+            self.residuals[name] = np.maximum(known, values) if several else max(known, *values.tolist())
 
 
 def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progress | None = None) -> list[Solution]:

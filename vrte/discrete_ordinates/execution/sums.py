@@ -161,6 +161,8 @@ def prepare_sum(target: Target, lights: Sequence[Light], run: Run, overwritten: 
 
 def choose_sum_threads(result: Sum, run: Run) -> Run:
     """The run, on one thread where starting another would take longer than the sums."""
+    if run.threads == 1:
+        return run
     small = sum(part.values.nbytes for part in result.parts) < cost.WORTH_THREADS_SUMS
     return replace_unchecked(run, threads=1) if small else run
 

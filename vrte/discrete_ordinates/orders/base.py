@@ -1,11 +1,11 @@
 """Section 3.C.1, base reflection: what the boundary below sends back, order by order, as the stages take it."""
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, make_readonly
 from vrte.basics.errors import AccuracyError, AccuracyWarning, warn_user
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_refracted_nodes
@@ -14,6 +14,7 @@ from vrte.discrete_ordinates.orders.rough import reflect_off_facets
 from vrte.scene.azimuths import ConvergenceError
 from vrte.scene.boundary import Boundary
 
+MOST_NUMBERS = 10_000  # of a black base that is kept
 SHARE = 0.1  # fraction of the requested accuracy for the Fourier integrals of a base
 DEFAULT_ACCURACY = 1e-9  # accuracy of these integrals under methods without an accuracy of their own
 FINEST = 1e-12  # relative error of a base's Fourier integrals that is always allowed
@@ -26,7 +27,7 @@ class Base:
     """What the base does, order by order, in the scaled and flipped frame.
 
     row (order,): row of the arrays, -1 for orders it does not reflect; matrix (row, n, n), source (row, n_rhs, n),
-    out (row, n, S n_out): all (column, row); azimuths: samples the Fourier integrals took.
+    out (row, n, S n_out): all (column, row); azimuths: samples the Fourier integrals took; is_black: no row is used.
     """
 
     row: IntArray
@@ -34,6 +35,7 @@ class Base:
     source: Array
     out: Array
     azimuths: int = 0
+    is_black: bool = False
 
     def find_rows(self, orders: IntArray, slab_stack: IntArray) -> IntArray:
         """The row of each item (item,): of ``orders`` of the scenes ``slab_stack``."""
@@ -61,9 +63,17 @@ class EvenBases(Boundary):
 
 def make_black_base(problem: Problem, n_order: int) -> Base:
     """No reflection at any order."""
-    n, rows = problem.size, count_base_rows(problem, n_order)
-    empty = np.zeros((rows, n, n)), np.zeros((rows, problem.n_rhs, n)), np.zeros((rows, n, problem.rows_out))
-    return Base(np.arange(n_order, dtype=np.int32) if rows > 1 else np.full(n_order, -1, np.int32), *empty)
+    sizes = count_base_rows(problem, n_order), problem.size, problem.n_rhs, problem.rows_out
+    make = make_zero_base if sizes[0] * sizes[1] * sum(sizes[1:]) < MOST_NUMBERS else make_zero_base.__wrapped__
+    return make(n_order, *sizes)
+
+
+@lru_cache(maxsize=32)
+def make_zero_base(n_order: int, rows: int, n: int, n_rhs: int, rows_out: int) -> Base:
+    """The same of so many rows, made once where it is small."""
+    empty = make_readonly(np.zeros((rows, n, n))), make_readonly(np.zeros((rows, n_rhs, n)))
+    row = np.arange(n_order, dtype=np.int32) if rows > 1 else np.full(n_order, -1, np.int32)
+    return Base(row, *empty, make_readonly(np.zeros((rows, n, rows_out))), is_black=rows == 1)
 
 
 def count_base_rows(problem: Problem, n_order: int) -> int:

@@ -1,6 +1,8 @@
 """All of section 2.C: by one call, for orders of one scene or of many, or stage after stage."""
 
+import itertools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,14 +21,15 @@ from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, rec
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 
+RESIDUALS = ("residual_of_modes", "residual_of_boundary")
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 
 
 @dataclass(frozen=True, eq=False)
 class FusedModes:
     """Radiance (item, n_tau, n_in, n_col, n_out, S) of an order of a scene for a unit beam, public frame; flux (item,
-    2, n_tau, n_in, n_col) up and down; rising (item, n_rhs, n): see `Amplitudes`; residual (2, item, layer): of the
-    modes, of the boundary; missed (item, 2): the stage that failed, 0 for none, and its layer."""
+    2, n_tau, n_in, n_col) up and down; rising (item, n_rhs, n): see `Amplitudes`; residual (2, item): of the modes, of
+    the boundary, no number where a stage failed; missed (item, 2): which, 0 for none, and its layer."""
 
     radiance: Array
     flux: Array
@@ -35,63 +38,78 @@ class FusedModes:
     missed: IntArray
 
 
-def run_fused_modes(
-    problem: Problem,
-    orders: IntArray,
-    slab_stack: IntArray,
-    base: Base,
-    base_row: IntArray,
-    quick: bool,
-    run: Run,
-    twin: IntArray,
-    top: Top = OPEN,
-) -> FusedModes:
-    """What the stages find of ``orders`` (item,) of the scenes ``slab_stack`` (item,), bit for bit. Of several scenes
-    the problem's layers and levels lie one behind the other; ``base_row`` (item,): the base's row, -1 for none;
-    ``twin`` (layer,): of each layer of a scene the first that is made of the same."""
-    count, n_rhs, n_tau = orders.size, problem.n_rhs, problem.level_layer.size
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one set of Stokes parameters has in a call: its problem, ``orders`` (item,) of the scenes ``slab_stack``
+    (item,), the base with the row (item,) of each, -1 for none, and what lies above."""
+
+    problem: Problem
+    orders: IntArray
+    slab_stack: IntArray
+    base: Base
+    base_row: IntArray
+    top: Top = OPEN
+
+
+def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray) -> list[FusedModes]:
+    """What the stages find of each part, bit for bit. Their problems differ in Stokes parameters and columns alone. Of
+    several scenes the problems' layers and levels lie one behind the other; ``twin`` (layer,): of each layer of a scene
+    the first that is made of the same."""
+    problem, sizes, n_tau = parts[0].problem, [part.orders.size for part in parts], parts[0].problem.level_layer.size
+    count, ends = sum(sizes), list(itertools.accumulate(sizes, initial=0))
     residual, spent, missed = np.zeros((2, count, twin.size)), np.zeros((count, 5)), np.zeros((count, 2), np.int32)
-    radiance, flux = np.empty((count, n_tau, n_rhs, problem.rows_out)), np.zeros((count, 2, n_tau, n_rhs))
-    sent = top.sent_in(orders)
-    rising = np.empty(sent.shape)
-    crew = ThreadTeam(run.threads, np.zeros(run.threads), run.stop)
+    worst = np.empty((2, count))
+    given, found = [], []
+    for part, size, first in zip(parts, sizes, ends, strict=False):
+        own, base, top, sent = part.problem, part.base, part.top, part.top.sent_in(part.orders)
+        n_rhs, rising = own.n_rhs, np.empty(sent.shape)
+        radiance, flux = np.empty((size, n_tau, n_rhs, own.rows_out)), np.zeros((size, 2, n_tau, n_rhs))
+        below = None if base.is_black else (base.matrix, base.source, base.out)
+        above = None if top is OPEN else (top.reflection, sent, rising)
+        given.append((own.conserves, own.members, own.columns, own.flip, below, above, flux, radiance))
+        shape, last = (own.mu0.size, own.columns.shape[0]), first + size
+        radiance = radiance.reshape(size, n_tau, *shape, own.mu_out.size, len(own.stokes))
+        flux = flux.reshape(size, 2, n_tau, *shape)
+        found.append(FusedModes(radiance, flux, rising, worst[:, first:last], missed[first:last]))
     begin = time.perf_counter()
     _core.fused_modes(
-        crew,
-        orders=orders,
-        slab_stack=slab_stack,
+        ThreadTeam(run.threads, np.zeros(run.threads), run.stop),
+        parts=given,
+        orders=join([part.orders for part in parts]),
+        part_of=np.repeat(np.arange(len(parts), dtype=np.int32), sizes),
+        slab_stack=join([part.slab_stack for part in parts]),
         twin=twin,
-        **problem.phase_arguments,
+        coefficients=problem.coefficients,
+        terms=problem.terms,
+        albedo=problem.albedo,
+        directions=problem.directions,
+        weights=problem.weights,
         n_up=problem.n_up,
-        columns=problem.columns,
-        conserving=problem.conserves,
+        n_out=problem.mu_out.size,
         balanced=not problem.is_exact,
         quick=quick,
         clear=problem.skip_flags.clear,
-        clear_layers=((problem.albedo == 0.0) & problem.skip_flags.clear).astype(np.int32),
+        clear_layers=problem.clear_layers,
         thickness=problem.thickness,
         above=problem.above,
-        base_row=base_row,
-        base=base.matrix,
-        base_source=base.source,
-        base_out=base.out,
-        top_row=top.rows_of(orders),
-        top=top.reflection,
-        sent=sent,
-        flip=problem.flip,
+        base_row=join([part.base_row for part in parts]),
+        top_row=join([part.top.rows_of(part.orders) for part in parts]),
         level=problem.level,
         level_layer=problem.level_layer,
-        rising=rising,
         residual=residual,
         spent=spent,
         missed=missed,
-        flux=flux,
-        out=radiance,
     )
     note_stages(run, time.perf_counter() - begin, spent.sum(axis=0).tolist())
-    shape = problem.mu0.size, problem.columns.shape[0]
-    radiance = radiance.reshape(count, n_tau, *shape, problem.mu_out.size, len(problem.stokes))
-    return FusedModes(radiance, flux.reshape(count, 2, n_tau, *shape), rising, residual, missed)
+    residual.max(axis=2, out=worst)
+    if missed.any():
+        worst[:, missed[:, 0] != 0] = np.nan
+    return found
+
+
+def join(arrays: Sequence[IntArray]) -> IntArray:
+    """One behind the other."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def find_twins(problem: Problem) -> IntArray:
@@ -108,11 +126,17 @@ def solve_by_modes(
     Raises AccuracyError where an eigenproblem does not converge or a boundary system is singular."""
     if run.kernels is not _core or run.threads > orders.size:
         return solve_by_stages(problem, orders, base, quick, run, top)
-    first, twin = np.zeros_like(orders), find_twins(problem)
-    found = run_fused_modes(problem, orders, first, base, base.row[orders], quick, run, twin, top)
+    part = Part(problem, orders, np.zeros_like(orders), base, base.row[orders], top)
+    (found,) = run_fused_modes([part], quick, run, find_twins(problem))
     if found.missed.any():
         complain_of_order(orders, found.missed)
-    return Orders(found.radiance, found.flux[0, 0], found.flux[0, 1], name_residuals(*found.residual)), found.rising
+    return make_orders(found), found.rising
+
+
+def make_orders(found: FusedModes) -> Orders:
+    """What a call found of the orders of one scene."""
+    residuals = dict(zip(RESIDUALS, found.residual, strict=True))
+    return Orders(found.radiance, found.flux[0, 0], found.flux[0, 1], residuals)
 
 
 def solve_by_stages(
@@ -131,32 +155,22 @@ def solve_by_stages(
     amplitudes = solve_boundary(problem, orders, modes, beam, base, run, top)
     kernels = reconstruct(problem, orders, matrices, modes, beam, amplitudes, base, run)
     fluxes = find_nodal_fluxes(problem, orders, modes, beam, amplitudes)
-    return Orders(kernels, *fluxes, name_residuals(residual, amplitudes.residual)), amplitudes.rising
+    worst = residual.max(axis=1), amplitudes.residual.max(axis=1)
+    return Orders(kernels, *fluxes, dict(zip(RESIDUALS, worst, strict=True))), amplitudes.rising
 
 
-def name_residuals(of_modes: Array, of_boundary: Array) -> dict[str, Array]:
-    """The largest of each order, by name; (order, layer) each."""
-    return {"residual_of_modes": of_modes.max(axis=1), "residual_of_boundary": of_boundary.max(axis=1)}
-
-
-def solve_fused_scenes(
-    problem: Problem, orders: IntArray, wanted: BoolArray, base: Base, quick: bool, run: Run
-) -> Orders:
-    """The ``orders`` that are ``wanted`` (order, scene) of many scenes, nothing of the others; residuals (scene,), no
-    numbers where a stage failed."""
-    row, slab_stack = (each.astype(np.int32) for each in np.nonzero(wanted))
-    numbers, twin = orders[row], np.arange(problem.layers, dtype=np.int32)
-    found = run_fused_modes(problem, numbers, slab_stack, base, base.find_rows(numbers, slab_stack), quick, run, twin)
+def spread_over_scenes(part: Part, orders: IntArray, wanted: BoolArray, found: FusedModes) -> Orders:
+    """What was found of those ``orders`` that are ``wanted`` (order, scene) of many scenes, nothing of the others;
+    residuals (scene,), no numbers where a stage failed."""
+    row, slab_stack = np.nonzero(wanted)
     kernels = np.zeros((*wanted.shape, *found.radiance.shape[1:]))
     kernels[row, slab_stack] = found.radiance
     flux = np.zeros((wanted.shape[1], *found.flux.shape[1:]))
-    first = numbers == 0
+    first = part.orders == 0
     flux[slab_stack[first]] = found.flux[first]
-    residuals = {}
-    for name, residual in zip(("residual_of_modes", "residual_of_boundary"), found.residual, strict=True):
-        residuals[name] = np.zeros(wanted.shape[1])
-        worst = np.where(found.missed[:, 0] != 0, np.nan, residual.max(axis=1))
-        np.maximum.at(residuals[name], slab_stack, worst)
+    residuals = {name: np.zeros(wanted.shape[1]) for name in RESIDUALS}
+    for largest, residual in zip(residuals.values(), found.residual, strict=True):
+        np.maximum.at(largest, slab_stack, residual)
     up, down = (each.reshape(-1, *each.shape[2:]) for each in (flux[:, 0], flux[:, 1]))
     return Orders(kernels.reshape(orders.size, -1, *kernels.shape[3:]), up, down, residuals)
 

@@ -1,13 +1,23 @@
 """The way by modes: section 2.C of Collin, Pattanaik and Bouatouch, all stages for some Fourier orders."""
 
+from collections.abc import Sequence
 from typing import ClassVar
+
+import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import BoolArray, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes, solve_fused_scenes
+from vrte.discrete_ordinates.orders.fused_modes import (
+    Part,
+    find_twins,
+    make_orders,
+    run_fused_modes,
+    solve_by_modes,
+    spread_over_scenes,
+)
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
@@ -31,6 +41,28 @@ def count_repeats(twice: int, kind: str) -> list[tuple[str, str]]:
     return [("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else []
 
 
+def solve_together(
+    asked: Sequence[tuple[Problem, Boundary, IntArray, BoolArray | None]], accuracy: float, run: Run
+) -> list[Orders]:
+    """Orders for several sets of Stokes parameters, by one call: of each its problem, with the layers of all, the base
+    and the orders; of many scenes those that are wanted (order, scene). Residuals are no numbers where a stage failed.
+    """
+    parts = []
+    for problem, boundary, orders, wanted in asked:
+        base, numbers, slab_stack = expand_base(boundary, problem, int(orders[-1]) + 1, accuracy), orders, orders * 0
+        if wanted is not None:
+            row, scene = np.nonzero(wanted)
+            numbers, slab_stack = orders[row], scene.astype(np.int32)
+        parts.append(Part(problem, numbers, slab_stack, base, base.find_rows(numbers, slab_stack)))
+    first = asked[0][0]
+    twin = find_twins(first) if first.scenes == 1 else np.arange(first.layers, dtype=np.int32)
+    found = run_fused_modes(parts, is_quick(first, accuracy), run, twin)
+    return [
+        make_orders(each) if wanted is None else spread_over_scenes(part, orders, wanted, each)
+        for part, each, (_, _, orders, wanted) in zip(parts, found, asked, strict=True)
+    ]
+
+
 class Modes:
     """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
 
@@ -49,10 +81,6 @@ class Modes:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         return solve_by_modes(self.problem, orders, self.base, self.quick, run)[0]
-
-    def solve_scenes(self, orders: IntArray, wanted: BoolArray, run: Run) -> Orders:
-        """Those of the orders that are ``wanted`` (order, scene) of many scenes."""
-        return solve_fused_scenes(self.problem, orders, wanted, self.base, self.quick, run)
 
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:

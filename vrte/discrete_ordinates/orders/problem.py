@@ -1,7 +1,7 @@
 """The discrete problem every stage works on: arrays only, no class of the scene."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TypedDict
 
 import numpy as np
@@ -12,6 +12,7 @@ from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 
 ALL = (0, 1, 2, 3)  # indices of I, Q, U, V
+OF_STOKES = ("phase_arguments", "is_symmetric")  # what is found of a problem and depends on them
 
 
 class PhaseArguments(TypedDict):
@@ -78,7 +79,7 @@ class Problem:
     def phase_arguments(self) -> PhaseArguments:
         """Stokes parameters, layers and directions, as the core takes them."""
         return PhaseArguments(
-            members=np.array(self.stokes, np.int32),
+            members=self.members,
             coefficients=self.coefficients,
             terms=self.terms,
             albedo=self.albedo,
@@ -101,6 +102,11 @@ class Problem:
         }
 
     @cached_property
+    def clear_layers(self) -> IntArray:
+        """1 where nothing scatters and no modes are needed, (scene layer,)."""
+        return ((self.albedo == 0.0) & self.skip_flags.clear).astype(np.int32)
+
+    @cached_property
     def off_nodes(self) -> tuple[Array, IntArray]:
         """Outgoing and incident cosines, each once and ascending, and the place of every one of them."""
         cosines, indices = np.unique(np.concatenate([self.mu_out, self.mu0]), return_inverse=True)
@@ -121,6 +127,14 @@ class Problem:
         own = {name: getattr(self, name)[layers] for name in names}
         return replace_unchecked(self, scenes=1, level=self.level[levels], **own)
 
+    def select_stokes(self, stokes: tuple[int, ...], columns: Array) -> "Problem":
+        """The problem of some Stokes parameters and the incident ``columns`` (n_col, S) of these."""
+        found = object.__new__(Problem)
+        vars(found).update(vars(self), stokes=stokes, columns=columns)
+        for name in OF_STOKES:
+            vars(found).pop(name, None)
+        return found
+
     @property
     def layers(self) -> int:
         """Layers of each scene."""
@@ -136,10 +150,15 @@ class Problem:
         """S n_out."""
         return len(self.stokes) * self.mu_out.size
 
-    @cached_property
+    @property
+    def members(self) -> IntArray:
+        """The Stokes parameters at work, (S,)."""
+        return find_members(self.stokes)[0]
+
+    @property
     def flip(self) -> Array:
         """D of (1:11) on the Stokes parameters at work: the Delta of (1:26)-(1:27), node by node."""
-        return FLIP[list(self.stokes)]
+        return find_members(self.stokes)[1]
 
     @cached_property
     def is_scalar(self) -> bool:
@@ -160,3 +179,12 @@ class Problem:
     def n_rhs(self) -> int:
         """Right-hand sides of every order."""
         return int(self.mu0.size * self.columns.shape[0])
+
+
+@cache
+def find_members(stokes: tuple[int, ...]) -> tuple[IntArray, Array]:
+    """The Stokes parameters, (S,), and D of (1:11) on them."""
+    members, flip = np.array(stokes, np.int32), FLIP[list(stokes)]
+    for each in (members, flip):
+        each.setflags(write=False)
+    return members, flip

@@ -1,11 +1,13 @@
 """The azimuths of a result, folded by mirror symmetry: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1)."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+
+MOST_KEPT, MOST_NUMBERS = 16, 20_000  # of the tables of cosines that are kept: how many, and numbers in each
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +26,37 @@ class Azimuths:
     def cos_sin(self, orders: IntArray) -> tuple[Array, Array]:
         """cos and sin of m phi, (order, n_angle) each, twice for m > 0."""
         name = orders.tobytes()
-        if name not in self._found:
+        found = self._found.get(name)
+        if found is None:
             twice = np.where(orders == 0, 1.0, 2.0)[:, None]
             cosine, sine = compute_cos_sin(orders[:, None] * self.distinct)
-            self._found[name] = twice * cosine, twice * sine
-        return self._found[name]
+            found = twice * cosine, twice * sine
+            if cosine.size <= MOST_NUMBERS:
+                if len(self._found) >= MOST_KEPT:
+                    self._found.clear()
+                self._found[name] = found
+        return found
 
     @cached_property
     def _found(self) -> dict[bytes, tuple[Array, Array]]:
-        """Cosines and sines by their orders: those of one plan."""
+        """Cosines and sines by their orders."""
         return {}
 
 
 def fold_azimuths(phi: Array, mirror: bool = True) -> Azimuths:
     """The azimuths phi (n_phi,), degrees of any size, folded; without ``mirror`` all that differ are distinct.
+    Those asked for again come with what was made of them.
 
     >>> fold_azimuths(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
     [1.0, -1.0, -1.0, 1.0]
     """
+    return fold_again(np.asarray(phi, float).tobytes(), mirror)
+
+
+@lru_cache(maxsize=16)
+def fold_again(numbers: bytes, mirror: bool) -> Azimuths:
+    """The same of numbers as they lie in memory."""
+    phi = np.frombuffer(numbers)
     turn = np.remainder(phi, 360.0)
     mirrored = (turn > 180.0) & mirror
     turned = np.where(mirrored, 360.0 - turn, turn)

@@ -60,28 +60,30 @@ class Part(NamedTuple):
     has_end: bool
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def sort_orders(
     sets: Sets, stages: tuple[int, ...], along_normal: bool, reached: tuple[tuple[int, bool], ...]
-) -> tuple[tuple[Part, tuple[int, ...]], ...]:
+) -> tuple[tuple[tuple[Part, IntArray], ...], bool]:
     """The orders, of which ``sets`` and ``reached`` tell what is solved of each, that are alike; ascending, and I
-    before V."""
+    before V. And whether `are_solved_at_once`."""
     parts: dict[Part, list[int]] = {}
     for order, (found, depth) in enumerate(zip(sets, reached, strict=True)):
         stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in found:
             parts.setdefault(Part(stage, stokes, straight, *depth), []).append(order)
     ordered = sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes))
-    return tuple((part, tuple(members)) for part, members in ordered)
+    members = [np.array(found, np.int32) for _, found in ordered]
+    for each in members:
+        each.setflags(write=False)  # shared by all who ask
+    return tuple(zip((part for part, _ in ordered), members, strict=True)), are_solved_at_once(members)
 
 
-@lru_cache(maxsize=1024)
-def are_solved_at_once(orders: tuple[tuple[int, ...], ...]) -> bool:
+def are_solved_at_once(orders: Sequence[IntArray]) -> bool:
     """Whether the orders of all blocks are solved without a second look at how many are left: where no block begins
     beyond the orders of those before it.
 
-    >>> are_solved_at_once(((0,), (0, 1), (1, 2))), are_solved_at_once(((0, 1), (2, 3)))
-    (True, False)
+    >>> are_solved_at_once([np.array([0]), np.array([0, 1]), np.array([1, 2])])
+    True
     """
     return all(then[0] <= before[-1] for before, then in itertools.pairwise(orders))
 
@@ -111,25 +113,24 @@ def make_blocks(
     if skip_flags.depth and not base_couples_orders:
         reached = tuple(zip(layers[:count], has_end[:count], strict=True))
     steps: dict[tuple[int, bool], DoublingSteps] = {}
-    blocks = []
-    for part, members in sort_orders(sets, stages, along_normal, reached):
-        columns = find_lit_columns(problem, part)
+    blocks, lit = [], (problem.columns != 0.0).tolist()
+    for part, members in sort_orders(sets, stages, along_normal, reached)[0]:
+        columns = find_lit_columns(problem, part, lit, along_normal)
         if not columns:
             continue
         reduced = reduce_problem(problem, part, columns)
         seen = base_couples_orders or (members[0] == 0 and part.stokes[0] == 0) or not skip_flags.base
         below = base if part.has_end and seen else BLACK
-        chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
-        strength = needs.strength[0, chosen]
+        strength = needs.strength[0, members]
         if members[0] == 0 and not problem.is_exact:  # whose flux invariance would not conserve to rounding
             strength = np.concatenate([[1.0], strength[1:]])
-        alone, depth = chosen if below is BLACK else None, (part.layers, part.has_end)
+        alone, depth = members if below is BLACK else None, (part.layers, part.has_end)
         asked = algorithm, reduced, strength, accuracy, eigensolver, alone
         if depth not in steps and eigensolver and algorithm in BY_RULE:
             steps[depth] = count_all_doubling_steps(reduced)
         for indices, choice in choose_algorithms(*asked, steps.get(depth)):
-            blocks.append(Block(chosen[indices], part.stokes, columns, reduced, below, choice, left_out))
+            blocks.append(Block(members[indices], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
 
 
@@ -148,13 +149,14 @@ def make_shared_blocks(
     blocks: list[Block] = []
     wanted: dict[Part, BoolArray] = {}
     for index, count in enumerate(counts.tolist()):
-        parts = sort_orders(sets[index][:count], (), False, (reached,) * count)
-        fits[index] &= are_solved_at_once(tuple(members for _, members in parts))
+        parts, at_once = sort_orders(sets[index][:count], (), False, (reached,) * count)
+        fits[index] &= at_once
         for part, members in parts if fits[index] else ():
             if part not in wanted:
                 wanted[part] = np.zeros((n_order, problem.scenes), bool)
-            wanted[part][list(members), index] = True
-    lit = {part: find_lit_columns(problem, part) for part in wanted}
+            wanted[part][members, index] = True
+    there = (problem.columns != 0.0).tolist()
+    lit = {part: find_lit_columns(problem, part, there) for part in wanted}
     reduced = {part: reduce_problem(problem, part, columns) for part, columns in lit.items()}
     for part, which in wanted.items():
         fits &= find_scenes_for_modes(reduced[part], steps, algorithm, accuracy) | ~which.any(axis=0)
@@ -192,24 +194,27 @@ def explain_normal(problem: Problem) -> str:
     return ""
 
 
-def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
-    """Places of the incident Stokes columns that light the part."""
+def find_lit_columns(
+    problem: Problem, part: Part, there: list[list[bool]], along_normal: bool = False
+) -> tuple[int, ...]:
+    """Places of the incident Stokes columns that light the part; ``there`` (n_col, 4): which are not zero."""
     if not problem.skip_flags.columns:
         return tuple(range(problem.columns.shape[0]))
     lit = list(part.stokes)
-    if (problem.mu0 == 1.0).all():
+    if not along_normal:
+        pass
+    elif (problem.mu0 == 1.0).all():
         lit = [i for i in lit if i in part.straight]
     elif (problem.mu_out == 1.0).all() and not part.straight:
         lit = []
-    columns = problem.columns.tolist()
-    return tuple(index for index, column in enumerate(columns) if any(column[i] != 0.0 for i in lit))
+    return tuple([index for index, column in enumerate(there) if any([column[i] for i in lit])])
 
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem of the part's layers and Stokes parameters."""
     incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
     if part.layers == problem.layers and (part.has_end or np.isinf(problem.thickness[-1])):
-        return replace_unchecked(problem, columns=incident, stokes=part.stokes)
+        return problem.select_stokes(part.stokes, incident)
     thickness = problem.thickness[: part.layers]
     if not part.has_end:
         thickness = thickness.copy()

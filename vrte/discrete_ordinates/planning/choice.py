@@ -118,6 +118,10 @@ class DoublingSteps:
     steps: Array
     slabs: Array
 
+    def select_scene(self, index: int) -> "DoublingSteps":
+        """Of one scene."""
+        return DoublingSteps(self.thin[index], self.thick[index], self.steps[index], self.slabs[index])
+
 
 def count_all_doubling_steps(problem: Problem) -> DoublingSteps:
     """Of all scenes of a problem, whatever the Stokes parameters."""
@@ -141,13 +145,14 @@ def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[Bo
 
 def choose_modes_or_doubling(problem: Problem, doubling: DoublingSteps) -> Choice:
     """Which of the two is right, and predicted to be faster."""
-    if doubling.thin[0]:
+    doubling = doubling.select_scene(0)
+    if doubling.thin:
         return Choice(
             "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         )
-    if doubling.thick[0]:
+    if doubling.thick:
         return Choice("modes", "auto: one layer, one eigenproblem")
-    (doubles,), (ratio,) = compare_with_doubling(problem, doubling)
+    doubles, ratio = compare_with_doubling(problem, doubling)
     words = f"auto: doubling is predicted to take {ratio:.2g} times the time of modes"
     return Choice("doubling" if doubles else "modes", words)
 
@@ -167,7 +172,7 @@ def find_scenes_for_modes(problem: Problem, doubling: DoublingSteps, algorithm: 
 
 def is_top_only(problem: Problem) -> bool:
     """Whether nothing but the light reflected by one semi-infinite layer is asked for."""
-    return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
+    return problem.albedo.size == 1 and math.isinf(problem.thickness[0]) and not problem.level.any()
 
 
 def count_operations_of_modes(problem: Problem) -> float:

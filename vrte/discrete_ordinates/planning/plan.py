@@ -215,7 +215,7 @@ class Plan:
     @cached_property
     def is_solved_at_once(self) -> bool:
         """Whether no block comes after such a count."""
-        return not self.counts_again or are_solved_at_once(tuple([tuple(each.orders.tolist()) for each in self.blocks]))
+        return not self.counts_again or are_solved_at_once([each.orders for each in self.blocks])
 
     @property
     def scenes(self) -> tuple[Scene, ...]:

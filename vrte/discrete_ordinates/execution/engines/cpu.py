@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,12 +31,11 @@ from vrte.discrete_ordinates.execution.sums import (
     split_into_pieces,
     weigh_scatterers,
 )
-from vrte.discrete_ordinates.orders.modes import Modes
+from vrte.discrete_ordinates.orders.modes import Modes, solve_together
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, Route, make_route
 from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
@@ -65,7 +64,7 @@ class Processor:
                 continue
             request, problem = plan.request, plan.problem
             result = plan.wanted.doubles(request.phi.size)
-            if plan.spreads.any():
+            if plan.truncation.spread != "none" and plan.spreads.any():
                 result += count_scratch_doubles(request.scene)
             if not run.brief or BYTES * result > ALWAYS_THERE:
                 check_memory(problem, plan.blocks, result, plan.azimuths, run.threads)
@@ -84,13 +83,11 @@ class Processor:
             found = run_jobs(run, [job.solve for job in jobs], lambda done: told(ahead[done - 1]))
             parts = [[part for job, part in zip(jobs, found, strict=True) if job.piece is each] for each in pieces]
             return [make_answer(piece, *join_found(part)) for piece, part in zip(pieces, parts, strict=True)]
+        if are_for_one_call(pieces, run):
+            return solve_in_one_call(pieces, run, told)
         answers: list[Answer] = []
         before = 0
         for piece in pieces:
-            if piece.block.wanted is not None:
-                of_scenes = solve_scenes(piece.block, piece.plan.accuracy, run)
-                answers.append(make_answer(piece, piece.orders, of_scenes, {}))
-                continue
             own = choose_threads(run, piece.problem, piece.orders)
             asked = piece.problem, piece.block.base, piece.orders, piece.name, own, piece.plan.accuracy
             answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, told, before))))
@@ -113,8 +110,8 @@ class Processor:
 
         def add(share: Share, own: Run = run) -> None:
             part = share.part
-            for light, cosine, sine in prepared:
-                with own.timed("fourier sum") as crew:
+            with own.timed("fourier sum") as crew:
+                for light, cosine, sine in prepared:
                     own.kernels.azimuthal_sum(
                         crew,
                         kernels=light.kernels,
@@ -261,11 +258,29 @@ def solve_orders(
     return join_found(found)
 
 
-def solve_scenes(block: Block, accuracy: float, run: Run) -> Orders:
-    """A block of orders of many scenes: whoever asks looks at the residuals of each."""
-    assert block.wanted is not None
-    route = Modes(block.problem, block.base, int(block.orders[-1]) + 1, accuracy)
-    return route.solve_scenes(block.orders, block.wanted, run)
+def are_for_one_call(pieces: Sequence[Piece], run: Run) -> bool:
+    """Whether pieces are small and differ in orders and Stokes parameters alone: then what stands between calls takes
+    longer than the calls."""
+    first = pieces[0].problem
+    small = run.kernels is _core and run.threads == 1 and (run.brief or first.scenes > 1) and first.media is None
+    return small and all(
+        piece.name == "modes" and not piece.tried and piece.problem.thickness is first.thickness for piece in pieces
+    )
+
+
+def solve_in_one_call(pieces: Sequence[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+    """The answers of these; a piece in doubt is solved by itself, which says why. Of many scenes whoever asks looks at
+    the residuals of each."""
+    asked = [(piece.problem, piece.block.base, piece.orders, piece.block.wanted) for piece in pieces]
+    answers = []
+    for piece, found in zip(pieces, solve_together(asked, pieces[0].plan.accuracy, run), strict=True):
+        if piece.block.wanted is None and find_doubts(found, Modes.allowed):
+            own = piece.problem, piece.block.base, piece.orders, piece.name, run, piece.plan.accuracy
+            answers.append(make_answer(piece, *solve_orders(*own)))
+        else:
+            answers.append(make_answer(piece, piece.orders, found, {}))
+    told(sum(piece.orders.size for piece in pieces))
+    return answers
 
 
 def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
@@ -303,15 +318,7 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
         found = route.solve(orders, run)
     except AccuracyError as error:
         return orders[:0], None, dict.fromkeys(orders.tolist(), str(error))
-    doubts: dict[int, str] = {}
-    for name, values in found.residuals.items():
-        for index, value in enumerate(values.tolist()):
-            if not value <= route.allowed[name]:
-                doubts[index] = f"{name} {value:.2g}, allowed {route.allowed[name]:g}"
-    finite = np.isfinite(found.kernels)
-    if not finite.all():
-        for index in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
-            doubts[index] = "the answer is not finite"
+    doubts = find_doubts(found, route.allowed)
     if not doubts:
         return orders, found, {}
     kept = np.setdiff1d(np.arange(orders.size), list(doubts))
@@ -320,12 +327,34 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
     return orders[kept], right, {int(orders[index]): doubts[index] for index in sorted(doubts)}
 
 
+@lru_cache(maxsize=256)
+def make_index(places: tuple[int, ...]) -> IntArray:
+    """Places of columns, as the core takes them."""
+    found = np.array(places, np.int32)
+    found.setflags(write=False)  # shared by all who ask
+    return found
+
+
+def find_doubts(found: Orders, allowed: Mapping[str, float]) -> dict[int, str]:
+    """What is wrong with each of the orders that cannot be verified, by their places among those found."""
+    doubts: dict[int, str] = {}
+    for name, values in found.residuals.items():
+        for index, value in enumerate(values.tolist()):
+            if not value <= allowed[name]:
+                doubts[index] = f"{name} {value:.2g}, allowed {allowed[name]:g}"
+    finite = np.isfinite(found.kernels)
+    if not finite.all():
+        for index in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
+            doubts[index] = "the answer is not finite"
+    return doubts
+
+
 def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
     """What is found for the orders that are verified."""
     if found is None or not orders.size:
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels
-    light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
+    light = Light(orders, block.problem.members, make_index(block.columns), kernels)
     flux = np.array([found.flux_up, found.flux_down])
     if piece.plan.is_solved_at_once:
         return Answer(light, flux, None, None, found.residuals, doubts)
