@@ -62,6 +62,7 @@ def beam(**keywords: Any) -> dict[str, Any]:
 TWICE = vrte.Scene([layer(), layer(GREY, 0.5), layer(thickness=0.5)], LAMBERTIAN)
 CLEAR = vrte.Scene([layer(), layer(GREY, 0.0, 0.8), layer(vrte.rayleigh(), 1.0)], LAMBERTIAN)
 ONE = vrte.Scene([layer()], LAMBERTIAN)
+SATIN = vrte.Scene([vrte.Interface(1.0, 1.5, 0.3), layer(vrte.henyey_greenstein(0.2, 24))], LAMBERTIAN)
 SEMI_INFINITE = vrte.Scene([layer(thickness=np.inf)])
 DARK = vrte.Scene([layer(albedo=0.5, thickness=9.0), layer(thickness=20.0), layer(GREY)], LAMBERTIAN)
 DEEP_CLEAR = vrte.Scene([layer(), layer(GREY, 0.0, np.inf)])
@@ -76,6 +77,7 @@ CASES = [
     Case("columns", "brdf", ONE, table(), "right-hand sides without light"),
     Case("orders", "brdf", ONE, table(nodes=16, accuracy=1e-6), "together they add less", 1e-6),
     Case("orders", "radiance", ONE, beam(nodes=16, accuracy=1e-9), "together they add less", 1e-9),
+    Case("orders", "brdf", SATIN, table(nodes=24, accuracy=1e-4), "together they add less", 1e-4),
     Case("single", "brdf", ONE, table(transmission=True), "in closed form"),
     Case("single", "radiance", CLEAR, beam(stokes=[1.0, 0.0, 0.5, -0.5], phi=[0.0, 200.0]), "in closed form"),
     Case("fluxes", "radiance", ONE, beam(mu=[]), "fluxes alone"),

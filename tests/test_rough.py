@@ -12,7 +12,7 @@ from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.refracting import Refracting
-from vrte.discrete_ordinates.orders.rough import expand_interface
+from vrte.discrete_ordinates.orders.rough import TOGETHER, expand_interface
 from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.optics.facets import RoughSurface
@@ -61,8 +61,8 @@ def test_a_boundary_condition_is_what_joins_find(layers: list[Any], base: Any, t
     scene, first = vrte.Scene(layers, base), np.arange(len(tau)) < under
     problem, orders = discretise_scene(scene, *directions, 8, under=first), np.arange(6, dtype=np.int32)
     slabs = partial(respond, "modes", quick=True)
-    found = make_route("modes", problem, scene.below, 6, 1e-8).solve(orders, Run(1))
-    expected = Refracting(slabs, problem, scene.below, 6, 1e-8).solve(orders, Run(1))
+    found = make_route("modes", problem, scene.below, 1 + TOGETHER, 1e-8).solve(orders, Run(1))
+    expected = Refracting(slabs, problem, scene.below, 1 + TOGETHER, 1e-8).solve(orders, Run(1))
     assert_close(found.kernels, expected.kernels, rtol=0.0, atol=1e-13 * expected.kernels.max())
     for name in ("flux_up", "flux_down"):  # by integrals of order 0 alone, to their accuracy
         assert_close(getattr(found, name), getattr(expected, name), rtol=0.0, atol=1e-10)
@@ -169,3 +169,24 @@ def test_white_stays_white_under_facets_that_conserve() -> None:
         f = vrte.brdf(vrte.Scene([surface, layer], base), mu_i=[0.2, 1.0], mu_o=0.5, phi=0.0, nodes=24)
         assert_close(f.reflectance, 1.0, rtol=0.0, atol=allowed)
     assert f.reflectance.max() < 0.8
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_orders_left_out_under_facets_are_faint(seed: int) -> None:
+    """Random paints under random facets: no order exceeds its bound, and the light it is compared with is there."""
+    rng = np.random.default_rng(seed)
+    index, alpha = rng.uniform(1.2, 2.2), 10.0 ** rng.uniform(-1.2, 0.0)
+    kind: Any = rng.choice(["beckmann", "ggx"])
+    media = (1.0, index) if seed % 3 else (index, 1.0)
+    surface = vrte.Interface(*media, alpha, kind, conserving=bool(seed % 2))
+    phases = [vrte.rayleigh(0.1), vrte.henyey_greenstein(rng.uniform(0.2, 0.8), 24)]
+    layers = [vrte.Layer(phase, rng.uniform(0.5, 1.0), 10.0 ** rng.uniform(-2.0, 1.5)) for phase in phases]
+    scene = vrte.Scene([surface, *layers], vrte.Lambertian(0.4) if seed % 2 else None)
+    mu, asked = [0.1, 0.6, 1.0], {"nodes": 8, "accuracy": 1e-5}
+    plan = vrte.plan("brdf", scene, mu, mu, [0.0, 70.0, 180.0], **asked)
+    problem, last = plan.problem, plan.problem.coefficients.shape[1]
+    found = make_route("modes", problem, scene.below, last, 1e-8).solve(np.arange(last, dtype=np.int32), Run(1))
+    largest = np.abs(found.kernels).max(axis=(3, 4, 5))
+    np.testing.assert_array_less(largest[1:], plan.bounds[0, 1:] + 1e-9)  # the normal is 1e-8 off
+    assert [block.stokes for block in plan.blocks[:2]] == [(0, 1), (2, 3)]
+    assert (plan.brightest[0, 0] <= np.abs(found.kernels[0, 0, :, 0, :, 0]).max(axis=1)).all()

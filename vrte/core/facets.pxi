@@ -4,6 +4,8 @@
 cdef enum:
     AZIMUTHS = 128      # of one product of matrices
 
+cdef double WIDEST = 0.5    # radians: a piece of azimuth where facets reflect totally, or nearly: at 1 they miss 1e-6
+
 
 cdef struct Samples:
     # some azimuths of a pair: weight times f (azimuth, 8) of the blocks with cos and of those with sin; cos and sin of
@@ -89,6 +91,7 @@ cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept n
         p.common *= 0.25
         if f.absorption == 0.0 and n < 1.0:
             cosine, unit = 2.0 * n * n - 1.0 + mu_i * mu_o, p.sine_i * p.sine_o      # where sin^2 of incidence is n^2
+            longest = min(longest, WIDEST)
             if fabs(cosine) < unit:
                 critical = acos(cosine / unit)
     p.across, p.vertical = p.across * p.across, p.vertical * p.vertical

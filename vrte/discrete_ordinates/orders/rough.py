@@ -8,6 +8,7 @@ the mean of both.
 Light is as it is where it comes from above: from below it is the same surface in a mirror (vrte/optics/facets.py).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from vrte.optics.facets import RoughSurface
 from vrte.scene.interface import Interface
 
 _EXPANDED = Remembered()
+TOGETHER = 8  # orders but 0 that facets are integrated for at once
 REFLECTED, TRANSMITTED = np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([1.0, 1.0, 1.0, -1.0])  # Q, and of orders Q D
 
 
@@ -116,7 +118,8 @@ def expand_top(
     accuracy: float,
 ) -> TopOrders:
     """What matters of a rough interface above layers in the orders 0 .. n_order - 1; beams from above, ``seen`` above
-    and below. It is remembered."""
+    and below. It is remembered, order 0 or up to a multiple of TOGETHER: blocks of orders come one after another."""
+    asked, n_order = n_order, 1 if n_order == 1 else 1 + TOGETHER * math.ceil((n_order - 1) / TOGETHER)
     placed = (nodes.highest, nodes.depth, nodes.measure, beams, *seen)
     key = "top", interface, nodes.panels, tuple(part.tobytes() for part in placed), n_order, accuracy
 
@@ -141,7 +144,8 @@ def expand_top(
         power = weights * mu
         return back, up, down, *(np.einsum("iob,o->ib", part[0, ..., 0, :], power) for part in (rising, mirrored))
 
-    return TopOrders(*_EXPANDED.find(key, integrate))
+    back, up, down, leaving, mirrored = _EXPANDED.find(key, integrate)
+    return TopOrders(back[:asked], up[:asked], down[:asked], leaving, mirrored)
 
 
 def add_lost(

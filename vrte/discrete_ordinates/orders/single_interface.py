@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough import expand_top
+from vrte.discrete_ordinates.orders.rough import TopOrders, expand_top
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
@@ -28,6 +28,27 @@ def is_under_one_surface(media: Media) -> bool:
     return first is not None and not any(others) and not media.scene.below.keeps_beams
 
 
+def find_depths_within(media: Media) -> BoolArray:
+    """Which depths lie below the surface on top, (n_tau,)."""
+    found: BoolArray = (media.depths.interface != 0) | media.depths.under
+    return found
+
+
+def expand_rough_top(problem: Problem, n_order: int, accuracy: float) -> TopOrders:
+    """What a rough surface on top of a problem's layers does in so many orders; directions seen below are those of
+    depths below it, and none without such depths."""
+    media = problem.media
+    assert media is not None and media.scene.interfaces[0] is not None
+    above, below, *_ = replace_dark(list_sights(media, problem.mu_out).cosines)
+    seen = above, below if find_depths_within(media).any() else np.zeros(0)
+    return expand_top(media.scene.interfaces[0], media.nodes, problem.mu0, seen, n_order, accuracy)
+
+
+def replace_dark(cosines: Array) -> Array:
+    """The cosines with the normal in the place of directions that light does not go."""
+    return np.where(cosines > 0.0, cosines, 1.0)
+
+
 class SingleInterface(ABC):
     """Modes of layers under one interface, which is a boundary condition at their top."""
 
@@ -37,9 +58,8 @@ class SingleInterface(ABC):
         assert problem.media is not None
         self.problem, self.media, self.quick = problem, problem.media, quick
         self.sights = list_sights(self.media, problem.mu_out)
-        seen = self.sights.cosines
-        self.seen = np.where(seen > 0.0, seen, 1.0)  # light that does not go there is dark
-        self.within = (self.media.depths.interface != 0) | self.media.depths.under  # depths below the surface
+        self.seen = replace_dark(self.sights.cosines)
+        self.within = find_depths_within(self.media)
         nodes, weights = self.media.nodes.carried(self.media.scene.indices[0])
         self.inside = self.enter(replace(problem, nodes=nodes, weights=weights), n_order, accuracy)
         self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
@@ -148,16 +168,13 @@ class UnderRough(SingleInterface):
     scattered by facets alone it is seen in closed form."""
 
     def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
-        interface = self.media.scene.interfaces[0]
-        assert interface is not None
-        below = self.within.any()
-        seen = self.seen[0], self.seen[1] if below else np.zeros(0)
-        self.orders = expand_top(interface, self.media.nodes, problem.mu0, seen, n_order, accuracy)
+        self.orders, below = expand_rough_top(problem, n_order, accuracy), self.within.any()
+        seen = self.seen[1] if below else np.zeros(0)
         return replace(
             problem,
             mu0=np.ones(problem.mu0.size),  # of no beam
-            mu_out=np.concatenate([seen[1], seen[1]]),
-            n_up=seen[1].size,
+            mu_out=np.concatenate([seen, seen]),
+            n_up=seen.size,
             level=problem.level if below else np.zeros(1),
             level_layer=problem.level_layer if below else np.zeros(1, np.int32),
         )

@@ -19,6 +19,7 @@ from vrte.discrete_ordinates.planning.choice import (
     count_all_doubling_steps,
     find_scenes_for_modes,
 )
+from vrte.discrete_ordinates.planning.facet_bounds import couples_orders
 from vrte.discrete_ordinates.planning.order_bounds import (
     OrderBounds,
     Sets,
@@ -99,9 +100,13 @@ def make_blocks(
     eigensolver: bool = True,
 ) -> list[Block]:
     """So many orders of one scene, sorted into blocks. No block goes across the orders in ``stages``."""
-    rough = problem.media is not None and problem.media.scene.is_rough
-    base_couples_orders, mixed, skip_flags = base.is_uneven or rough, base.mixes_stokes or rough, problem.skip_flags
-    sets = list_stokes_sets(problem)[0][:count] if skip_flags.stokes and not mixed else ((ALL,),) * count
+    base_couples_orders, skip_flags = couples_orders(problem, base), problem.skip_flags
+    sets: Sets = ((ALL,),) * count
+    if skip_flags.stokes and not base.mixes_stokes:
+        sets = list_stokes_sets(problem)[0][:count]
+        rough = problem.media is not None and problem.media.scene.is_rough
+        if rough and base_couples_orders:  # facets scatter all of them, and at order 0 keep (I, Q) and (U, V) apart
+            sets = (((0, 1), (2, 3)), *[(ALL,)] * (count - 1))
     careful = TRAPPED if problem.media is not None else 1.0
     layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between

@@ -139,11 +139,13 @@ def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -
     )
 
 
-def choose_stages(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
+def choose_stages(
+    bounds: Array, brightest: Array, accuracy: float, careful: Sequence[float] = CAREFUL
+) -> tuple[int, ...]:
     """Orders before which the bounds of a scene are compared with what was found: those that would be the first to be
-    left out, at the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
+    left out, at the depth that needs fewest and at the one that needs most, were the bounds too ``careful`` by a factor."""
     by_depth = bounds[0].transpose(1, 0, 2)[:, :, None].copy(), brightest[0][:, None].copy()
-    counts = [count_orders_that_matter(*by_depth, careful * accuracy) for careful in CAREFUL]
+    counts = [count_orders_that_matter(*by_depth, factor * accuracy) for factor in careful]
     ends = {int(end) for count in counts for end in (count.min(), count.max())}
     return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in ends}))
 
@@ -223,7 +225,10 @@ def list_stokes_sets(problem: Problem) -> list[Sets]:
     scatter."""
     if problem.media is not None:
         (sets,) = list_stokes_sets(replace_unchecked(problem, media=None))
-        return [tuple(join_stokes_sets(found) for found in sets)]
+        joined = [join_stokes_sets(found) for found in sets]
+        if problem.media.scene.is_rough:  # whose facets turn Q into U at any order but 0
+            joined[1:] = [(ALL,) if found else () for found in joined[1:]]
+        return [tuple(joined)]
     n_order = problem.coefficients.shape[1]
     if problem.is_scalar:
         return [(((0,),),) * n_order] * problem.scenes

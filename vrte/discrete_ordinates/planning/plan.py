@@ -33,8 +33,14 @@ from vrte.discrete_ordinates.planning.choose_quadrature import (
     find_next_count,
     take_given_nodes,
 )
+from vrte.discrete_ordinates.planning.facet_bounds import (
+    CAREFUL_UNDER_FACETS,
+    bound_orders_under_facets,
+    couples_orders,
+)
 from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
 from vrte.discrete_ordinates.planning.order_bounds import (
+    CAREFUL,
     ORDERS,
     OrderBounds,
     choose_stages,
@@ -205,7 +211,7 @@ class Plan:
     @property
     def base_couples_orders(self) -> bool:
         """Whether the base, or a rough surface, sends back orders or Stokes parameters that no layer scatters."""
-        return self.request.scene.below.is_uneven or self.request.scene.is_rough
+        return couples_orders(self.problem, self.request.scene.below)
 
     @property
     def counts_again(self) -> bool:
@@ -352,7 +358,11 @@ def make_plan(
         problem = replace_unchecked(problem, skip_flags=skip_flags)
     within, seen = view_from_densest_medium(problem, mu)
     needs, bounds, brightest = look_at_orders([scene], within, seen, request, run)
-    uneven = scene.below.is_uneven or scene.is_rough
+    uneven = couples_orders(problem, scene.below)
+    careful = CAREFUL
+    if scene.is_rough and not uneven and not request.fluxes_only:
+        careful = CAREFUL_UNDER_FACETS
+        bounds, brightest = bound_orders_under_facets(problem, needs.strength[0], accuracy)
     stages: tuple[int, ...] = ()
     last, left_out = problem.coefficients.shape[1] - 1, {}
     if request.fluxes_only and skip_flags.fluxes and not uneven:
@@ -361,7 +371,7 @@ def make_plan(
         count = last + 1
     else:
         count = int(count_orders_that_matter(bounds, brightest, accuracy)[0])
-        stages = choose_stages(bounds, brightest, accuracy) if is_worth_stages(problem, count) else ()
+        stages = choose_stages(bounds, brightest, accuracy, careful) if is_worth_stages(problem, count) else ()
         if count <= last:
             left_out["orders"] = (
                 f"multiple scattering of {write_numbers(range(count, last + 1), 'order')}: together they add less than "
