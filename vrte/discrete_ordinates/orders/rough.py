@@ -128,8 +128,7 @@ def expand_top(
         (mu, weights), (inner, _) = nodes.carried(interface.index_above), nodes.carried(interface.index_below)
         gain = (interface.index_below / interface.index_above) ** 2
         back = reflect_off_facets(below, nodes, none, seen[1], n_order, accuracy)
-        through = gather_orders(below, True, nodes, np.concatenate([seen[0], beams]), n_order, accuracy)
-        up, down = through[:, :, : seen[0].size], turn_way(gain * through[:, :, seen[0].size :], TRANSMITTED)
+        up, down = send_through(interface, nodes, beams, seen[0], n_order, accuracy)
         # fluxes are of order 0 alone
         rising, falling = (
             gather_orders(facets, True, nodes, to, 1, accuracy) for facets, to in ((below, mu), (above, inner))
@@ -137,8 +136,6 @@ def expand_top(
         rising = join_ways(rising, falling / gain, (inner.size, 0, 0), (mu.size, 0, 0), TRANSMITTED)
         mirrored = turn_way(gather_orders(above, False, nodes, beams, 1, accuracy), REFLECTED)
         if interface.conserving:
-            add_lost(up, below, True, (inner, none), (none, seen[0]))
-            add_lost(down, above, True, (none, beams), (inner, none))
             add_lost(rising, below, True, (inner, none), (mu, none))
             add_lost(mirrored, above, False, (none, beams), (mu, none))
         power = weights * mu
@@ -146,6 +143,21 @@ def expand_top(
 
     back, up, down, leaving, mirrored = _EXPANDED.find(key, integrate)
     return TopOrders(back[:asked], up[:asked], down[:asked], leaving, mirrored)
+
+
+def send_through(
+    interface: Interface, nodes: RefractedNodes, beams: Array, seen: Array, n_order: int, accuracy: float
+) -> tuple[Array, Array]:
+    """R^m of light let through, from nodes below to directions ``seen`` above, (order, node, out, 4, 4), and down from
+    beams to these nodes, (order, beam, node, 4, 4)."""
+    above, below, none = interface.facets, interface.turned.facets, np.zeros(0)
+    gain, (mu, _) = (interface.index_below / interface.index_above) ** 2, nodes.carried(interface.index_below)
+    through = gather_orders(below, True, nodes, np.concatenate([seen, beams]), n_order, accuracy)
+    up, down = through[:, :, : seen.size], turn_way(gain * through[:, :, seen.size :], TRANSMITTED)
+    if interface.conserving:
+        add_lost(up, below, True, (mu, none), (none, seen))
+        add_lost(down, above, True, (none, beams), (mu, none))
+    return up, down
 
 
 def add_lost(

@@ -38,10 +38,12 @@ def expand_rough_top(problem: Problem, n_order: int, accuracy: float) -> TopOrde
     """What a rough surface on top of a problem's layers does in so many orders; directions seen below are those of
     depths below it, and none without such depths."""
     media = problem.media
-    assert media is not None and media.scene.interfaces[0] is not None
+    assert media is not None
+    surface = media.scene.interfaces[0]
+    assert surface is not None
     above, below, *_ = replace_dark(list_sights(media, problem.mu_out).cosines)
     seen = above, below if find_depths_within(media).any() else np.zeros(0)
-    return expand_top(media.scene.interfaces[0], media.nodes, problem.mu0, seen, n_order, accuracy)
+    return expand_top(surface, media.nodes, problem.mu0, seen, n_order, accuracy)
 
 
 def replace_dark(cosines: Array) -> Array:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from vrte.basics.memory import BYTES, PIECE_BYTES, TILE_DOUBLES, check_bytes, count_orders_at_once
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import ROUTES
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.optics.facet_integrals import DOUBLES_AT_ONCE
@@ -45,5 +46,6 @@ def count_doubles_of_block(block: Block, threads: int) -> float:
     rough = 0 if problem.media is None else sum(not each.is_smooth for each in problem.media.scene.interfaces if each)
     if rough:  # of all orders, four ways, in the frame of facets and in the solver's; integrals on their way
         pairs = float(problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
-        base += rough * 1.5 * 64.0 * n_order * pairs + 2.0 * DOUBLES_AT_ONCE
+        ways = 1.5 if problem.media is not None and is_under_one_surface(problem.media) else 4.0
+        base += rough * 1.5 * 16.0 * ways * n_order * pairs + 2.0 * DOUBLES_AT_ONCE
     return min(n_order, count_orders_at_once(per_order, threads)) * per_order + threads * per_thread + base

@@ -143,7 +143,8 @@ def choose_stages(
     bounds: Array, brightest: Array, accuracy: float, careful: Sequence[float] = CAREFUL
 ) -> tuple[int, ...]:
     """Orders before which the bounds of a scene are compared with what was found: those that would be the first to be
-    left out, at the depth that needs fewest and at the one that needs most, were the bounds too ``careful`` by a factor."""
+    left out, at the depth that needs fewest and at the one that needs most, were the bounds ``careful`` times too
+    large."""
     by_depth = bounds[0].transpose(1, 0, 2)[:, :, None].copy(), brightest[0][:, None].copy()
     counts = [count_orders_that_matter(*by_depth, factor * accuracy) for factor in careful]
     ends = {int(end) for count in counts for end in (count.min(), count.max())}

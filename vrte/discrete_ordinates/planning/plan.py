@@ -359,10 +359,10 @@ def make_plan(
     within, seen = view_from_densest_medium(problem, mu)
     needs, bounds, brightest = look_at_orders([scene], within, seen, request, run)
     uneven = couples_orders(problem, scene.below)
-    careful = CAREFUL
+    careful: tuple[float, ...] = CAREFUL
     if scene.is_rough and not uneven and not request.fluxes_only:
         careful = CAREFUL_UNDER_FACETS
-        bounds, brightest = bound_orders_under_facets(problem, needs.strength[0], accuracy)
+        bounds, brightest = bound_orders_under_facets(problem, needs.strength[0])
     stages: tuple[int, ...] = ()
     last, left_out = problem.coefficients.shape[1] - 1, {}
     if request.fluxes_only and skip_flags.fluxes and not uneven:
