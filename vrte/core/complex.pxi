@@ -1,5 +1,8 @@
 ctypedef double complex cplx
 
+cdef extern from "core/gains.h":
+    double vrte_exp_difference(double a, double b) noexcept nogil
+
 
 # Small complex functions. Divided differences of exp make every resonance (mu0 on a node, on the reciprocal
 # of an eigenvalue, mu = mu0) an ordinary case.
@@ -59,6 +62,8 @@ cdef inline cplx c_sqrt(cplx z) noexcept nogil:
 cdef inline cplx exp_difference(cplx a, cplx b) noexcept nogil:
     """exp[a, b] = (e^a - e^b)/(a - b), and e^a where they meet."""
     cdef cplx gap
+    if a.imag == 0.0 and b.imag == 0.0:
+        return make(vrte_exp_difference(a.real, b.real), 0.0)
     if a.real < b.real:
         a, b = b, a
     gap = b - a

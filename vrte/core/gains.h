@@ -1,3 +1,4 @@
+#pragma once
 #include <math.h>
 
 #include "constants.h"
@@ -12,10 +13,23 @@ typedef struct {
     const double *mu, *passed, *decayed, *half, *gone;
 } vrte_arrival;
 
+/* sinh(x)/x by its series; square: x^2, up to 1/4. */
+VRTE_INLINE double vrte_sinh_over(double square) {
+    double sum = 1.0 / 6227020800.0 + square * (1.0 / 1307674368000.0);
+    sum = 1.0 / 362880.0 + square * (1.0 / 39916800.0 + square * sum);
+    return 1.0 + square * (1.0 / 6.0 + square * (1.0 / 120.0 + square * (1.0 / 5040.0 + square * sum)));
+}
+
+/* (e^a - e^b)/(a - b), and e^a where they meet: e^((a + b)/2) sinh(x)/x with x = (a - b)/2 where these are close. */
+static double vrte_exp_difference(double a, double b) {
+    double gap = a - b;
+    if (fabs(gap) > 1.0) return (exp(a) - exp(b)) / gap;
+    return exp(0.5 * (a + b)) * vrte_sinh_over(0.25 * gap * gap);
+}
+
 /* Columns of the gains of one real mode, lam = k^2: amplitudes of the even and the odd mode to radiance, and
    (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1), 0 near resonance. The integrals are those of `decaying_integrals` and
-   `hyperbolic_integrals`; sine: the latter's, or NULL. (e^-a - e^-b)/(b - a) is e^(-(a + b)/2) sinh(x)/x with
-   x = (b - a)/2, by its series where b - a is small. */
+   `hyperbolic_integrals`; sine: the latter's, or NULL. */
 VRTE_INLINE void vrte_real_gains(const vrte_arrival* p, double lam, const double* sine, const double* VRTE_OWN g_e,
                                  const double* VRTE_OWN g_f, double* VRTE_OWN even, double* VRTE_OWN odd,
                                  double* VRTE_OWN beam) {
@@ -28,12 +42,9 @@ VRTE_INLINE void vrte_real_gains(const vrte_arrival* p, double lam, const double
     const double at_far = !upward && p->thickness > SEMI_INFINITE ? 0.0 : exp(-p->far * k);
     for (int i = 0; i < rows; i++) {
         double ahead = 1.0 / (1.0 + mu[i] * k), behind = mu[i] * k + side, gap = passed[i] - along;
-        double x = 0.25 * gap * gap, small = x < 0.25 ? x : 0.25, near;
+        double x = 0.25 * gap * gap, small = x < 0.25 ? x : 0.25;
         double distant = (mode_decayed - decayed[i]) / gap, wanted = 1.0 / behind; /* of no use where these are small */
-        near = 1.0 / 6227020800.0 + small * (1.0 / 1307674368000.0);
-        near = 1.0 / 362880.0 + small * (1.0 / 39916800.0 + small * near);
-        near = 1.0 + small * (1.0 / 6.0 + small * (1.0 / 120.0 + small * (1.0 / 5040.0 + small * near)));
-        near *= mode_half * half[i];
+        double near = mode_half * half[i] * vrte_sinh_over(small);
         even[i] = at_far * (mode_gone + mode_decayed * gone[i]) * ahead;
         odd[i] = passed[i] * (x > 0.25 ? distant : near);
         beam[i] = fabs(behind) < RESONANT ? 0.0 : wanted;

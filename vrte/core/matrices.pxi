@@ -6,6 +6,8 @@ cdef extern from "core/small.h":
         VRTE_BROAD      # right-hand sides at a time
     ctypedef void vrte_unmix_form(int, int, const double*, size_t, size_t, int, int, double*, int) noexcept nogil
     ctypedef void vrte_unmix_rows_form(int, int, const double*, int, int, double*, int) noexcept nogil
+    ctypedef void vrte_add_product_form(int, int, double, const double*, int, const double*, double*) noexcept nogil
+    vrte_add_product_form* vrte_add_product_best(bint wide) noexcept nogil
     vrte_unmix_form* vrte_unmix_best(bint wide) noexcept nogil
     vrte_unmix_rows_form* vrte_unmix_rows_best(bint wide) noexcept nogil
 
@@ -16,8 +18,7 @@ cdef enum:
 cdef inline void product(char a_form, char b_form, int rows, int columns, int inner, double scale,
                          given a, int lda, given b, int ldb, double add, doubles c, int ldc) noexcept nogil:
     """c = scale op(a) op(b) + add c."""
-    cdef int one = 1, i, k
-    cdef double factor
+    cdef int one = 1, i
     if rows <= 0 or columns <= 0:
         return
     if columns == 1 and a_form == b"N" and b_form == b"N":
@@ -26,10 +27,7 @@ cdef inline void product(char a_form, char b_form, int rows, int columns, int in
             return
         for i in range(rows):      # here a call of BLAS would take longer than its work
             c[i] = add * c[i] if add != 0.0 else 0.0
-        for k in range(inner):
-            factor = scale * b[k]
-            for i in range(rows):
-                c[i] += factor * a[<size_t>k * lda + i]
+        vrte_add_product_best(True)(rows, inner, scale, a, lda, b, c)
     else:
         dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <doubles>a, &lda, <doubles>b, &ldb, &add, c, &ldc)
 

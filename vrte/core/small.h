@@ -20,6 +20,17 @@ VRTE_INLINE void vrte_subtract_columns(int n, int count, const double* VRTE_OWN 
     }
 }
 
+/* out += factor a x, a (n, count). */
+VRTE_INLINE void vrte_add_product(int n, int count, double factor, const double* VRTE_OWN a, int lda,
+                                  const double* VRTE_OWN x, double* VRTE_OWN out) {
+    double scaled[VRTE_BROAD];
+    for (int first = 0; first < count; first += VRTE_BROAD) {
+        int here = count - first < VRTE_BROAD ? count - first : VRTE_BROAD;
+        for (int k = 0; k < here; k++) scaled[k] = -factor * x[first + k];
+        vrte_subtract_columns(n, here, a + (size_t)first * lda, lda, scaled, 1, out);
+    }
+}
+
 /* x <- x T^-1, x (rows, n): column j is freed of the others that T (n, n) mixes into it, those before it if T is upper,
    those after it else, t[i before + j after] of column i, and divided by its own unless that is one. */
 VRTE_INLINE void vrte_unmix(int rows, int n, const double* t, size_t before, size_t after, int upper, int ones,
@@ -50,3 +61,6 @@ VRTE_TWICE(void, vrte_unmix,
            vrte_unmix(rows, n, t, before, after, upper, ones, x, ldx))
 VRTE_TWICE(void, vrte_unmix_rows, (int n, int columns, const double* lu, int lda, int upper, double* x, int ldx),
            vrte_unmix_rows(n, columns, lu, lda, upper, x, ldx))
+VRTE_TWICE(void, vrte_add_product,
+           (int n, int count, double factor, const double* a, int lda, const double* x, double* out),
+           vrte_add_product(n, count, factor, a, lda, x, out))
