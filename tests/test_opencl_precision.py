@@ -38,7 +38,7 @@ def test_nothing_is_double_in_single_precision() -> None:
     assert "-cl-single-precision-constant" in OPTIONS_OF["single"]
     left = EITHER.sub(r"\1", COMMENT.sub("", read_sources("single")))
     assert "#define real float\n" in left
-    assert not re.search(r"double|fp64|\blong4\b|#ifdef", left)
+    assert not re.search(r"\bdouble\d*\b|fp64|\blong4\b|#ifdef", left)
 
 
 def test_sessions_of_both_precisions(opencl: Any) -> None:

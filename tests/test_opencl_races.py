@@ -22,13 +22,6 @@ pytestmark = [
 ROOT = Path(__file__).parents[1]
 # its compiler's optimiser makes instructions that oclgrind does not know
 COMMAND = ["oclgrind", "--build-options", "-O0 -cl-opt-disable", "--local-mem-size", "131072", "--num-threads", "1"]
-NEVER_IN_FLOATS = {"diagonal_gap", "divide_by_rates", "lead_straight"}
-
-
-def list_kernels(precision: str) -> set[str]:
-    """Those that are launched in a precision."""
-    every = set(parse_argument_types(read_sources(precision))) | {"probe"}
-    return every - (NEVER_IN_FLOATS if precision == "single" else set())
 
 
 @pytest.mark.parametrize("checked", ["--data-races", "--uninitialized"])
@@ -47,5 +40,6 @@ def test_memory(lanes: int, checked: str, tmp_path: Path) -> None:
     complaints = log.read_text() if log.exists() else ""
     assert not complaints.strip(), complaints[:3000]
     assert done.returncode == 0, done.stderr[-3000:]
-    wanted = {f"{name} {kind}" for kind in ("double", "single") for name in list_kernels(kind)}
+    kernels = {kind: {"probe", *parse_argument_types(read_sources(kind))} for kind in ("double", "single")}
+    wanted = {f"{name} {kind}" for kind, names in kernels.items() for name in names}
     assert set(json.loads(result.read_text())) == wanted

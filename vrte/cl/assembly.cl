@@ -32,11 +32,6 @@ void put_members(__global real* to, int members, real4 value)
         *to = value.w;
 }
 
-int next_strip(int rows)
-{
-    return (rows + 7) / 8 * 8;
-}
-
 // What scatters in each item: its Fourier order and its material, of which there are coefficients (material, n_term, 6),
 // terms and albedo (material,).
 #define SCATTERING int n_term, int members, IN coefficients, INTS order, INTS material, INTS terms, IN albedo

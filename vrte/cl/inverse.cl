@@ -108,7 +108,27 @@ void eliminate_rest(int n, int first, int last, __global real* M, int ld, __glob
     TOGETHER
 }
 
-// M <- M^-1, M (n, n); rest: (n, 16) an item; pivots (n,) an item; info: 0, or 1 where M is singular. Pieces: items.
+// M <- M^-1, M (n, n); rest (n, 16), pivots (n,): scratch memory. 1 where M is singular.
+int invert_matrix(int n, __global real* M, int ld, __global real* rest, __global int* pivots, Shelves shelves)
+{
+    for (int first = 0; first < n; first += PANEL) {
+        const int last = min(first + PANEL, n);
+        if (eliminate_panel(n, first, last, M, ld, pivots, shelves))
+            return 1;
+        eliminate_rest(n, first, last, M, ld, rest);
+    }
+    for (int k = n - 1; k >= 0; k--)
+        if (pivots[k] != k)
+            SPREAD(i, 0, n) {
+                const real kept = M[(long)k * ld + i];
+                M[(long)k * ld + i] = M[(long)pivots[k] * ld + i];
+                M[(long)pivots[k] * ld + i] = kept;
+            }
+    TOGETHER
+    return 0;
+}
+
+// The same of a stack, all by an item; info: 0, or 1 where M is singular. Pieces: items.
 SHARED
 __kernel void invert(int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info, INTS items)
 {
@@ -116,23 +136,7 @@ __kernel void invert(int n, STACK(M), OUT rest, __global int* restrict pivots, _
     __local int place[LANES];
     const Shelves shelves = {size, place, row};
     const long item = items[get_group_id(0)];
-    M = OF_ITEM(M);
-    rest += item * (long)n * PANEL;
-    pivots += item * n;
-    for (int first = 0; first < n; first += PANEL) {
-        const int last = min(first + PANEL, n);
-        if (eliminate_panel(n, first, last, M, M_ld, pivots, shelves)) {
-            if (LANE == 0)
-                info[item] = 1;
-            return;
-        }
-        eliminate_rest(n, first, last, M, M_ld, rest);
-    }
-    for (int k = n - 1; k >= 0; k--)
-        if (pivots[k] != k)
-            SPREAD(i, 0, n) {
-                const real kept = M[(long)k * M_ld + i];
-                M[(long)k * M_ld + i] = M[(long)pivots[k] * M_ld + i];
-                M[(long)pivots[k] * M_ld + i] = kept;
-            }
+    const int singular = invert_matrix(n, OF_ITEM(M), M_ld, rest + item * (long)n * PANEL, pivots + item * n, shelves);
+    if (LANE == 0)
+        info[item] = singular;
 }

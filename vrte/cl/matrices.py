@@ -97,7 +97,10 @@ def multiply_stacks(
     session.launch("product", pieces, *sums, a, data, first, *steps, stride, c, items)
 
 
-def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
-    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
-    1 where a matrix is singular."""
-    session.launch("invert", (items.size,), m.rows, m, rest, pivots, info, items)
+def invert(session: Session, items: Any, m: Stack) -> Any:
+    """m <- m^-1 for the listed items; 1 where a matrix is singular, (item,) on the device."""
+    count = m.data.shape[0]
+    scratch = session.empty((count, PANEL * m.rows)), session.empty((count, m.rows), np.int32)
+    info = session.zeros((count,), np.int32)
+    session.launch("invert", (items.size,), m.rows, m, *scratch, info, items)
+    return info

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import Kernels, build_kernels
@@ -21,17 +20,17 @@ SOURCES = (
     "common",
     "products",
     "inverse",
+    "extended",
+    "doubling",
     "spherical",
     "assembly",
     "invariance",
-    "doubling",
     "joining",
     "sums",
     "scattering",
     "complexes",
     "reconstruction",
 )
-FAINTEST_OF_FLOATS = 1e-30
 IN_DOUBLES = {"scattering", "complexes", "reconstruction"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
@@ -132,11 +131,6 @@ class Session:
     def real(self) -> Any:
         """The type of what its kernels compute with."""
         return REALS[self.precision]
-
-    @property
-    def faintest(self) -> float:
-        """What is below has no digits to check."""
-        return _core.NO_LIGHT if self.precision == "double" else FAINTEST_OF_FLOATS
 
     def in_precision(self, precision: str) -> "Session":
         """This session, or that on the same queue and memory whose kernels compute in another precision; they are

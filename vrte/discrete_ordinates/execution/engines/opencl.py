@@ -338,7 +338,9 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     with run.timed("assembly", opened.finish):
         matrices = assemble_batch(opened, batch)
     with run.timed("doubling", opened.finish):
-        slabs = doubling.Doubling(opened, frame, list_slab_items(batch), matrices).run(run.stop)
+        slabs = doubling.double(opened, frame, list_slab_items(batch), matrices, run.stop)
+    if run.stop[0]:
+        raise KeyboardInterrupt
     with run.timed("joining", opened.finish):
         slab_stacks = joining.SlabStacks(
             slab=batch.places(lambda each: each.slabs, lambda each: each.thickness.size).reshape(
@@ -351,26 +353,22 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
             interface=slab_stack.interface,
             ground=make_ground(batch),
         )
-        joined = joining.Joining(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost).run(run.stop)
-        if run.stop[0]:
-            raise KeyboardInterrupt
+        joined = joining.join(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost)
         shape = (slab_stacks.slab.shape[0], slab_stack.interface.size, problem.mu0.size, problem.columns.shape[0])
         directions = pieces[0].problem.mu_out.size, len(problem.stokes)
         kernels = find_leaving_light(opened, batch, joined, (*shape, *directions))
-    measured = slabs.residual.arrays, joined.residual.arrays
 
-    def make_numbers(slab_info: Array, info: Array, flux: Array, *sizes: Array) -> Numbers:
-        of_slabs, of_adding = sizes[: len(measured[0])], sizes[len(measured[0]) :]
-        residuals = find_worst_of_items(batch, slabs.residual.made(*of_slabs))
-        singular = np.maximum(find_worst_of_items(batch, slab_info)[:, 0], info)
+    def make_numbers(state: Any, info: Array, flux: Array, of_slabs: Array, of_adding: Array) -> Numbers:
+        residuals = find_worst_of_items(batch, of_slabs)
         allowed = {
             "residual_of_reflection": residuals[:, 0],
             "residual_of_transmission": residuals[:, 1],
-            "residual_of_adding": joined.residual.made(*of_adding).max(axis=1),
+            "residual_of_adding": of_adding.max(axis=1),
         }
+        singular = np.maximum(find_worst_of_items(batch, state["singular"])[:, 0], info)
         return Numbers(flux.reshape(*shape[:2], 2, *shape[2:]), allowed, singular)
 
-    numbers = Reading((slabs.info, joined.info, joined.flux, *measured[0], *measured[1]), make_numbers)
+    numbers = Reading((slabs.state, joined.info, joined.flux, slabs.residual, joined.residual), make_numbers)
     incoming = np.abs(problem.columns).max(axis=1)
     return Found(kernels, (*shape, *directions), incoming, np.ones(directions), numbers)
 
