@@ -30,9 +30,9 @@ from vrte.cl import device, session
 session.SOURCES = ("probe",)
 
 def compute(opened):
-    values = opened.upload(np.array([3.0]))
-    opened.launch("probe", (1,), values)
-    assert opened.download(values) == 7.0
+    values = opened.upload(np.array([3.0, 1.0]))
+    opened.launch("probe", (1,), values, 5)
+    assert opened.download(values).tolist() == [7.0, 5.0]
 """
 COMPUTE = f"{BEGIN}\ncompute(device.session())\nprint('right')\n"
 THROUGH_PYOPENCL = (
@@ -265,7 +265,7 @@ class TestProcesses:
         home = tmp_path / "home"
         home.mkdir()
         hurry = COMPUTE.replace("compute(device.session())", "device.session().zeros((1,))").replace(
-            "print(", "opened = device.session(); opened.launch('probe', (1,), opened.upload(np.array([3.0]))); print("
+            "print(", "opened = device.session(); opened.launch('probe', (1,), opened.upload(np.ones(2)), 5); print("
         )
         assert compute(home, hurry) == ""
         assert compute(home) == ""

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import vrte
@@ -210,6 +211,8 @@ def test_a_device_that_fails_or_cannot_reckon(opencl: Session, monkeypatch: pyte
         assert probe.try_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
     monkeypatch.setattr(pyopencl, "enqueue_copy", lambda *_: None)
     assert probe.try_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
+    monkeypatch.setattr(pyopencl, "enqueue_copy", lambda queue, found, buffer: np.copyto(found, [7.0, 65535.0]))
+    assert probe.try_here(opencl.device) == "it leaves a loop of 1000000 turns after 65535"
 
     def build(*_: Any, **__: Any) -> Any:
         """What PoCL 3.0 says where it is older than its processor: even an empty kernel does not build."""

@@ -13,14 +13,16 @@ typedef struct {
 // it to the flux's axis, what the turned row of E there is without scattering; 1/mu of nodes, then outgoing rows, then
 // incident columns; Stokes vectors (n_col, S). room (item, 8 extended matrices).
 #define SLABS int n_col, SIZES, IN flux, real flux_size, IN v, IN clear_row, IN rates, IN columns, \
-    __global Slab* restrict slabs, OUT room, OUT all_R, OUT all_T, OUT rest, __global int* restrict pivots
+    __global Slab* slabs, __global real* room, __global real* all_R, __global real* all_T, __global real* rest, \
+    __global int* pivots
 
 typedef struct {
     Sizes s;
     Slab slab;
-    Extended e, f, Ze, Zo, C, a, b, spare, R, T;
+    __global real *mine, *R, *T;
     Inverting with;
     __global const real* rates;
+    real measured[6];
 } Work;
 
 #define OPEN_SLAB \
@@ -28,112 +30,247 @@ typedef struct {
     __local int place[LANES]; \
     const long item = items[get_group_id(0)]; \
     const Sizes s = {n, p, r, o, ld, stokes}; \
-    __global real* mine = room + item * 8 * size_extended(s); \
-    Work w = {s, slabs[item], extended_at(s, mine, 0), extended_at(s, mine, 1), extended_at(s, mine, 2), \
-              extended_at(s, mine, 3), extended_at(s, mine, 4), extended_at(s, mine, 5), extended_at(s, mine, 6), \
-              extended_at(s, mine, 7), extended_at(s, all_R, item), extended_at(s, all_T, item), \
-              {rest + item * (long)n * PANEL, pivots + item * n, {size, place, row}}, rates + n};
+    const long each = size_extended(s); \
+    Work w = {s, slabs[item], room + item * 8 * each, all_R + item * each, all_T + item * each, \
+              {rest + item * (long)n * PANEL, pivots + item * n, {size, place, row}}, rates + n, {0.0}};
 #define CLOSE_SLAB \
     TOGETHER \
     if (LANE == 0) \
         slabs[item] = w.slab;
 
-// OO and II of light that is not scattered over h: tanh(h/mu).
-void go_straight(const Work* w, Extended a)
+// An operation on a slab's matrices, where it has all of `when`: c = alpha times a b, or alpha times a + beta b + gamma 1.
+// Compilers write out each call of a function: so there are lists of operations, and one call of each.
+typedef struct {
+    int kind, when, a, b, c, times;
+    real alpha, beta, gamma;
+} Operation;
+
+enum { e_, f_, Ze_, Zo_, C_, a_, b_, spare_, R_, T_ };
+enum { PRODUCT, COMBINE, INVERT, STRAIGHT, BLOCKS, BEGIN, CARRY, DIFFERENCE, NEXT, MIRROR, LOSE, LEAD, DIVIDE, MEASURE };
+enum { FINITE = 1, ENDLESS = 2, THIN = 4, THICK_ENDS = 8, THICKER = 16, TURNED = 32, FORMING = 64, CARRIED = 128, LATE = 256 };
+enum { ONE, H, H_SQUARED, OVER_STEEPEST, OVER_RATIO };       // times
+enum { TANH, COMPLEMENT, NOTHING };                          // b of STRAIGHT: OO and II of c
+enum { N_N, ON_N, N_NI, ON_NI };                             // times of BLOCKS: of a and b, into that of c
+
+// What the doublings begin with, A = F E: of finite slabs Ze = E f, Zo = f F, f = tanh(h sqrt A)/sqrt A by the seventh
+// convergent of tanh's continued fraction, above/below, which C and spare hold.
+__constant const Operation START[] = {
+    {PRODUCT, 0, f_, e_, a_, ONE, 1.0},
+    {BEGIN},
+    {COMBINE, FINITE, a_, a_, a_, H_SQUARED, 1.0},
+    {COMBINE, FINITE, a_, a_, C_, ONE, 17325.0, 0.0, 135135.0},
+    {COMBINE, FINITE, a_, a_, spare_, ONE, 62370.0, 0.0, 135135.0},
+    {PRODUCT, FINITE, a_, a_, b_, ONE, 1.0},
+    {COMBINE, FINITE, C_, b_, C_, ONE, 1.0, 378.0},
+    {COMBINE, FINITE, spare_, b_, spare_, ONE, 1.0, 3150.0},
+    {PRODUCT, FINITE, a_, b_, Ze_, ONE, 1.0},
+    {COMBINE, FINITE, C_, Ze_, C_, ONE, 1.0, 1.0},
+    {COMBINE, FINITE, spare_, Ze_, spare_, ONE, 1.0, 28.0},
+    {INVERT, FINITE, spare_, b_},
+    {PRODUCT, FINITE, spare_, C_, a_, H, 1.0},
+    {PRODUCT, FINITE, e_, a_, Ze_, ONE, 1.0},
+    {PRODUCT, FINITE, a_, f_, Zo_, ONE, 1.0},
+    {STRAIGHT, FINITE, 0, TANH, Ze_},
+    {STRAIGHT, FINITE, 0, TANH, Zo_},
+    {COMBINE, ENDLESS, e_, e_, Ze_, OVER_STEEPEST, 1.0},
+    {COMBINE, ENDLESS, f_, f_, Zo_, OVER_STEEPEST, 1.0},
+};
+
+// One doubling, L = 1 + Zo Ze: Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1. Of a finite slab C = 1 - Zo Ze is formed while that keeps
+// its digits, then carried, C <- (C L^-1)^2; of a semi-infinite one, where Zo Ze = 1, both are first multiplied by
+// ratio^(-1/2).
+__constant const Operation DOUBLE[] = {
+    {COMBINE, ENDLESS, Ze_, Ze_, Ze_, OVER_RATIO, 1.0},
+    {COMBINE, ENDLESS, Zo_, Zo_, Zo_, OVER_RATIO, 1.0},
+    {PRODUCT, 0, Zo_, Ze_, a_, ONE, 1.0},
+    {COMBINE, FORMING, a_, a_, C_, ONE, -1.0, 0.0, 1.0},
+    {STRAIGHT, FORMING, 0, COMPLEMENT, C_},
+    {CARRY, FORMING},
+    {DIFFERENCE, ENDLESS},
+    {COMBINE, 0, a_, a_, a_, ONE, 1.0, 0.0, 1.0},
+    {INVERT, 0, a_, spare_},
+    {PRODUCT, 0, a_, Zo_, b_, ONE, 2.0},
+    {COMBINE, 0, b_, b_, Zo_, ONE, 1.0},
+    {PRODUCT, 0, Ze_, a_, b_, ONE, 2.0},
+    {COMBINE, 0, b_, b_, Ze_, ONE, 1.0},
+    {NEXT},
+    {MIRROR, FINITE | TURNED},
+    {STRAIGHT, FINITE, 0, TANH, Ze_},
+    {STRAIGHT, FINITE, 0, TANH, Zo_},
+    {PRODUCT, CARRIED, C_, a_, b_, ONE, 1.0},
+    {PRODUCT, CARRIED, b_, b_, C_, ONE, 1.0},
+    {STRAIGHT, CARRIED, 0, COMPLEMENT, C_},
+};
+
+// R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; semi-infinite: R = 1 - 2 Se and T = 0. Then alpha and beta, of what adds a
+// thin layer, in a and b: added on top and taken off below it changes nothing. Of thick slabs that gives R's OI anew, from
+// R's and T's other blocks, (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T); of all, how far it is from
+// true: beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R).
+__constant const Operation END[] = {
+    {PRODUCT, LATE, Zo_, Ze_, a_, ONE, 1.0},
+    {COMBINE, LATE, a_, a_, C_, ONE, -1.0, 0.0, 1.0},
+    {STRAIGHT, LATE, 0, COMPLEMENT, C_},
+    {COMBINE, 0, Ze_, Ze_, a_, ONE, 1.0, 0.0, 1.0},
+    {INVERT, 0, a_, spare_},
+    {PRODUCT, FINITE, Ze_, a_, R_, ONE, -1.0},
+    {PRODUCT, ENDLESS, Ze_, a_, R_, ONE, -2.0},
+    {LOSE, TURNED},
+    {COMBINE, ENDLESS, R_, R_, R_, ONE, 1.0, 0.0, 1.0},
+    {PRODUCT, FINITE, C_, a_, b_, ONE, 1.0},
+    {COMBINE, FINITE, Zo_, Zo_, a_, ONE, 1.0, 0.0, 1.0},
+    {INVERT, FINITE, a_, spare_},
+    {PRODUCT, FINITE, a_, b_, T_, ONE, 1.0},
+    {COMBINE, THICK_ENDS, R_, a_, R_, ONE, 1.0, -1.0, 1.0},    // Zo may be as large as the slab is thick
+    {PRODUCT, THIN, Zo_, a_, b_, ONE, 1.0},                    // Zo may be small
+    {COMBINE, THIN, R_, b_, R_, ONE, 1.0, 1.0},
+    {STRAIGHT, 0, 0, NOTHING, R_},
+    {COMBINE, 0, e_, f_, a_, ONE, 0.5, 0.5},
+    {COMBINE, 0, e_, f_, b_, ONE, 0.5, -0.5},
+    {COMBINE, THICKER, a_, a_, spare_, ONE, 1.0},
+    {BLOCKS, THICKER, b_, R_, spare_, N_NI, 1.0, 1.0},
+    {BLOCKS, THICKER, R_, spare_, R_, ON_NI, -1.0},
+    {LEAD, THICKER},
+    {BLOCKS, THICKER, b_, T_, spare_, N_NI, 1.0, 1.0},
+    {BLOCKS, THICKER, T_, spare_, R_, ON_NI, 1.0, 1.0},
+    {BLOCKS, THICKER, a_, R_, R_, ON_NI, -1.0, 1.0},
+    {BLOCKS, THICKER, spare_, T_, R_, ON_NI, 1.0, 1.0},
+    {DIVIDE, THICKER},
+    {COMBINE, 0, a_, a_, e_, ONE, 1.0},
+    {BLOCKS, 0, R_, b_, e_, N_N, 1.0, 1.0},
+    {BLOCKS, 0, R_, a_, spare_, N_N, 1.0},
+    {MEASURE, 0, a_, 0},
+    {MEASURE, 0, spare_, 1},
+    {MEASURE, 0, b_, 2},
+    {COMBINE, 0, spare_, b_, spare_, ONE, 1.0, 1.0},
+    {BLOCKS, 0, e_, R_, spare_, N_N, 1.0, 1.0},
+    {BLOCKS, FINITE, T_, b_, f_, N_N, 1.0},
+    {BLOCKS, FINITE, f_, T_, spare_, N_N, -1.0, 1.0},
+    {MEASURE, 0, spare_, 3},
+    {BLOCKS, FINITE, e_, T_, spare_, N_N, 1.0},
+    {MEASURE, FINITE, spare_, 4},
+    {BLOCKS, FINITE, T_, a_, spare_, N_N, -1.0, 1.0},
+    {BLOCKS, FINITE, f_, R_, spare_, N_N, -1.0, 1.0},
+    {MEASURE, FINITE, spare_, 5},
+};
+
+#define LENGTH(list) (int)(sizeof(list) / sizeof(list[0]))
+
+Extended matrix_of(const Work* w, int which)
 {
-    SPREAD(i, 0, w->s.o + w->s.r)
-        a.OO[i] = tanh(w->slab.h * w->rates[i]);
+    return extended_at(w->s, which == R_ ? w->R : which == T_ ? w->T : w->mine, which >= R_ ? 0 : which);
 }
 
-// Those of C: 1 - tanh^2 = 1/cosh^2, without a difference.
-void direct_complement(const Work* w)
+int conditions_of(Slab slab)
 {
-    SPREAD(i, 0, w->s.o + w->s.r) {
-        const real decaying = exp(-2.0 * w->slab.h * w->rates[i]);
-        w->C.OO[i] = 4.0 * decaying / ((1.0 + decaying) * (1.0 + decaying));
-    }
-    TOGETHER
+    const bool finite = slab.thickness < SEMI_INFINITE, thick = slab.thickness > THICK;
+    return (finite ? FINITE : ENDLESS) | (!thick ? THIN : finite ? THICK_ENDS : 0) | (thick ? THICKER : 0)
+        | (slab.turned ? TURNED : 0) | (finite && !slab.carried && 2.0 * slab.h > COMPLEMENTED ? FORMING : 0)
+        | (slab.carried ? CARRIED : finite ? LATE : 0);
 }
 
-// C = 1 - Zo Ze, which a holds.
-void complement(const Work* w)
+real factor_of(Slab slab, int times)
 {
-    combine(w->s, -1.0, w->a, 0.0, w->a, 1.0, w->C);
-    direct_complement(w);
+    return times == H ? slab.h : times == H_SQUARED ? slab.h * slab.h : times == OVER_STEEPEST ? 1.0 / slab.steepest
+        : times == OVER_RATIO ? 1.0 / sqrt(fmax(slab.ratio, (real)STEEPEST_RATIO)) : 1.0;
 }
 
-// Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1; a <- L^-1, L - 1 on entry.
-int double_both(const Work* w)
+// Light that is not scattered, over h/mu = x; 1 - tanh^2 = 1/cosh^2 without a difference.
+real straight_light(int kind, real x)
 {
-    combine(w->s, 1.0, w->a, 0.0, w->a, 1.0, w->a);
-    if (invert_extended(w->s, w->a, w->spare, w->with))
-        return 1;
-    product_extended(w->s, 2.0, w->a, w->Zo, w->b);
-    combine(w->s, 1.0, w->b, 0.0, w->b, 0.0, w->Zo);
-    product_extended(w->s, 2.0, w->Ze, w->a, w->b);
-    combine(w->s, 1.0, w->b, 0.0, w->b, 0.0, w->Ze);
-    return 0;
+    const real decaying = exp(-2.0 * x);
+    return kind == TANH ? tanh(x) : kind == COMPLEMENT ? 4.0 * decaying / ((1.0 + decaying) * (1.0 + decaying)) : 0.0;
 }
 
-// Reciprocity: the flux's column of Zo from its row; rounding there would double at each step.
-void mirror_flux(const Work* w)
+// How many doublings there are, and the thickness of the first.
+void begin(Slab* slab, real norm)
 {
-    const int axis = flux_axis(w->s), v_place = w->s.stokes == 4 ? 3 : -1;
-    SPREAD(i, 0, w->s.n) {
-        const real across = w->Zo.M[(long)i * w->s.ld + axis];
-        w->Zo.M[(long)axis * w->s.ld + i] = i % w->s.stokes == v_place ? -across : across;
-    }
-    TOGETHER
+    slab->steepest = fmax(slab->steepest, sqrt(norm));
+    slab->h = 0.5 * slab->thickness;
+    slab->ratio = fmin((real)1.0, slab->slowest / slab->steepest);
+    slab->left = slab->thickness < SEMI_INFINITE ? 0 : MOST_DOUBLINGS;
+    for (; slab->left < MOST_DOUBLINGS && slab->h * slab->steepest > 0.5; slab->left++)
+        slab->h *= 0.5;
 }
 
-// How far Zo Ze, in a, is from 1 on the diagonal; where the flux is conserved Ze's is 0 on its axis for ever.
-real diagonal_difference(const Work* w)
+// After a doubling; difference: how far Zo Ze of a semi-infinite slab was from 1 before, which a doubling squares.
+void next(Slab* slab, real difference)
+{
+    const real ratio = slab->ratio, used = fmax(ratio, (real)STEEPEST_RATIO);
+    slab->doublings++;
+    slab->left--;
+    slab->h *= 2.0;
+    if (slab->thickness < SEMI_INFINITE)
+        return;
+    if (difference < DOUBLED && ratio > 0.999)
+        slab->left = 0;
+    slab->ratio = fmin(2.0 * ratio * sqrt(used) / (used + ratio * ratio), 2.0 * sqrt(used) / (1.0 + used));
+}
+
+// How far a is from 1 on the diagonal; where the flux is conserved Ze's is 0 on its axis for ever.
+real diagonal_difference(const Work* w, Extended a)
 {
     real found = 0.0;
     SPREAD(i, 0, w->s.n)
         if (!(w->slab.turned && w->slab.conservative && i == flux_axis(w->s)))
-            found = larger(found, fabs(w->a.M[(long)i * w->s.ld + i] - (real)1.0));
+            found = larger(found, fabs(a.M[(long)i * w->s.ld + i] - (real)1.0));
     SPREAD(i, 0, w->s.o + w->s.r)
-        found = larger(found, fabs(w->a.OO[i] - (real)1.0));
+        found = larger(found, fabs(a.OO[i] - (real)1.0));
     return largest_of_lanes(found, w->with.shelves.size);
 }
 
-// One doubling, L = 1 + Zo Ze. Of a finite slab C is formed while 1 - Zo Ze keeps its digits, then carried, C <- (C L^-1)^2;
-// of a semi-infinite one, where Zo Ze = 1, both are first multiplied by ratio^(-1/2).
-void double_once(Work* w)
+// One operation of a list.
+void perform(Work* w, Operation now, __global real* lost)
 {
     const Sizes s = w->s;
-    const bool finite = w->slab.thickness < SEMI_INFINITE;
-    const real ratio = w->slab.ratio, used = fmax(ratio, (real)STEEPEST_RATIO), factor = 1.0 / sqrt(used);
-    if (!finite) {
-        combine(s, factor, w->Ze, 0.0, w->Ze, 0.0, w->Ze);
-        combine(s, factor, w->Zo, 0.0, w->Zo, 0.0, w->Zo);
-    }
-    product_extended(s, 1.0, w->Zo, w->Ze, w->a);
-    if (finite && !w->slab.carried && 2.0 * w->slab.h > COMPLEMENTED) {
-        complement(w);
+    const int n = s.n, ld = s.ld, axis = flux_axis(s);
+    const Extended a = matrix_of(w, now.a), b = matrix_of(w, now.b), c = matrix_of(w, now.c);
+    const long column = now.times >= N_NI ? (long)n * ld : 0, row = now.times % 2 ? s.p : 0;
+    if (now.kind == PRODUCT)
+        product_extended(s, now.alpha * factor_of(w->slab, now.times), a, b, c);
+    else if (now.kind == COMBINE)
+        combine(s, now.alpha * factor_of(w->slab, now.times), a, now.beta, b, now.gamma, c);
+    else if (now.kind == INVERT)
+        w->slab.singular |= invert_extended(s, a, b, w->with);
+    else if (now.kind == BLOCKS)
+        multiply(row ? s.o : n, column ? s.r : n, n, now.alpha, a.M + row, ld, b.M + column, ld, now.beta,
+                 c.M + column + row, ld);
+    else if (now.kind == MEASURE || now.kind == BEGIN) {
+        const bool first = now.kind == BEGIN;
+        const real found = largest_of(n, n, first, matrix_of(w, first ? a_ : now.a).M, ld, w->with.shelves.size);
+        if (first)
+            begin(&w->slab, found);
+        else
+            w->measured[now.b] = found;
+    } else if (now.kind == DIFFERENCE)
+        w->measured[0] = diagonal_difference(w, matrix_of(w, a_));
+    else if (now.kind == NEXT)
+        next(&w->slab, w->measured[0]);
+    else if (now.kind == CARRY)
         w->slab.carried = 1;
-    }
-    const real difference = finite ? 1.0 : diagonal_difference(w);
-    w->slab.singular |= double_both(w);
-    w->slab.doublings++;
-    w->slab.left--;
-    if (!finite) {    // the step just done squares the difference
-        w->slab.left = difference < DOUBLED && ratio > 0.999 ? 0 : w->slab.left;
-        w->slab.ratio = fmin(2.0 * ratio * sqrt(used) / (used + ratio * ratio), 2.0 * sqrt(used) / (1.0 + used));
-        return;
-    }
-    if (w->slab.turned)
-        mirror_flux(w);
-    w->slab.h *= 2.0;
-    go_straight(w, w->Ze);
-    go_straight(w, w->Zo);
+    else if (now.kind == STRAIGHT)
+        SPREAD(i, 0, s.o + s.r)
+            c.OO[i] = straight_light(now.b, now.b == NOTHING ? (real)0.0 : w->slab.h * w->rates[i]);
+    else if (now.kind == MIRROR) {     // reciprocity: rounding in the flux's row would double at each step
+        __global real* Zo = matrix_of(w, Zo_).M;
+        SPREAD(i, 0, n) {
+            const real across = Zo[(long)i * ld + axis];
+            Zo[(long)axis * ld + i] = s.stokes == 4 && i % 4 == 3 ? -across : across;
+        }
+    } else if (now.kind == LOSE) {     // 2 Se, the flux's row
+        const real twice = w->slab.thickness < SEMI_INFINITE ? -2.0 : -1.0;
+        SPREAD(j, 0, n)
+            lost[j] = twice * w->R[(long)j * ld + axis];
+    } else if (now.kind == LEAD) {     // spare: beta's NI times T's II, T's OO times beta's ON
+        const Extended T = matrix_of(w, T_);
+        __global real *spare = matrix_of(w, spare_).M, *beta = matrix_of(w, b_).M;
+        EACH(j, s.r, i, n)
+            spare[(long)(n + j) * ld + i] = beta[(long)(n + j) * ld + i] * T.II[j];
+        EACH(j, n, i, s.o)
+            spare[(long)j * ld + s.p + i] = beta[(long)j * ld + s.p + i] * T.OO[i];
+    } else if (now.kind == DIVIDE)
+        EACH(j, s.r, i, s.o)
+            w->R[(long)(n + j) * ld + s.p + i] /= w->rates[i] + w->rates[s.o + j];
     TOGETHER
-    if (w->slab.carried) {
-        product_extended(s, 1.0, w->C, w->a, w->b);
-        product_extended(s, 1.0, w->b, w->b, w->C);
-        direct_complement(w);
-    }
 }
 
 // E or F with its incident and outgoing directions: the sources with the other sign, no OI; 1/mu on the diagonal.
@@ -163,43 +300,17 @@ void turn_slab(const Work* w, int n_col, __global const real* columns, __global 
     const Sizes s = w->s;
     const int axis = flux_axis(s);
     const real albedo = w->slab.albedo;
-    turn_both(s, v, w->e.M);
-    turn_both(s, v, w->f.M);
+    __global real* e = matrix_of(w, e_).M;
+    for (int odd = 0; odd < 2; odd++)
+        turn_both(s, v, odd ? matrix_of(w, f_).M : e);
     SPREAD(i, 0, s.n) {
-        w->e.M[(long)axis * s.ld + i] = (1.0 - albedo) * clear_row[i];
-        w->e.M[(long)i * s.ld + axis] = (1.0 - albedo) * clear_row[i];
+        e[(long)axis * s.ld + i] = (1.0 - albedo) * clear_row[i];
+        e[(long)i * s.ld + axis] = (1.0 - albedo) * clear_row[i];
     }
     SPREAD(j, 0, s.r)
-        w->e.M[(long)(s.n + j) * s.ld + axis] = albedo * columns[s.stokes * (j % n_col)] / flux_size;
+        e[(long)(s.n + j) * s.ld + axis] = albedo * columns[s.stokes * (j % n_col)] / flux_size;
     SPREAD(i, 0, s.o)
-        w->e.M[(long)axis * s.ld + s.p + i] = i % s.stokes ? 0.0 : albedo * w->rates[i] / flux_size;
-    TOGETHER
-}
-
-__constant const real NUMERATOR[] = {135135.0, 17325.0, 378.0, 1.0};   // tanh's continued fraction, seventh convergent
-__constant const real DENOMINATOR[] = {135135.0, 62370.0, 3150.0, 28.0};
-
-// Ze = E f, Zo = f F with f = tanh(h sqrt A)/sqrt A, A = F E, which a holds.
-void rational_start(Work* w)
-{
-    const Sizes s = w->s;
-    const Extended z = w->a, power = w->b, above = w->C, below = w->spare;
-    combine(s, w->slab.h * w->slab.h, z, 0.0, z, 0.0, z);
-    combine(s, NUMERATOR[1], z, 0.0, z, NUMERATOR[0], above);
-    combine(s, DENOMINATOR[1], z, 0.0, z, DENOMINATOR[0], below);
-    combine(s, 1.0, z, 0.0, z, 0.0, power);
-    for (int k = 2; k < 4; k++) {
-        product_extended(s, 1.0, z, power, w->Ze);
-        combine(s, 1.0, w->Ze, 0.0, w->Ze, 0.0, power);
-        combine(s, 1.0, above, NUMERATOR[k], power, 0.0, above);
-        combine(s, 1.0, below, DENOMINATOR[k], power, 0.0, below);
-    }
-    w->slab.singular |= invert_extended(s, below, power, w->with);
-    product_extended(s, w->slab.h, below, above, z);
-    product_extended(s, 1.0, w->e, z, w->Ze);
-    product_extended(s, 1.0, z, w->f, w->Zo);
-    go_straight(w, w->Ze);
-    go_straight(w, w->Zo);
+        e[(long)axis * s.ld + s.p + i] = i % s.stokes ? 0.0 : albedo * w->rates[i] / flux_size;
     TOGETHER
 }
 
@@ -208,15 +319,16 @@ void clear_slab(const Work* w, __global const real* node_rates, __global const r
                 __global const real* v, __global real* lost)
 {
     const Sizes s = w->s;
+    const Extended T = matrix_of(w, T_);
     const real thickness = w->slab.thickness;
     SPREAD(i, 0, s.n)
-        w->T.M[(long)i * s.ld + i] = exp(-thickness * node_rates[i]);
+        T.M[(long)i * s.ld + i] = exp(-thickness * node_rates[i]);
     SPREAD(i, 0, s.o + s.r)
-        w->T.OO[i] = exp(-thickness * w->rates[i]);
+        T.OO[i] = exp(-thickness * w->rates[i]);
     TOGETHER
     if (!w->slab.turned)
         return;
-    turn_both(s, v, w->T.M);
+    turn_both(s, v, T.M);
     real total = 0.0;
     for (int i = 0; i < s.n; i += s.stokes)   // the axis is minus the unit null vector
         total += v[i] * (flux[i / s.stokes] / flux_size * expm1(-thickness * node_rates[i]));
@@ -224,7 +336,7 @@ void clear_slab(const Work* w, __global const real* node_rates, __global const r
         lost[i] = (i % s.stokes ? (real)0.0 : flux[i / s.stokes] / flux_size * expm1(-thickness * node_rates[i])) - total * v[i];
 }
 
-// E and F with their directions, and what the doublings begin with. Pieces: items.
+// E and F with their directions; what does not scatter is done at once. Pieces: items.
 SHARED
 __kernel void start_doubling(SLABS, ALONE(E), ALONE(F), ALONE(G_E), ALONE(G_F), ALONE(source_s), ALONE(source_d), OUT lost,
                              INTS items)
@@ -235,146 +347,35 @@ __kernel void start_doubling(SLABS, ALONE(E), ALONE(F), ALONE(G_E), ALONE(G_F), 
         return;
     }
 #define FROM(x) x + x##_first + w.slab.from * x##_stride, x##_ld
-    extend(&w, n_col, columns, FROM(E), FROM(G_E), FROM(source_d), w.e);
-    extend(&w, n_col, columns, FROM(F), FROM(G_F), FROM(source_s), w.f);
+    for (int odd = 0; odd < 2; odd++)
+        if (odd)
+            extend(&w, n_col, columns, FROM(F), FROM(G_F), FROM(source_s), matrix_of(&w, f_));
+        else
+            extend(&w, n_col, columns, FROM(E), FROM(G_E), FROM(source_d), matrix_of(&w, e_));
     if (w.slab.turned)
         turn_slab(&w, n_col, columns, v, clear_row, flux_size);
-    product_extended(s, 1.0, w.f, w.e, w.a);
-    w.slab.steepest = fmax(w.slab.steepest, sqrt(largest_of(n, n, 1, w.a.M, ld, size)));
-    if (w.slab.thickness < SEMI_INFINITE) {
-        w.slab.h = 0.5 * w.slab.thickness;
-        for (; w.slab.h * w.slab.steepest > 0.5; w.slab.left++)
-            w.slab.h *= 0.5;
-        rational_start(&w);
-    } else {
-        w.slab.left = MOST_DOUBLINGS;
-        w.slab.ratio = fmin((real)1.0, w.slab.slowest / w.slab.steepest);
-        combine(s, 1.0 / w.slab.steepest, w.e, 0.0, w.e, 0.0, w.Ze);
-        combine(s, 1.0 / w.slab.steepest, w.f, 0.0, w.f, 0.0, w.Zo);
-    }
-    CLOSE_SLAB
 }
 
-// At most so many doublings more. Pieces: items.
+// A list of operations on each slab: 0, START, 1, at most so many times DOUBLE, 2, END. R, T, lost (item, n), residual
+// (item, 2). Pieces: items.
 SHARED
-__kernel void double_on(int most, SLABS, INTS items)
+__kernel void double_slabs(int which, int most, SLABS, OUT lost, OUT residual, INTS items)
 {
     OPEN_SLAB
-    for (int step = 0; step < most && w.slab.left > 0 && !w.slab.singular; step++)
-        double_once(&w);
+    const int number = which == 0 ? LENGTH(START) : which == 1 ? LENGTH(DOUBLE) : LENGTH(END);
+    for (int turn = 0; turn < most && !w.slab.clear && !w.slab.singular && (which != 1 || w.slab.left > 0); turn++)
+        for (int k = 0; k < number; k++) {
+            const Operation now = which == 0 ? START[k] : which == 1 ? DOUBLE[k] : END[k];
+            if ((now.when & conditions_of(w.slab)) == now.when)
+                perform(&w, now, lost + item * n);
+        }
     if (w.slab.singular)
         w.slab.left = 0;
-    CLOSE_SLAB
-}
-
-// R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; semi-infinite: R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's row.
-int reflect_and_transmit(const Work* w, __global real* lost)
-{
-    const Sizes s = w->s;
-    const bool finite = w->slab.thickness < SEMI_INFINITE, thick = finite && w->slab.thickness > THICK;
-    const real twice = finite ? 1.0 : 2.0;
-    int singular;
-    combine(s, 1.0, w->Ze, 0.0, w->Ze, 1.0, w->a);
-    singular = invert_extended(s, w->a, w->spare, w->with);
-    product_extended(s, -twice, w->Ze, w->a, w->R);
-    if (w->slab.turned)
-        SPREAD(j, 0, s.n)
-            lost[j] = -2.0 / twice * w->R.M[(long)j * s.ld + flux_axis(s)];
-    TOGETHER
-    if (finite) {
-        product_extended(s, 1.0, w->C, w->a, w->b);
-        combine(s, 1.0, w->Zo, 0.0, w->Zo, 1.0, w->a);
-        singular |= invert_extended(s, w->a, w->spare, w->with);
-        product_extended(s, 1.0, w->a, w->b, w->T);
-        if (!thick)     // Zo may be small: So = Zo (1 + Zo)^-1, else as large as the slab is thick: So = 1 - (1 + Zo)^-1
-            product_extended(s, 1.0, w->Zo, w->a, w->b);
+    if (which == 2 && !w.slab.clear && LANE == 0) {
+        const real alpha = w.measured[0];
+        const real largest = larger(larger(w.measured[1], w.measured[2]), alpha * fmin((real)1.0, w.slab.thickness * alpha));
+        residual[2 * item] = largest == 0.0 ? 0.0 : w.measured[3] / largest;
+        residual[2 * item + 1] = w.measured[4] <= NO_LIGHT ? 0.0 : w.measured[5] / w.measured[4];
     }
-    combine(s, 1.0, w->R, !finite ? 0.0 : thick ? -1.0 : 1.0, thick ? w->a : w->b, finite && !thick ? 0.0 : 1.0, w->R);
-    SPREAD(i, 0, s.o + s.r)
-        w->R.OO[i] = 0.0;
-    TOGETHER
-    return singular;
-}
-
-// R's OI anew where a slab is thick, from R's and T's other blocks: a thin layer added on top and taken off below changes
-// nothing. a and b hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T).
-void reflect_by_invariance(const Work* w)
-{
-    const Sizes s = w->s;
-    const int n = s.n, p = s.p, r = s.r, o = s.o, ld = s.ld;
-    const long NI = (long)n * ld, OI = NI + p;
-    __global const real* alpha = w->a.M;
-    __global const real* beta = w->b.M;
-    __global real *R = w->R.M, *T = w->T.M, *spare = w->spare.M;
-    copy_columns(n, r, alpha + NI, ld, spare + NI, ld);
-    multiply(n, r, n, 1.0, beta, ld, R + NI, ld, 1.0, spare + NI, ld);
-    multiply(o, r, n, -1.0, R + p, ld, spare + NI, ld, 0.0, R + OI, ld);
-    EACH(j, r, i, n)
-        spare[NI + (long)j * ld + i] = beta[NI + (long)j * ld + i] * w->T.II[j];
-    EACH(j, n, i, o)
-        spare[(long)j * ld + p + i] = beta[(long)j * ld + p + i] * w->T.OO[i];
-    TOGETHER
-    multiply(n, r, n, 1.0, beta, ld, T + NI, ld, 1.0, spare + NI, ld);
-    multiply(o, r, n, 1.0, T + p, ld, spare + NI, ld, 1.0, R + OI, ld);
-    multiply(o, r, n, -1.0, alpha + p, ld, R + NI, ld, 1.0, R + OI, ld);
-    multiply(o, r, n, 1.0, spare + p, ld, T + NI, ld, 1.0, R + OI, ld);
-    EACH(j, r, i, o)
-        R[OI + (long)j * ld + i] /= w->rates[i] + w->rates[o + j];
-    TOGETHER
-}
-
-// How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
-// beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R).
-void miss_invariance(const Work* w, __global real* residual)
-{
-    const int n = w->s.n, ld = w->s.ld, finite = w->slab.thickness < SEMI_INFINITE;
-    __global const real *alpha = w->a.M, *beta = w->b.M, *R = w->R.M, *T = w->T.M;
-    __global real *x = w->e.M, *y = w->f.M, *z = w->spare.M;
-    __local real* shelf = w->with.shelves.size;
-    copy_columns(n, n, alpha, ld, x, ld);
-    multiply(n, n, n, 1.0, R, ld, beta, ld, 1.0, x, ld);
-    multiply(n, n, n, 1.0, R, ld, alpha, ld, 0.0, z, ld);
-    real largest = largest_of(n, n, 0, alpha, ld, shelf);
-    largest *= fmin((real)1.0, w->slab.thickness * largest);
-    largest = larger(largest, larger(largest_of(n, n, 0, z, ld, shelf), largest_of(n, n, 0, beta, ld, shelf)));
-    EACH(j, n, i, n)
-        z[(long)j * ld + i] += beta[(long)j * ld + i];
-    TOGETHER
-    multiply(n, n, n, 1.0, x, ld, R, ld, 1.0, z, ld);
-    if (finite) {
-        multiply(n, n, n, 1.0, T, ld, beta, ld, 0.0, y, ld);
-        multiply(n, n, n, -1.0, y, ld, T, ld, 1.0, z, ld);
-    }
-    const real missing = largest_of(n, n, 0, z, ld, shelf);
-    if (LANE == 0)
-        residual[0] = largest == 0.0 ? 0.0 : missing / largest;
-    if (!finite)
-        return;
-    multiply(n, n, n, 1.0, x, ld, T, ld, 0.0, z, ld);
-    largest = largest_of(n, n, 0, z, ld, shelf);
-    multiply(n, n, n, -1.0, T, ld, alpha, ld, 1.0, z, ld);
-    multiply(n, n, n, -1.0, y, ld, R, ld, 1.0, z, ld);
-    const real of_T = largest_of(n, n, 0, z, ld, shelf);
-    if (LANE == 0)
-        residual[1] = largest <= NO_LIGHT ? 0.0 : of_T / largest;
-}
-
-// R, T, lost (item, n), residual (item, 2) of what is doubled. Pieces: items.
-SHARED
-__kernel void end_doubling(SLABS, OUT lost, OUT residual, INTS items)
-{
-    OPEN_SLAB
-    if (w.slab.clear || w.slab.singular)
-        return;
-    if (w.slab.thickness < SEMI_INFINITE && !w.slab.carried) {
-        product_extended(s, 1.0, w.Zo, w.Ze, w.a);
-        complement(&w);
-    }
-    w.slab.singular |= reflect_and_transmit(&w, lost + item * n);
-    combine(s, 0.5, w.e, 0.5, w.f, 0.0, w.a);      // alpha and beta of what adds a thin layer
-    combine(s, 0.5, w.e, -0.5, w.f, 0.0, w.b);
-    if (w.slab.thickness > THICK)
-        reflect_by_invariance(&w);
-    miss_invariance(&w, residual + 2 * item);
     CLOSE_SLAB
 }

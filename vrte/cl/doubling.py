@@ -162,10 +162,16 @@ def double(session: Session, frame: Frame, items: Items, matrices: Assembled, st
     left = every = np.arange(count, dtype=np.int32)
     given = matrices.E, matrices.F, matrices.G_E, matrices.G_F, matrices.source_s, matrices.source_d
     session.launch("start_doubling", (count,), *shared, *given, lost, session.constant(every))
+
+    def perform(which: int, most: int, chosen: NDArray[np.int32]) -> None:
+        session.launch("double_slabs", (chosen.size,), which, most, *shared, lost, residual, session.constant(chosen))
+
+    perform(0, 1, every)
     while not stop[0] and left.size:
-        session.launch("double_on", (left.size,), DOUBLINGS, *shared, session.constant(left))
+        perform(1, DOUBLINGS, left)
         left = np.flatnonzero(session.download(state)["left"]).astype(np.int32)
-    session.launch("end_doubling", (0 if stop[0] else count,), *shared, lost, residual, session.constant(every))
+    if not stop[0]:
+        perform(2, 1, every)
     return Slabs(R, T, lost, residual, state)
 
 

@@ -89,7 +89,9 @@ def join(session: Session, frame: Frame, of: SlabStacks, R: Any, T: Any, lost: A
     sizes = places, s, levels, of.ground is None, frame.flux_size
     made = found.up, found.down, found.flux, found.residual, found.info
     items = session.constant(np.arange(count, dtype=np.int32))
-    session.launch("join_slabs", (count,), *sizes, *known, R, T, lost, *base, new((count, each)), *scratch, *made, items)
+    session.launch(
+        "join_slabs", (count,), *sizes, *known, R, T, lost, *base, new((count, each)), *scratch, *made, items
+    )
     return found
 
 

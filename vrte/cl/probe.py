@@ -1,6 +1,7 @@
 """Whether a device computes: the smallest kernel in its widest precision, tried before the device is taken.
 
-A driver may list a device and fail to compile for it (one older than its processor, say), or end the whole process.
+A driver may list a device and fail to compile for it (one older than its processor, say), end the whole process, or,
+as Mesa 22.3 does on processors, leave loops after 65,535 turns.
 """
 
 import os
@@ -21,6 +22,7 @@ from vrte.cl.errors import name_of
 from vrte.cl.session import OPTIONS_OF, REALS
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
+TURNS = 1_000_000  # of the loop
 LONGEST_WAIT = 120  # seconds to wait for the process that probes a device
 TRY_ONE = "from vrte.cl import device, probe; print(probe.try_here(device.devices()[{}].handle, {!r}))"
 
@@ -46,7 +48,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
     import pyopencl
 
     text = files("vrte.cl").joinpath("probe.cl").read_text(encoding="utf-8")
-    numbers: Any = np.full(1, 3.0, REALS[precision])
+    numbers: Any = np.array([3.0, 1.0], REALS[precision])
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     try:
         context = pyopencl.Context([handle])
@@ -56,13 +58,15 @@ def try_here(handle: Any, precision: str = "double") -> str:
         kernels = build_kernels(context, text, OPTIONS_OF[precision])
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
-        kernels["probe"](queue, (1,), (1,), buffer)
+        kernels["probe"](queue, (1,), (1,), buffer, np.int32(TURNS))
         pyopencl.enqueue_copy(queue, numbers, buffer)
     except DeviceError as error:
         return str(error)
     except pyopencl.Error as error:
         return f"it fails ({name_of(error)} in {getattr(error, 'routine', None) or 'OpenCL'})"
-    return "" if numbers[0] == 7.0 else f"it finds 2 x 3 + 1 = {numbers[0]}"
+    if numbers[0] != 7.0:
+        return f"it finds 2 x 3 + 1 = {numbers[0]}"
+    return "" if numbers[1] == TURNS else f"it leaves a loop of {TURNS} turns after {numbers[1]:.0f}"
 
 
 def try_elsewhere(index: int, precision: str = "double") -> str:
