@@ -76,6 +76,7 @@ def join(session: Session, frame: Frame, of: SlabStacks, R: Any, T: Any, lost: A
     s, (count, places), levels, new = frame.sizes, of.slab.shape, of.interface.size, session.zeros
     above, rates = np.ascontiguousarray(of.above), frame.rates[s.n + s.o :]
     known = (session.constant(each) for each in (rates, of.slab, above, of.turned.astype(np.int32), of.interface))
+    base: tuple[Any, ...]
     if of.ground is None:
         black = make_stack(session, count, s.n, s.n)
         base = black, black, black, new((count, s.n))

@@ -48,7 +48,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
     import pyopencl
 
     text = files("vrte.cl").joinpath("probe.cl").read_text(encoding="utf-8")
-    numbers: Any = np.array([3.0, 1.0], REALS[precision])
+    numbers: Any = np.full(2, 3.0, REALS[precision])
     flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
     try:
         context = pyopencl.Context([handle])
@@ -66,7 +66,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
         return f"it fails ({name_of(error)} in {getattr(error, 'routine', None) or 'OpenCL'})"
     if numbers[0] != 7.0:
         return f"it finds 2 x 3 + 1 = {numbers[0]}"
-    return "" if numbers[1] == TURNS else f"it leaves a loop of {TURNS} turns after {numbers[1]:.0f}"
+    return "" if numbers[1] == 3.0 * TURNS else f"it leaves a loop of {TURNS} turns after {numbers[1] / 3.0:.0f}"
 
 
 def try_elsewhere(index: int, precision: str = "double") -> str:
