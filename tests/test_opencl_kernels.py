@@ -217,7 +217,7 @@ RAYLEIGH = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
     ("scene", "algorithm", "mu", "nodes", "most"),  # most: launches and reads
     [
         (GOLD, "invariance", MU[[0, -1]], 8, (100, 25)),
-        (RAYLEIGH, "doubling", MU[[0, -1]], 4, (80, 16)),
+        (RAYLEIGH, "doubling", MU[[0, -1]], 4, (90, 16)),
         pytest.param(GOLD, "invariance", MU, 40, (100, 25), marks=pytest.mark.slow),
         pytest.param(THIN_GOLD, "doubling", MU, 40, (90, 25), marks=pytest.mark.slow),
     ],
