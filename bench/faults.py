@@ -60,7 +60,7 @@ CORE = list_faults(
 )  # fmt: skip
 
 DEVICE = list_faults(
-    ("device-beam", "cl/doubling.cl", "to[i] = -total;", "to[i] = total;",
+    ("device-beam", "cl/doubling.cl", "ld + i] = -total;", "ld + i] = total;",
      "sign of the beam's source on a device", "engines"),
     ("device-memory", "cl/errors.py", "SHARE = 0.9", "SHARE = 90.0",
      "more than a device's memory is asked for", "opencl_device"),
